@@ -109,6 +109,13 @@ def test_large_maps_have_bmf_cnn():
         chosen_models(["bmf_cnn"], ComparedTask(biotac_sp(), "accuracy", 100))
 
 
+def test_networks_on_more_than_500_taxels_are_tried_with_one_setting():
+    for size, count in (((20, 25), 2), ((3, 167), 1)):
+        task = ComparedTask(grid(*size, 0.01), "accuracy", 100)
+        (fnn, forest) = (model.to_cell(task) for model in chosen_models(["fnn", "forest"], task))
+        assert (len(fnn.choice.settings), len(forest.choice.settings)) == (count, 2)
+
+
 def test_taxels_are_placed_where_joints_and_links_are_known(grasps):
     source = data_source("AllegroUSkin", arguments={"root": str(grasps), "split": None})
     dataset = source.resolve()[0].load()

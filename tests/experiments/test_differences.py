@@ -75,7 +75,7 @@ def test_overlap_of_training_parts_by_hand():
         said(*hit, trial=[4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 3]) for i, hit in enumerate(hits)
     ]
     second = [said(0, 0, 0, 0, trial=predicted.trial) for predicted in first]
-    apart, found = (paired_difference(first, second, "accuracy", o) for o in (0.0, 0.5))
+    apart, found = (paired_difference(first, second, "accuracy", *o) for o in ((), (0.5,)))
     assert apart.over_splits == pytest.approx(0.25 / math.sqrt(3))  # 0.1443
     assert found.over_splits == pytest.approx(0.25 * math.sqrt(1 / 3 + 1 / 2))  # 0.2282
     assert found.margin == pytest.approx(4.302653 * 0.228218, rel=1e-5)  # t of two degrees
@@ -105,9 +105,9 @@ def test_scores_are_those_of_scikit_learn():
     y, prediction = draw.integers(0, 3, 40), draw.integers(0, 5, 40)
     found = prediction_scores(y, prediction, numbers=False)
     assert found["f1"] == pytest.approx(f1_score(y, prediction, average="macro"))
-    seen = prediction < 3
-    found = prediction_scores(y[seen], prediction[seen], numbers=False)
-    expected = balanced_accuracy_score(y[seen], prediction[seen])
+    y, prediction = np.append(y[prediction < 3], 3), np.append(prediction[prediction < 3], 3)
+    found = prediction_scores(y, prediction, numbers=False)  # with a class of one sample
+    expected = balanced_accuracy_score(y, prediction)
     assert found["balanced_accuracy"] == pytest.approx(expected)
 
 

@@ -2,6 +2,8 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
+import time
+
 import numpy as np
 import torch
 
@@ -39,7 +41,10 @@ def judged(experiment):
 
 def test_experiment_is_trained_and_tested(of_grasps):
     experiment = of_grasps(epochs=20, selection={"phases": ["hold"]}, measure_memory=True)
+    began = time.perf_counter()
     result = run_experiment(experiment)
+    seconds = time.perf_counter() - began
+    assert 0 < result["train_seconds"] + result["predict_seconds"] < result["seconds"] < seconds
     # 3 objects with 4 trials of 4 frames, of which 1, 1 and 2 are to test, validate and train.
     assert (result["num_train"], result["num_test"]) == (24, 12)
     assert result["metrics"]["accuracy"] > 0.9  # chance is 0.33

@@ -50,6 +50,8 @@ def test_best_setting_on_the_validation_part_is_taken(tmp_path):
     assert chosen["validation"][0] < chosen["validation"][1]
     assert result["metrics"]["accuracy"] > 0.6
     assert (result["num_train"], result["num_test"]) == (32, 16)
+    parts = sum(result[f"{what}_seconds"] for what in ("choose", "train", "predict"))
+    assert 0 < parts < result["seconds"]
     json.dumps(result, allow_nan=False)
 
 

@@ -221,11 +221,6 @@ def test_folds_are_pooled_before_they_are_scored(own_table, tmp_path):
     assert not [n for n in table_numbers(one_missing) if n.metric == "accuracy"]
 
 
-def test_unknown_name_lists_the_tables():
-    with pytest.raises(ValueError, match=r"'name' must be one of .*got 'p1-table9'"):
-        load_table("p1-table9")
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -39,6 +39,8 @@ from torch_geometric_tactile.nn.models import (
     TemporalTaxelNet,
 )
 from torch_geometric_tactile.predictor import classes, export_onnx
+from torch_geometric_tactile.predictor._onnx_graph import OnnxGraph
+from torch_geometric_tactile.predictor.export_onnx import _examples
 from torch_geometric_tactile.sensors import TaxelLayout, grid
 
 HAND = small_models.HAND
@@ -247,6 +249,9 @@ PAIRS = {  # a data set, a model, and transforms
 }
 
 
+STEPPED = {"temporal_taxel_net"}
+
+
 def doubled(parent):
     def forward(self, data):
         data = parent.forward(self, data)
@@ -302,6 +307,7 @@ def test_graphs_give_the_numbers_of_predictors(name, tmp_path):
     exported = export_onnx(fitted(*PAIRS[name]()), path)
     assert exported.difference < 1e-5
     assert exported.num_bytes == path.stat().st_size
+    assert exported.metadata["is_stepped"] == (name in STEPPED)
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -385,6 +391,32 @@ def test_a_difference_is_an_error_and_leaves_nothing(change, small, path, tmp_pa
     assert not list(tmp_path.iterdir())
     monkeypatch.setattr(exporting, "_answer", answer)
     assert export_onnx(small, tmp_path / "model.onnx").difference < 1e-5
+
+
+def test_sizes_are_those_of_data_and_model():
+    unknown = TactileFNN(11, 2, num_joints=2, widths=(4,), pools=(1,))
+    by_trying = OnnxGraph(Predictor(unknown, LAYOUT, adjacency="original"))
+    assert (by_trying.num_channels, by_trying.num_joints) == (3, 2)
+    of_data = OnnxGraph(Predictor.from_dataset(Reader("joint"), dataset()))
+    assert (of_data.num_channels, of_data.num_joints) == (3, 2)
+    with pytest.raises(ValueError, match=r"must know 'num_joints' to be exported \(got None\)"):
+        OnnxGraph(Predictor(Reader("joint"), LAYOUT, adjacency="original"), 3)
+
+
+@pytest.mark.parametrize(
+    ("data", "per"),
+    [(dataset(), None), (dataset(), "channel"), (Windows(dataset(), 8), "signal")],
+    ids=["taxels", "channels", "windows"],
+)
+def test_graphs_are_compared_on_readings_like_those_of_the_data(data, per):
+    model = GraspLSTM(11, 2, hidden_channels=4)
+    predictor = fitted(data, model, [T.ZScore() if per is None else T.ZScore(per=per)])
+    graph = OnnxGraph(predictor)
+    frames = np.stack([frames for frames, _ in _examples(graph, predictor)])
+    assert frames.shape[1:] == (graph.length, 11, 3)
+    assert np.isnan(frames).any(axis=(1, 2, 3)).tolist() == [False] * 5 + [True] * 2
+    assert np.nanmean(frames) == pytest.approx(300, abs=15)  # as in the data
+    assert frames[:4].std() == pytest.approx(27, abs=10)  # 0.5, 1, 1.5 and 2 times 20
 
 
 def test_bad_arguments(small, tmp_path):

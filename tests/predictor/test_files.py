@@ -94,11 +94,19 @@ def test_precision_of_the_weights_is_kept(tmp_path):
     assert again(X).equal(double(X))
 
 
-@pytest.mark.parametrize("dtype", [torch.complex64, torch.int32])
-def test_weights_of_another_kind_are_refused(dtype):
+@pytest.mark.parametrize(
+    ("change", "kind"),
+    [
+        (lambda value: value.to(torch.complex64), "complex numbers of torch.complex64"),
+        (lambda value: value.to(torch.int32), "integers of torch.int32"),
+        (torch.Tensor.to_sparse, "a torch.sparse_coo tensor of torch.float32"),
+    ],
+    ids=["complex", "integers", "sparse"],
+)
+def test_weights_of_another_kind_are_refused(change, kind):
     model = predictor().model
-    weights = {name: value.to(dtype) for name, value in model.state_dict().items()}
-    with pytest.raises(ValueError, match=rf"must hold real numbers, as the model .* of {dtype}\)"):
+    weights = {name: change(value) for name, value in model.state_dict().items()}
+    with pytest.raises(ValueError, match=rf"must hold real numbers, as the model \(got {kind}\)"):
         load_weights(model, weights)
 
 
@@ -148,91 +156,58 @@ def changed(path, change):
     return path
 
 
-HOSTILE = {
-    "another format": (lambda h, p: p.update(format=99), "its format must be 3 .got 99"),
-    "no format": (lambda h, p: p.pop("format"), "its format must be 3 .got None"),
-    "task": (lambda h, p: p.update(task="x"), "its task must be one of"),
-    "threshold": (lambda h, p: p.update(threshold=2.0), "its threshold must be a probability"),
-    "threshold of no number": (
-        lambda h, p: p.update(threshold="0.5"),
-        "its threshold must be a probability",
-    ),
-    "window": (
-        lambda h, p: p.update(window=[3]),
-        "a window must have 'length', 'hop' and 'ragged'",
-    ),
-    "window without end": (
-        lambda h, p: p.update(window={"length": 10**12, "hop": 1, "ragged": "error"}),
-        "'length' must be a number of frames",
-    ),
-    "a limit among the options": (
-        lambda h, p: p.update(read_options={"allow_large": True}),
-        r"its 'read_options' must be some of .*'tactile'.* \(got 'allow_large': True\)",
-    ),
-    "an expression among the options": (
-        lambda h, p: p.update(read_options={"tactile": "(a+)+"}),
-        "names as lists of texts .*got 'tactile': ",
-    ),
-    "options": (lambda h, p: p.update(read_options=["tactile"]), "must be a mapping"),
-    "a name of no text": (lambda h, p: p.update(read_options={"joint": [1]}), "got 'joint'"),
-    "a truth value for a number": (
-        lambda h, p: p.update(read_options={"num_channels": True}),
-        "got 'num_channels': True",
-    ),
-    "no layout": (lambda h, p: p.pop("layout"), "KeyError: 'layout'"),
-    "layout": (lambda h, p: p["layout"].update(taxels=[]), "at least one taxel"),
-    "other layout": (lambda h, p: p["layout"]["taxels"].pop(), "'pos' must have shape|joins?"),
-    "a class by path": (
-        lambda h, p: p["model"].update({"class": "os.system"}),
-        "there is no model 'os.system' in this version",
-    ),
-    "a transform by path": (
-        lambda h, p: p["transform"].update({"class": "builtins.exec"}),
-        "there is no transform 'builtins.exec'",
-    ),
-    "a number for a transform": (
-        lambda h, p: p.update(transform={"class": "Compose", "arguments": {"transforms": [3.0]}}),
-        r"'transforms' must hold transforms \(got 3.0\)",
-    ),
-    "arguments": (
-        lambda h, p: p["model"]["arguments"].update(spam=1),
-        "model 'TactileFNN' does not take its arguments",
-    ),
-    "a model too large": (
-        lambda h, p: p["model"]["arguments"].update(widths=[10**7]),
-        "the model must not be larger than its weights in the file",
-    ),
-    "a model far too large": (
-        lambda h, p: p["model"]["arguments"].update(widths=[10**15]),
-        "is no predictor that can be read here",
-    ),
-    "another model": (
-        lambda h, p: p["model"]["arguments"].update(widths=[6]),
-        r"'model' must have 'head.* of shape \(5",
-    ),
-    "state": (lambda h, p: p["transform"]["state"].update(scale=1.0), "the state of ZScore"),
-    "a tensor that is not there": (
-        lambda h, p: p["transform"]["state"].update(scale={"$tensor": "x"}),
-        "it must hold the tensor 'x'",
-    ),
-    "no metadata": (lambda h, p: h["__metadata__"].clear(), "it is not a file of Predictor.save"),
-    "dtype": (lambda h, p: first(h).update(dtype="OBJECT"), "must have a dtype"),
-    "shape": (lambda h, p: first(h).update(shape=[-1]), "must have a dtype, a shape"),
-    "a shape beyond memory": (
-        lambda h, p: first(h).update(shape=[10**9, 10**9]),
-        "must have its .* bytes in the file",
-    ),
-    "an empty shape beyond all": (
-        lambda h, p: first(h).update(shape=[0, 2**62, 2**62], data_offsets=[0, 0]),
-        "is no predictor that can be read here",
-    ),
-    "offsets": (lambda h, p: shift(first(h)), "damaged or truncated|must fill it"),
-    "the same bytes twice": (
-        lambda h, p: h.update({f"more{i}": dict(first(h)) for i in range(3)}),
-        "its tensors must fill it",
-    ),
-    "no entry": (lambda h, p: h.update(a=3), "'a' must have a JSON object"),
-}
+GONE = object()
+PROBABILITY = "its threshold must be a probability"
+HOSTILE = [  # a place in the header of the predictor, what it becomes, and the error
+    ("format", 99, "its format must be 3 .got 99"),
+    ("format", GONE, "its format must be 3 .got None"),
+    ("task", "x", "its task must be one of"),
+    ("threshold", 1.001, PROBABILITY),
+    ("threshold", -0.001, PROBABILITY),
+    ("threshold", "0.5", PROBABILITY),
+    ("", {"threshold": 0.5, "task": "multilabel"}, PROBABILITY),
+    ("window", [3], "a window must have 'length', 'hop' and 'ragged'"),
+    ("window", {"length": 10**12, "hop": 1, "ragged": "error"}, "'length' must be a number of fr"),
+    ("read_options", {"allow_large": True}, r"its 'read_options' .* \(got 'allow_large': True\)"),
+    ("read_options", {"tactile": "(a+)+"}, "names as lists of texts .*got 'tactile': "),
+    ("read_options", ["tactile"], "must be a mapping"),
+    ("read_options", {"joint": [1]}, "got 'joint'"),
+    ("read_options", {"num_channels": True}, "got 'num_channels': True"),
+    ("layout", GONE, "KeyError: 'layout'"),
+    ("layout.taxels", [], "at least one taxel"),
+    ("layout.taxels.3", GONE, "'pos' must have shape|joins?"),
+    ("model.class", "os.system", "there is no model 'os.system' in this version"),
+    ("model.arguments.spam", 1, "model 'TactileFNN' does not take its arguments"),
+    ("model.arguments.widths", [10**7], "must not be larger than its weights in the file"),
+    ("model.arguments.widths", [10**15], "is no predictor that can be read here"),
+    ("model.arguments.widths", [6], r"'model' must have 'head.* of shape \(5"),
+    ("transform.class", "builtins.exec", "there is no transform 'builtins.exec'"),
+    ("transform", {"class": "Compose", "arguments": {"transforms": [3.0]}}, r"forms \(got 3.0\)"),
+    ("transform.state.scale", 1.0, "the state of ZScore"),
+    ("transform.state.scale", {"$tensor": "x"}, "it must hold the tensor 'x'"),
+]
+HOSTILE_TENSORS = [  # the same of the header of the file: of its first tensor, or of all
+    ({"dtype": "OBJECT"}, "must have a dtype"),
+    ({"shape": [-1]}, "must have a dtype, a shape"),
+    ({"shape": [10**9, 10**9]}, "must have its .* bytes in the file"),
+    ({"shape": [0, 2**62, 2**62], "data_offsets": [0, 0]}, "is no predictor that can be read here"),
+    (lambda h: shift(first(h)), "damaged or truncated|must fill it"),
+    (lambda h: h.update(dict.fromkeys("abc", first(h))), "its tensors must fill it"),
+    (lambda h: h.update(a=3), "'a' must have a JSON object"),
+    (lambda h: h["__metadata__"].clear(), "it is not a file of Predictor.save"),
+]
+
+
+def put(header, place, value):
+    *path, last = (int(key) if key.isdigit() else key for key in place.split("."))
+    for key in path:
+        header = header[key]
+    if value is GONE:
+        del header[last]
+    elif last:
+        header[last] = value
+    else:
+        header.update(value)
 
 
 def first(header):
@@ -244,13 +219,24 @@ def shift(entry):
     entry["data_offsets"] = [10**9, 10**9 + size]
 
 
-@pytest.mark.parametrize("name", HOSTILE)
-def test_hostile_headers_are_refused(path, name):
-    change, text = HOSTILE[name]
-    changed(path, change)
+def assert_is_refused(path, text):
     with pytest.raises(ValueError, match=text) as caught:
         Predictor.load(path)
     assert str(caught.value).startswith(f"'{path}' is no predictor that can be read here: ")
+
+
+@pytest.mark.parametrize(("place", "value", "text"), HOSTILE)
+def test_hostile_headers_are_refused(path, place, value, text):
+    assert_is_refused(changed(path, lambda header, inner: put(inner, place, value)), text)
+
+
+@pytest.mark.parametrize(("change", "text"), HOSTILE_TENSORS)
+def test_hostile_headers_of_tensors_are_refused(path, change, text):
+    if isinstance(change, dict):
+        changed(path, lambda header, inner: first(header).update(change))
+    else:
+        changed(path, lambda header, inner: change(header))
+    assert_is_refused(path, text)
 
 
 def test_damaged_files_are_refused(path):
@@ -346,16 +332,22 @@ def test_a_state_that_is_no_tensor_is_refused(tmp_path):
     assert not (tmp_path / "a").exists()
 
 
-@pytest.mark.parametrize("number", [[0], "3", 1.5, True, -1])
-def test_a_header_with_other_than_numbers_of_channels(path, number):
+@pytest.mark.parametrize("key", ["num_channels", "num_joints"])
+@pytest.mark.parametrize("number", [[0], "3", 1.5, True, -1, 100_001])
+def test_a_header_with_other_than_numbers_of_channels(path, key, number):
     preparation, network = content.load(path)
     header, tensors = content.describe_predictor(preparation, network)
     weights = network.model.state_dict()
-    content.build_predictor(header, tensors, weights)
-    with pytest.raises(
-        ValueError, match="its 'num_channels' must be a number up to 100000 or null"
-    ):
-        content.build_predictor({**header, "num_channels": number}, tensors, weights)
+    for most in (0, 100_000, None):
+        content.build_predictor({**header, key: most}, tensors, weights)
+    with pytest.raises(ValueError, match=f"its '{key}' must be a number up to 100000 or null"):
+        content.build_predictor({**header, key: number}, tensors, weights)
+
+
+@pytest.mark.parametrize("threshold", [0.0, 1.0])
+def test_thresholds_from_zero_to_one_are_kept(threshold, tmp_path):
+    Predictor(predictor().model, LAYOUT, threshold=threshold).save(tmp_path / "a")
+    assert Predictor.load(tmp_path / "a").threshold == threshold
 
 
 def test_a_scaler_that_was_never_fitted_is_no_part_of_a_predictor():
@@ -373,13 +365,6 @@ def test_weights_of_two_precisions_are_refused_where_the_model_has_one():
     mixed = torch.nn.Sequential(Linear(2, 3), Linear(3, 1).double())
     load_weights(mixed, mixed.state_dict())
     assert mixed[0].weight.dtype == torch.float
-
-
-def test_sparse_weights_are_refused():
-    model = Linear(2, 3)
-    weights = {"weight": torch.zeros(3, 2).to_sparse(), "bias": torch.zeros(3)}
-    with pytest.raises(ValueError, match=r"'weight' must hold real numbers, .*sparse_coo tensor"):
-        load_weights(model, weights)
 
 
 @pytest.mark.parametrize(

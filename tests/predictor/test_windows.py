@@ -5,10 +5,17 @@ import pytest
 import torch
 from torch_geometric.transforms import Compose
 
-from torch_geometric_tactile.data import Recording, StaticDataset, Trials, Windows, join_frames
+from torch_geometric_tactile.data import (
+    Recording,
+    StaticData,
+    StaticDataset,
+    Trials,
+    Windows,
+    join_frames,
+)
 from torch_geometric_tactile.nn.models import GraspGCN, TemporalTaxelNet
 from torch_geometric_tactile.predictor import Predictor, content
-from torch_geometric_tactile.predictor._window_cut import WindowCut
+from torch_geometric_tactile.predictor._window_cut import WindowCut, frame_by_frame
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.transforms import (
     CommonMode,
@@ -127,6 +134,18 @@ def test_frames_go_through_their_own_transform_first(tmp_path):
         torch.testing.assert_close(one(window), expected[0], atol=1e-5, rtol=1e-5)
 
 
+def test_attributes_of_a_window_are_those_of_its_last_frame():
+    def numbered(data):
+        data.step = torch.arange(len(data.x))
+        return data
+
+    numbered.supports_static = True
+    windows = StaticData(x=torch.rand(2, 5, 3), trial=torch.tensor([4, 7]), num_frames=3)
+    found = frame_by_frame([numbered], windows)
+    assert (found.trial.tolist(), found.step.tolist()) == ([4, 7], [2, 5])
+    assert found.x.equal(windows.x)
+
+
 def test_frame_by_frame_equals_windows():
     torch.manual_seed(0)
     model = TemporalTaxelNet("biotac", in_channels=3, num_blocks=2, kernel_size=2)
@@ -213,6 +232,7 @@ def test_older_formats_have_neither_window_nor_threshold(number):
     ("arguments", "match"),
     [
         ({"length": 0}, r"'length' must be a number of frames from 1 on \(got 0\)"),
+        ({"length": 10**7 + 1}, r"'length' must be a number .* \(got 10000001\)"),
         ({"length": True}, r"'length' must be a number of frames from 1 on \(got True\)"),
         ({"length": 5, "hop": -1}, r"'hop' must be a number of frames from 0 on \(got -1\)"),
         ({"length": 5, "ragged": "cut"}, r"'ragged' must be one of .* \(got 'cut'\)"),
@@ -223,6 +243,7 @@ def test_bad_windows(arguments, match):
         WindowCut(**arguments)
     with pytest.raises(ValueError, match=r"a window must have 'length', 'hop' and 'ragged'"):
         WindowCut.from_dict({"length": 5})
+    assert WindowCut(10**7).to_dict() == {"length": 10**7, "hop": 1, "ragged": "error"}
 
 
 @pytest.mark.parametrize("on_windows", [(), (SessionZScore("trial"),)])

@@ -57,6 +57,7 @@ class OnnxGraph(Module):
             "joint" in (access(part)[0] or ()) for part in frame_parts
         )
         self._seen: Tensor | None = None
+        self.is_stepped = False
         self.num_channels = num_channels or preparation.num_channels or self._find_channels()
         self.is_stepped = self._may_step(window_parts)
         self.state = self._initial_state()
@@ -115,7 +116,7 @@ class OnnxGraph(Module):
     def blank(self) -> dict[str, Tensor]:
         r"""Returns inputs of zeros, by name, without the state."""
         size: tuple[int, ...] = (1, self.layout.num_taxels, self.num_channels)
-        if self.window is not None and not getattr(self, "is_stepped", False):
+        if self.window is not None and not self.is_stepped:
             size = (1, self.length, *size[1:])
         inputs = {"tactile": torch.zeros(size)}
         if self.rest is not None:
@@ -124,8 +125,7 @@ class OnnxGraph(Module):
             if self.rest.has_scale:
                 inputs["rest_scale"] = torch.ones(shape)
         if self.num_joints:
-            lead = (self.length,) if self.joint_of_frames else ()
-            lead = () if getattr(self, "is_stepped", False) else lead
+            lead = (self.length,) if self.joint_of_frames and not self.is_stepped else ()
             inputs["joint"] = torch.zeros(*lead, self.num_joints)
         return inputs
 

@@ -71,12 +71,6 @@ class WindowCut:
         r"""Whether a recording as a whole is one sample."""
         return self.hop == 0
 
-    def describe(self) -> str:
-        r"""Returns it in words."""
-        if self.is_trial:
-            return "whole trials"
-        return f"windows of {self.length} frames, every {self.hop}"
-
     def cut(self, frames: StaticData, layout: TaxelLayout) -> tuple[StaticData, Tensor]:
         r"""Returns the windows of the frames of one recording, and the last frame of each
         :math:`(W,)`.
