@@ -37,7 +37,7 @@ def _whole(least: int, most: int, too_small: str) -> Callable[[str], int]:
 positive = _whole(1, _MOST, "must be at least 1")
 
 #: Reads a number of runs, processes or samples that each cost memory: from one to ten thousand.
-up_to_ten_thousand = _whole(1, 10_000, "must be at least 1")
+small_count = _whole(1, 10_000, "must be at least 1")
 
 #: Reads a seed: an integer from zero to the largest that all our dependencies accept.
 not_negative = _whole(0, (1 << 32) - 1, "must not be negative")

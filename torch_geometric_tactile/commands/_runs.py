@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from torch_geometric_tactile._parallel import BACKENDS
-from torch_geometric_tactile.commands._arguments import up_to_ten_thousand
+from torch_geometric_tactile.commands._arguments import small_count
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.experiments._experiment import Experiment
@@ -34,18 +34,10 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
     r"""Adds the options for processes, threads and machines."""
     workers = parser.add_argument_group("processes and machines")
     workers.add_argument(
-        "--jobs",
-        metavar="N",
-        type=up_to_ten_thousand,
-        default=1,
-        help="runs in parallel (default: 1)",
+        "--jobs", metavar="N", type=small_count, default=1, help="runs in parallel (default: 1)"
     )
     workers.add_argument(
-        "--threads",
-        metavar="N",
-        type=up_to_ten_thousand,
-        default=1,
-        help="threads per run (default: 1)",
+        "--threads", metavar="N", type=small_count, default=1, help="threads per run (default: 1)"
     )
     workers.add_argument(
         "--accelerator", choices=("cpu", "gpu"), default="cpu", help="where to train (default: cpu)"

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torch_geometric_tactile.commands._arguments import positive, up_to_ten_thousand
+from torch_geometric_tactile.commands._arguments import positive, small_count
 from torch_geometric_tactile.commands._runs import (
     add_workers,
     exit_status,
@@ -122,16 +122,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "parts of the data set",
     )
     training.add_argument(
-        "--folds",
-        metavar="N",
-        type=up_to_ten_thousand,
-        default=5,
-        help="number of folds (default: 5)",
+        "--folds", metavar="N", type=small_count, default=5, help="number of folds (default: 5)"
     )
     training.add_argument(
         "--seeds",
         metavar="N",
-        type=up_to_ten_thousand,
+        type=small_count,
         default=1,
         help="random draws of the folds (default: 1)",
     )

@@ -3,7 +3,7 @@ r"""``tactile demo``: from data to judged models and a report."""
 import argparse
 import os
 
-from torch_geometric_tactile.commands._arguments import few, positive
+from torch_geometric_tactile.commands._arguments import positive, small_count
 from torch_geometric_tactile.commands._runs import exit_status, options_named, run_with_bar
 
 HELP = "Train and compare grasp stability models on real grasps, and write a report"
@@ -40,10 +40,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="DIR", default="report", help="folder for the report (default: report)"
     )
     parser.add_argument(
-        "--seeds", metavar="N", type=few, default=3, help="seeds per model (default: 3)"
+        "--seeds", metavar="N", type=small_count, default=3, help="seeds per model (default: 3)"
     )
     parser.add_argument(
-        "--folds", metavar="N", type=few, default=5, help="number of folds, at least 2 (default: 5)"
+        "--folds",
+        metavar="N",
+        type=small_count,
+        default=5,
+        help="number of folds, at least 2 (default: 5)",
     )
     parser.add_argument(
         "--epochs", metavar="N", type=positive, help="epochs (default: the configurations')"
@@ -51,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--jobs",
         metavar="N",
-        type=few,
+        type=small_count,
         default=os.cpu_count() or 1,
         help="runs in parallel (default: one per core)",
     )

@@ -2,7 +2,7 @@ r"""``tactile export``: a predictor as one ONNX graph."""
 
 import argparse
 
-from torch_geometric_tactile.commands._arguments import few
+from torch_geometric_tactile.commands._arguments import small_count
 
 HELP = "Export a model with its preprocessing to one ONNX file"
 DESCRIPTION = """\
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--channels",
         metavar="N",
-        type=few,
+        type=small_count,
         help="channels per taxel, if the predictor does not contain them",
     )
     parser.add_argument(

@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from torch_geometric_tactile.commands._arguments import few, not_negative, trial_seconds
+from torch_geometric_tactile.commands._arguments import not_negative, small_count, trial_seconds
 
 # The names in `sim`, which is too heavy to import for them.
 _OBJECT_SETS = ("paper8", "control8", "twenty", "shapes")
@@ -70,7 +70,9 @@ def _option(text: str, default: Any = None, **settings: Any) -> dict[str, Any]:
 
 _OPTIONS = {
     "num_objects": _option(
-        "objects drawn at random, with --objects shapes (default: 40)", metavar="N", type=few
+        "objects drawn at random, with --objects shapes (default: 40)",
+        metavar="N",
+        type=small_count,
     ),
     "hand": _option(
         "a hand of 384 taxels, or of 240 with a bare palm (default: allegro_uskin_240 with "
@@ -78,16 +80,16 @@ _OPTIONS = {
         choices=_HANDS,
     ),
     "trials": _option(
-        "trials per object (default: 10, or 3 with --preset ci)", metavar="N", type=few
+        "trials per object (default: 10, or 3 with --preset ci)", metavar="N", type=small_count
     ),
     "grasps": _option(
         "with --objects bigs: number of grasps, half with the cylinder, a quarter each with "
         "box and ball (default: 2000)",
         metavar="N",
-        type=few,
+        type=small_count,
     ),
     "presses": _option(
-        "with --objects letters: presses per letter (default: 500)", metavar="N", type=few
+        "with --objects letters: presses per letter (default: 500)", metavar="N", type=small_count
     ),
     "layout": _option(
         "with --objects letters: layout file of the array, such as that of "
@@ -96,7 +98,7 @@ _OPTIONS = {
         metavar="FILE",
     ),
     "seed": _option("seed (default: 0)", 0, metavar="N", type=not_negative),
-    "jobs": _option("processes (default: 2)", 2, metavar="N", type=few),
+    "jobs": _option("processes (default: 2)", 2, metavar="N", type=small_count),
     "preset": _option(
         "full: trials of 17 s at 100 Hz; ci: 5 s at 50 Hz, coarser and about ten times faster "
         "to simulate (default: full)",
@@ -119,7 +121,7 @@ _OPTIONS = {
         choices=_MOTIONS,
     ),
     "max_attempts": _option(
-        "grasps to try before a trial is given up (default: 10)", 10, metavar="N", type=few
+        "grasps to try before a trial is given up (default: 10)", 10, metavar="N", type=small_count
     ),
 }
 _SHARED = ("seed", "jobs")

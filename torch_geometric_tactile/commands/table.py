@@ -3,7 +3,7 @@ r"""``tactile table``: the models of a table of the papers, beside its published
 import argparse
 from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.commands._arguments import few, positive, rest
+from torch_geometric_tactile.commands._arguments import positive, rest, small_count
 from torch_geometric_tactile.commands._runs import (
     add_workers,
     exit_status,
@@ -109,7 +109,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     training.add_argument(
         "--seeds",
         metavar="N",
-        type=few,
+        type=small_count,
         help="seeds per experiment, each with its own split (default: 5 for P1, P2 and P4, 10 for "
         "P3, 1 for p5 and p5-digits, 2 for p5-arrays, 3 for bts3)",
     )
@@ -151,7 +151,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     training.add_argument(
         "--folds",
         metavar="N",
-        type=few,
+        type=small_count,
         help="number of folds of cross-validation protocols, at least 2",
     )
     training.add_argument(
