@@ -384,8 +384,9 @@ def test_simulated_presses_say_so(few):
     dataset = LetterShape(few, letters=THREE)
     assert dataset.synthetic
     assert "15 simulated presses" in str(dataset.get_summary())
-    (few / "simulation.json").write_text(json.dumps({"synthetic": False}))
-    assert not LetterShape(few, letters=THREE).synthetic  # processed again
+    for made in ({"synthetic": False}, {"presses": 5}):
+        (few / "simulation.json").write_text(json.dumps(made))
+        assert not LetterShape(few, letters=THREE).synthetic  # processed again
 
 
 def test_taxels_of_another_sensor(few, caplog):

@@ -241,6 +241,15 @@ def test_write_refuses(rec, message_, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_write_refuses_forces_of_other_frames(tmp_path):
+@pytest.mark.parametrize(
+    "change",
+    [{"meta": {}}, {"time": np.arange(6) / 7}, {"tactile": np.zeros((6, 4, 3))}],
+    ids=["unit", "time", "taxels"],
+)
+def test_write_refuses_forces_of_other_frames(change, tmp_path):
+    rec = counts()
+    same = {"time": rec.time, "tactile": rec.tactile, "meta": {"unit": "newton"}}
+    write_xela_messages(rec, tmp_path / "a.jsonl", forces=Recording(**same))
     with pytest.raises(ValueError, match=r"'forces' must hold the same frames in newtons \(got"):
-        write_xela_messages(counts(), tmp_path / "a.jsonl", forces=counts())
+        write_xela_messages(rec, tmp_path / "b.jsonl", forces=Recording(**(same | change)))
+    assert not (tmp_path / "b.jsonl").exists()
