@@ -365,6 +365,22 @@ def test_the_rest_is_an_input(path):
     assert np.abs(out - other).max() > 1e-3
 
 
+@pytest.mark.parametrize(
+    ("first", "shown"),
+    [
+        (T.CommonMode(), True),
+        (T.SelectChannels([2, 0, 1]), True),
+        (T.TaxelPose(LAYOUT, HAND), False),
+        (T.Normalize(attr="joint"), False),
+    ],
+    ids=repr,
+)
+def test_what_the_rest_is_measured_on_is_an_output_if_steps_before_change_readings(first, shown):
+    model = TactileFNN(11, 2, num_joints=2, widths=(4,), pools=(1,))
+    graph = OnnxGraph(fitted(dataset(), model, [first, T.Tare(first=3)]), 3)
+    assert ("before_rest" in graph.output_names) == graph.shows_rest == shown
+
+
 @pytest.mark.slow
 def test_the_rest_is_an_input_of_a_predictor_of_tared_readings(tmp_path):
     model = TactileFNN(11, 2, num_joints=2, widths=(4,), pools=(1,))

@@ -31,7 +31,7 @@ class PeakMemory:
 
     def __init__(self, device: torch.device | str = "cpu") -> None:
         self.device = torch.device(device)
-        self._before = 0.0
+        self._before: float  # set by start
 
     @property
     def measure(self) -> str:
