@@ -16,6 +16,7 @@ from websockets.sync.client import connect
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import format_xela_message, parse_xela_message
 from torch_geometric_tactile.live import ReplayServer
+from torch_geometric_tactile.live.replay_server import _Messages
 
 
 def a_recording(frames=40, rate=400, **more):
@@ -30,6 +31,13 @@ def a_recording(frames=40, rate=400, **more):
 def received(url, number=None):
     with connect(url) as one:
         return [json.loads(text) for text, _ in zip(one, range(number or 10**6), strict=False)]
+
+
+@pytest.mark.parametrize(("frames", "span"), [(1, 0.01), (2, 0.5), (5, 1.25)])
+def test_a_loop_begins_anew_one_step_after_the_last_frame(frames, span):
+    messages = _Messages(a_recording(frames, rate=4))
+    assert messages.seconds(frames) == span
+    assert messages.frame_at(span) == frames
 
 
 def test_clients_get_what_the_server_of_xela_sends():
