@@ -75,8 +75,8 @@ class SectorImage(NamedTuple):
             if abs(down) > 1 or abs(right) > 1:
                 return None
             at = target[sector == number]
-            row, col = at // cols + down, at % cols + right
-            inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+            col = at % cols + right
+            inside = (col >= 0) & (col < cols)  # and then so is the row
             whole = (rows - abs(down)) * (cols - abs(right))
             if not bool(inside.all()) or len(at) != whole or len(at.unique()) != whole:
                 return None
