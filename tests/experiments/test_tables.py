@@ -2,6 +2,8 @@
 
 import pytest
 
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
 from torch_geometric_tactile.experiments import read_table
 from torch_geometric_tactile.experiments._experiment import Choice
 
