@@ -11,6 +11,7 @@ from torch_geometric_tactile.transforms import KNNGraph
 def test_fake_repr_and_sample():
     dataset = FakeTactileDataset(num_samples=20)
     assert repr(dataset) == "FakeTactileDataset(20)"
+    assert (len(dataset), len(FakeTactileDataset())) == (20, 1000)
     assert type(dataset[0]) is Data
     assert dataset[0].x.shape == (24, 3)
     assert dataset[0].pos.equal(dataset.layout.pos)
