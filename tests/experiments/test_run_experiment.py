@@ -9,6 +9,7 @@ import torch
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import FakeTactileDataset
+from torch_geometric_tactile.experiments._estimators import fit_estimator
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments.predictions import Predictions
@@ -37,6 +38,19 @@ def generated(model, protocol=Protocol("given"), split="all", **changes):  # noq
 
 def judged(experiment):
     return Predictions.from_dict(run_experiment(experiment)["predictions"])
+
+
+@pytest.mark.parametrize(
+    ("model", "middle"),
+    [({"class_path": "sklearn.svm.LinearSVC"}, 0.0), (FOREST, 0.5)],
+    ids=["decisions", "probabilities"],
+)
+def test_threshold_is_the_middle_where_one_class_gives_no_choice(model, middle):
+    train, test = FakeTactileDataset(60), FakeTactileDataset(30, "test")
+    one_class = test[test.data.y == 0]
+    experiment = generated(model, threshold="f1")
+    fitted = fit_estimator(experiment, model, train, test, one_class)
+    assert fitted.threshold == middle
 
 
 def test_experiment_is_trained_and_tested(of_grasps):

@@ -95,9 +95,7 @@ def _class_names(dataset: Samples, key: str, found: np.ndarray) -> list[str]:
 def numbers_of(dataset: Samples, key: str, how: str | None = None) -> np.ndarray:
     r"""Returns an attribute of the samples, or their numbers for :obj:`"frame"`."""
     if key == "frame":
-        return np.arange(
-            len(dataset) if isinstance(dataset, StaticDataset) else dataset.num_samples
-        )
+        return np.arange(len(dataset))
     if isinstance(dataset, StaticDataset):
         column = dataset.column(key)
     else:
