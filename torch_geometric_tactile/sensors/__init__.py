@@ -18,6 +18,7 @@ from torch_geometric_tactile.sensors.sector_edges import SectorEdges, layout_sec
 from torch_geometric_tactile.sensors.select_taxels import select_taxels, thinned
 from torch_geometric_tactile.sensors.stock import as_layout, stock_layout, stock_names, stock_path
 from torch_geometric_tactile.sensors.taxel_clusters import TaxelClusters, taxel_clusters
+from torch_geometric_tactile.sensors.taxel_descriptors import descriptor_names, taxel_descriptors
 
 __all__ = [
     "HandKinematics",
@@ -35,6 +36,7 @@ __all__ = [
     "biotac_sp",
     "check_edges",
     "check_segment",
+    "descriptor_names",
     "expand_patches",
     "grid",
     "hexagonal",
@@ -48,5 +50,6 @@ __all__ = [
     "stock_names",
     "stock_path",
     "taxel_clusters",
+    "taxel_descriptors",
     "thinned",
 ]

@@ -26,6 +26,7 @@ from torch_geometric_tactile.transforms.session_z_score import SessionZScore
 from torch_geometric_tactile.transforms.static_transform import static_transform
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 from torch_geometric_tactile.transforms.tare import Tare
+from torch_geometric_tactile.transforms.taxel_descriptors import TaxelDescriptors
 from torch_geometric_tactile.transforms.taxel_force import TaxelForce
 from torch_geometric_tactile.transforms.taxel_pose import TaxelPose
 from torch_geometric_tactile.transforms.topological_segmentation import TopologicalSegmentation
@@ -56,6 +57,7 @@ __all__ = [
     "SessionZScore",
     "TactileTransform",
     "Tare",
+    "TaxelDescriptors",
     "TaxelForce",
     "TaxelPose",
     "TopologicalSegmentation",

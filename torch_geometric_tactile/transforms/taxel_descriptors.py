@@ -1,0 +1,126 @@
+r"""A fixed list of numbers that describes what each channel feels."""
+
+import torch
+from torch import Tensor
+from torch_geometric.data import Batch, Data
+from torch_geometric.data.datapipes import functional_transform
+
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data import StaticData, split_frames
+from torch_geometric_tactile.sensors import (
+    TaxelLayout,
+    as_layout,
+    descriptor_names,
+    taxel_descriptors,
+)
+from torch_geometric_tactile.transforms._attributes import (
+    FRAMES,
+    check_num_taxels,
+    require_floats,
+    require_pos,
+)
+from torch_geometric_tactile.transforms._windows import given_num_frames, refuse_ragged
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
+
+_OF_WINDOWS = ("last", "change", "time_mean", "time_deviation")
+
+
+@functional_transform("taxel_descriptors")
+class TaxelDescriptors(TactileTransform):
+    r"""Describes what each channel feels by the fixed list of numbers of
+    :func:`~torch_geometric_tactile.sensors.taxel_descriptors` (functional name:
+    :obj:`taxel_descriptors`): statistics, centroid, contact area and oriented slopes, for any
+    layout and without training.
+
+    Readings should be scaled before, by one scale a channel (see
+    :class:`~torch_geometric_tactile.transforms.ZScore`).
+
+    Of windows (:class:`~torch_geometric_tactile.data.Windows`) it describes the last frame, the
+    change from the first to the last, and gives mean and deviation of the descriptors of all
+    frames.
+
+    Args:
+        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
+            with the package, or a layout file.
+        posed (bool): Whether centroid and moments are of the places :obj:`pos` of each sample, as
+            :class:`TaxelPose` sets them from joint angles, instead of the layout's.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
+          F)`; of windows :math:`F = C \cdot T`
+        - **output:** :obj:`descriptors` :math:`(1, K)` or :math:`(B, K)`, named by :meth:`names`.
+          A missing reading (NaN) counts as the mean of its neighbours.
+
+    Raises:
+        ValueError: If a sample has other taxels, no readings, windows of several lengths, or, with
+            :obj:`posed`, no positions.
+
+    Examples:
+        >>> transform = TaxelDescriptors("biotac_sp")
+        >>> transform(Data(x=torch.rand(24, 1)))
+        Data(x=[24, 1], descriptors=[1, 150])
+    """
+
+    writes = ("descriptors",)
+    per_frame = False
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        r"""Readings, and positions if they are posed."""
+        return ("x", *FRAMES, "pos") if self.posed else ("x", *FRAMES)
+
+    def __init__(self, layout: TaxelLayout | PathLike, posed: bool = False) -> None:
+        self.layout = as_layout(layout)
+        self.posed = posed
+
+    def names(self, num_channels: int = 1, of_windows: bool = False) -> list[str]:
+        r"""Returns the names of the numbers, in their order.
+
+        Args:
+            num_channels (int): Number of channels of a taxel.
+            of_windows (bool): Whether samples are windows of frames.
+        """
+        names = descriptor_names(self.layout)
+        found = [f"{name}_channel_{i}" for i in range(num_channels) for name in names]
+        if not of_windows:
+            return found
+        return [f"{when}_{name}" for when in _OF_WINDOWS for name in found]
+
+    def forward(self, data: Data) -> Data:
+        r"""Sets :obj:`descriptors`."""
+        x = require_floats(self, data)
+        num_taxels = self.layout.num_taxels
+        check_num_taxels(data, num_taxels, f"layout '{self.layout.name}'")
+        rows = x.reshape(-1, num_taxels, x.size(-1))
+        pos = self._places(data)
+        num_frames = given_num_frames(data)
+        if num_frames is None:
+            data.descriptors = taxel_descriptors(rows, self.layout, pos)
+        else:
+            refuse_ragged(self, data)
+            data.descriptors = self._of_windows(split_frames(rows, num_frames), pos)
+        return data
+
+    def _places(self, data: Data) -> Tensor | None:
+        if not self.posed:
+            return None
+        pos = require_pos(self, data)
+        return pos.view(-1, self.layout.num_taxels, 3) if isinstance(data, Batch) else pos
+
+    def _of_windows(self, frames: Tensor, pos: Tensor | None) -> Tensor:
+        # Frames (B, T, N, C).
+        size = frames.shape[:2]
+        if pos is not None and pos.dim() == 3:
+            pos = pos.repeat_interleave(size[1], dim=0)
+        each = taxel_descriptors(frames.flatten(0, 1), self.layout, pos).unflatten(0, size)
+        change = frames[:, -1] - frames[:, 0]
+        last_pos = None if pos is None else pos if pos.dim() == 2 else pos[size[1] - 1 :: size[1]]
+        return torch.cat(
+            [
+                each[:, -1],
+                taxel_descriptors(change, self.layout, last_pos),
+                each.mean(dim=1),
+                each.std(dim=1, correction=0),
+            ],
+            dim=1,
+        )
