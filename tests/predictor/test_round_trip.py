@@ -73,6 +73,7 @@ WINDOWED = {  # of windows of frames
         lambda: transforms.ContactCrop(4, 3.0, 0.5),
     ],
     "Resample": [lambda: transforms.Resample(5), lambda: transforms.Resample(20)],
+    "TaxelDescriptors": [lambda: transforms.TaxelDescriptors(LAYOUT)],
     "ZScore": [
         lambda: transforms.ZScore(per="signal"),
         lambda: transforms.ZScore(per="signal", scale_per="channel"),
@@ -142,6 +143,10 @@ OURS = {
     "Tare": [
         lambda: transforms.Tare("trial", first=1),
         lambda: transforms.Tare(seconds=0.15),
+    ],
+    "TaxelDescriptors": [
+        lambda: transforms.TaxelDescriptors(LAYOUT),
+        lambda: transforms.TaxelDescriptors(LAYOUT, posed=True),
     ],
     "TaxelForce": [
         lambda: transforms.TaxelForce(),

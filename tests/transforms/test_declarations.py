@@ -81,6 +81,7 @@ SHOWN = [
     (transforms.Tare("trial", first=5), "'trial', first=5"),
     (transforms.Tare("trial", attr="joint"), "'trial', first=None, attr='joint'"),
     (transforms.Tare(seconds=0.5, attr="joint"), "'session', seconds=0.5, attr='joint'"),
+    (transforms.TaxelDescriptors(LAYOUT), "'finger', posed=False"),
     (transforms.TaxelForce(), ""),
     (transforms.TaxelForce("force"), "'force'"),
     (transforms.TaxelPose(LAYOUT, HAND), "'finger', 'finger'"),
@@ -208,9 +209,9 @@ def test_only_what_is_per_frame_does_the_same_to_each_frame(make, given):
             return
     x = join_frames(torch.stack([out.x for out in outs], dim=2))
     is_same = x.shape == whole.x.shape and torch.allclose(x, whole.x, 0, 1e-5, equal_nan=True)
-    assert is_same == transform.per_frame
     for key in {*transform.writes} - {"x"}:
-        assert not is_same or all(same(out.get(key), whole.get(key)) for out in outs), key
+        is_same = is_same and all(same(out.get(key), whole.get(key)) for out in outs)
+    assert is_same == transform.per_frame
 
 
 def test_of_what_is_random_only_noise_and_dead_taxels_are_per_frame():

@@ -32,6 +32,7 @@ NAMES = {
     "random_time_shift": ("RandomTimeShift", ()),
     "session_z_score": ("SessionZScore", ()),
     "tare": ("Tare", ()),
+    "taxel_descriptors": ("TaxelDescriptors", (LAYOUT,)),
     "taxel_force": ("TaxelForce", ()),
     "taxel_knn_graph": ("KNNGraph", (2,)),
     "taxel_pose": ("TaxelPose", (LAYOUT, HandKinematics.allegro())),

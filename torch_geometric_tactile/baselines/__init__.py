@@ -1,11 +1,14 @@
 r"""Baselines as scikit-learn estimators: those of the papers, and simple ones to compare models
 with."""
 
+from torch_geometric_tactile.baselines.descriptor_features import DescriptorFeatures
 from torch_geometric_tactile.baselines.features import FEATURE_NAMES, statistical_features
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
 from torch_geometric_tactile.baselines.pipelines import (
     constant,
+    descriptor_forest,
+    descriptor_svm,
     flat_forest,
     linear_svm,
     posed_forest,
@@ -22,11 +25,14 @@ __all__ = [
     "FEATURE_NAMES",
     "SIFTSVM",
     "SURFSVM",
+    "DescriptorFeatures",
     "FlatReadings",
     "GraspSVM",
     "PosedSummary",
     "SignalFeatures",
     "constant",
+    "descriptor_forest",
+    "descriptor_svm",
     "flat_forest",
     "linear_svm",
     "posed_forest",

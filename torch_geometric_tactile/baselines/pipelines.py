@@ -15,6 +15,7 @@ from sklearn.svm import SVC, SVR, LinearSVC, LinearSVR
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.baselines._readings import readings
+from torch_geometric_tactile.baselines.descriptor_features import DescriptorFeatures
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
 from torch_geometric_tactile.baselines.posed_summary import PosedSummary
@@ -47,6 +48,68 @@ def flat_forest(
     """
     forest = _forest(task, num_trees, min_samples_leaf, class_weight)
     return make_pipeline(FlatReadings(), forest)
+
+
+def descriptor_forest(
+    layout: TaxelLayout | PathLike,
+    task: _Task = "multiclass",
+    *,
+    num_trees: int = 300,
+    min_samples_leaf: int = 1,
+    class_weight: _Weight = None,
+) -> Pipeline:
+    r"""Returns a random forest on the features of :class:`DescriptorFeatures` and on the readings,
+    of which it takes what helps.
+
+    Args:
+        layout (TaxelLayout or str or PathLike): The taxels.
+        task (str): :obj:`"multiclass"` or :obj:`"regression"`.
+        num_trees (int): Number of trees.
+        min_samples_leaf (int): The fewest samples of a leaf.
+        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> x = np.array([[0.0, 1.0], [0.0, 2.0], [5.0, 0.0], [6.0, 0.0]])[:, :, None]
+        >>> forest = descriptor_forest(grid(1, 2, pitch=0.01), num_trees=10).fit(x, [0, 0, 1, 1])
+        >>> forest.predict(x).shape
+        (4,)
+    """
+    forest = _forest(task, num_trees, min_samples_leaf, class_weight)
+    return make_pipeline(DescriptorFeatures(layout, with_readings=True), forest)
+
+
+def descriptor_svm(
+    layout: TaxelLayout | PathLike,
+    task: _Task = "multiclass",
+    *,
+    C: float = 10.0,  # noqa: N803 - scikit-learn's name
+    width: float = 1.0,
+    with_readings: bool = False,
+    class_weight: _Weight = None,
+    most_samples: int | None = None,
+) -> Pipeline:
+    r"""Returns a support vector machine with a radial kernel on the features of
+    :class:`DescriptorFeatures`, which are scaled here. With few labels it is often the best model
+    where shapes are told apart.
+
+    Args:
+        layout (TaxelLayout or str or PathLike): The taxels.
+        task (str): :obj:`"multiclass"` or :obj:`"regression"`.
+        C (float): Penalty of an error.
+        width (float): As of :func:`rbf_svm`.
+        with_readings (bool): Whether it is given the readings as well.
+        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+        most_samples (int, optional): As of :func:`rbf_svm`.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> x = np.array([[0.0, 1.0], [0.0, 2.0], [5.0, 0.0], [6.0, 0.0]])[:, :, None]
+        >>> descriptor_svm(grid(1, 2, pitch=0.01)).fit(x, [0, 0, 1, 1]).predict(x)
+        array([0, 0, 1, 1])
+    """
+    model = _kernel_machine(task, C, width, most_samples, class_weight)
+    return make_pipeline(DescriptorFeatures(layout, with_readings), StandardScaler(), model)
 
 
 def posed_forest(

@@ -36,6 +36,8 @@ MODELS = {
     "svm_linear": "support vector machine, linear",
     "svm_signal": "support vector machine on 12 statistical features of each signal *",
     "forest": "random forest on the readings",
+    "descriptors_svm": "support vector machine on descriptors of the layout",
+    "descriptors_forest": "random forest on descriptors of the layout and readings",
     "posed_forest": "random forest on force, centre, normal and count per patch",
     "posed_ridge": "ridge regression on the same",
     "constant": "the most frequent class, or the mean",
@@ -57,7 +59,7 @@ data:
   CLASS        import path of a StaticDataset class; of this package, its name is enough
 
 models:
-{chr(10).join(f"  {name:16} {title}" for name, title in MODELS.items())}
+{chr(10).join(f"  {name:18} {title}" for name, title in MODELS.items())}
   * only for samples of several frames (--window, --trials); the three 'posed' models are only
     for single frames
 """
@@ -300,7 +302,7 @@ def _row(run: "PlanRun") -> str:
     (result,), metric = comparison.results, comparison.metric
     mean, sd = (shown_number(metric, value) for value in result.scores[metric])
     name = result.model.name
-    return f"{name:16} {NAMES[metric]} {mean} ± {sd}, {result.seconds:,.1f} s a split"
+    return f"{name:18} {NAMES[metric]} {mean} ± {sd}, {result.seconds:,.1f} s a split"
 
 
 def _intention(plan: "Plan", jobs: int, seconds: dict[str, float]) -> str:

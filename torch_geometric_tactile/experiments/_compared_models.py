@@ -196,6 +196,9 @@ _RADIAL = [
     {"C": c, "width": width}
     for c, width in ((1.0, 1.0), (10.0, 1.0), (100.0, 1.0), (10.0, 0.3), (100.0, 0.3), (10.0, 3.0))
 ]
+_DESCRIBED = [
+    {"C": c, "with_readings": readings} for readings in (False, True) for c in (10.0, 1.0, 100.0)
+]
 _RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT = [{}, _decay(0.1, dropout=0.5)]
 _LESS_DROPOUT = [{}, {"model": {"init_args": {"dropout": 0.3}}}]
@@ -319,6 +322,19 @@ MODELS: tuple[ComparedModel, ...] = (
         lacks=_lacks_frames,
     ),
     _Estimator("forest", "random forest on the readings", "flat_forest", _LEAVES),
+    _Estimator(
+        "descriptors_svm",
+        "support vector machine on descriptors of the layout",
+        "descriptor_svm",
+        _DESCRIBED,
+        {"most_samples": _MOST_SVM_SAMPLES},
+    ),
+    _Estimator(
+        "descriptors_forest",
+        "random forest on descriptors of the layout and readings",
+        "descriptor_forest",
+        _LEAVES,
+    ),
     _Estimator(
         "posed_forest",
         "random forest on sums of each patch",

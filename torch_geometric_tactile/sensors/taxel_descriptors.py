@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import one_hot
 
-from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.sector_edges import layout_sectors
@@ -262,7 +261,7 @@ def _in_extents(pos: Tensor, of: Tensor | None = None) -> Tensor:
 
 
 def _groups(layout: TaxelLayout) -> Tensor:
-    # The patch of each taxel, on each link by itself: places of several links are in several frames.
+    # The patch of each taxel, on each link by itself, as each link has a frame of its own.
     assert layout.link is not None
     assert layout.patch is not None
     return torch.stack([layout.link, layout.patch]).unique(dim=1, return_inverse=True)[1]
@@ -339,5 +338,4 @@ def _soft_cells(pos: Tensor, count: int) -> Tensor:
         size = own.sum(dim=0).view(-1, 1)
         centre = torch.where(size > 0, own.t() @ pos / size.clamp(min=1), centre)
     apart = torch.cdist(centre, centre).fill_diagonal_(math.inf).amin(dim=1).mean()
-    share = (-(torch.cdist(pos, centre) / apart).square() * 2).softmax(dim=1)
-    return share
+    return (-(torch.cdist(pos, centre) / apart).square() * 2).softmax(dim=1)

@@ -6,7 +6,7 @@ from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data import StaticData, split_frames
+from torch_geometric_tactile.data import split_frames
 from torch_geometric_tactile.sensors import (
     TaxelLayout,
     as_layout,
@@ -98,7 +98,7 @@ class TaxelDescriptors(TactileTransform):
             data.descriptors = taxel_descriptors(rows, self.layout, pos)
         else:
             refuse_ragged(self, data)
-            data.descriptors = self._of_windows(split_frames(rows, num_frames), pos)
+            data.descriptors = self._of_windows(split_frames(rows, num_frames).transpose(1, 2), pos)
         return data
 
     def _places(self, data: Data) -> Tensor | None:
@@ -115,12 +115,7 @@ class TaxelDescriptors(TactileTransform):
         each = taxel_descriptors(frames.flatten(0, 1), self.layout, pos).unflatten(0, size)
         change = frames[:, -1] - frames[:, 0]
         last_pos = None if pos is None else pos if pos.dim() == 2 else pos[size[1] - 1 :: size[1]]
-        return torch.cat(
-            [
-                each[:, -1],
-                taxel_descriptors(change, self.layout, last_pos),
-                each.mean(dim=1),
-                each.std(dim=1, correction=0),
-            ],
-            dim=1,
-        )
+        mean = each.mean(dim=1)
+        deviation = (each - mean.unsqueeze(1)).square().mean(dim=1).sqrt()
+        changed = taxel_descriptors(change, self.layout, last_pos)
+        return torch.cat([each[:, -1], changed, mean, deviation], dim=1)

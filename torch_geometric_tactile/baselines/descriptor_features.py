@@ -1,0 +1,85 @@
+r"""Descriptors of a layout as the features of estimators."""
+
+from typing import Any, Self
+
+import numpy as np
+import torch
+from sklearn.base import TransformerMixin
+from sklearn.utils import Tags
+
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.baselines._readings import TakesReadings, readings
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout
+from torch_geometric_tactile.transforms import TaxelDescriptors
+
+_AT_ONCE = 1 << 18  # readings
+
+
+class DescriptorFeatures(TransformerMixin, TakesReadings):
+    r"""Describes samples by :func:`~torch_geometric_tactile.sensors.taxel_descriptors`, as the
+    first step of a scikit-learn pipeline; windows as
+    :class:`~torch_geometric_tactile.transforms.TaxelDescriptors` does. Readings should be scaled
+    before, by one scale a channel. Missing readings (NaN) count as the mean of their neighbours.
+
+    Args:
+        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
+            with the package, or a layout file.
+        with_readings (bool): Whether the readings follow the descriptors, missing ones as zero.
+
+    Shapes:
+        - **input:** readings :math:`(S, N, F)`, or samples, which may be windows
+        - **output:** rows :math:`(S, K)`
+
+    Raises:
+        ValueError: If the readings are not of the layout's taxels.
+
+    Examples:
+        >>> DescriptorFeatures("biotac_sp").fit_transform(np.zeros((5, 24, 3))).shape
+        (5, 450)
+    """
+
+    takes_samples = True
+    _allows_nan = True
+
+    def __init__(self, layout: TaxelLayout | PathLike, with_readings: bool = False) -> None:
+        self.layout = layout
+        self.with_readings = with_readings
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.requires_fit = False
+        return tags
+
+    def fit(self, x: Any, y: Any = None) -> Self:
+        r"""Measures nothing.
+
+        Args:
+            x (StaticData or array-like): Samples, or readings :math:`(S, N, F)`.
+            y (array-like, optional): Not used.
+        """
+        return self
+
+    def transform(self, x: Any) -> np.ndarray:
+        r"""Returns the rows.
+
+        Args:
+            x (StaticData or array-like): Samples, or readings :math:`(S, N, F)`.
+        """
+        values = readings(x)
+        data = StaticData(x=torch.from_numpy(values.astype(np.float32)))
+        pos = x.get("pos") if isinstance(x, StaticData) else None
+        is_posed = pos is not None and pos.dim() == 3
+        if is_posed:
+            data.pos = pos
+        if isinstance(x, StaticData) and x.get("num_frames") is not None:
+            data.num_frames = x.num_frames
+        describe = TaxelDescriptors(as_layout(self.layout), posed=is_posed)
+        at_once = max(1, _AT_ONCE // max(1, values[0].size)) if len(values) else 1
+        parts = [data.index_select(rows) for rows in torch.arange(len(values)).split(at_once)]
+        found = [describe(part).descriptors.numpy() for part in parts or [data]]
+        rows = np.concatenate(found)
+        if not self.with_readings:
+            return rows
+        flat = np.nan_to_num(values.reshape(len(values), -1), nan=0.0)
+        return np.concatenate([rows, flat], axis=1)
