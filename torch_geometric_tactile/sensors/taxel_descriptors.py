@@ -16,7 +16,6 @@ from torch_geometric_tactile.sensors.stock import as_layout
 _QUANTILES = (0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98)
 _LEVELS = (0.1, 0.5, 1.0)  # of the scaled reading, above which a taxel counts as touched
 _DIRECTIONS = 8
-_SHARPNESS = 4  # power of the cosine to each direction
 _NEAREST = 6
 _COARSE, _FINE = 4, 9  # cells of a layout of one patch
 _ROUNDS = 20  # of k-means
@@ -39,8 +38,8 @@ class DescriptorTables(NamedTuple):
     Shapes:
         - **pos:** places in units of the layout's extent, about its centre :math:`(N, 3)`
         - **nearest:** numbers of neighbours :math:`(N, 6)`, and their weights
-        - **around:** neighbours in eight directions :math:`(N, 8)`
-        - **slope:** their weights in the two slopes of a taxel :math:`(N, 2, 8)`
+        - **around:** neighbours in eight directions and the taxel itself :math:`(N, 9)`
+        - **slope:** their weights in the two slopes of a taxel :math:`(N, 2, 9)`
         - **cells:** the share of each taxel in the mean of each cell :math:`(N, 1 + K_1 + K_2)`
     """
 
@@ -175,6 +174,8 @@ def described(x: Tensor, tables: DescriptorTables, pos: Tensor | None = None) ->
 
 def _filled(x: Tensor, near: Tensor, weight: Tensor) -> Tensor:
     missing = x.isnan()
+    if not torch.compiler.is_compiling() and not missing.any():
+        return x
     known = torch.where(missing, 0.0, 1.0).to(x.dtype)
     values = torch.where(missing, 0.0, x)
     around = (values[..., near].unflatten(-1, weight.shape) * weight).sum(dim=-1)
@@ -235,16 +236,17 @@ def _contact(x: Tensor, around: Tensor) -> list[Tensor]:
 
 
 def _rises(x: Tensor, tables: DescriptorTables) -> Tensor:
-    step = x[..., tables.around.flatten()].unflatten(-1, tables.around.shape) - x.unsqueeze(-1)
-    along, across = ((step * tables.slope[:, i]).sum(dim=-1) for i in range(2))
-    length = (along.square() + across.square() + _TINY**2).sqrt()
-    along, across = along / length, across / length
-    found = []
-    for i in range(_DIRECTIONS):
+    around = x[..., tables.around.flatten()].unflatten(-1, tables.around.shape)
+    along, across = ((around * tables.slope[:, i]).sum(dim=-1) for i in range(2))
+    # The length times the fourth power of the cosine.
+    per_length = (along.square() + across.square()).clamp(min=_TINY).rsqrt().pow(3)
+    up, down = [], []
+    for i in range(_DIRECTIONS // 2):
         angle = 2 * math.pi * i / _DIRECTIONS
-        cosine = (math.cos(angle) * along + math.sin(angle) * across).relu()
-        found.append((cosine.pow(_SHARPNESS) * length) @ tables.cells)
-    rises = torch.stack(found, dim=-1)
+        rise = math.cos(angle) * along + math.sin(angle) * across
+        for found, positive in ((up, rise.relu()), (down, (-rise).relu())):
+            found.append((positive.square().square() * per_length) @ tables.cells)
+    rises = torch.stack([*up, *down], dim=-1)
     levels = []
     for start, stop in zip(tables.bounds, tables.bounds[1:], strict=False):
         level = rises[..., start:stop, :].flatten(-2)
@@ -294,7 +296,9 @@ def _slopes(layout: TaxelLayout) -> tuple[Tensor, Tensor]:
     there = around != own
     length = offset.norm(dim=-1).sum(dim=1) / there.sum(dim=1).clamp(min=1)
     offset = offset / length.clamp(min=_TINY).view(-1, 1, 1)
-    return around, torch.linalg.pinv(offset, rtol=1e-3) * there.unsqueeze(1)
+    slope = torch.linalg.pinv(offset, rtol=1e-3) * there.unsqueeze(1)
+    own_slope = -slope.sum(dim=-1, keepdim=True)
+    return torch.cat([around, own[:, :1]], dim=1), torch.cat([slope, own_slope], dim=-1)
 
 
 def _cells(layout: TaxelLayout, pos: Tensor, group: Tensor) -> list[Tensor]:
