@@ -150,3 +150,10 @@ def test_posed_taxels_move_the_centroid(x):
 def test_other_taxels_are_refused():
     with pytest.raises(ValueError, match=r"'x' must have shape \(48, .*layout 'grid_6x8'.*\(9, 1"):
         taxel_descriptors(torch.zeros(9, 1), PAD)
+
+
+def test_precision_is_that_of_the_readings(x):
+    found = taxel_descriptors(x.double(), PAD)
+    assert found.dtype == torch.double
+    torch.testing.assert_close(found.float(), taxel_descriptors(x, PAD), atol=1e-4, rtol=1e-4)
+    assert taxel_descriptors((10 * x).int(), PAD).dtype == torch.float
