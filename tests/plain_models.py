@@ -22,6 +22,7 @@ TAXEL_NETS = {
     "pooled": {"max_taxels": 2, "widths": (4, 6)},
     "self": {"conv": "self", "head": "max"},
     "difference": {"conv": "difference", "head": "mean", "depth": 1},
+    "described": {"descriptor_channels": 3, "layout": biotac_sp()},
     "direct": {"direct_channels": 5, "head": "flat", "num_joints": 2, "num_sectors": 6},
 }
 POSED_NETS = {

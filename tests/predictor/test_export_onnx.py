@@ -133,6 +133,11 @@ PAIRS = {  # a data set, a model, and transforms
             T.TopologicalSegmentation("patch", LAYOUT),
         ],
     ),
+    "described": lambda: (
+        dataset(),
+        TaxelNet(LAYOUT, 3, widths=(4,), descriptor_channels=4),
+        [T.ZScore(scale_per="channel")],
+    ),
     "taxel_net": lambda: (
         dataset(),
         TaxelNet(LAYOUT, 3, max_taxels=6, widths=(4,), hidden_channels=5),

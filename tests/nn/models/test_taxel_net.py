@@ -16,7 +16,13 @@ from torch_geometric_tactile.nn.models._taxel_levels import (
     pooled_layouts,
 )
 from torch_geometric_tactile.nn.models._taxels import seen_taxels
-from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, grid
+from torch_geometric_tactile.sensors import (
+    TaxelLayout,
+    allegro_uskin,
+    biotac_sp,
+    grid,
+    taxel_descriptors,
+)
 
 
 def num_parameters(module):
@@ -52,6 +58,23 @@ def test_taxel_net_parameter_count():
     assert num_parameters(small("difference")) == 2 * 3 * 4 + 8 + head(4, 3)
     blocks = sector(3, 4, 6) + sector(4, 4, 6) + 20 * 3 * 5 + 10
     assert num_parameters(small("direct")) == blocks + head(20 * 4 + 5 + 2, 3)
+
+
+def test_taxel_net_reads_the_descriptors_of_scaled_readings():
+    model = small("described").eval()
+    descriptors = model.described
+    x = given(model, 6)["x"]
+    found = descriptors(model.norm(x))
+    expected = taxel_descriptors(model.norm(x), biotac_sp())
+    rows = descriptors.norm_out(descriptors.lin(descriptors.norm(expected.unsqueeze(1))[:, 0]))
+    torch.testing.assert_close(found, rows.relu())
+    assert found.shape == (len(x), 3)
+    missing = x.clone()
+    missing[:, 2] = torch.nan
+    seen = torch.ones(len(x), 24, dtype=torch.bool)
+    seen[:, 2] = False
+    assert descriptors(x, seen).equal(descriptors(missing))  # a dropped taxel is a missing one
+    assert not any("cells" in name for name in model.state_dict())  # of the layout, not weights
 
 
 @pytest.mark.parametrize("difference", [False, True])

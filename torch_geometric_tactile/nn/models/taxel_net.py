@@ -5,7 +5,7 @@ from typing import Literal, Optional, Union
 
 import torch
 from torch import Tensor
-from torch.nn import Linear, ModuleList
+from torch.nn import Linear, Module, ModuleList
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._checks import need
@@ -30,12 +30,48 @@ from torch_geometric_tactile.nn.models._taxels import (
     stacked_readings,
 )
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors._described import (
+    DescriptorTables,
+    described,
+    descriptor_tables,
+)
 
 _DIRECT = 128
 # Added to the variance of each taxel, where that of a channel is one: the noise of a taxel that is
 # hardly ever pressed is not blown up.
 _FLOOR = 0.05
 _HEADS = {"flat": ("flat",), "mean": ("mean",), "max": ("max",), "all": ("flat", "mean", "max")}
+
+
+class _DescriptorPath(Module):
+    r"""A layer on the descriptors of readings, in which dropped taxels count as missing.
+
+    Shapes:
+        - **input:** readings :math:`(B, N, F)`, and which taxels are seen :math:`(B, N)`
+        - **output:** :math:`(B, H)`
+    """
+
+    def __init__(self, layout: TaxelLayout, in_channels: int, out_channels: int) -> None:
+        super().__init__()
+        *tables, self.bounds = descriptor_tables(layout)
+        for name, table in zip(DescriptorTables._fields, tables, strict=False):
+            self.register_buffer(name, table, persistent=False)
+        blank = torch.zeros(1, layout.num_taxels, in_channels)
+        size = described(blank, self._tables()).size(1)
+        self.norm = ReadingNorm(size, _FLOOR)
+        self.lin = Linear(size, out_channels, bias=False)
+        self.norm_out = TaxelNorm(out_channels)
+
+    def _tables(self) -> DescriptorTables:
+        names = DescriptorTables._fields[:-1]
+        return DescriptorTables(*(self.get_buffer(name) for name in names), self.bounds)
+
+    def forward(self, x: Tensor, seen: OptTensor = None) -> Tensor:
+        r"""Describes readings."""
+        if seen is not None:
+            x = x.masked_fill(~seen.unsqueeze(-1), torch.nan)
+        rows = self.norm(described(x.detach(), self._tables()).unsqueeze(1)).squeeze(1)
+        return self.norm_out(self.lin(rows)).relu()
 
 
 class TaxelNet(BaseModel):
@@ -72,6 +108,9 @@ class TaxelNet(BaseModel):
             before the hidden layer, as of a fully connected network; 0 for none. If left out, 128
             where nothing is pooled, since small sensors are known by their single taxels, and none
             otherwise.
+        descriptor_channels (int): Width of a layer on the descriptors of the readings
+            (:func:`~torch_geometric_tactile.sensors.taxel_descriptors`) that joins before the
+            hidden layer; 0 for none. It pays with few labels.
         dropout (float): Part of the features dropped in training before each layer of the head.
         taxel_dropout (float): Part of the taxels that read nothing in training, drawn anew for each
             sample: no answer rests on a few of them.
@@ -110,6 +149,7 @@ class TaxelNet(BaseModel):
         head: Literal["flat", "mean", "max", "all"] = "all",
         hidden_channels: int = 64,
         direct_channels: Optional[int] = None,
+        descriptor_channels: int = 0,
         dropout: float = 0.5,
         taxel_dropout: float = 0.2,
         max_taxels: int = 64,
@@ -126,7 +166,11 @@ class TaxelNet(BaseModel):
             hidden_channels=hidden_channels,
             max_taxels=max_taxels,
         )
-        for name, size in (("direct_channels", direct_channels or 0), ("num_joints", num_joints)):
+        for name, size in (
+            ("direct_channels", direct_channels or 0),
+            ("descriptor_channels", descriptor_channels),
+            ("num_joints", num_joints),
+        ):
             need(size >= 0, f"'{name}' must not be negative", size)
         need(conv in CONVS, f"'conv' must be one of {CONVS}", repr(conv))
         need(head in _HEADS, f"'head' must be one of {tuple(_HEADS)}", repr(head))
@@ -152,13 +196,17 @@ class TaxelNet(BaseModel):
         if direct_channels is None:
             direct_channels = 0 if pools else _DIRECT
         parts = {"flat": self.taxels[-1] * width, "mean": width, "max": width}
-        size = sum(parts[part] for part in _HEADS[head]) + direct_channels + num_joints
+        size = sum(parts[part] for part in _HEADS[head])
+        size += direct_channels + descriptor_channels + num_joints
         self.direct: Optional[Linear] = None
         if direct_channels:
             direct_size = self.num_nodes * in_channels
             self.norm_readings = ReadingNorm(direct_size, _FLOOR)
             self.direct = Linear(direct_size, direct_channels, bias=False)
             self.norm_direct = TaxelNorm(direct_channels)
+        self.described: Optional[_DescriptorPath] = None
+        if descriptor_channels:
+            self.described = _DescriptorPath(layout, in_channels, descriptor_channels)
         self.dropout = ByteDropout(dropout)
         self.lin = Linear(size, hidden_channels, bias=False)
         self.norm_hidden = TaxelNorm(hidden_channels)
@@ -177,6 +225,8 @@ class TaxelNet(BaseModel):
             if seen is not None:  # behind the scale, which is that of all taxels
                 rows = (rows.view(x.shape) * seen.unsqueeze(-1)).flatten(1)
             found.append(self.norm_direct(self.direct(rows)).relu())
+        if self.described is not None:
+            found.append(self.described(x, seen))
         rows = with_joints(self.dropout(torch.cat(found, dim=1)), joint, self.num_joints)
         return self.lin_out(self.dropout(self.norm_hidden(self.lin(rows)).relu()))
 
