@@ -80,7 +80,7 @@ def letters(data: Path, made: Path) -> Samples:
 
 
 def hand(data: Path, made: Path) -> Samples:
-    """Twenty simulated objects, six held frames of each trial, less its rest; a trial is held out."""
+    """Twenty simulated objects, six held frames of a trial, less its rest; a trial is held out."""
     from torch_geometric_tactile.io import read_recording
 
     options = ("--objects", "twenty", "--preset", "ci", "--trials", "8")
@@ -94,7 +94,9 @@ def hand(data: Path, made: Path) -> Samples:
         x.append(recording.tactile[rows] - recording.tactile[:10].mean(axis=0))
         y += [recording.label] * 6
         unit += [number] * 6
-    return Samples(np.concatenate(x), np.array(y), np.array(unit), stock_layout("allegro_uskin_240"))
+    return Samples(
+        np.concatenate(x), np.array(y), np.array(unit), stock_layout("allegro_uskin_240")
+    )
 
 
 def mat(data: Path, made: Path) -> Samples:
@@ -169,7 +171,10 @@ def compared(name: str, samples: Samples, draw: int, options: Any) -> dict[str, 
     models = tuple(options.models.split(",")) if options.models else None
     settings = ComparisonSettings(models=models, by="given", members=options.members)
     plan = comparison_plan(data_source(path, layout=str(layout)), settings, name=path.stem)
-    comparison = summarize(run_plan(plan, options.out / path.stem))
+    finished = run_plan(plan, options.out / path.stem)
+    for run, reason in finished.failed.items():
+        print(f"failed: {run}: {reason}", flush=True)
+    comparison = summarize(finished)
     return {r.model.name: 100 * r.scores["accuracy"].mean for r in comparison.results}
 
 

@@ -201,7 +201,13 @@ _DESCRIBED = [
 ]
 _RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT = [{}, _decay(0.1, dropout=0.5)]
-_LESS_DROPOUT = [{}, {"model": {"init_args": {"dropout": 0.3}}}]
+_NO_TAXEL_DROPOUT = {"taxel_dropout": 0.0}  # where each taxel carries what no other does
+_OPERATORS = [
+    {},
+    {"model": {"init_args": _NO_TAXEL_DROPOUT}},
+    {"model": {"init_args": {**_NO_TAXEL_DROPOUT, "conv": "self"}}},
+]
+_DESCRIBED_TOO = [*_OPERATORS, {"model": {"init_args": {"descriptor_channels": 64}}}]
 _MORE_DECAY = [{}, _decay(0.5)]
 _FINGERS_APART = {"model": {"init_args": {"fusion": "feature"}}}
 _SIGNALS = [{"C": c} for c in (1.0, 0.1, 10.0, 100.0)]
@@ -242,7 +248,11 @@ def _lacks_a_large_map(task: ComparedTask) -> str:
 FLOOR = "constant"
 MODELS: tuple[ComparedModel, ...] = (
     _Network(
-        "taxel_net", "TaxelNet, the default graph model", "TaxelNet", _LESS_DROPOUT, is_graph=True
+        "taxel_net",
+        "TaxelNet, the default graph model",
+        "TaxelNet",
+        lambda task: _DESCRIBED_TOO if task.num_frames is None else _OPERATORS,
+        is_graph=True,
     ),
     _Network(
         "posed_taxel_net",
@@ -257,7 +267,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "temporal",
         "TemporalTaxelNet, the default for windows of frames",
         "TemporalTaxelNet",
-        _LESS_DROPOUT,
+        _OPERATORS,
         lambda task: {"num_blocks": _num_blocks(task.num_frames or 1)},
         is_graph=True,
         lacks=_lacks_frames,

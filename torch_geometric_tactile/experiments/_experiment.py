@@ -25,20 +25,24 @@ _METRICS = ("accuracy", "balanced_accuracy", "mae")
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    r"""How the settings of a model are chosen: each setting is trained on the
-    training part without a validation part, which is cut from it by the protocol of the test, and
-    scored there; the best of them (the first, of equals) is trained on the whole training part.
+    r"""How the settings of a model are chosen: each setting is trained and scored on
+    :obj:`repeats` cuts of the training part, by the protocol of the test. The first setting, which
+    is the default, stays unless another is better by more than the standard error of the difference
+    (the larger of those over cuts and over trials); the best of these is trained on the whole
+    training part.
     """
 
     settings: Sequence[Mapping[str, Any]] = ({},)
     metric: str = "accuracy"
     members: int = 1
+    repeats: int = 3
 
     def __post_init__(self) -> None:
         if self.metric not in _METRICS:
             raise ValueError(f"'metric' must be one of {list(_METRICS)} (got '{self.metric}')")
         need(self.settings, "'settings' must hold at least one setting (got none)")
         need(self.members >= 1, "'members' must be at least 1", self.members)
+        need(self.repeats >= 1, "'repeats' must be at least 1", self.repeats)
 
     @property
     def of_numbers(self) -> bool:

@@ -132,25 +132,41 @@ def _check_one_part(frames: StaticDataset, key: str) -> None:
 
 
 def choice_parts(experiment: Experiment) -> Parts:
-    r"""Returns the parts of an experiment. The validation part is a fifth of the training part, cut
-    by what the test is held out by; given parts bring their own.
+    r"""Returns the parts of an experiment. The validation part is the first of
+    :func:`choice_cuts`.
     """
+    train, test, cuts = _choice_parts(experiment, 1)
+    return Parts(*cuts[0], train, test)
+
+
+def choice_cuts(experiment: Experiment, repeats: int) -> list[tuple[StaticDataset, StaticDataset]]:
+    r"""Returns several cuts of the training part in two, to train and to choose on. The second is a
+    fifth, by what the test is held out by, and differs from cut to cut; given parts bring their
+    own, and there is one cut.
+    """
+    return _choice_parts(experiment, repeats)[2]
+
+
+def _choice_parts(
+    experiment: Experiment, repeats: int
+) -> tuple[StaticDataset, StaticDataset, list[tuple[StaticDataset, StaticDataset]]]:
     protocol = experiment.protocol
     if protocol.by == "given":
         dataset = experiment.data.load()
         split = protocol.split(dataset)
         if len(split.val):
             train = torch.cat([split.train, split.val]).sort().values
-            return Parts(*(dataset[i] for i in (split.train, split.val, train, split.test)))
-    train, test = experiment.data.parts(protocol, experiment.seed, experiment.fold)
+            return dataset[train], dataset[split.test], [(dataset[split.train], dataset[split.val])]
+    train_part, test = experiment.data.parts(protocol, experiment.seed, experiment.fold)
     by = protocol.by
     if by == "given":
-        by = "frame" if train.column("trial") is None else "trial"
-    inner = balanced_protocol(train, by, quiet=True)
+        by = "frame" if train_part.column("trial") is None else "trial"
+    inner = balanced_protocol(train_part, by, quiet=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of classes with few units, which the test told of
-        cut = inner.split(train, experiment.seed, fold=0)
-    return Parts(train[cut.train], train[cut.test], train, test)
+        folds = range(min(repeats, inner.folds or 1))
+        cuts = [inner.split(train_part, experiment.seed, fold=fold) for fold in folds]
+    return train_part, test, [(train_part[cut.train], train_part[cut.test]) for cut in cuts]
 
 
 def column_of(dataset: StaticDataset, key: str) -> np.ndarray | None:

@@ -18,9 +18,10 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._estimators import fit_estimator
 from torch_geometric_tactile.experiments._experiment import Choice, Experiment, Fitted
-from torch_geometric_tactile.experiments._held_out import Parts, choice_parts, column_of
+from torch_geometric_tactile.experiments._held_out import choice_cuts, choice_parts, column_of
 from torch_geometric_tactile.experiments._networks import fit_network
 from torch_geometric_tactile.experiments._scores import prediction_scores
+from torch_geometric_tactile.experiments.differences import paired_difference
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.studies import Study, Trained
 from torch_geometric_tactile.training._config_files import merged
@@ -28,8 +29,9 @@ from torch_geometric_tactile.training.metrics import classification_metrics
 
 
 class _Tried(NamedTuple):
-    # A score on the validation part, the higher the better, and the loss that decides between
-    # equals.
+    # What a setting said of each validation part, its score, the higher the better, and the loss
+    # that decides between equals.
+    said: list[Predictions]
     value: float = -math.inf
     loss: float = math.inf
 
@@ -37,8 +39,8 @@ class _Tried(NamedTuple):
 def run_experiment(experiment: Experiment, checkpoint: PathLike | None = None) -> dict[str, Any]:
     r"""Trains a model and tests it once, at the end; nothing is chosen by the test part.
 
-    With :obj:`experiment.choice`, its settings are tried on a validation part, and the best of them
-    is trained on the whole training part.
+    With :obj:`experiment.choice`, its settings are tried on validation parts, and the one that is
+    chosen is trained on the whole training part.
 
     Peak memory is the growth from before the model is built, with the recordings loaded and the
     scaling fitted, to the highest point of training: parameters, gradients, the optimizer's state,
@@ -70,9 +72,8 @@ def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
     model, val = experiment.model, None
     chosen: dict[str, Any] = {}
     if choice is not None:
-        parts = choice_parts(experiment)
-        train, test = parts.train, parts.test
-        model, chosen = _choose(experiment, choice, parts)
+        _, _, train, test = choice_parts(experiment)
+        model, chosen = _choose(experiment, choice)
     elif experiment.threshold is not None:
         train, val, _, test = choice_parts(experiment)
     else:
@@ -115,15 +116,21 @@ def fit(
     return fit_network(experiment, model, train, test, val, checkpoint, studies)
 
 
-def _choose(
-    experiment: Experiment, choice: Choice, parts: Parts
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    # The model with the best settings, and what is told of the choice.
+def _choose(experiment: Experiment, choice: Choice) -> tuple[dict[str, Any], dict[str, Any]]:
+    # The model with the settings that are chosen, and what is told of the choice.
     start = time.perf_counter()
     models = [merged(experiment.model, setting) for setting in choice.settings]
     one = replace(experiment, choice=replace(choice, members=1))
-    tried = [_try(one, choice, model, parts) for model in models] if len(models) > 1 else []
-    best = max(range(len(tried)), key=lambda i: (tried[i].value, -tried[i].loss, -i), default=0)
+    tried: list[_Tried] = []
+    if len(models) > 1:
+        cuts = choice_cuts(experiment, choice.repeats)
+        overlap = len(cuts[0][1]) / len(cuts[0][0])
+        tried = [_try(one, choice, model, cuts) for model in models]
+    best = 0
+    for i in sorted(range(1, len(tried)), key=lambda i: (-tried[i].value, tried[i].loss)):
+        if _is_better(tried[i], tried[0], choice.metric, overlap):
+            best = i
+            break
     chosen = {
         "setting": dict(choice.settings[best]),
         "number": best,
@@ -132,15 +139,33 @@ def _choose(
     return models[best], {"choose_seconds": time.perf_counter() - start, "chosen": chosen}
 
 
-def _try(experiment: Experiment, choice: Choice, model: Mapping[str, Any], parts: Parts) -> _Tried:
+def _try(
+    experiment: Experiment,
+    choice: Choice,
+    model: Mapping[str, Any],
+    cuts: Sequence[tuple[StaticDataset, StaticDataset]],
+) -> _Tried:
     # A setting with which a training fails, such as a learning rate that makes it diverge, is not
     # chosen.
-    try:
-        fitted = fit(experiment, model, parts.fit, parts.val)
-    except ValueError:
-        return _Tried()
-    value = prediction_scores(fitted.y, fitted.prediction, choice.of_numbers)[choice.metric]
-    return _Tried(-value if choice.metric == "mae" else value, fitted.loss)
+    said, values, losses = [], [], []
+    for part, val in cuts:
+        try:
+            fitted = fit(experiment, model, part, val)
+        except ValueError:
+            return _Tried([])
+        said.append(_judge(experiment, fitted, val))
+        value = prediction_scores(fitted.y, fitted.prediction, choice.of_numbers)[choice.metric]
+        values.append(-value if choice.metric == "mae" else value)
+        losses.append(fitted.loss)
+    return _Tried(said, float(np.mean(values)), float(np.mean(losses)))
+
+
+def _is_better(setting: _Tried, default: _Tried, metric: str, overlap: float) -> bool:
+    if not default.said or not setting.said:
+        return setting.value > default.value
+    difference = paired_difference(setting.said, default.said, metric, overlap)
+    gain = setting.value - default.value
+    return gain > 0 and not gain <= difference.error
 
 
 def _build_studies(experiment: Experiment) -> list[Study]:

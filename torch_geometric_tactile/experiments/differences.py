@@ -3,14 +3,16 @@ r"""Differences of two models on the same samples, and which of them are beyond 
 import math
 import statistics
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.stats import t
 
 from torch_geometric_tactile.experiments._scores import LEAST_PAIRS, sample_scores
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import PlanRun
+
+if TYPE_CHECKING:  # which runs experiments, that ask here what is beyond the noise
+    from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 
 class Difference(NamedTuple):
@@ -104,7 +106,7 @@ def paired_difference(
 
 
 def run_difference(
-    run: PlanRun, first: str, second: str, protocol: str, metric: str = "accuracy"
+    run: "PlanRun", first: str, second: str, protocol: str, metric: str = "accuracy"
 ) -> Difference | None:
     r"""Compares two models on the splits that are finished for both; :obj:`None` if none is.
 
