@@ -13,6 +13,7 @@ from torch_geometric.transforms import BaseTransform
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import SamplesFile
 from torch_geometric_tactile.experiments import _networks as networks
+from torch_geometric_tactile.experiments import _run_experiment as run
 from torch_geometric_tactile.experiments._experiment import Choice, Experiment
 from torch_geometric_tactile.experiments._networks import TargetScale
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
@@ -53,6 +54,53 @@ def test_best_setting_on_the_validation_part_is_taken(tmp_path):
     parts = sum(result[f"{what}_seconds"] for what in ("choose", "train", "predict"))
     assert 0 < parts < result["seconds"]
     json.dumps(result, allow_nan=False)
+
+
+def said_of(rights):
+    """What a setting said of cuts of ten trials each, of which some are right."""
+    y = np.ones(10, dtype=int)
+    return [
+        Predictions(
+            score=y,
+            prediction=(np.arange(10) < right).astype(int),
+            y=y,
+            session=None,
+            trial=10 * cut + np.arange(10),
+            index=10 * cut + np.arange(10),
+        )
+        for cut, right in enumerate(rights)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rights", "number"),
+    [
+        ([[7, 7, 7], [8, 7, 7]], 0),  # one of thirty trials more
+        ([[7, 7, 7], [9, 8, 9]], 1),
+        ([[7, 7, 7], [10, 5, 8]], 0),  # not in each cut
+        ([[7, 7, 7], [9, 8, 9], [10, 9, 10]], 2),
+        ([[7, 7, 7], [5, 5, 5]], 0),
+        ([[5], [9]], 1),
+    ],
+)
+def test_default_stays_unless_another_setting_is_better_beyond_the_noise(
+    rights, number, tmp_path, monkeypatch
+):
+    touches(tmp_path / "a.npz")
+    settings = [{"init_args": {"C": float(i + 1)}} for i in range(len(rights))]
+    one = experiment(tmp_path / "a.npz", settings=settings)
+    said = {
+        setting["init_args"]["C"]: right for setting, right in zip(settings, rights, strict=True)
+    }
+
+    def tried(experiment, choice, model, cuts):
+        right = said[model["init_args"]["C"]]
+        return run._Tried(said_of(right), float(np.mean(right)) / 10, 0.0)
+
+    monkeypatch.setattr(run, "_try", tried)
+    model, chosen = run._choose(one, one.choice)
+    assert chosen["chosen"]["number"] == number
+    assert model["init_args"]["C"] == number + 1
 
 
 def test_network_gives_the_same_numbers_again(tmp_path):
@@ -186,6 +234,7 @@ def test_choice_is_part_of_the_identity(tmp_path):
         ({"metric": "f1"}, r"'metric' must be one of \['accuracy'"),
         ({"settings": ()}, "'settings' must hold at least one setting"),
         ({"members": 0}, r"'members' must be at least 1 \(got 0\)"),
+        ({"repeats": 0}, r"'repeats' must be at least 1 \(got 0\)"),
     ],
 )
 def test_wrong_choice_is_refused(arguments, match):

@@ -19,6 +19,8 @@ _BASELINES = "torch_geometric_tactile.baselines."
 _TRANSFORMS = "torch_geometric_tactile.transforms."
 _MOST_SVM_SAMPLES = 10_000
 _MANY_TAXELS = 500  # above which a network is tried with one setting, for time
+_FEW_SAMPLES = 1000  # to train on: with more, one validation part tells enough
+_REPEATS = 3
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,8 @@ class ComparedTask:
 
     def choice(self, settings: Sequence[dict[str, Any]] = ({},)) -> Choice:
         r"""Returns what is chosen for a model."""
-        return Choice(settings, self.metric, self.members)
+        repeats = _REPEATS if self.num_train <= _FEW_SAMPLES else 1
+        return Choice(settings, self.metric, self.members, repeats)
 
     def transform(
         self, *, scaled: bool, posed: bool = False, filled: bool = True

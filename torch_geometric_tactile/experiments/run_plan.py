@@ -21,7 +21,7 @@ from torch_geometric_tactile._parallel import Backend, check_backend, kept_memor
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments._held_out import Parts, choice_parts
+from torch_geometric_tactile.experiments._held_out import Parts, choice_cuts, choice_parts
 from torch_geometric_tactile.experiments._run_experiment import fit
 from torch_geometric_tactile.experiments._run_store import RunStore
 from torch_geometric_tactile.experiments._worker import close_process, run_safely
@@ -195,7 +195,9 @@ def _of_run(experiment: Experiment) -> float:
     parts = choice_parts(experiment)
     model = merged(experiment.model, choice.settings[0])
     few = _some(parts.fit, _PROBE)
-    tried = len(choice.settings) if len(choice.settings) > 1 else 0  # nothing to choose of one
+    tried = 0  # where there is nothing to choose of one
+    if len(choice.settings) > 1:
+        tried = len(choice.settings) * len(choice_cuts(experiment, choice.repeats))
     finals = 1 if experiment.is_estimator else choice.members
     trainings = tried * len(parts.fit) + finals * len(parts.train)
     try:
