@@ -31,7 +31,7 @@ NEEDED = {
 }
 OTHERS = {"BilinearFeature", "StaticGCNConv", "TaxelPool"}  # no sizes, and PyG's own
 NO_SIZES = ("layout", "finger", "dim", "pool_dim", "channels", "conv")
-NOT_NEGATIVE = {"num_joints", "direct_channels"}
+NOT_NEGATIVE = {"num_joints", "direct_channels", "descriptor_channels"}
 
 
 def arguments():

@@ -83,6 +83,19 @@ class Reader(torch.nn.Module):
         return self.weight * torch.cat([out, -out], dim=1)
 
 
+class DescriptorReader(torch.nn.Module):
+    """A linear model of descriptors."""
+
+    modalities = ("descriptors",)
+
+    def __init__(self):
+        super().__init__()
+        self.lin = torch.nn.Linear(len(T.TaxelDescriptors(LAYOUT).names(num_channels=3)), 2)
+
+    def forward(self, x, edge_index, descriptors):
+        return self.lin(descriptors)
+
+
 def frames(layout=LAYOUT, num_samples=40):
     draw = torch.Generator().manual_seed(1)
     return StaticData(
@@ -132,6 +145,11 @@ PAIRS = {  # a data set, a model, and transforms
             T.GeometricEdgeAttr(norm=True),
             T.TopologicalSegmentation("patch", LAYOUT),
         ],
+    ),
+    "descriptors": lambda: (
+        dataset(),
+        DescriptorReader(),
+        [T.ZScore(scale_per="channel"), T.TaxelDescriptors(LAYOUT)],
     ),
     "described": lambda: (
         dataset(),
