@@ -205,12 +205,12 @@ _DESCRIBED = [
 _RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT = [{}, _decay(0.1, dropout=0.5)]
 _NO_TAXEL_DROPOUT = {"taxel_dropout": 0.0}  # where each taxel carries what no other does
-_OPERATORS = [
+_OPERATORS: _Tried = [
     {},
     {"model": {"init_args": _NO_TAXEL_DROPOUT}},
     {"model": {"init_args": {**_NO_TAXEL_DROPOUT, "conv": "self"}}},
 ]
-_DESCRIBED_TOO = [*_OPERATORS, {"model": {"init_args": {"descriptor_channels": 64}}}]
+_DESCRIBED_TOO: _Tried = [*_OPERATORS, {"model": {"init_args": {"descriptor_channels": 64}}}]
 _MORE_DECAY = [{}, _decay(0.5)]
 _FINGERS_APART = {"model": {"init_args": {"fusion": "feature"}}}
 _SIGNALS = [{"C": c} for c in (1.0, 0.1, 10.0, 100.0)]

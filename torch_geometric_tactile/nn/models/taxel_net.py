@@ -63,8 +63,8 @@ class _DescriptorPath(Module):
         self.norm_out = TaxelNorm(out_channels)
 
     def _tables(self) -> DescriptorTables:
-        names = DescriptorTables._fields[:-1]
-        return DescriptorTables(*(self.get_buffer(name) for name in names), self.bounds)
+        tables = {name: self.get_buffer(name) for name in DescriptorTables._fields[:-1]}
+        return DescriptorTables(**tables, bounds=self.bounds)
 
     def forward(self, x: Tensor, seen: OptTensor = None) -> Tensor:
         r"""Describes readings."""
