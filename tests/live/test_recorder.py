@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 for module in ("mcap", "google.protobuf", "zstandard"):
     pytest.importorskip(module, reason="needs the extra 'live'")
@@ -17,7 +18,7 @@ from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import LiveFrame
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.live import Recorder, Stream, StreamOverflow
-from torch_geometric_tactile.sensors import allegro_uskin, grid
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, grid
 
 SUFFIXES = ("a.mcap", "a.h5")
 
@@ -279,6 +280,23 @@ def test_flat_layout_and_one_channel():
     assert frame_id == "base"
     assert np.array_equal(fields["pressure"], [2, np.nan], equal_nan=True)
     assert [*fields] == ["pressure"]
+
+
+def test_taxels_on_every_link_of_the_hand_are_posed():
+    from torch_geometric_tactile.live._posed_points import PosedPoints
+
+    hand = HandKinematics.allegro()
+    links = torch.arange(len(hand.link_names))
+    layout = TaxelLayout(
+        "all", pos=torch.full((len(links), 3), 0.01), link=links, link_names=tuple(hand.link_names)
+    )
+    tactile = np.ones((len(links), 1), dtype=np.float32)
+    joint = np.full(hand.num_joints, 0.3, dtype=np.float32)
+    bent, straight = (
+        PosedPoints(layout)(LiveFrame(0, 0.0, 0, None, tactile, angles), tactile)[0]
+        for angles in (joint, 0 * joint)
+    )
+    assert not np.allclose(bent, straight)
 
 
 @pytest.mark.slow

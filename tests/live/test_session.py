@@ -154,6 +154,18 @@ def test_tare_subtracts_the_rest(predictor):
     np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-4)
 
 
+def test_drift_is_measured_every_quarter_of_a_second(predictor, monkeypatch):
+    looked = []
+    monkeypatch.setattr(Rest, "drift", lambda self, frame: looked.append(frame.time))
+    rest = Rest(seconds=0.03, min_frames=20, max_movement=1e6)
+    source = ReplaySource(recording(), speed=10)
+    with LiveSession(source, judge=Judge(predictor, rest), tare=True, policy="all") as session:
+        session.run()
+    steps = np.diff(looked)
+    assert len(looked) > 0
+    assert not len(steps) or steps.min() >= 0.25
+
+
 def test_tare_needs_a_rest(predictor):
     with pytest.raises(ValueError, match="'rest' must be given"):
         LiveSession(NumberedSource(), judge=Judge(predictor), tare=True)
