@@ -40,14 +40,14 @@ def test_no_trial_is_in_two_parts_and_each_has_all_classes(tmp_path, fold):
 def test_cuts_of_the_training_part_hold_out_other_trials_each(tmp_path):
     touches(tmp_path / "a.npz", num_trials=18)
     one = experiment(tmp_path / "a.npz")
-    parts, cuts = choice_parts(one), choice_cuts(one, 3)
+    parts, (_, _, cuts) = choice_parts(one), choice_cuts(one, 3)
     held_out = [trials(val) for _, val in cuts]
     assert held_out[0] == trials(parts.val)
     assert not set.intersection(*held_out)
     for fit, val in cuts:
         assert not trials(fit) & trials(val)
         assert trials(fit) | trials(val) == trials(parts.train)
-    assert len(choice_cuts(one, 20)) == 4  # trials of each class
+    assert len(choice_cuts(one, 20)[2]) == 4  # trials of each class
 
 
 def test_given_parts_bring_their_own(tmp_path):
@@ -56,7 +56,7 @@ def test_given_parts_bring_their_own(tmp_path):
     assert [len(part) for part in parts] == [24, 12, 36, 12]
     assert trials(parts.val) == {6, 7, 8}
     given = experiment(tmp_path / "a.npz", protocol=Protocol("given"))
-    assert [trials(val) for _, val in choice_cuts(given, 3)] == [{6, 7, 8}]
+    assert [trials(val) for _, val in choice_cuts(given, 3)[2]] == [{6, 7, 8}]
     touches(tmp_path / "b.npz", part=np.where(GIVEN == 1, 0, GIVEN))
     parts = choice_parts(experiment(tmp_path / "b.npz", protocol=Protocol("given")))
     assert len(parts.train) == 36

@@ -15,6 +15,7 @@ from torch_geometric_tactile.datasets import SamplesFile
 from torch_geometric_tactile.experiments import _networks as networks
 from torch_geometric_tactile.experiments import _run_experiment as run
 from torch_geometric_tactile.experiments._experiment import Choice, Experiment
+from torch_geometric_tactile.experiments._held_out import choice_cuts
 from torch_geometric_tactile.experiments._networks import TargetScale
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments._worker import run_here
@@ -98,7 +99,7 @@ def test_default_stays_unless_another_setting_is_better_beyond_the_noise(
         return run._Tried(said_of(right), float(np.mean(right)) / 10, 0.0)
 
     monkeypatch.setattr(run, "_try", tried)
-    model, chosen = run._choose(one, one.choice)
+    model, chosen = run._choose(one, one.choice, choice_cuts(one, one.choice.repeats)[2])
     assert chosen["chosen"]["number"] == number
     assert model["init_args"]["C"] == number + 1
 

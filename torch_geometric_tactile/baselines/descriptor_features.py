@@ -1,14 +1,13 @@
 r"""Descriptors of a layout as the features of estimators."""
 
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import torch
-from sklearn.base import TransformerMixin
-from sklearn.utils import Tags
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.baselines._readings import TakesReadings, readings
+from torch_geometric_tactile.baselines._readings import readings
+from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.transforms import TaxelDescriptors
@@ -16,7 +15,7 @@ from torch_geometric_tactile.transforms import TaxelDescriptors
 _AT_ONCE = 1 << 18  # readings
 
 
-class DescriptorFeatures(TransformerMixin, TakesReadings):
+class DescriptorFeatures(FlatReadings):
     r"""Describes samples by :func:`~torch_geometric_tactile.sensors.taxel_descriptors`, as the
     first step of a scikit-learn pipeline; windows as
     :class:`~torch_geometric_tactile.transforms.TaxelDescriptors` does. Readings should be scaled
@@ -39,26 +38,9 @@ class DescriptorFeatures(TransformerMixin, TakesReadings):
         (5, 450)
     """
 
-    takes_samples = True
-    _allows_nan = True
-
     def __init__(self, layout: TaxelLayout | PathLike, with_readings: bool = False) -> None:
         self.layout = layout
         self.with_readings = with_readings
-
-    def __sklearn_tags__(self) -> Tags:
-        tags = super().__sklearn_tags__()
-        tags.requires_fit = False
-        return tags
-
-    def fit(self, x: Any, y: Any = None) -> Self:
-        r"""Measures nothing.
-
-        Args:
-            x (StaticData or array-like): Samples, or readings :math:`(S, N, F)`.
-            y (array-like, optional): Not used.
-        """
-        return self
 
     def transform(self, x: Any) -> np.ndarray:
         r"""Returns the rows.
@@ -81,5 +63,4 @@ class DescriptorFeatures(TransformerMixin, TakesReadings):
         rows = np.concatenate(found)
         if not self.with_readings:
             return rows
-        flat = np.nan_to_num(values.reshape(len(values), -1), nan=0.0)
-        return np.concatenate([rows, flat], axis=1)
+        return np.concatenate([rows, super().transform(values)], axis=1)

@@ -135,21 +135,17 @@ def choice_parts(experiment: Experiment) -> Parts:
     r"""Returns the parts of an experiment. The validation part is the first of
     :func:`choice_cuts`.
     """
-    train, test, cuts = _choice_parts(experiment, 1)
+    train, test, cuts = choice_cuts(experiment, 1)
     return Parts(*cuts[0], train, test)
 
 
-def choice_cuts(experiment: Experiment, repeats: int) -> list[tuple[StaticDataset, StaticDataset]]:
-    r"""Returns several cuts of the training part in two, to train and to choose on. The second is a
-    fifth, by what the test is held out by, and differs from cut to cut; given parts bring their
-    own, and there is one cut.
-    """
-    return _choice_parts(experiment, repeats)[2]
-
-
-def _choice_parts(
+def choice_cuts(
     experiment: Experiment, repeats: int
 ) -> tuple[StaticDataset, StaticDataset, list[tuple[StaticDataset, StaticDataset]]]:
+    r"""Returns the training part, the test part, and several cuts of the training part in two, to
+    train and to choose on. The second is a fifth, by what the test is held out by, and differs from
+    cut to cut; given parts bring their own, and there is one cut.
+    """
     protocol = experiment.protocol
     if protocol.by == "given":
         dataset = experiment.data.load()

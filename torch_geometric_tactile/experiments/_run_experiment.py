@@ -72,8 +72,8 @@ def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
     model, val = experiment.model, None
     chosen: dict[str, Any] = {}
     if choice is not None:
-        _, _, train, test = choice_parts(experiment)
-        model, chosen = _choose(experiment, choice)
+        train, test, cuts = choice_cuts(experiment, choice.repeats)
+        model, chosen = _choose(experiment, choice, cuts)
     elif experiment.threshold is not None:
         train, val, _, test = choice_parts(experiment)
     else:
@@ -116,16 +116,17 @@ def fit(
     return fit_network(experiment, model, train, test, val, checkpoint, studies)
 
 
-def _choose(experiment: Experiment, choice: Choice) -> tuple[dict[str, Any], dict[str, Any]]:
+def _choose(
+    experiment: Experiment,
+    choice: Choice,
+    cuts: Sequence[tuple[StaticDataset, StaticDataset]],
+) -> tuple[dict[str, Any], dict[str, Any]]:
     # The model with the settings that are chosen, and what is told of the choice.
     start = time.perf_counter()
     models = [merged(experiment.model, setting) for setting in choice.settings]
     one = replace(experiment, choice=replace(choice, members=1))
-    tried: list[_Tried] = []
-    if len(models) > 1:
-        cuts = choice_cuts(experiment, choice.repeats)
-        overlap = len(cuts[0][1]) / len(cuts[0][0])
-        tried = [_try(one, choice, model, cuts) for model in models]
+    overlap = len(cuts[0][1]) / len(cuts[0][0])
+    tried = [_try(one, choice, model, cuts) for model in models] if len(models) > 1 else []
     best = 0
     for i in sorted(range(1, len(tried)), key=lambda i: (-tried[i].value, tried[i].loss)):
         if _is_better(tried[i], tried[0], choice.metric, overlap):

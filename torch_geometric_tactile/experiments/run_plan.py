@@ -21,7 +21,7 @@ from torch_geometric_tactile._parallel import Backend, check_backend, kept_memor
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments._held_out import Parts, choice_cuts, choice_parts
+from torch_geometric_tactile.experiments._held_out import Parts, choice_cuts
 from torch_geometric_tactile.experiments._run_experiment import fit
 from torch_geometric_tactile.experiments._run_store import RunStore
 from torch_geometric_tactile.experiments._worker import close_process, run_safely
@@ -192,12 +192,11 @@ def _estimate_seconds(todo: Sequence[Experiment]) -> dict[str, float]:
 def _of_run(experiment: Experiment) -> float:
     choice = experiment.choice
     assert choice is not None
-    parts = choice_parts(experiment)
+    train, test, cuts = choice_cuts(experiment, choice.repeats)
+    parts = Parts(*cuts[0], train, test)
     model = merged(experiment.model, choice.settings[0])
     few = _some(parts.fit, _PROBE)
-    tried = 0  # where there is nothing to choose of one
-    if len(choice.settings) > 1:
-        tried = len(choice.settings) * len(choice_cuts(experiment, choice.repeats))
+    tried = len(choice.settings) * len(cuts) if len(choice.settings) > 1 else 0
     finals = 1 if experiment.is_estimator else choice.members
     trainings = tried * len(parts.fit) + finals * len(parts.train)
     try:
