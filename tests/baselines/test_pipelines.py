@@ -15,6 +15,8 @@ X = DRAW.normal(size=(60, 6, 2)) + 4 * (np.arange(6) == 2)[:, None] * Y[:, None,
 NUMBERS = np.stack([X[:, 0, 0], 1000 * X[:, 1, 1]], axis=1)
 NAMES = [
     "flat_forest",
+    "descriptor_forest",
+    "descriptor_svm",
     "posed_forest",
     "posed_ridge",
     "linear_svm",
@@ -25,7 +27,7 @@ NAMES = [
 
 
 def model(name, task="multiclass", **more):
-    layout = {"layout": LAYOUT} if name.startswith("posed") else {}
+    layout = {"layout": LAYOUT} if name.startswith(("posed", "descriptor")) else {}
     estimator = getattr(baselines, name)(task=task, **layout, **more)
     drawn = [key for key in estimator.get_params() if key.endswith("__random_state")]
     return estimator.set_params(**dict.fromkeys(drawn, 0))
