@@ -162,6 +162,12 @@ def private_cache(monkeypatch, cache_folders):
     monkeypatch.setenv("TACTILE_DATA", str(folder))
 
 
+@pytest.fixture(autouse=True)
+def same_draws():
+    """A test draws the same numbers whichever tests ran before it."""
+    torch.manual_seed(0)
+
+
 @pytest.fixture(scope="session")
 def bts3_recordings():
     """The folder with the six published files."""
