@@ -140,6 +140,7 @@ OURS = {
         lambda: transforms.SessionZScore("trial", attr="joint"),
         lambda: transforms.SessionZScore(per="channel"),
     ],
+    "SquareRoot": [lambda: transforms.SquareRoot()],
     "Tare": [
         lambda: transforms.Tare("trial", first=1),
         lambda: transforms.Tare(seconds=0.15),

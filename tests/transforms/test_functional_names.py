@@ -31,6 +31,7 @@ NAMES = {
     "random_shift": ("RandomShift", (GRID,)),
     "random_time_shift": ("RandomTimeShift", ()),
     "session_z_score": ("SessionZScore", ()),
+    "square_root": ("SquareRoot", ()),
     "tare": ("Tare", ()),
     "taxel_descriptors": ("TaxelDescriptors", (LAYOUT,)),
     "taxel_force": ("TaxelForce", ()),

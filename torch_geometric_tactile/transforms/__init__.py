@@ -23,6 +23,7 @@ from torch_geometric_tactile.transforms.resample import Resample
 from torch_geometric_tactile.transforms.sector_graph import SectorGraph
 from torch_geometric_tactile.transforms.select_channels import SelectChannels
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
+from torch_geometric_tactile.transforms.square_root import SquareRoot
 from torch_geometric_tactile.transforms.static_transform import static_transform
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 from torch_geometric_tactile.transforms.tare import Tare
@@ -55,6 +56,7 @@ __all__ = [
     "SectorGraph",
     "SelectChannels",
     "SessionZScore",
+    "SquareRoot",
     "TactileTransform",
     "Tare",
     "TaxelDescriptors",
