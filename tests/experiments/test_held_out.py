@@ -107,3 +107,32 @@ def test_what_is_predicted_follows_from_the_labels(tmp_path):
     del found._data.y
     with pytest.raises(ValueError, match=r"'data' must have 'y', .* \(got none\)"):
         _predicts_numbers(found)
+
+
+@pytest.mark.parametrize(
+    ("group", "unit"),
+    [
+        (np.array([0, 1, 2, 0, 1, 2, 0, 1, 2, 5, 5, 5]), "group"),  # tested on others
+        (np.array([0, 1, 2] * 4), "trial"),
+    ],
+)
+def test_validation_holds_out_what_given_parts_hold_out(tmp_path, group, unit):
+    part = np.where(GIVEN == 2, 2, 0)
+    touches(tmp_path / "a.npz", part=part, group=group.repeat(4))
+    given = experiment(tmp_path / "a.npz", protocol=Protocol("given"))
+    parts = choice_parts(given)
+    apart = [set(one.column(unit).tolist()) for one in parts[:2]]
+    assert not set.intersection(*apart)
+    if unit == "trial":
+        assert set(parts.val.column("group").tolist()) <= set(parts.fit.column("group").tolist())
+
+
+def test_choice_is_made_on_a_part_of_many_samples(tmp_path):
+    touches(tmp_path / "a.npz", num_trials=18)
+    one = experiment(tmp_path / "a.npz")
+    train, _, cuts = choice_cuts(one, 2, most=10)
+    assert [len(part) for part, _ in cuts] == [10, 10]
+    assert len(train) == 48
+    again = choice_cuts(one, 2, most=10)[2]
+    assert [a.trial.tolist() for a, _ in again] == [a.trial.tolist() for a, _ in cuts]
+    assert [len(val) for _, val in cuts] == [len(val) for _, val in choice_cuts(one, 2)[2]]

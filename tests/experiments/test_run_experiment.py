@@ -49,7 +49,7 @@ def test_threshold_is_the_middle_where_one_class_gives_no_choice(model, middle):
     train, test = FakeTactileDataset(60), FakeTactileDataset(30, "test")
     one_class = test[test.data.y == 0]
     experiment = generated(model, threshold="f1")
-    fitted = fit_estimator(experiment, model, train, test, one_class)
+    fitted = fit_estimator(experiment, train, test, one_class)
     assert fitted.threshold == middle
 
 

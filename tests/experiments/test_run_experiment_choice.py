@@ -94,14 +94,50 @@ def test_default_stays_unless_another_setting_is_better_beyond_the_noise(
         setting["init_args"]["C"]: right for setting, right in zip(settings, rights, strict=True)
     }
 
-    def tried(experiment, choice, model, cuts):
-        right = said[model["init_args"]["C"]]
-        return run._Tried(said_of(right), float(np.mean(right)) / 10, 0.0)
+    def judge(setting, choice, part, val):
+        right = said[setting.experiment.model["init_args"]["C"]]
+        cut = len(setting.said)
+        setting.said.append(said_of(right)[cut])
+        setting.values.append(right[cut] / 10)
+        setting.losses.append(0.0)
 
-    monkeypatch.setattr(run, "_try", tried)
-    model, chosen = run._choose(one, one.choice, choice_cuts(one, one.choice.repeats)[2])
+    monkeypatch.setattr(run._Tried, "judge", judge)
+    chosen_one, chosen = run._choose(one, one.choice, choice_cuts(one, len(rights[0]))[2])
     assert chosen["chosen"]["number"] == number
-    assert model["init_args"]["C"] == number + 1
+    assert chosen_one.model["init_args"]["C"] == number + 1
+
+
+def test_setting_that_is_behind_is_not_tried_again(tmp_path, monkeypatch):
+    touches(tmp_path / "a.npz", num_trials=18)
+    tried = []
+    fit = run.fit
+
+    def watched(experiment, part, *rest):
+        tried.append((experiment.model["init_args"]["num_trees"], len(part)))
+        return fit(experiment, part, *rest)
+
+    monkeypatch.setattr(run, "fit", watched)
+    one_leaf = {"init_args": {"num_trees": 1, "min_samples_leaf": 99}}  # one class for all
+    settings = [{"init_args": {"num_trees": 9}}, one_leaf]
+    one = experiment(tmp_path / "a.npz", FOREST, settings)
+    run_experiment(replace(one, choice=Choice(settings, repeats=3, most_samples=20)))
+    assert tried == [(9, 20), (1, 20), (9, 48)]
+
+
+def test_transform_is_a_setting(tmp_path):
+    touches(tmp_path / "a.npz")
+    no_readings = {
+        "class_path": "torch_geometric_tactile.transforms.DropTaxels",
+        "init_args": {"taxels": list(range(12))},
+    }
+    settings = [{"transform": no_readings}, {}]
+    result = run_experiment(experiment(tmp_path / "a.npz", SVM, settings))
+    assert result["chosen"]["number"] == 1
+    settings = [{}, {"transform": no_readings}]
+    result = run_experiment(experiment(tmp_path / "a.npz", SVM, settings))
+    assert result["chosen"]["number"] == 0
+    alone = experiment(tmp_path / "a.npz", SVM, settings[1:])
+    assert run_experiment(alone)["metrics"]["accuracy"] < 0.5 < result["metrics"]["accuracy"]
 
 
 def test_network_gives_the_same_numbers_again(tmp_path):

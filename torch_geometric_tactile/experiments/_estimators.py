@@ -20,7 +20,6 @@ from torch_geometric_tactile.transforms import fit_transform
 
 def fit_estimator(
     experiment: Experiment,
-    model: Mapping[str, Any],
     train: StaticDataset,
     test: StaticDataset,
     val: StaticDataset | None = None,
@@ -29,7 +28,7 @@ def fit_estimator(
     transform = build_object(experiment.transform)
     seen = _fitted_samples(transform, train)
     held_out = _fitted_samples(transform, test, adapt=True)
-    estimator = seeded_estimator(model, train.layout, experiment.seed)
+    estimator = seeded_estimator(experiment.model, train.layout, experiment.seed)
     x, x_test = (estimator_input(estimator, part) for part in (seen, held_out))
     start = time.perf_counter()
     estimator.fit(x, seen.y.numpy())

@@ -4,7 +4,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
@@ -19,23 +19,29 @@ from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.studies import Trained
 from torch_geometric_tactile.training._collected_metrics import Task
+from torch_geometric_tactile.training._config_files import merged
 
 _METRICS = ("accuracy", "balanced_accuracy", "mae")
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    r"""How the settings of a model are chosen: each setting is trained and scored on
-    :obj:`repeats` cuts of the training part, by the protocol of the test. The first setting, which
-    is the default, stays unless another is better by more than the standard error of the difference
-    (the larger of those over cuts and over trials); the best of these is trained on the whole
-    training part.
+    r"""How the settings of a model are chosen: they are trained and scored on :obj:`repeats` cuts
+    of the training part, by the protocol of the test, each with at most :obj:`most_samples` samples
+    to train on. The first setting, which is the default, stays unless another is better by more
+    than the standard error of the difference (the larger of those over cuts and over trials); the
+    best of these is trained on the whole training part. A setting that is not ahead of the default
+    is tried on no further cut.
+
+    A setting is laid over the model, but for its :obj:`"transform"`, which takes the place of the
+    experiment's.
     """
 
     settings: Sequence[Mapping[str, Any]] = ({},)
     metric: str = "accuracy"
     members: int = 1
     repeats: int = 3
+    most_samples: int = 2000
 
     def __post_init__(self) -> None:
         if self.metric not in _METRICS:
@@ -43,6 +49,7 @@ class Choice:
         need(self.settings, "'settings' must hold at least one setting (got none)")
         need(self.members >= 1, "'members' must be at least 1", self.members)
         need(self.repeats >= 1, "'repeats' must be at least 1", self.repeats)
+        need(self.most_samples >= 1, "'most_samples' must be at least 1", self.most_samples)
 
     @property
     def of_numbers(self) -> bool:
@@ -80,6 +87,12 @@ class Experiment:
     def is_estimator(self) -> bool:
         r"""Whether the model is scikit-learn's."""
         return "class_path" in self.model
+
+    def with_setting(self, setting: Mapping[str, Any]) -> Self:
+        r"""Returns it with a setting of its choice."""
+        over = dict(setting)
+        transform = over.pop("transform", self.transform)
+        return replace(self, model=merged(self.model, over), transform=transform)
 
     def identity(self) -> dict[str, Any]:
         r"""Returns all that the result follows from. Two experiments of one configuration are one,

@@ -140,11 +140,12 @@ def choice_parts(experiment: Experiment) -> Parts:
 
 
 def choice_cuts(
-    experiment: Experiment, repeats: int
+    experiment: Experiment, repeats: int, most: int | None = None
 ) -> tuple[StaticDataset, StaticDataset, list[tuple[StaticDataset, StaticDataset]]]:
     r"""Returns the training part, the test part, and several cuts of the training part in two, to
-    train and to choose on. The second is a fifth, by what the test is held out by, and differs from
-    cut to cut; given parts bring their own, and there is one cut.
+    train on (:obj:`most` samples, if there are more) and to choose on. The second is a fifth, by
+    what the test is held out by, and differs from cut to cut; given parts bring their own, and
+    there is one cut.
     """
     protocol = experiment.protocol
     if protocol.by == "given":
@@ -152,17 +153,35 @@ def choice_cuts(
         split = protocol.split(dataset)
         if len(split.val):
             train = torch.cat([split.train, split.val]).sort().values
-            return dataset[train], dataset[split.test], [(dataset[split.train], dataset[split.val])]
+            part = _some(dataset[split.train], most, experiment.seed)
+            return dataset[train], dataset[split.test], [(part, dataset[split.val])]
     train_part, test = experiment.data.parts(protocol, experiment.seed, experiment.fold)
-    by = protocol.by
-    if by == "given":
-        by = "frame" if train_part.column("trial") is None else "trial"
+    by = _held_out_by(train_part, test) if protocol.by == "given" else protocol.by
     inner = balanced_protocol(train_part, by, quiet=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of classes with few units, which the test told of
         folds = range(min(repeats, inner.folds or 1))
         cuts = [inner.split(train_part, experiment.seed, fold=fold) for fold in folds]
-    return train_part, test, [(train_part[cut.train], train_part[cut.test]) for cut in cuts]
+    parts = [(train_part[cut.train], train_part[cut.test]) for cut in cuts]
+    return train_part, test, [(_some(part, most, experiment.seed), val) for part, val in parts]
+
+
+def _held_out_by(train: StaticDataset, test: StaticDataset) -> str:
+    # The largest unit of which given parts share none.
+    for by in ("group", "trial"):
+        known, other = column_of(train, by), column_of(test, by)
+        if known is None or other is None or len(np.unique(known)) < 2:
+            continue
+        if not np.isin(other, known).any():
+            return by
+    return "frame"
+
+
+def _some(part: StaticDataset, most: int | None, seed: int) -> StaticDataset:
+    if most is None or len(part) <= most:
+        return part
+    draw = np.random.default_rng(seed)
+    return part[torch.from_numpy(np.sort(draw.permutation(len(part))[:most]))]
 
 
 def column_of(dataset: StaticDataset, key: str) -> np.ndarray | None:

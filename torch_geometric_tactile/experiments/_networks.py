@@ -4,7 +4,7 @@ import copy
 import math
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -44,7 +44,6 @@ _NEXT_SEED = 1000  # of the next network, beyond the seeds of experiments
 
 def fit_network(
     experiment: Experiment,
-    model: Mapping[str, Any],
     train: StaticDataset,
     test: StaticDataset,
     val: StaticDataset | None = None,
@@ -55,7 +54,7 @@ def fit_network(
     say on average.
     """
     choice = experiment.choice
-    section, members, scale = dict(model), 1, None
+    section, members, scale = dict(experiment.model), 1, None
     if choice is not None:
         members = choice.members
         if choice.of_numbers:

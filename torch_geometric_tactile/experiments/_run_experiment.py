@@ -4,11 +4,11 @@ import math
 import os
 import platform
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,16 +24,39 @@ from torch_geometric_tactile.experiments._scores import prediction_scores
 from torch_geometric_tactile.experiments.differences import paired_difference
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.studies import Study, Trained
-from torch_geometric_tactile.training._config_files import merged
 from torch_geometric_tactile.training.metrics import classification_metrics
 
 
-class _Tried(NamedTuple):
-    # What a setting said of each validation part, its score, the higher the better, and the loss
-    # that decides between equals.
-    said: list[Predictions]
-    value: float = -math.inf
-    loss: float = math.inf
+class _Tried:
+    # A setting in the race: what it said of each validation part, its scores, the higher the
+    # better, and the losses that decide between equals.
+    def __init__(self, experiment: Experiment) -> None:
+        self.experiment = experiment
+        self.said: list[Predictions] = []
+        self.values: list[float] = []
+        self.losses: list[float] = []
+        self.failed = False
+
+    @property
+    def value(self) -> float:
+        return -math.inf if self.failed or not self.values else float(np.mean(self.values))
+
+    @property
+    def loss(self) -> float:
+        return float(np.mean(self.losses)) if self.losses else math.inf
+
+    def judge(self, choice: Choice, part: StaticDataset, val: StaticDataset) -> None:
+        # A setting with which a training fails, such as a learning rate that makes it diverge, is
+        # not chosen.
+        try:
+            fitted = fit(self.experiment, part, val)
+        except ValueError:
+            self.failed = True
+            return
+        self.said.append(_judge(self.experiment, fitted, val))
+        value = prediction_scores(fitted.y, fitted.prediction, choice.of_numbers)[choice.metric]
+        self.values.append(-value if choice.metric == "mae" else value)
+        self.losses.append(fitted.loss)
 
 
 def run_experiment(experiment: Experiment, checkpoint: PathLike | None = None) -> dict[str, Any]:
@@ -69,17 +92,17 @@ def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
         raise ValueError(f"'checkpoint' must be None for {kind} (got '{checkpoint}')")
     if choice is not None and experiment.studies:
         raise ValueError("'studies' must be empty for an experiment with a choice")
-    model, val = experiment.model, None
+    val = None
     chosen: dict[str, Any] = {}
     if choice is not None:
-        train, test, cuts = choice_cuts(experiment, choice.repeats)
-        model, chosen = _choose(experiment, choice, cuts)
+        train, test, cuts = choice_cuts(experiment, choice.repeats, choice.most_samples)
+        experiment, chosen = _choose(experiment, choice, cuts)
     elif experiment.threshold is not None:
         train, val, _, test = choice_parts(experiment)
     else:
         train, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
     studies = _build_studies(experiment)
-    fitted = fit(experiment, model, train, test, val, checkpoint, studies)
+    fitted = fit(experiment, train, test, val, checkpoint, studies)
     predicted = _judge(experiment, fitted, test)
     return {
         "metrics": _metrics(experiment, fitted, predicted),
@@ -101,7 +124,6 @@ def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
 
 def fit(
     experiment: Experiment,
-    model: Mapping[str, Any],
     train: StaticDataset,
     test: StaticDataset,
     val: StaticDataset | None = None,
@@ -112,57 +134,45 @@ def fit(
     :obj:`val`.
     """
     if experiment.is_estimator:
-        return fit_estimator(experiment, model, train, test, val)
-    return fit_network(experiment, model, train, test, val, checkpoint, studies)
+        return fit_estimator(experiment, train, test, val)
+    return fit_network(experiment, train, test, val, checkpoint, studies)
 
 
 def _choose(
     experiment: Experiment,
     choice: Choice,
     cuts: Sequence[tuple[StaticDataset, StaticDataset]],
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    # The model with the settings that are chosen, and what is told of the choice.
+) -> tuple[Experiment, dict[str, Any]]:
+    # The experiment with the setting that is chosen, and what is told of the choice.
     start = time.perf_counter()
-    models = [merged(experiment.model, setting) for setting in choice.settings]
     one = replace(experiment, choice=replace(choice, members=1))
+    tried = [_Tried(one.with_setting(setting)) for setting in choice.settings]
+    racing = tried if len(tried) > 1 else []
+    for part, val in cuts:
+        for setting in racing:
+            setting.judge(choice, part, val)
+        ahead = [other for other in racing[1:] if other.value > tried[0].value]
+        racing = [tried[0], *ahead] if ahead else []
     overlap = len(cuts[0][1]) / len(cuts[0][0])
-    tried = [_try(one, choice, model, cuts) for model in models] if len(models) > 1 else []
+    full = [i for i in range(1, len(tried)) if len(tried[i].said) == len(cuts)]
     best = 0
-    for i in sorted(range(1, len(tried)), key=lambda i: (-tried[i].value, tried[i].loss)):
+    for i in sorted(full, key=lambda i: (-tried[i].value, tried[i].loss)):
         if _is_better(tried[i], tried[0], choice.metric, overlap):
             best = i
             break
+    values = [setting.value for setting in tried] if len(tried) > 1 else []
     chosen = {
         "setting": dict(choice.settings[best]),
         "number": best,
-        "validation": [score.value if math.isfinite(score.value) else None for score in tried],
+        "validation": [value if math.isfinite(value) else None for value in values],
     }
-    return models[best], {"choose_seconds": time.perf_counter() - start, "chosen": chosen}
-
-
-def _try(
-    experiment: Experiment,
-    choice: Choice,
-    model: Mapping[str, Any],
-    cuts: Sequence[tuple[StaticDataset, StaticDataset]],
-) -> _Tried:
-    # A setting with which a training fails, such as a learning rate that makes it diverge, is not
-    # chosen.
-    said, values, losses = [], [], []
-    for part, val in cuts:
-        try:
-            fitted = fit(experiment, model, part, val)
-        except ValueError:
-            return _Tried([])
-        said.append(_judge(experiment, fitted, val))
-        value = prediction_scores(fitted.y, fitted.prediction, choice.of_numbers)[choice.metric]
-        values.append(-value if choice.metric == "mae" else value)
-        losses.append(fitted.loss)
-    return _Tried(said, float(np.mean(values)), float(np.mean(losses)))
+    seconds = time.perf_counter() - start
+    chosen_one = experiment.with_setting(choice.settings[best])
+    return chosen_one, {"choose_seconds": seconds, "chosen": chosen}
 
 
 def _is_better(setting: _Tried, default: _Tried, metric: str, overlap: float) -> bool:
-    if not default.said or not setting.said:
+    if default.failed or not default.said:
         return setting.value > default.value
     difference = paired_difference(setting.said, default.said, metric, overlap)
     gain = setting.value - default.value

@@ -5,7 +5,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
@@ -26,7 +26,6 @@ from torch_geometric_tactile.experiments._run_experiment import fit
 from torch_geometric_tactile.experiments._run_store import RunStore
 from torch_geometric_tactile.experiments._worker import close_process, run_safely
 from torch_geometric_tactile.experiments.plan import Plan
-from torch_geometric_tactile.training._config_files import merged
 
 _PROBE = 256  # samples
 _PROBE_EPOCHS = 3
@@ -192,18 +191,20 @@ def _estimate_seconds(todo: Sequence[Experiment]) -> dict[str, float]:
 def _of_run(experiment: Experiment) -> float:
     choice = experiment.choice
     assert choice is not None
-    train, test, cuts = choice_cuts(experiment, choice.repeats)
+    train, test, cuts = choice_cuts(experiment, choice.repeats, choice.most_samples)
     parts = Parts(*cuts[0], train, test)
-    model = merged(experiment.model, choice.settings[0])
+    experiment = experiment.with_setting(choice.settings[0])
     few = _some(parts.fit, _PROBE)
-    tried = len(choice.settings) * len(cuts) if len(choice.settings) > 1 else 0
+    # About half of the settings are behind the default on the first cut.
+    others = len(choice.settings) - 1
+    tried = others + len(cuts) + (len(cuts) - 1) * others // 2 if others else 0
     finals = 1 if experiment.is_estimator else choice.members
     trainings = tried * len(parts.fit) + finals * len(parts.train)
     try:
         if experiment.is_estimator:
-            return _of_estimator(experiment, model, parts, few, trainings)
+            return _of_estimator(experiment, parts, few, trainings)
         probe = replace(experiment, epochs=_PROBE_EPOCHS, choice=replace(choice, members=1))
-        whole, steps = _seconds(probe, model, few, _some(parts.val, 8))
+        whole, steps = _seconds(probe, few, _some(parts.val, 8))
     except ValueError:  # the run tells
         return 0.0
     epochs = experiment.epochs * trainings / (_PROBE_EPOCHS * len(few))
@@ -212,30 +213,28 @@ def _of_run(experiment: Experiment) -> float:
 
 def _of_estimator(
     experiment: Experiment,
-    model: Mapping[str, object],
     parts: Parts,
     few: StaticDataset,
     trainings: int,
 ) -> float:
     assert experiment.choice is not None
-    last = merged(experiment.model, experiment.choice.settings[-1])  # slower for some
-    tried = [_seconds(experiment, m, few, _some(parts.val, 8))[0] for m in (model, last)]
+    last = experiment.with_setting(experiment.choice.settings[-1])  # slower for some
+    tried = [_seconds(one, few, _some(parts.val, 8))[0] for one in (experiment, last)]
     seconds = sum(tried) / len(tried)
     growth = len(parts.fit) / len(few)
-    if str(model["class_path"]).endswith(_SQUARE):
+    if str(experiment.model["class_path"]).endswith(_SQUARE):
         seconds *= growth
     return seconds / len(few) * trainings
 
 
 def _seconds(
     experiment: Experiment,
-    model: Mapping[str, object],
     train: StaticDataset,
     other: StaticDataset,
 ) -> tuple[float, float]:
     # In all, and in the steps alone.
     start = time.perf_counter()
-    seconds = fit(experiment, model, train, other).seconds
+    seconds = fit(experiment, train, other).seconds
     return time.perf_counter() - start, seconds
 
 
