@@ -168,6 +168,7 @@ OURS = {
         lambda: transforms.ZScore(attr="joint"),
         lambda: transforms.ZScore(per="channel"),
         lambda: transforms.ZScore(scale_per="channel"),
+        lambda: transforms.ZScore(scale_per="channel", with_mean=False),
     ],
 }
 PYG = {

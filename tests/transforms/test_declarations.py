@@ -96,6 +96,7 @@ SHOWN = [
     ),
     (transforms.ZScore(per="taxel"), ""),
     (transforms.ZScore(scale_per="channel"), "scale_per='channel'"),
+    (transforms.ZScore(with_mean=False), "with_mean=False"),
     (transforms.ZScore("joint", per="channel"), "attr='joint', per='channel'"),
 ]
 

@@ -54,6 +54,17 @@ def test_a_centre_of_each_taxel_and_one_scale_are_those_of_numpy():
     assert torch.equal(again(data).x, found)
 
 
+@pytest.mark.parametrize("arguments", [{}, {"per": PER}, {"scale_per": PER}])
+def test_without_the_mean_zero_stays_zero(arguments):
+    data = readings()
+    data.x[0] = 0
+    plain = ZScore(**arguments, with_mean=False).fit(data)
+    centred = ZScore(**arguments).fit(data)
+    assert torch.equal(plain.scale, centred.scale)
+    assert not plain(data).x[0].any()
+    torch.testing.assert_close(plain(data).x - centred(data).x, -centred(data).x[:1] + 0 * data.x)
+
+
 def test_a_centre_of_each_taxel_and_one_scale_of_joints_and_of_what_never_changes():
     joint = torch.tensor([[1.0, 10.0], [3.0, 50.0]])
     data = StaticData(x=torch.full((2, 3, 1), 5.0), joint=joint)

@@ -3,6 +3,7 @@ r"""Scaling by the training part."""
 from collections.abc import Iterable
 from typing import Literal
 
+import torch
 from torch import Tensor
 from torch_geometric.data.datapipes import functional_transform
 
@@ -37,6 +38,8 @@ class ZScore(FittedTransform):
             In windows of frames, :obj:`"signal"` for one of all frames of a taxel and channel; with
             the other two, each frame has its own.
         scale_per (str, optional): The same for the scale alone; as :obj:`per` if left out.
+        with_mean (bool): Whether the mean is subtracted. Without, zero stays zero, which is right
+            where that is rest, and what looks at the place of a touch comes behind.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -70,6 +73,7 @@ class ZScore(FittedTransform):
         attr: str = "x",
         per: Literal["taxel", "channel", "signal"] = "taxel",
         scale_per: Literal["taxel", "channel", "signal"] | None = None,
+        with_mean: bool = True,
     ) -> None:
         super().__init__(attr=attr, per=per)
         scale_per = per if scale_per is None else scale_per
@@ -79,6 +83,7 @@ class ZScore(FittedTransform):
                 f"{scale_per!r} and per={per!r})"
             )
         self.scale_per = scale_per
+        self.with_mean = with_mean
 
     def moments(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
         r"""Returns mean and standard deviation, without missing readings.
@@ -87,8 +92,11 @@ class ZScore(FittedTransform):
             parts (iterable of torch.Tensor): The readings in parts, as in
                 :meth:`FittedTransform.moments`.
         """
-        if self.scale_per == self.per:
-            return super().moments(parts)
+        center, scale = super().moments(parts) if self.scale_per == self.per else self._one(parts)
+        return (center if self.with_mean else torch.zeros_like(center)), scale
+
+    def _one(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
+        # A centre for each taxel, a scale for all.
         center, deviation = mean_and_deviation(parts)
         rows = (value.reshape(-1, value.size(-1)) for value in (center.abs(), deviation.square()))
         size, variance = (value.mean(dim=0) for value in rows)
@@ -97,4 +105,5 @@ class ZScore(FittedTransform):
 
     def _attr_repr(self) -> str:
         text = super()._attr_repr()
-        return text if self.scale_per == self.per else f"{text}, scale_per='{self.scale_per}'"
+        text += "" if self.scale_per == self.per else f", scale_per='{self.scale_per}'"
+        return text + ("" if self.with_mean else ", with_mean=False")
