@@ -2,8 +2,9 @@ r"""Few labels: all models of a comparison on ten labels a class, by several dra
 
 Each draw of each data set is a file of samples with a training and a test part, which holds whole
 objects, persons, trials or presses that no label is of, and is compared as `tactile compare --by
-given` compares it. Every run is a file, so that a benchmark that was stopped goes on. Simulated
-data is made here if its folder is missing: `tactile simulate`.
+given` compares it. `chosen` is the model whose setting was best on the validation parts of the
+labels themselves. Every run is a file, so that a benchmark that was stopped goes on. Simulated data
+is made here if its folder is missing: `tactile simulate`.
 
 Examples:
     python benchmarks/few_labels.py --data shared/data --out few_labels
@@ -16,6 +17,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -171,11 +173,18 @@ def compared(name: str, samples: Samples, draw: int, options: Any) -> dict[str, 
     models = tuple(options.models.split(",")) if options.models else None
     settings = ComparisonSettings(models=models, by="given", members=options.members)
     plan = comparison_plan(data_source(path, layout=str(layout)), settings, name=path.stem)
-    finished = run_plan(plan, options.out / path.stem)
+    one_more = [  # so that a single setting is validated too
+        e if len(e.choice.settings) > 1 else replace(e, choice=replace(e.choice, settings=[{}, {}]))
+        for e in plan.experiments
+    ]
+    finished = run_plan(replace(plan, experiments=tuple(one_more)), options.out / path.stem)
     for run, reason in finished.failed.items():
         print(f"failed: {run}: {reason}", flush=True)
     comparison = summarize(finished)
-    return {r.model.name: 100 * r.scores["accuracy"].mean for r in comparison.results}
+    scores = {r.model.name: 100 * r.scores["accuracy"].mean for r in comparison.results}
+    choices = {r.model.name: r.chosen[0] for r in comparison.results if r.model.name != "constant"}
+    best = max(choices, key=lambda name: choices[name]["validation"][choices[name]["number"]])
+    return {**scores, "chosen": scores[best]}
 
 
 def main() -> None:

@@ -48,3 +48,13 @@ def test_windows_and_posed_taxels_are_known_from_the_samples():
 def test_other_taxels_are_refused():
     with pytest.raises(ValueError, match=r"a sample must have 6 taxels, .*grid_2x3.* \(got 5\)"):
         DescriptorFeatures(PAD).transform(np.zeros((2, 5, 1)))
+
+
+def test_descriptors_of_large_layouts_are_repeated_for_a_forest():
+    pad = grid(40, 20, pitch=0.01)
+    x = np.random.default_rng(0).random((2, 800, 1))
+    plain = DescriptorFeatures(pad).transform(x)
+    found = DescriptorFeatures(pad, with_readings=True, balanced=True).transform(x)
+    times = round(800 / plain.shape[1])
+    assert times > 1
+    assert np.array_equal(found[:, :-800], np.tile(plain, times))

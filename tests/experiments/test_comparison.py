@@ -109,9 +109,23 @@ def test_large_maps_have_bmf_cnn():
         chosen_models(["bmf_cnn"], ComparedTask(biotac_sp(), "accuracy", 100))
 
 
-def test_networks_on_more_than_500_taxels_are_tried_with_one_setting():
-    for size, count in (((20, 25), 2), ((3, 167), 1)):
+def test_map_has_as_many_convolutions_as_it_carries():
+    for size, widths in (((28, 50), [16, 32, 64, 64]), ((8, 8), [32, 64]), ((16, 9), [32, 64])):
         task = ComparedTask(grid(*size, 0.01), "accuracy", 100)
+        (cnn,) = (model.to_cell(task) for model in chosen_models(["cnn"], task))
+        assert cnn.config["model"]["model"]["init_args"]["widths"] == widths
+
+
+def test_plain_gcn_is_left_out_on_many_taxels_unless_named():
+    for size, has_it in (((20, 25), True), ((20, 26), False)):
+        task = ComparedTask(grid(*size, 0.01), "accuracy", 100)
+        assert ("gcn" in [model.name for model in chosen_models(None, task)]) == has_it
+        assert [model.name for model in chosen_models(["gcn"], task)] == ["gcn"]
+
+
+def test_networks_on_many_readings_of_many_taxels_are_tried_with_one_setting():
+    for size, samples, count in (((20, 25), 2000, 2), ((3, 167), 2000, 1), ((3, 167), 900, 2)):
+        task = ComparedTask(grid(*size, 0.01), "accuracy", samples)
         (fnn, forest) = (model.to_cell(task) for model in chosen_models(["fnn", "forest"], task))
         assert (len(fnn.choice.settings), len(forest.choice.settings)) == (count, 2)
 

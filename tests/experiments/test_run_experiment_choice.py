@@ -121,7 +121,7 @@ def test_setting_that_is_behind_is_not_tried_again(tmp_path, monkeypatch):
     settings = [{"init_args": {"num_trees": 9}}, one_leaf]
     one = experiment(tmp_path / "a.npz", FOREST, settings)
     run_experiment(replace(one, choice=Choice(settings, repeats=3, most_samples=20)))
-    assert tried == [(9, 20), (1, 20), (9, 48)]
+    assert tried == [(9, 20), (1, 20), (9, 20), (9, 20), (9, 48)]
 
 
 def test_transform_is_a_setting(tmp_path):

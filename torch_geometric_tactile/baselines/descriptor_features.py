@@ -25,6 +25,8 @@ class DescriptorFeatures(FlatReadings):
         layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
             with the package, or a layout file.
         with_readings (bool): Whether the readings follow the descriptors, missing ones as zero.
+        balanced (bool): Whether the descriptors are then repeated until they are about as many as
+            the readings: a forest draws features by their number.
 
     Shapes:
         - **input:** readings :math:`(S, N, F)`, or samples, which may be windows
@@ -38,9 +40,12 @@ class DescriptorFeatures(FlatReadings):
         (5, 450)
     """
 
-    def __init__(self, layout: TaxelLayout | PathLike, with_readings: bool = False) -> None:
+    def __init__(
+        self, layout: TaxelLayout | PathLike, with_readings: bool = False, balanced: bool = False
+    ) -> None:
         self.layout = layout
         self.with_readings = with_readings
+        self.balanced = balanced
 
     def transform(self, x: Any) -> np.ndarray:
         r"""Returns the rows.
@@ -63,4 +68,6 @@ class DescriptorFeatures(FlatReadings):
         rows = np.concatenate(found)
         if not self.with_readings:
             return rows
-        return np.concatenate([rows, super().transform(values)], axis=1)
+        flat = super().transform(values)
+        times = max(1, round(flat.shape[1] / rows.shape[1])) if self.balanced else 1
+        return np.concatenate([*[rows] * times, flat], axis=1)

@@ -56,6 +56,7 @@ def descriptor_forest(
     *,
     num_trees: int = 300,
     min_samples_leaf: int = 1,
+    balanced: bool = True,
     class_weight: _Weight = None,
 ) -> Pipeline:
     r"""Returns a random forest on the features of :class:`DescriptorFeatures` and on the readings,
@@ -66,6 +67,8 @@ def descriptor_forest(
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         num_trees (int): Number of trees.
         min_samples_leaf (int): The fewest samples of a leaf.
+        balanced (bool): Whether a split looks at descriptors as often as at readings, of which a
+            large layout has more.
         class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
 
     Examples:
@@ -76,7 +79,8 @@ def descriptor_forest(
         (4,)
     """
     forest = _forest(task, num_trees, min_samples_leaf, class_weight)
-    return make_pipeline(DescriptorFeatures(layout, with_readings=True), forest)
+    features = DescriptorFeatures(layout, with_readings=True, balanced=balanced)
+    return make_pipeline(features, forest)
 
 
 def descriptor_svm(

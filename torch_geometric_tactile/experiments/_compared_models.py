@@ -18,7 +18,8 @@ _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
 _TRANSFORMS = "torch_geometric_tactile.transforms."
 _MOST_SVM_SAMPLES = 10_000
-_MANY_TAXELS = 500  # above which a network is tried with one setting, for time
+_MANY_TAXELS = 500  # above which a network is tried with one setting if samples are many, for time
+_MANY_READINGS = 500_000  # of all training samples
 _FEW_SAMPLES = 1000  # to train on: with more, one validation part tells enough
 _REPEATS = 3
 
@@ -76,13 +77,22 @@ class ComparedTask:
         return Choice(settings, self.metric, self.members, repeats)
 
     def transform(
-        self, *, scaled: bool, posed: bool = False, filled: bool = True
+        self,
+        *,
+        scaled: bool = True,
+        posed: bool = False,
+        filled: bool = True,
+        rooted: bool = False,
+        centred: bool = True,
     ) -> dict[str, Any]:
         r"""Returns what every batch goes through, as plain data."""
         steps = [] if self.tare is None else [_step("Tare", self.tare)]
+        if rooted:
+            steps.append(_step("SquareRoot"))
         if scaled:
-            of_signals = {} if self.num_frames is None else {"per": "signal"}
-            steps.append(_step("ZScore", {**of_signals, "scale_per": "channel"}))
+            given: dict[str, Any] = {} if self.num_frames is None else {"per": "signal"}
+            given |= {"scale_per": "channel"} | ({} if centred else {"with_mean": False})
+            steps.append(_step("ZScore", given))
         if filled:
             steps.append(_step("FillMissing"))
         if posed:
@@ -126,6 +136,7 @@ class ComparedModel:
     arguments: _Arguments | Callable[[ComparedTask], _Arguments] = field(default_factory=dict)
     is_graph: bool = False
     lacks: Callable[[ComparedTask], str] = lambda task: ""
+    most_taxels: int | None = None  # with more it is compared only if named, for its time
 
     def to_cell(self, task: ComparedTask) -> Cell:
         r"""Returns its place of a table."""
@@ -166,26 +177,36 @@ class _Network(ComparedModel):
             "data": {"transform": transform, "batch_size": recipe.batch_size},
             "trainer": {"max_epochs": recipe.max_epochs},
         }
-        few = settings[:1] if task.layout.num_taxels > _MANY_TAXELS else settings
-        return {"config": config, "choice": task.choice(few)}
+        taxels = task.layout.num_taxels
+        is_slow = taxels > _MANY_TAXELS and taxels * task.num_train > _MANY_READINGS
+        return {"config": config, "choice": task.choice(settings[:1] if is_slow else settings)}
 
 
 @dataclass(frozen=True)
 class _Estimator(ComparedModel):
     sums_patches: bool = False  # of readings that are neither scaled nor filled
+    centred: bool = True
 
     def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
         scaled = not self.sums_patches
+        form = {"scaled": scaled, "filled": scaled, "centred": self.centred}
+        form["posed"] = self.sums_patches and task.posed
         arguments["task"] = "regression" if task.numbers else "multiclass"
         if task.metric == "balanced_accuracy" and self.name != FLOOR:
             arguments["class_weight"] = "balanced"
         return {
             "estimator": {"class_path": f"{_BASELINES}{self.class_name}", "init_args": arguments},
-            "transform": task.transform(
-                scaled=scaled, posed=self.sums_patches and task.posed, filled=scaled
-            ),
-            "choice": task.choice([{"init_args": setting} for setting in settings]),
+            "transform": task.transform(**form),
+            "choice": task.choice([_of_readings(task, form, setting) for setting in settings]),
         }
+
+
+def _of_readings(task: ComparedTask, form: dict[str, bool], setting: dict[str, Any]) -> _Arguments:
+    # A setting of an estimator, of which some are of the readings.
+    over = {key: value for key, value in setting.items() if key in form or key == "rooted"}
+    arguments = {key: value for key, value in setting.items() if key not in over}
+    found: _Arguments = {"init_args": arguments} if arguments or not over else {}
+    return found | ({"transform": task.transform(**form | over)} if over else {})
 
 
 def _decay(weight_decay: float, **arguments: Any) -> dict[str, Any]:
@@ -194,13 +215,25 @@ def _decay(weight_decay: float, **arguments: Any) -> dict[str, Any]:
 
 
 _LEAVES = [{}, {"min_samples_leaf": 4}]
-_LINEAR = [{"C": c} for c in (0.001, 0.01, 0.1, 1.0)]
+_LINEAR = [{"C": c} for c in (0.001, 0.01, 0.1, 1.0)] + [{"rooted": True, "C": 0.001}]
 _RADIAL = [
     {"C": c, "width": width}
     for c, width in ((1.0, 1.0), (10.0, 1.0), (100.0, 1.0), (10.0, 0.3), (100.0, 0.3), (10.0, 3.0))
+] + [{"C": 10.0, "width": 1.0, "rooted": True}]
+_DESCRIBED: _Tried = [
+    {},
+    {"C": 1.0},
+    {"with_readings": True},
+    {"rooted": True},
+    {"with_readings": True, "rooted": True},
+    {"centred": True},
 ]
-_DESCRIBED = [
-    {"C": c, "with_readings": readings} for readings in (False, True) for c in (10.0, 1.0, 100.0)
+_DESCRIBED_LEAVES: _Tried = [
+    {},
+    {"balanced": False},
+    {"rooted": True},
+    {"balanced": False, "rooted": True},
+    {"centred": True},
 ]
 _RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT = [{}, _decay(0.1, dropout=0.5)]
@@ -210,15 +243,30 @@ _OPERATORS: _Tried = [
     {"model": {"init_args": _NO_TAXEL_DROPOUT}},
     {"model": {"init_args": {**_NO_TAXEL_DROPOUT, "conv": "self"}}},
 ]
-_DESCRIBED_TOO: _Tried = [*_OPERATORS, {"model": {"init_args": {"descriptor_channels": 64}}}]
 _MORE_DECAY = [{}, _decay(0.5)]
 _FINGERS_APART = {"model": {"init_args": {"fusion": "feature"}}}
 _SIGNALS = [{"C": c} for c in (1.0, 0.1, 10.0, 100.0)]
 
 
+def _described(task: ComparedTask) -> _Tried:
+    # Descriptors of single frames beside what a network finds itself.
+    if task.num_frames is not None:
+        return []
+    arguments = {"init_args": {"descriptor_channels": 64}}
+    return [{"model": arguments, "transform": task.transform(centred=False)}]
+
+
 def _num_blocks(num_frames: int) -> int:
     # Of TemporalTaxelNet, so that its answer rests on all frames, which may be more than 64.
     return max(2, math.ceil(math.log2(num_frames / 16)))
+
+
+def _cnn_widths(layout: TaxelLayout) -> list[int]:
+    # A stage for each halving of the map down to two or three cells.
+    image_map = layout.image_map
+    assert image_map is not None
+    stages = round(math.log2(int(image_map.amax(dim=0).min()) + 1)) - 1
+    return [16, 32, *[64] * (stages - 2)] if stages > 2 else [32, 64]
 
 
 def _lacks_frames(task: ComparedTask) -> str:
@@ -254,7 +302,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "taxel_net",
         "TaxelNet, the default graph model",
         "TaxelNet",
-        lambda task: _DESCRIBED_TOO if task.num_frames is None else _OPERATORS,
+        lambda task: [*_OPERATORS, *_described(task)],
         is_graph=True,
     ),
     _Network(
@@ -283,6 +331,7 @@ MODELS: tuple[ComparedModel, ...] = (
         {"widths": [32, 32], "pools": [1, 1], "head_widths": [128], "head_pools": [1]},
         is_graph=True,
         lr=1e-3,
+        most_taxels=_MANY_TAXELS,
     ),
     _Network(
         "grasp_gcn",
@@ -301,7 +350,14 @@ MODELS: tuple[ComparedModel, ...] = (
         {"widths": [256, 64], "pools": [1, 1]},
         lr=1e-3,
     ),
-    _Network("cnn", "SmallCNN, on the map of the layout", "SmallCNN", _DROPOUT, lacks=_lacks_a_map),
+    _Network(
+        "cnn",
+        "SmallCNN, on the map of the layout",
+        "SmallCNN",
+        _DROPOUT,
+        lambda task: {"widths": _cnn_widths(task.layout)},
+        lacks=_lacks_a_map,
+    ),
     _Network(
         "bmf_cnn",
         "BMFCNN, bilinear features on the map of the layout",
@@ -341,12 +397,14 @@ MODELS: tuple[ComparedModel, ...] = (
         "descriptor_svm",
         _DESCRIBED,
         {"most_samples": _MOST_SVM_SAMPLES},
+        centred=False,
     ),
     _Estimator(
         "descriptors_forest",
         "random forest on descriptors of the layout and readings",
         "descriptor_forest",
-        _LEAVES,
+        _DESCRIBED_LEAVES,
+        centred=False,
     ),
     _Estimator(
         "posed_forest",
@@ -372,7 +430,12 @@ _BY_NAME = {model.name: model for model in MODELS}
 def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[ComparedModel, ...]:
     r"""Returns models by their names, in the order of all."""
     if names is None:
-        return tuple(model for model in MODELS if not model.lacks(task))
+        size = task.layout.num_taxels
+        return tuple(
+            model
+            for model in MODELS
+            if not model.lacks(task) and size <= (model.most_taxels or size)
+        )
     check_model_names(names)
     for name in names:
         reason = _BY_NAME[name].lacks(task)

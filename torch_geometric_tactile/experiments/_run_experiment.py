@@ -151,8 +151,7 @@ def _choose(
     for part, val in cuts:
         for setting in racing:
             setting.judge(choice, part, val)
-        ahead = [other for other in racing[1:] if other.value > tried[0].value]
-        racing = [tried[0], *ahead] if ahead else []
+        racing = [s for s in racing if s is tried[0] or s.value > tried[0].value]
     overlap = len(cuts[0][1]) / len(cuts[0][0])
     full = [i for i in range(1, len(tried)) if len(tried[i].said) == len(cuts)]
     best = 0

@@ -110,7 +110,8 @@ class TaxelNet(BaseModel):
             otherwise.
         descriptor_channels (int): Width of a layer on the descriptors of the readings
             (:func:`~torch_geometric_tactile.sensors.taxel_descriptors`) that joins before the
-            hidden layer; 0 for none. It pays with few labels.
+            hidden layer; 0 for none. It pays with few labels. Zero must then be rest, and the
+            readings scaled: :obj:`ZScore(scale_per="channel", with_mean=False)`.
         dropout (float): Part of the features dropped in training before each layer of the head.
         taxel_dropout (float): Part of the taxels that read nothing in training, drawn anew for each
             sample: no answer rests on a few of them.
@@ -213,7 +214,8 @@ class TaxelNet(BaseModel):
         self.lin_out = Linear(hidden_channels, out_channels)
 
     def _logits(self, x: Tensor, joint: OptTensor = None, **unused: OptTensor) -> Tensor:
-        x = self.norm(stacked_readings(x, self.num_nodes, self.in_channels, "features"))
+        given = stacked_readings(x, self.num_nodes, self.in_channels, "features")
+        x = self.norm(given)
         seen = seen_taxels(x, self.taxel_dropout if self.training else 0.0)
         h = x if seen is None else x * seen.unsqueeze(-1)
         for level in self.levels:
@@ -226,7 +228,7 @@ class TaxelNet(BaseModel):
                 rows = (rows.view(x.shape) * seen.unsqueeze(-1)).flatten(1)
             found.append(self.norm_direct(self.direct(rows)).relu())
         if self.described is not None:
-            found.append(self.described(x, seen))
+            found.append(self.described(given, seen))
         rows = with_joints(self.dropout(torch.cat(found, dim=1)), joint, self.num_joints)
         return self.lin_out(self.dropout(self.norm_hidden(self.lin(rows)).relu()))
 
