@@ -64,7 +64,8 @@ def _true_classes(recording: Recording, names: Sequence[str]) -> Iterator[Truth]
             known = [str(name) for name in known] if isinstance(known, list) else []
             inside = (signal >= 0) & (signal < len(known))
             texts = np.array(["", *known])[np.where(inside, signal.astype(np.int64) + 1, 0)]
-        if np.isin(texts, names).any():
+        # Of one that only shares a name with the classes, such as a phase 'hold', nothing is true.
+        if np.isin(texts, ["", *names]).all() and (texts != "").any():
             yield Truth(texts, key)
     for key, said in recording.meta.items():
         if isinstance(said, str) and said in names:

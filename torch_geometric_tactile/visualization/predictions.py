@@ -55,9 +55,10 @@ def plot_predictions(
     the predicted numbers are drawn, and pale the true ones. If there are more answers than
     pixels, lines show the least and the greatest value of each few, bands the most frequent class.
 
-    The truth is the label of the recording, a privileged signal or a text of the metadata that is
-    the name of a class; of labels and numbers the metadata's :obj:`"labels"` and signals and
-    numbers that have their names. The figure says which.
+    The truth is the label of the recording, a privileged signal or a text of the metadata,
+    whichever comes first of those that hold names of classes and nothing else; of labels and
+    numbers the metadata's :obj:`"labels"` and the signals and numbers that have their names. The
+    figure says which.
 
     A taxel is in contact if a channel is beyond the threshold of
     :class:`~torch_geometric_tactile.transforms.ContactCrop` for three frames, with its floor of 5
@@ -148,7 +149,7 @@ def draw_trial(trial: PredictedTrial) -> "Figure":
     )[:, 0]
     title = list(trial.title)
     if trial.share_right is not None:
-        title.append(f"{100 * trial.share_right:.1f} % right")
+        title.append(f"{100 * trial.share_right:.1f}\xa0%\xa0right")
     title_figure(figure, "  |  ".join(title))
     _draw_values(panels[0], trial, shown)
     if trial.task == "multilabel":
