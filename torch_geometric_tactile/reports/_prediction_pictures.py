@@ -12,9 +12,9 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.visualization._predicted_trial import PredictedTrial
+from torch_geometric_tactile.visualization._trial_figure import draw_trial
 from torch_geometric_tactile.visualization._truth import Truth, find_truth
 from torch_geometric_tactile.visualization.figure import save_figure
-from torch_geometric_tactile.visualization.predictions import draw_trial
 
 MOST_PICTURES = 20
 _OBJECT = r"(?P<object>.+)_\d+"  # as the names of files in data sets of recordings
