@@ -59,7 +59,7 @@ def test_recordings_are_predicted_frame_by_frame(folder, capsys):
 def test_tables_of_labels_and_of_numbers(folder, task, capsys):
     made = predictor(task=task)
     made.save("b.predictor")
-    assert main(["predict", "b.predictor", "trial_0.npz"]) == 0
+    assert main(["predict", "b.predictor", "trial_0.npz", "--no-picture"]) == 0
     found = rows("predictions.csv")
     values = made(X)
     if task == "regression":
@@ -223,3 +223,83 @@ def test_columns_of_a_file_are_asked_for_where_they_are_unknown(folder, capsys):
     assert found[:3] == found[3:]  # in the order of the first file
     assert main(["predict", "a.predictor", "--tactile", "pad_.*"]) == 1
     assert "the options of recordings, ['tactile'], must be left out" in capsys.readouterr().err
+
+
+PNG = b"\x89PNG"
+
+
+def test_a_picture_is_drawn_beside_the_table(folder, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    (folder / "out").mkdir()
+    assert main(["predict", "a.predictor", "trial_0.npz", "--out", "out/a.csv"]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.replace("\\", "/") == "out/a.png: picture"
+    assert (folder / "out" / "a.png").read_bytes().startswith(PNG)
+    assert sorted(path.name for path in (folder / "out").iterdir()) == ["a.csv", "a.png"]
+    # Its name is never that of the table.
+    assert main(["predict", "a.predictor", "trial_0.npz", "--out", "b.png"]) == 0
+    assert rows("b.png")[0]["frame"] == "0"
+    assert (folder / "b.png.png").read_bytes().startswith(PNG)
+
+
+def test_several_recordings_have_a_picture_each_and_no_more_than_twenty(
+    folder, capsys, monkeypatch
+):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    from torch_geometric_tactile.reports import _prediction_pictures as pictures
+
+    monkeypatch.setattr(pictures, "MOST_PICTURES", 3)
+    (folder / "other").mkdir()
+    (folder / "other" / "trial_0.npz").write_bytes((folder / "trial_0.npz").read_bytes())
+    names = ["trial_0.npz", "other/trial_0.npz", "trial_1.npz", "trial_0.npz", "trial_1.npz"]
+    assert main(["predict", "a.predictor", *names, "--out", "a.csv"]) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[1:] == [
+        "a-trial_0.png: picture",
+        "a-trial_0-2.png: picture",
+        "a-trial_1.png: picture",
+        "2 more recordings: no picture",
+    ]
+    assert len(rows("a.csv")) == 25
+    same = (folder / "a-trial_0.png").read_bytes()
+    assert (
+        same == (folder / "a-trial_0-2.png").read_bytes() != (folder / "a-trial_1.png").read_bytes()
+    )
+    assert same.startswith(PNG)
+
+
+def test_a_name_of_a_file_tells_the_true_class(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    from torch_geometric_tactile.reports import _prediction_pictures as pictures
+
+    monkeypatch.chdir(tmp_path)
+    recording = Recording(time=np.arange(5.0), tactile=X.numpy())
+    kept = pictures.PredictionPictures("a.csv")
+    for name in ("hard_003.npz", "soft.npz", "mug_1.npz"):
+        kept.add(predictor(), name, recording, predictor()(X), range(5))
+    first, *others = (trial.truth for _, trial in kept._trials)
+    assert first.source == "file name"
+    assert first.value.tolist() == ["hard"] * 5
+    assert others == [None, None]
+
+
+def test_no_picture_is_drawn_where_none_is_asked_for_or_matplotlib_is_missing(
+    folder, capsys, monkeypatch
+):
+    from torch_geometric_tactile.commands import predict
+
+    assert main(["predict", "a.predictor", "trial_0.npz", "--no-picture"]) == 0
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(predict, "find_spec", lambda name: None)
+    assert main(["predict", "a.predictor", "trial_0.npz", "trial_1.npz"]) == 0
+    out, err = capsys.readouterr()
+    assert len(out.splitlines()) == 1
+    assert err.startswith("note: no picture, which needs matplotlib: pip install ")
+    assert len(err.splitlines()) == 1
+    assert len(rows("predictions.csv")) == 10
+    assert not list(folder.glob("*.png"))
+
+
+def test_no_picture_is_left_if_a_later_recording_is_refused(folder, capsys):
+    assert main(["predict", "a.predictor", "trial_0.npz", "nothing.npz"]) == 1
+    assert not list(folder.glob("predictions*"))

@@ -2,9 +2,14 @@ r"""``tactile predict``: the probabilities of each frame, or the file of a predi
 
 import argparse
 import sys
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.commands._arguments import add_run_data, seconds
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.reports._prediction_pictures import PredictionPictures
 
 HELP = "Write the predictions of a model for recordings or the test part"
 DESCRIPTION = """\
@@ -13,10 +18,17 @@ recordings, each sample of the test part of the model's data. Writes a CSV table
 row per frame: the predicted class or labels and all probabilities. Models of windows or
 whole trials give one row per window or trial, with its last frame. A model of CSV files
 knows the names of their columns.
+
+Beside the table of recordings, a picture of each of the first 20 shows what happened: the
+probabilities, the predicted class and, where the recording tells it, the true one, contact
+and total pressure over time. Pictures need the extra 'viz'.
 """
 EXAMPLES = """\
 examples:
   tactile predict last.ckpt grasps/sponge_000.h5 --out sponge.csv
+                                                 the table, and the picture sponge.png
+  tactile predict last.ckpt grasps/*.h5 --out day2.csv
+                                                 and day2-sponge_000.png, day2-sponge_001.png, ...
   tactile predict runs/mt_gcn/version_0/checkpoints/last.ckpt
                                                  the test part of its data, to predictions.csv
   tactile predict last.ckpt --config grasp_gcn_df --root data/BioTacSP
@@ -48,6 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="table to write (default: predictions.csv)",
     )
     parser.add_argument(
+        "--no-picture",
+        action="store_true",
+        help="write the table only",
+    )
+    parser.add_argument(
         "--save",
         metavar="FILE",
         help="save the model with its preprocessing as a predictor: one file that needs neither "
@@ -75,6 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports import _predictions as predictions
     from torch_geometric_tactile.reports import _run_data as run_data
+    from torch_geometric_tactile.reports._prediction_pictures import PredictionPictures
 
     if arguments.recordings and arguments.root is not None:
         raise ValueError(
@@ -104,6 +122,9 @@ def run(arguments: argparse.Namespace) -> int:
         print(printable(f"wrote {arguments.save}: {predictor}"), flush=True)
         if not arguments.recordings:
             return 0
+    has_pictures = arguments.recordings and not arguments.no_picture
+    can_draw = has_pictures and find_spec("matplotlib") is not None
+    pictures = PredictionPictures(arguments.out) if can_draw else None
     if arguments.recordings:
         count = predictions.write_recordings(
             predictor,
@@ -112,11 +133,30 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.adapt or arguments.rest is not None,
             arguments.rest,
             options,
+            pictures,
         )
     else:
         data = run_data.load_data(arguments.model, arguments.config, arguments.root)
         samples = run_data.test_part(data, predictor)
         count = predictions.write_samples(predictor, samples, arguments.out)
     of_windows = predictor.window is not None
-    print(printable(predictions.describe_counts(count, arguments.out, of_windows)))
+    print(printable(predictions.describe_counts(count, arguments.out, of_windows)), flush=True)
+    if pictures is not None:
+        _draw(pictures)
+    elif has_pictures:
+        print(
+            'note: no picture, which needs matplotlib: pip install "torch-geometric-tactile[viz]"; '
+            "--no-picture leaves it out",
+            file=sys.stderr,
+        )
     return 0
+
+
+def _draw(pictures: "PredictionPictures") -> None:
+    from torch_geometric_tactile._texts import printable
+
+    for path in pictures.write():
+        print(printable(f"{path}: picture"))
+    left_out = pictures.num_left_out
+    if left_out:
+        print(f"{left_out} more recording{'s' if left_out > 1 else ''}: no picture")

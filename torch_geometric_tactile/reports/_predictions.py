@@ -22,6 +22,7 @@ from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.io._csv_table import safe_cell
 from torch_geometric_tactile.io.recording_files import chosen_format, format_options
 from torch_geometric_tactile.predictor import Predictor
+from torch_geometric_tactile.reports._prediction_pictures import PredictionPictures
 
 _BATCH_SIZE = 256
 
@@ -35,9 +36,11 @@ def write_recordings(
     adapt: bool = False,
     rest: float | None = None,
     options: Mapping[str, Any] | None = None,
+    pictures: PredictionPictures | None = None,
 ) -> Counter[str]:
     r"""Writes a row for each frame of some recordings: file, frame, time, prediction and
-    probabilities. With a model of windows, a row for each window, with its last frame.
+    probabilities. With a model of windows, a row for each window, with its last frame. What
+    pictures show is added to them.
     """
 
     def rows() -> _Rows:
@@ -57,6 +60,8 @@ def write_recordings(
                 probability = predictor.recording(recording, _BATCH_SIZE)
             except ValueError as error:
                 raise ValueError(f"'{path}': {error}{_hint(str(error), path)}") from error
+            if pictures is not None:
+                pictures.add(predictor, path, recording, probability, frames)
             for i, row in zip(frames, probability, strict=True):
                 yield [cell_text(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row
 

@@ -147,22 +147,34 @@ class ContactCrop(TactileTransform):
         """
         if signals.numel() == 0:
             return valid.new_full((len(signals),), -1)
+        stays = self.stays_beyond(signals)
+        num_frames = signals.size(-1)
+        last = (valid - self.sustain).unsqueeze(1)
+        touched = stays.flatten(1, 2).any(dim=1)
+        touched &= torch.arange(num_frames, device=signals.device) <= last
+        found = touched.any(dim=1)
+        return torch.where(found, touched.byte().argmax(dim=1), -1)
+
+    def stays_beyond(self, signals: Tensor) -> Tensor:
+        r"""Returns from which frames on a taxel and channel is beyond its threshold for
+        :obj:`sustain` frames.
+
+        Args:
+            signals (torch.Tensor): As of :meth:`contact`.
+
+        Shapes:
+            - **output:** :math:`(S, N, C, T)`
+        """
         at_rest = signals[..., : self.rest]
         center = _median(at_rest).unsqueeze(-1)
         spread = _median((at_rest - center).abs())
         usual = _median(spread.flatten(1))[:, None, None]
         threshold = (self.k * _DEVIATION * torch.fmax(spread, usual)).clamp(min=self.floor)
         beyond = (signals - center).abs_() > threshold.unsqueeze(-1)
-        num_frames = signals.size(-1)
         stays = beyond
         for i in range(1, self.sustain):
-            later = beyond[..., i:]
-            stays = stays & torch.nn.functional.pad(later, (0, num_frames - later.size(-1)))
-        last = (valid - self.sustain).unsqueeze(1)
-        touched = stays.flatten(1, 2).any(dim=1)
-        touched &= torch.arange(num_frames, device=signals.device) <= last
-        found = touched.any(dim=1)
-        return torch.where(found, touched.byte().argmax(dim=1), -1)
+            stays = stays & torch.nn.functional.pad(beyond[..., i:], (0, min(i, beyond.size(-1))))
+        return stays
 
     def _check_found(self, contact: Tensor) -> None:
         without = (contact < 0).nonzero().view(-1)

@@ -23,6 +23,7 @@ from torch_geometric_tactile.visualization.metrics import (
     plot_protocols,
     plot_roc,
 )
+from torch_geometric_tactile.visualization.predictions import plot_predictions
 from torch_geometric_tactile.visualization.recording import plot_recording
 from torch_geometric_tactile.visualization.training_history import LearningCurves, plot_training
 
@@ -44,6 +45,7 @@ __all__ = [
     "plot_hand_panels",
     "plot_label_confusions",
     "plot_layout",
+    "plot_predictions",
     "plot_presses",
     "plot_protocols",
     "plot_recording",

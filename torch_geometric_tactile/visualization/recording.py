@@ -1,7 +1,7 @@
 r"""Pictures of recordings: readings, contact and joints over time."""
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,20 +21,22 @@ from torch_geometric_tactile.visualization._style import (
     symmetric_limit,
     title_figure,
 )
+from torch_geometric_tactile.visualization._time_panels import (
+    MOST_COLUMNS,
+    name_phases,
+    nan_median,
+    phases_of,
+    reading_at_rest,
+    shade_phases,
+    title_parts,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _QUANTILE = 0.995
-_MOST_COLUMNS = 1500  # about the pixels of a panel; more would drop frames unseen
 _NAMED_JOINTS = 24
-
-
-class _Phase(NamedTuple):
-    name: str
-    start: float
-    end: float
 
 
 def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
@@ -69,15 +71,15 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     time = recording.time - recording.time[0]
     single = recording.num_frames == 1
     if single:
-        change = recording.tactile - _nan_median(recording.tactile[0])
+        change = recording.tactile - nan_median(recording.tactile[0])
     else:
         # With a rest longer than a tenth, little of a short recording would be left.
         window = min(rest, recording.duration / 10)
-        change = recording.tactile - _rest(recording.tactile, time, window)
+        change = recording.tactile - reading_at_rest(recording.tactile, time, window)
     zero = "median" if single else "rest"
     unit = UNITS.get(recording.meta.get("unit", ""), "unit unknown")
     channels = _channel_names(recording.num_channels)
-    phases = _phases(recording, time)
+    phases = phases_of(recording, time)
 
     image_height = min(max(recording.num_taxels / 90, 1.3), 2.2)
     heights = [image_height] * recording.num_channels + [1.6]
@@ -138,30 +140,12 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
         ax.set_ylabel("joint angle\n(rad)")
         _style_lines(ax, recording.num_joints)
     for ax in axes[recording.num_channels :]:
-        for i, phase in enumerate(phases):
-            color = look.ground if i % 2 else look.band
-            ax.axvspan(phase.start, phase.end, color=color, zorder=0, linewidth=0)
-    _name_phases(axes[0], phases, float(edges[-1] - edges[0]))
+        shade_phases(ax, phases)
+    name_phases(axes[0], phases, float(edges[-1] - edges[0]))
     axes[-1].set_xlim(edges[0], edges[-1])
     axes[-1].set_xlabel("time since the first frame (s)")
     figure.align_ylabels(list(axes))
     return figure
-
-
-def _rest(tactile: np.ndarray, time: np.ndarray, rest: float) -> np.ndarray:
-    first = _nan_median(tactile[time <= rest])
-    # A taxel that is missing at first takes its first reading.
-    late = np.isnan(first)
-    if late.any():
-        first = np.where(late, _nan_median(tactile), first)
-    return first
-
-
-def _nan_median(values: np.ndarray) -> np.ndarray:
-    out = np.full(values.shape[1:], np.nan, dtype=np.float32)
-    present = ~np.isnan(values).all(axis=0)
-    out[present] = np.nanmedian(values[:, present], axis=0)
-    return out
 
 
 def _channel_names(num_channels: int) -> list[str]:
@@ -175,49 +159,10 @@ def _joint_names(recording: Recording) -> list[str]:
     return [f"joint {i}" for i in range(recording.num_joints)]
 
 
-def _phases(recording: Recording, time: np.ndarray) -> list[_Phase]:
-    phase = recording.privileged.get("phase")
-    if phase is None or phase.ndim != 1:
-        return []
-    names = recording.meta.get("phase_names")
-
-    def name(value: object) -> str:
-        if isinstance(value, int) and isinstance(names, list) and 0 <= value < len(names):
-            return str(names[value])
-        return value if isinstance(value, str) else f"phase {value}"
-
-    starts = [0, *(np.flatnonzero(phase[1:] != phase[:-1]) + 1).tolist()]
-    ends = [*(float(time[i]) for i in starts[1:]), float(time[-1])]
-    return [
-        _Phase(name(phase[i].item()), float(time[i]), end)
-        for i, end in zip(starts, ends, strict=True)
-    ]
-
-
-def _title(recording: Recording) -> str:
-    parts = []
-    for key in ("sensor", "object", "trial"):
-        if recording.meta.get(key) not in (None, ""):
-            value = str(recording.meta[key])
-            parts.append(value if key == "sensor" else f"{key} {value}")
-    if recording.label is not None:
-        parts.append(f"label {recording.label}")
-    if recording.meta.get("synthetic"):
-        parts.append("SIMULATED")
-    frames = "1 frame" if recording.num_frames == 1 else f"{recording.num_frames:,} frames"
-    parts.append(f"{frames}, {recording.duration:.4g} s")
-    dead = len(recording.dead_taxels)
-    if dead:
-        parts.append(f"{dead} dead taxel{'s' if dead > 1 else ''} (grey)")
-    elif recording.missing.any():
-        parts.append("grey: missing")
-    return "  |  ".join(parts)
-
-
 def _columns(time: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     r"""Edges of the columns of a picture in seconds, and readings, one column or more per pixel."""
     num_frames = len(time)
-    starts = np.arange(0, num_frames, math.ceil(num_frames / _MOST_COLUMNS))
+    starts = np.arange(0, num_frames, math.ceil(num_frames / MOST_COLUMNS))
     if len(starts) < num_frames:
         size = np.nan_to_num(np.abs(change), nan=-1.0)
         blocks = [
@@ -261,21 +206,11 @@ def _style_lines(ax: "Axes", count: int) -> None:
         )
 
 
-def _name_phases(ax: "Axes", phases: list[_Phase], duration: float) -> None:
-    for phase in phases:
-        # About 95 letters of this size fit above the panel; a longer name would run into the next.
-        letters = int(95 * (phase.end - phase.start) / duration)
-        name = phase.name
-        if len(name) > letters:
-            name = name[: max(letters - 3, 0)].rstrip() + "..."
-        if len(name) <= letters:
-            ax.text(
-                (phase.start + phase.end) / 2,
-                1.03,
-                plain_text(name),
-                transform=ax.get_xaxis_transform(),
-                ha="center",
-                va="bottom",
-                fontsize=SMALL,
-                color=current_theme().soft,
-            )
+def _title(recording: Recording) -> str:
+    parts = title_parts(recording)
+    dead = len(recording.dead_taxels)
+    if dead:
+        parts.append(f"{dead} dead taxel{'s' if dead > 1 else ''} (grey)")
+    elif recording.missing.any():
+        parts.append("grey: missing")
+    return "  |  ".join(parts)
