@@ -1,3 +1,5 @@
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -55,6 +57,30 @@ def test_samples_and_their_readings_are_one(name):
     first = model(name).fit(X, Y).predict(X)
     data = StaticData(x=torch.from_numpy(X))
     assert np.array_equal(model(name).fit(data, Y).predict(data), first)
+
+
+@pytest.mark.parametrize("num_channels", [1, 2])
+def test_minirocket_tells_movements_apart(num_channels):
+    pytest.importorskip("sktime")
+    draw = np.random.default_rng(0)
+    phase = draw.uniform(0, 6, size=(60, 6, 1))
+    speed = 0.3 + 0.5 * (np.arange(60) % 2)[:, None, None]
+    x = np.sin(phase + speed * np.arange(20)) + 0.3 * draw.normal(size=(60, 6, 20))
+    estimator = clone(baselines.minirocket(num_channels=num_channels, num_kernels=168))
+    estimator.set_params(**{f"{estimator.steps[0][0]}__random_state": 0})
+    assert (estimator.fit(x[:40], Y[:40]).predict(x[40:]) == Y[40:]).mean() > 0.8
+    again = clone(estimator).fit(x[:40], Y[:40]).predict(x[40:])
+    assert np.array_equal(again, estimator.predict(x[40:]))
+    numbers = baselines.minirocket("regression", num_kernels=84).fit(x, speed[:, 0, 0])
+    assert np.abs(numbers.predict(x) - speed[:, 0, 0]).mean() < 0.15
+    with pytest.raises(ValueError, match=r"must have 9 frames \(got 4\)"):
+        baselines.minirocket().fit(x[..., :4], Y)
+
+
+def test_minirocket_names_what_is_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sktime.transformations.panel.rocket", None)
+    with pytest.raises(ImportError, match=r"pip install 'torch-geometric-tactile\[series\]'"):
+        baselines.minirocket().fit(np.zeros((2, 6, 20)), [0, 1])
 
 
 def test_flat_readings_are_side_by_side():

@@ -5,6 +5,7 @@ from torch_geometric_tactile.baselines.descriptor_features import DescriptorFeat
 from torch_geometric_tactile.baselines.features import FEATURE_NAMES, statistical_features
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
+from torch_geometric_tactile.baselines.minirocket import minirocket
 from torch_geometric_tactile.baselines.pipelines import (
     constant,
     descriptor_forest,
@@ -35,6 +36,7 @@ __all__ = [
     "descriptor_svm",
     "flat_forest",
     "linear_svm",
+    "minirocket",
     "posed_forest",
     "posed_ridge",
     "posed_summary",

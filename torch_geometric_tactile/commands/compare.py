@@ -35,6 +35,7 @@ MODELS = {
     "svm_rbf": "support vector machine, radial kernel",
     "svm_linear": "support vector machine, linear",
     "svm_signal": "support vector machine on 12 statistical features of each signal *",
+    "minirocket": "ridge on random convolutions of windows of 9 frames or more (extra 'series') *",
     "forest": "random forest on the readings",
     "descriptors_svm": "support vector machine on descriptors of the layout",
     "descriptors_forest": "random forest on descriptors of the layout and readings",

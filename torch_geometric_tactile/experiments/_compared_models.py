@@ -3,10 +3,12 @@ r"""The models of a comparison: their task, what each is and tries, and where it
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from typing import Any
 
 import torch
 
+from torch_geometric_tactile.baselines.minirocket import LEAST_FRAMES
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._experiment import Choice
 from torch_geometric_tactile.experiments.tables import Cell
@@ -275,6 +277,12 @@ def _lacks_frames(task: ComparedTask) -> str:
     return "the samples are single frames: cut windows ('window') or whole trials ('trials')"
 
 
+def _lacks_many_frames(task: ComparedTask) -> str:
+    if task.num_frames is None or task.num_frames < LEAST_FRAMES:
+        return _lacks_frames(task) or f"the windows have less than {LEAST_FRAMES} frames"
+    return "" if find_spec("sktime") else "sktime is missing (the extra 'series')"
+
+
 def _lacks_a_frame(task: ComparedTask) -> str:
     return "" if task.num_frames is None else "it is for single frames, and the samples have more"
 
@@ -389,6 +397,13 @@ MODELS: tuple[ComparedModel, ...] = (
         _SIGNALS,
         lambda task: {"num_channels": task.num_channels, "most_samples": _MOST_SVM_SAMPLES},
         lacks=_lacks_frames,
+    ),
+    _Estimator(
+        "minirocket",
+        "ridge on random convolutions of each window",
+        "minirocket",
+        arguments=lambda task: {"num_channels": task.num_channels},
+        lacks=_lacks_many_frames,
     ),
     _Estimator("forest", "random forest on the readings", "flat_forest", _LEAVES),
     _Estimator(
