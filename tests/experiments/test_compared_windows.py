@@ -12,7 +12,8 @@ from moving import motions
 
 from torch_geometric_tactile.data import Recording, StaticDataset, Trials, Windows
 from torch_geometric_tactile.experiments._building import build_object
-from torch_geometric_tactile.experiments._compared_models import MODELS, ComparedTask, chosen_models
+from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models
+from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments._held_out import choice_parts
 from torch_geometric_tactile.experiments.advice import to_dict
 from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source, describe_cut

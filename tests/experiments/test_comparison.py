@@ -11,7 +11,8 @@ import torch
 from compared import GIVEN, touches
 
 from torch_geometric_tactile.experiments import _networks as networks
-from torch_geometric_tactile.experiments._compared_models import MODELS, ComparedTask, chosen_models
+from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models
+from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import (

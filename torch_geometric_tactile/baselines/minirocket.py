@@ -12,7 +12,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.baselines._readings import readings
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 
-LEAST_FRAMES = 9  # that a kernel spans
+_LEAST_FRAMES = 9  # that a kernel spans
 _MODULE = "sktime.transformations.panel.rocket"
 _PENALTIES = np.logspace(-3, 3, 7)
 
@@ -78,5 +78,5 @@ class _RandomConvolutions(FlatReadings):
     def _signals(self, x: Any) -> np.ndarray:
         values = np.nan_to_num(readings(x), nan=0.0)
         num_frames = values.shape[2] // self.num_channels
-        need(num_frames >= LEAST_FRAMES, f"windows must have {LEAST_FRAMES} frames", num_frames)
+        need(num_frames >= _LEAST_FRAMES, f"windows must have {_LEAST_FRAMES} frames", num_frames)
         return values.reshape(len(values), -1, num_frames).astype(np.float32)

@@ -12,11 +12,11 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._compared_models import (
     FLOOR,
     ComparedModel,
-    ComparedTask,
     check_model_names,
     chosen_models,
     model_of,
 )
+from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments._held_out import compared_protocol
 from torch_geometric_tactile.experiments._scores import LEAST_PAIRS
 from torch_geometric_tactile.experiments.compared_windows import of_frames
