@@ -5,7 +5,7 @@ eighth frame is taken. One person is held out in turn, thirteen in all.
 
 Examples:
     python benchmarks/pressure_mat.py --data shared/data --out mat
-    python benchmarks/pressure_mat.py --data shared/data --out mat --models forest,svm_rbf
+    python benchmarks/pressure_mat.py --data shared/data --out mat --show roots
 """
 
 from pathlib import Path
@@ -45,18 +45,16 @@ def square_roots(x: np.ndarray, y: np.ndarray, person: np.ndarray, layout: objec
         for form, samples in forms.items():
             right = []
             for one in np.unique(person):
-                train, test = (
-                    torch.from_numpy(np.flatnonzero(m)) for m in (person != one, person == one)
-                )
+                parts = (np.flatnonzero(person != one), np.flatnonzero(person == one))
+                train, test = map(torch.from_numpy, parts)
                 seen = samples.index_select(train)
                 scale = ZScore(scale_per="channel", with_mean=not name.startswith("desc")).fit(seen)
                 last = clone(model).set_params(**{f"{model.steps[-1][0]}__random_state": 0})
                 last.fit(scale(seen).x.numpy(), y[train])
                 predicted = last.predict(scale(samples.index_select(test)).x.numpy())
                 right.append(100 * float((predicted == y[test]).mean()))
-            print(
-                f"{name} on {form}: {np.mean(right):.1f} ± {np.std(right, ddof=1):.1f}", flush=True
-            )
+            mean, sd = np.mean(right), np.std(right, ddof=1)
+            print(f"{name} on {form}: {mean:.1f} ± {sd:.1f}", flush=True)
 
 
 def main() -> None:
