@@ -11,6 +11,7 @@ from torch_geometric_tactile.experiments.comparison import (
     comparison_plan,
     summarize,
 )
+from torch_geometric_tactile.experiments.deploy import deploy
 from torch_geometric_tactile.experiments.differences import (
     Difference,
     paired_difference,
@@ -57,6 +58,7 @@ __all__ = [
     "compare",
     "comparison_plan",
     "data_source",
+    "deploy",
     "make_plan",
     "paired_difference",
     "read_table",

@@ -1,0 +1,129 @@
+"""Every estimator of the package says the same as a predictor, through its file and as a graph."""
+
+import numpy as np
+import pytest
+import torch
+from sklearn.pipeline import Pipeline
+from torch_geometric.transforms import Compose
+
+from torch_geometric_tactile import Predictor, baselines
+from torch_geometric_tactile.baselines import TemperatureScaling
+from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.predictor import estimator_predictor, export_onnx
+from torch_geometric_tactile.sensors import TaxelLayout, grid
+from torch_geometric_tactile.transforms import FillMissing, ZScore, fit_transform
+
+PLAIN = grid(3, 4, pitch=0.01)
+LAYOUT = TaxelLayout(
+    "skin",
+    pos=PLAIN.pos,
+    normal=torch.nn.functional.normalize(PLAIN.pos + 0.01, dim=1),
+    patch=torch.arange(12) % 3,
+    patch_names=("a", "b", "c"),
+)
+NAMES = {
+    "flat_forest": {"num_trees": 20},
+    "descriptor_forest": {"num_trees": 20},
+    "descriptor_svm": {"C": 100.0},
+    "posed_forest": {"num_trees": 20},
+    "posed_ridge": {},
+    "linear_svm": {"C": 0.1},
+    "rbf_svm": {"C": 100.0, "width": 0.3},
+    "signal_svm": {"num_channels": 2},
+    "constant": {},
+}
+BALANCED = {"class_weight": "balanced"}
+
+
+def dataset(classes=3, num_frames=None, seed=0, **more):
+    """Presses of noise: of class c, taxel c feels more."""
+    draw = torch.Generator().manual_seed(seed)
+    y = torch.arange(120) % max(classes, 2)
+    x = 300 + 20 * torch.randn(120, 12, 2 * (num_frames or 1), generator=draw)
+    x[torch.arange(120), y] += 25
+    if not classes:
+        y = torch.stack([x[:, 0, 0], 1e-3 * x[:, 1, 1]], dim=1)
+    data = StaticData(x=x, y=y, pos=LAYOUT.pos, trial=torch.arange(120) // 4, **more)
+    if num_frames is not None:
+        data.num_frames = num_frames
+    names = {} if not classes else {"class": [f"class {i}" for i in range(classes)]}
+    return StaticDataset._of((data, names), LAYOUT, None, None, None)
+
+
+def fitted(name, samples, transform=None, task="multiclass", **more):
+    """The pipeline, what it says of the samples, and the fitted transform."""
+    layout = {"layout": LAYOUT} if name.startswith(("posed", "descriptor")) else {}
+    pipeline = getattr(baselines, name)(task=task, **layout, **NAMES[name], **more)
+    open_states = [k for k, v in pipeline.get_params().items() if k.endswith("random_state")]
+    pipeline.set_params(**dict.fromkeys(open_states, 0))
+    if task == "multiclass" and not hasattr(pipeline, "predict_proba"):
+        *first, (last, model) = pipeline.steps
+        pipeline = Pipeline([*first, (last, TemperatureScaling(model))])
+    seen = fit_transform(transform, samples.data)
+    return pipeline.fit(seen, samples.data.y.numpy()), seen
+
+
+def scaled(**more):
+    return Compose([ZScore(scale_per="channel", **more), FillMissing()])
+
+
+def said_by(predictor, samples):
+    return predictor(samples.data.x).double().numpy()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("classes", [2, 3])
+def test_probabilities_and_labels_are_those_of_scikit_learn(name, classes, tmp_path):
+    num_frames = 6 if name == "signal_svm" else None
+    samples = dataset(classes, num_frames)
+    transform = None if name.startswith("posed") else scaled()
+    pipeline, _ = fitted(name, samples, transform, **({} if name == "constant" else BALANCED))
+    predictor = estimator_predictor(pipeline, samples, transform)
+    predictor.save(tmp_path / "a")
+    again = Predictor.load(tmp_path / "a")
+    again.save(tmp_path / "b")
+    assert (tmp_path / "b").read_bytes() == (tmp_path / "a").read_bytes()
+    others = dataset(classes, num_frames, seed=1)
+    seen = others.data if transform is None else apply_transform(transform, others.data)
+    expected = pipeline.predict_proba(seen)
+    found = said_by(again, others)
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    assert found.tolist() == said_by(predictor, others).tolist()
+    labels = [f"class {i}" for i in pipeline.predict(seen)]
+    assert [label for (label,) in again.labels(torch.from_numpy(found))] == labels
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_numbers_are_those_of_scikit_learn(name, tmp_path):
+    num_frames = 6 if name == "signal_svm" else None
+    samples = dataset(0, num_frames)
+    transform = None if name.startswith("posed") else scaled()
+    pipeline, _ = fitted(name, samples, transform, "regression")
+    estimator_predictor(pipeline, samples, transform).save(tmp_path / "a")
+    others = dataset(0, num_frames, seed=1)
+    seen = others.data if transform is None else apply_transform(transform, others.data)
+    found = said_by(Predictor.load(tmp_path / "a"), others)
+    expected = pipeline.predict(seen).reshape(found.shape)
+    np.testing.assert_allclose(found, expected, rtol=2e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("task", ["two", "three", "numbers"])
+def test_exported_graphs_say_what_predictors_say(name, task, tmp_path):
+    onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra 'export'")
+    pytest.importorskip("onnxscript", reason="needs the extra 'export'")
+    num_frames = 6 if name == "signal_svm" else None
+    samples = dataset({"two": 2, "three": 3, "numbers": 0}[task], num_frames)
+    transform = None if name.startswith("posed") else scaled()
+    kind = "regression" if task == "numbers" else "multiclass"
+    pipeline, _ = fitted(name, samples, transform, kind)
+    predictor = estimator_predictor(pipeline, samples, transform)
+    exported = export_onnx(
+        predictor, tmp_path / "a.onnx", num_channels=None if not num_frames else 12
+    )
+    assert exported.difference <= 1e-5
+    assert exported.metadata["model"] == "EstimatorModel"
+    session = onnxruntime.InferenceSession(tmp_path / "a.onnx")
+    x = samples.data.x[:10]
+    found = [session.run(["probability"], {"tactile": one[None].numpy()})[0][0] for one in x]
+    np.testing.assert_allclose(found, predictor(x).numpy(), rtol=1e-5, atol=1e-5)
