@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 import torch
+from sklearn.naive_bayes import GaussianNB
+from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import FunctionTransformer, MinMaxScaler
+from sklearn.svm import SVC
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile import Predictor, baselines
-from torch_geometric_tactile.baselines import TemperatureScaling
+from torch_geometric_tactile.baselines import TemperatureScaling, flat_forest, rbf_svm
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
-from torch_geometric_tactile.predictor import estimator_predictor, export_onnx
+from torch_geometric_tactile.predictor import EstimatorModel, estimator_predictor, export_onnx
 from torch_geometric_tactile.sensors import TaxelLayout, grid
 from torch_geometric_tactile.transforms import FillMissing, ZScore, fit_transform
 
@@ -127,3 +131,87 @@ def test_exported_graphs_say_what_predictors_say(name, task, tmp_path):
     x = samples.data.x[:10]
     found = [session.run(["probability"], {"tactile": one[None].numpy()})[0][0] for one in x]
     np.testing.assert_allclose(found, predictor(x).numpy(), rtol=1e-5, atol=1e-5)
+
+
+def test_missing_readings_are_as_in_scikit_learn():
+    samples = dataset()
+    for name in ("flat_forest", "descriptor_svm", "posed_forest"):
+        pipeline, _ = fitted(name, samples)
+        x = samples.data.x.clone()
+        x[::3, 4] = torch.nan
+        expected = pipeline.predict_proba(StaticData(x=x))
+        found = estimator_predictor(pipeline, samples)(x).numpy()
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["posed_ridge", "descriptor_svm"])
+def test_taxels_that_move_are_where_they_are(name):
+    draw = torch.Generator().manual_seed(2)
+    around = torch.randn(120, 12, 3, generator=draw)
+    places = {
+        "pos": LAYOUT.pos + 0.01 * around,
+        "normal": torch.nn.functional.normalize(around, dim=2),
+        "tangent": torch.randn(120, 12, 2, 3, generator=draw),
+    }
+    samples = dataset()
+    data = StaticData(x=torch.randn(120, 12, 3, generator=draw), y=samples.data.y, **places)
+    moving = StaticDataset._of(
+        (data, {"class": list(samples.class_names)}), LAYOUT, None, None, None
+    )
+    pipeline, seen = fitted(name, moving)
+    expected = pipeline.predict_proba(seen)
+    fixed = StaticData(x=data.x)
+    assert not np.allclose(pipeline.predict_proba(fixed), expected, atol=1e-3)
+    predictor = estimator_predictor(pipeline, moving)
+    prepared = predictor.preparation.prepared_windows(data)
+    found = predictor.probability(predictor.logits(prepared))
+    np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
+
+
+def test_classes_that_the_training_part_lacks_are_not_told():
+    samples = dataset(4)
+    some = samples[samples.data.y != 2]
+    pipeline, _ = fitted("rbf_svm", some)
+    found = estimator_predictor(pipeline, samples)(samples.data.x).numpy()
+    assert found.shape == (120, 4)
+    assert found[:, 2].max() < 1e-20
+    expected = pipeline.predict_proba(samples.data.x.numpy())
+    np.testing.assert_allclose(found[:, [0, 1, 3]], expected, atol=1e-6)
+
+
+def refused(pipeline, text, num_classes=2):
+    with pytest.raises(ValueError, match=text):
+        EstimatorModel.of(pipeline, num_classes)
+
+
+def test_what_has_no_such_form_is_refused():
+    x, y = dataset(2).data.x.numpy(), np.arange(120) % 2
+    refused(flat_forest(), "not fitted|is not fitted yet")
+    refused(rbf_svm().fit(x, y), "put TemperatureScaling around _FewerSVC and fit it")
+    refused(baselines.GraspSVM(num_fingers=2).fit(x, y), r"must be a pipeline .* \(got GraspSVM\)")
+    flat = ("flat", baselines.FlatReadings())
+    for parts, text in (
+        ([flat, ("a", KNeighborsClassifier())], r"only a forest, .* \(got KNeighborsClassifier\)"),
+        ([flat, ("s", MinMaxScaler()), ("a", GaussianNB())], "there may be StandardScaler only"),
+        ([flat, ("a", TemperatureScaling(SVC(kernel="poly")))], r"must be 'rbf' .* \(got 'poly'\)"),
+        ([("p", FunctionTransformer(rows)), ("a", GaussianNB())], "must begin with FlatReadings"),
+    ):
+        refused(Pipeline(parts).fit(x, y), text)
+
+
+def rows(x):
+    return x.reshape(len(x), -1)
+
+
+def test_other_readings_than_those_of_the_fit_are_refused():
+    pipeline, _ = fitted("flat_forest", dataset())
+    model = EstimatorModel.of(pipeline, 3)
+    with pytest.raises(ValueError, match=r"each sample must have 24 numbers, .* \(got 36\)"):
+        model(torch.zeros(2, 12, 3))
+
+
+def test_estimators_show_their_steps():
+    pipeline, _ = fitted("rbf_svm", dataset())
+    model = EstimatorModel.of(pipeline, 3)
+    assert "Readings, Kernel, Votes, Probability, Logits" in repr(model)
+    assert model.float() is model
