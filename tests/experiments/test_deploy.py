@@ -16,11 +16,10 @@ from moving import motions
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.baselines import TemperatureScaling
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.experiments import advice, deploy
+from torch_geometric_tactile.experiments import advice, deploy, recommended
 from torch_geometric_tactile.experiments import comparison as comparing
 from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._estimators import seeded_estimator
-from torch_geometric_tactile.experiments.advice import recommended
 from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source
 from torch_geometric_tactile.experiments.comparison import ComparisonSettings
 from torch_geometric_tactile.experiments.deploy import _setting

@@ -1,6 +1,6 @@
 r"""Experiments as values, and what runs and compares them. Needs the extra ``train``."""
 
-from torch_geometric_tactile.experiments.advice import advice
+from torch_geometric_tactile.experiments.advice import advice, recommended
 from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source
 from torch_geometric_tactile.experiments.comparison import (
     Comparison,
@@ -62,6 +62,7 @@ __all__ = [
     "make_plan",
     "paired_difference",
     "read_table",
+    "recommended",
     "run_difference",
     "run_plan",
     "summarize",

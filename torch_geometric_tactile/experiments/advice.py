@@ -46,7 +46,11 @@ def advice(comparison: Comparison) -> str:
 
 
 def recommended(comparison: Comparison) -> ModelResult | None:
-    r"""Returns the model that :func:`advice` says to take, or :obj:`None` if it says none."""
+    r"""Returns the model that :func:`advice` says to take, or :obj:`None` if it says none.
+
+    Args:
+        comparison (Comparison): What came of a comparison.
+    """
     if comparison.best is None or _nothing_learnt(comparison):
         return None
     if comparison.best_plain is None:
