@@ -24,7 +24,7 @@ from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_
 from torch_geometric_tactile.experiments.comparison import ComparisonSettings
 from torch_geometric_tactile.experiments.deploy import _setting
 from torch_geometric_tactile.io import write_npz
-from torch_geometric_tactile.predictor import AverageModel, EstimatorModel
+from torch_geometric_tactile.predictor import AverageModel, EstimatorModel, export_onnx
 from torch_geometric_tactile.transforms import fit_transform
 
 QUICK = {"folds": 3, "epochs": 2, "members": 2}
@@ -138,6 +138,17 @@ def test_numbers_come_in_their_own_unit(name, tmp_path):
     floor = np.abs(y - y.mean(axis=0)).mean()
     assert np.abs(found.numpy() - y).mean() < (3 * floor if name == "fnn" else floor)
     assert abs(float(found.mean()) - 1000) < 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("numbers", [False, True])
+def test_averages_of_networks_are_exported(numbers, tmp_path):
+    pytest.importorskip("onnxscript", reason="needs the extra 'export'")
+    pytest.importorskip("onnxruntime", reason="needs the extra 'export'")
+    x = np.random.default_rng(0).normal(size=(48, 3, 4))
+    changes = {"x": x, "y": 1000 + 50 * x[:, 0, :2]} if numbers else {}
+    predictor = deploy(compared(tmp_path, ("taxel_net",), **changes), "taxel_net")
+    assert export_onnx(predictor, tmp_path / "a.onnx").difference < 1e-5
 
 
 def test_the_test_part_of_given_parts_stays_unseen(tmp_path):

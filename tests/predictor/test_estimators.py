@@ -111,8 +111,9 @@ def test_numbers_are_those_of_scikit_learn(name, tmp_path):
     np.testing.assert_allclose(found, expected, rtol=2e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("task", ["two", "three", "numbers"])
+@pytest.mark.parametrize("task", [pytest.param("two", marks=pytest.mark.full), "three", "numbers"])
 def test_exported_graphs_say_what_predictors_say(name, task, tmp_path):
     onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra 'export'")
     pytest.importorskip("onnxscript", reason="needs the extra 'export'")
