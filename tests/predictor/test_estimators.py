@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 import torch
+from sklearn.ensemble import ExtraTreesClassifier, ExtraTreesRegressor
+from sklearn.linear_model import LinearRegression, LogisticRegression
 from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
-from sklearn.pipeline import Pipeline
-from sklearn.preprocessing import FunctionTransformer, MinMaxScaler
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import FunctionTransformer, MinMaxScaler, StandardScaler
 from sklearn.svm import SVC
 from torch_geometric.transforms import Compose
 
@@ -180,6 +182,25 @@ def test_classes_that_the_training_part_lacks_are_not_told():
     np.testing.assert_allclose(found[:, [0, 1, 3]], expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("classes", [2, 3])
+@pytest.mark.parametrize("model", [ExtraTreesClassifier(9), LogisticRegression(max_iter=1000)])
+def test_other_classifiers_behind_the_features_are_taken(model, classes):
+    samples = dataset(classes)
+    x, y = samples.data.x.numpy(), samples.data.y.numpy()
+    pipeline = make_pipeline(baselines.FlatReadings(), StandardScaler(), model).fit(x, y)
+    found = estimator_predictor(pipeline, samples)(samples.data.x).numpy()
+    np.testing.assert_allclose(found, pipeline.predict_proba(x), atol=1e-6)
+
+
+@pytest.mark.parametrize("model", [ExtraTreesRegressor(9), LinearRegression()])
+def test_other_regressors_behind_the_features_are_taken(model):
+    samples = dataset(0)
+    x, y = samples.data.x.numpy(), samples.data.y.numpy()
+    pipeline = make_pipeline(baselines.FlatReadings(), model).fit(x, y)
+    found = estimator_predictor(pipeline, samples)(samples.data.x).numpy()
+    np.testing.assert_allclose(found, pipeline.predict(x), rtol=1e-4, atol=1e-6)
+
+
 def refused(pipeline, text, num_classes=2):
     with pytest.raises(ValueError, match=text):
         EstimatorModel.of(pipeline, num_classes)
@@ -195,6 +216,7 @@ def test_what_has_no_such_form_is_refused():
         ([flat, ("a", KNeighborsClassifier())], r"only a forest, .* \(got KNeighborsClassifier\)"),
         ([flat, ("s", MinMaxScaler()), ("a", GaussianNB())], "there may be StandardScaler only"),
         ([flat, ("a", TemperatureScaling(SVC(kernel="poly")))], r"must be 'rbf' .* \(got 'poly'\)"),
+        ([flat, ("a", LogisticRegression(solver="liblinear"))], "must not be 'liblinear'"),
         ([("p", FunctionTransformer(rows)), ("a", GaussianNB())], "must begin with FlatReadings"),
     ):
         refused(Pipeline(parts).fit(x, y), text)
@@ -216,3 +238,11 @@ def test_estimators_show_their_steps():
     model = EstimatorModel.of(pipeline, 3)
     assert "Readings, Kernel, Votes, Probability, Logits" in repr(model)
     assert model.float() is model
+
+
+def test_every_compared_estimator_is_tested():
+    pytest.importorskip("lightning", reason="needs the extra 'train'")
+    from torch_geometric_tactile.experiments._compared_models import MODELS
+
+    pipelines = {model.class_name for model in MODELS if hasattr(baselines, model.class_name)}
+    assert pipelines == set(NAMES)

@@ -101,6 +101,8 @@ def _probability(model: Any) -> list[_Step]:
     if isinstance(model, DummyClassifier) and model.strategy in ("most_frequent", "prior"):
         return [{"step": "Constant", "values": _tensor(model.predict_proba(np.zeros((1, 1)))[0])}]
     if isinstance(model, LogisticRegression):
+        if model.solver == "liblinear":  # each class by itself, in older versions of scikit-learn
+            raise ValueError("'solver' must not be 'liblinear' for a regression to be saved")
         return [*_scores(model), _softmax(model, 1.0)]
     if hasattr(model, "decision_function"):
         raise ValueError(
