@@ -146,6 +146,7 @@ def _(names):
 def _(names):
     layout = allegro_uskin()
     names["x"], names["y"] = torch.rand(12, 24, 3), torch.arange(12) % 2
+    names["trial"] = torch.arange(12) // 3
     names["x_new"], names["windows"] = torch.rand(3, 24, 3), torch.rand(12, 24, 3 * 20)
     samples = StaticData(x=torch.rand(12, 384, 3), joint=0.2 * torch.rand(12, 16))
     names["samples"] = TaxelPose(layout, tangent=True)(samples)

@@ -7,13 +7,16 @@ from pathlib import Path
 import numpy as np
 import small_models
 import torch
+from sklearn.pipeline import Pipeline
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile import transforms as T
+from torch_geometric_tactile.baselines import TemperatureScaling, descriptor_svm, signal_svm
 from torch_geometric_tactile.data import LiveFrame, Recording, StaticData, StaticDataset, Windows
 from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.nn.models import GraspLSTM, TactileGCN, TemporalTaxelNet
+from torch_geometric_tactile.predictor import estimator_predictor
 
 LAYOUT = small_models.LAYOUT
 LENGTH = 6  # of windows
@@ -94,9 +97,31 @@ def stepped():
     return _fitted(model, Windows(dataset(), LENGTH), T.ZScore(per="signal"))
 
 
+def _of_estimator(pipeline, data, *parts):
+    transform = Compose(parts)
+    seen = T.fit_transform(transform, data.data)
+    *first, (name, machine) = pipeline.steps
+    machine = TemperatureScaling(machine).set_params(estimator__random_state=0)
+    pipeline = Pipeline([*first, (name, machine)])
+    return estimator_predictor(pipeline.fit(seen, seen.y.numpy()), data, transform)
+
+
+def machine():
+    scale = T.Tare("trial", first=8), T.ZScore(scale_per="channel"), T.FillMissing()
+    return _of_estimator(descriptor_svm(LAYOUT), dataset(), *scale)
+
+
+def window_machine():
+    windows = Windows(dataset(), LENGTH)
+    return _of_estimator(signal_svm(num_channels=3), windows, T.ZScore(per="signal"))
+
+
 MAKES = {
     make.__name__: make
-    for make in (frame, tare, session, window, window_tare, frames_tare, stepped)
+    for make in (
+        *(frame, tare, session, window, window_tare, frames_tare, stepped),
+        *(machine, window_machine),
+    )
 }
 
 

@@ -19,8 +19,10 @@ from moving import motions
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.commands import compare
+from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.experiments import _compared_models as compared_models
 from torch_geometric_tactile.experiments import run_plan
+from torch_geometric_tactile.io import write_npz
 
 QUICK = ["--grid", "3x4", "--epochs", "2", "--folds", "3", "--members", "1"]
 THREE = ["--models", "fnn,svm_linear,constant"]
@@ -307,3 +309,53 @@ def test_help_has_examples(capsys):
     assert "tactile compare touches.npz --grid 28x50" in out
     assert "tactile compare BiGS --init root=DIR --trials 60" in out
     assert all(name in out for name in compare.MODELS)
+
+
+def test_the_recommended_model_is_saved_and_predicts(tmp_path, capsys):
+    touches(tmp_path / "a.npz")
+    save = ["--save", str(tmp_path / "best.predictor")]
+    assert run(tmp_path, "--models", "svm_linear,constant", *save) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[-3].startswith("Take svm_linear")
+    told = "Predictor(EstimatorModel, 'grid_3x4', classes=['0', '1', '2'], task='multiclass')"
+    assert out[-2] == f"wrote {tmp_path / 'best.predictor'}: {told}"
+    assert out[-1].startswith("  svm_linear: accuracy ")
+    assert out[-1].endswith("(3 folds by trial, stratified by y); trained on all 48 samples")
+    before = results(tmp_path)
+    other = ["--no-train", "--model", "constant", "--save", str(tmp_path / "constant.predictor")]
+    assert run(tmp_path, "--models", "svm_linear,constant", *other) == 0
+    assert "  constant: accuracy" in capsys.readouterr().out
+    assert results(tmp_path) == before
+    tactile = np.load(tmp_path / "a.npz")["x"].reshape(48, 12, 1)
+    write_npz(Recording(time=np.arange(48) / 100, tactile=tactile), tmp_path / "recording.npz")
+    csv = str(tmp_path / "a.csv")
+    predict = ["predict", save[1], str(tmp_path / "recording.npz"), "--out", csv]
+    assert main(predict) == 0
+    assert "was chosen for svm_linear: accuracy" in capsys.readouterr().out
+    rows = (tmp_path / "a.csv").read_text().splitlines()
+    found = [int(row.split(",")[3]) for row in rows[1:]]
+    assert np.mean(found == np.load(tmp_path / "a.npz")["y"]) > 0.9
+
+
+def test_json_is_all_that_is_printed_where_a_model_is_saved(tmp_path, capsys):
+    touches(tmp_path / "a.npz")
+    save = ["--save", str(tmp_path / "best.predictor"), "--json"]
+    assert run(tmp_path, "--models", "svm_linear", *save) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["advice"].startswith("Take svm_linear")
+    assert "best.predictor: Predictor(EstimatorModel" in said.err
+
+
+def test_what_cannot_be_saved_is_told_before_the_runs(tmp_path, capsys):
+    touches(tmp_path / "a.npz")
+    for options, text in (
+        (["--model", "forest"], "'--model' must come with '--save' (got 'forest' alone)"),
+        (
+            ["--model", "forest", "--save", str(tmp_path / "a")],
+            "'--model' must be one of those compared, svm_linear, constant (got 'forest')",
+        ),
+        (["--save", str(tmp_path / "none" / "a")], "does not exist: create it"),
+    ):
+        assert run(tmp_path, "--models", "svm_linear,constant", *options) == 1
+        assert text in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

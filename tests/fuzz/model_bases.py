@@ -90,6 +90,19 @@ def predictor(folder: Path) -> None:
     (folder / "a.ckpt").unlink()
 
 
+def estimator(folder: Path) -> None:
+    from torch_geometric_tactile.baselines import TemperatureScaling, descriptor_svm, flat_forest
+    from torch_geometric_tactile.predictor import estimator_predictor
+
+    samples = SmallDataset()
+    machine = descriptor_svm(samples.layout)
+    machine.steps[-1] = ("machine", TemperatureScaling(machine[-1]))
+    forest = flat_forest(num_trees=2).set_params(randomforestclassifier__random_state=0)
+    for name, pipeline in (("forest", forest), ("machine", machine)):
+        pipeline.fit(samples.data, samples.data.y.numpy())
+        estimator_predictor(pipeline, samples).save(folder / f"{name}.predictor")
+
+
 def processed(folder: Path) -> None:
     from torch_geometric_tactile.data._processed_file import save_static
 

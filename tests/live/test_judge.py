@@ -45,7 +45,7 @@ def assert_as_predicted(name, judged, recording, adapt):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["frame", "window", "stepped"])
+@pytest.mark.parametrize("name", ["frame", "window", "stepped", "window_machine"])
 def test_judge_says_what_predict_says(name, kind):
     recording = made.recording()
     judged = judgements(Judge(model_of(name, kind)), made.live_frames(recording))
@@ -56,12 +56,12 @@ def test_judge_says_what_predict_says(name, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["tare", "window_tare", "frames_tare"])
+@pytest.mark.parametrize("name", ["tare", "window_tare", "frames_tare", "machine"])
 def test_judge_measures_the_rest_as_predict_does(name, kind):
     recording = made.recording()
     rest = Rest(seconds=29 / 25, min_frames=30)
     judged = judgements(Judge(model_of(name, kind), rest), made.live_frames(recording))
-    first = 29 + (0 if name == "tare" else made.LENGTH - 1)
+    first = 29 + (0 if name in ("tare", "machine") else made.LENGTH - 1)
     assert list(judged) == list(range(first, recording.num_frames))
     assert_as_predicted(name, judged, recording, adapt=True)
 

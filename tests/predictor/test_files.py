@@ -9,9 +9,10 @@ import torch
 from torch.nn import Linear, Module
 
 from torch_geometric_tactile import Predictor
+from torch_geometric_tactile.baselines import TemperatureScaling, flat_forest, rbf_svm
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import TactileFNN
-from torch_geometric_tactile.predictor import content
+from torch_geometric_tactile.predictor import AverageModel, EstimatorModel, content
 from torch_geometric_tactile.predictor._plain_data import _check_state, load_weights
 from torch_geometric_tactile.predictor._tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.sensors import grid
@@ -228,6 +229,84 @@ def assert_is_refused(path, text):
 @pytest.mark.parametrize(("place", "value", "text"), HOSTILE)
 def test_hostile_headers_are_refused(path, place, value, text):
     assert_is_refused(changed(path, lambda header, inner: put(inner, place, value)), text)
+
+
+@pytest.fixture(scope="module")
+def estimators(tmp_path_factory):
+    """A forest, and a machine of three classes."""
+    folder = tmp_path_factory.mktemp("estimators")
+    rows, y = X.repeat(3, 1, 1) + torch.arange(18.0).view(18, 1, 1), [0, 1, 2] * 6
+    machine = rbf_svm(C=10.0)
+    machine.steps[-1] = ("machine", TemperatureScaling(machine[-1]))
+    for name, pipeline in (("forest", flat_forest(num_trees=3)), ("machine", machine)):
+        model = EstimatorModel.of(pipeline.fit(rows.numpy(), y), 3)
+        Predictor(model, LAYOUT, class_names="abc", num_channels=3).save(folder / name)
+    return folder
+
+
+STEP = "model.arguments.steps.1"
+OF_ESTIMATORS = [
+    ("forest", "model.arguments.steps", [], "'steps' must be features and more"),
+    ("forest", "model.arguments.steps", {"a": 1}, "'steps' must be features and more"),
+    ("forest", "model.arguments.steps.0.step", "os.system", "the first step must be one of Readi"),
+    ("forest", f"{STEP}.step", "eval", "a step must be one of Affine, Linear"),
+    ("forest", f"{STEP}.spam", 1, "model 'EstimatorModel' does not take its arguments"),
+    ("forest", f"{STEP}.roots", [1, 2], "'roots' must be a tensor of 1 dimensions"),
+    ("forest", f"{STEP}.num_features", 1, "'feature' must be from 0 to 0"),
+    ("forest", f"{STEP}.num_features", 10**30, "is no predictor that can be read here"),
+    ("forest", f"{STEP}.num_features", "12", "'num_features' must hold whole numbers"),
+    ("forest", f"{STEP}.left", {"$tensor": "tensor.0"}, "'left' must be a tensor of 1 dim"),
+    ("forest", "model.arguments.steps.2.num_classes", 2, "'classes' must rise and be below 2"),
+    ("forest", "model.arguments.steps.2.num_classes", 10**9, "'num_classes' must be up to"),
+    ("forest", "model.arguments.steps.2.classes", [0, -1, 2], "'classes' must hold whole numbers"),
+    ("forest", "model.arguments.steps.2.classes", [0, 2], "Logits must take 3 numbers .got 2"),
+    ("machine", f"{STEP}.counts", [1, 2, 10**9], "'counts' must be of"),
+    ("machine", f"{STEP}.counts", [0.5], "'counts' must hold whole numbers"),
+    ("machine", f"{STEP}.vectors", GONE, "model 'EstimatorModel' does not take its argume"),
+    ("machine", "model.arguments.steps.2.bias", {"$tensor": "tensor.0"}, "'bias' must be a tensor"),
+    ("machine", "model.arguments.steps.3.factor", "x", "is no predictor that can be read here"),
+    ("machine", "model.arguments.steps.3.factor", -1.0, "'factor' must be above 0"),
+    ("forest", "score", {"mean": 1.0}, "a score must have model, metric, mean"),
+    ("forest", "score", 3, "a score must have"),
+]
+
+
+@pytest.mark.parametrize(("name", "place", "value", "text"), OF_ESTIMATORS)
+def test_hostile_numbers_of_estimators_are_refused(estimators, tmp_path, name, place, value, text):
+    path = tmp_path / "a.predictor"
+    path.write_bytes((estimators / name).read_bytes())
+    Predictor.load(path)
+    assert_is_refused(changed(path, lambda header, inner: put(inner, place, value)), text)
+
+
+def test_trees_without_end_are_refused(estimators, tmp_path):
+    tensors, texts, _ = read_tensors(estimators / "forest")
+    header = json.loads(texts[KEY])
+    name = header["model"]["arguments"]["steps"][1]["right"]["$tensor"]
+    before = tensors[name].clone()
+    tensors[name][1:3] = 0  # back to the root
+    write_tensors(tensors, texts, tmp_path / "a")
+    assert_is_refused(tmp_path / "a", "'left' and 'right' must come after their parent")
+    tensors[name] = before.clone()
+    tensors[name][0] = len(before)
+    write_tensors(tensors, texts, tmp_path / "a")
+    assert_is_refused(tmp_path / "a", f"'right' must be from 0 to {len(before) - 1}")
+
+
+def test_models_within_models_are_built_by_name_only(tmp_path):
+    average = AverageModel([TactileFNN(4, 2, widths=(5,), pools=(1,)) for _ in range(2)])
+    predictor(average).save(tmp_path / "a")
+    assert Predictor.load(tmp_path / "a")(X).equal(predictor(average)(X))
+    inner = "model.arguments.models.0.$model"
+    for place, value, text in (
+        (f"{inner}.class", "os.system", "there is no model 'os.system'"),
+        (inner, {"own": "Mine", "text": "x"}, "a model must have a class"),
+        (f"{inner}.arguments.widths", [10**7], "must not be larger than its weights in the file"),
+        ("model.arguments.models", [3.0], "'models' must hold at least one model"),
+    ):
+        predictor(average).save(tmp_path / "b")
+        hostile = changed(tmp_path / "b", lambda header, whole, p=place, v=value: put(whole, p, v))
+        assert_is_refused(hostile, text)
 
 
 @pytest.mark.parametrize(("change", "text"), HOSTILE_TENSORS)

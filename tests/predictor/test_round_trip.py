@@ -12,6 +12,7 @@ from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile import Predictor, nn, transforms
+from torch_geometric_tactile.baselines import flat_forest
 from torch_geometric_tactile.data import StaticData, join_frames
 from torch_geometric_tactile.nn.models import (
     BMFCNN,
@@ -19,10 +20,16 @@ from torch_geometric_tactile.nn.models import (
     GraspLSTM,
     PosedTaxelNet,
     SmallCNN,
+    TactileFNN,
     TaxelNet,
     TemporalTaxelNet,
 )
-from torch_geometric_tactile.predictor import MissingOwnError, classes
+from torch_geometric_tactile.predictor import (
+    AverageModel,
+    EstimatorModel,
+    MissingOwnError,
+    classes,
+)
 from torch_geometric_tactile.predictor._plain_data import Builder, Describer
 from torch_geometric_tactile.sensors import TaxelLayout, grid
 
@@ -281,6 +288,7 @@ def test_transforms_of_ones_own_are_given_again():
             through_text(chain, own)
 
 
+ROWS = (torch.randn(9, 11, 3, generator=torch.Generator().manual_seed(3)).numpy(), [0, 1, 2] * 3)
 # Parts of models, and the base class: no model of readings.
 PARTS = {"CNNThread", "GCNThread", "PooledMLP", "SegmentedThread", "TactileModel", "Thread"}
 IMAGE = grid(20, 21, 0.01)
@@ -299,6 +307,15 @@ MODELS = {
     "temporal": lambda: TemporalTaxelNet(
         small_models.LAYOUT, 3, num_filters=2, filter_size=2, max_taxels=6, num_joints=2
     ),
+    "average": lambda: AverageModel(
+        [GraspGCN(11, 2, in_channels=1, num_fingers=3), TactileFNN(11, 2)],
+        numbers=True,
+        center=torch.tensor([1.0, -2.0], dtype=torch.double),
+        scale=torch.tensor([3.0, 0.5], dtype=torch.double),
+    ),
+    "estimator": lambda: EstimatorModel.of(
+        flat_forest(num_trees=5).set_params(randomforestclassifier__random_state=0).fit(*ROWS), 3
+    ),
     "grasp_one": lambda: GraspGCN(11, num_fingers=3, fusion=None, finger=1, num_layers=2),
 }
 LAYOUTS = {"bmf_cnn": IMAGE}  # all others are on the small one
@@ -306,8 +323,9 @@ OWN = {"gcn_patch"}  # with an encoder that is given as a module
 
 
 def test_every_model_has_an_example():
-    assert {type(make()).__name__ for make in MODELS.values()} == set(nn.models.__all__) - PARTS
-    assert set(classes.model_classes()) == set(nn.models.__all__)
+    built = set(classes.model_classes())
+    assert {type(make()).__name__ for make in MODELS.values()} == built - PARTS
+    assert built == {*nn.models.__all__, "AverageModel", "EstimatorModel"}
 
 
 @pytest.mark.parametrize("name", MODELS)

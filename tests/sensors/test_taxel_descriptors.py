@@ -63,6 +63,13 @@ def test_places_are_weighted_by_the_readings(x):
         assert float(found[f"extent_{i + 1}"][0]) == pytest.approx(size, abs=1e-5)
 
 
+def test_a_flat_layout_has_no_third_extent():
+    names = descriptor_names(grid(3, 4, pitch=0.01))
+    found = taxel_descriptors(torch.randn(50, 12, 1), grid(3, 4, pitch=0.01))
+    assert found[:, names.index("extent_3")].tolist() == [0.0] * 50  # no rounding errors
+    assert (found[:, names.index("extent_2")] > 1e-3).all()
+
+
 def test_contact_of_one_taxel_and_of_all():
     one = torch.zeros(48, 1)
     one[20] = 2.0

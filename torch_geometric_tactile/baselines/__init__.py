@@ -21,6 +21,7 @@ from torch_geometric_tactile.baselines.posed_summary import PosedSummary, posed_
 from torch_geometric_tactile.baselines.sift_svm import SIFTSVM
 from torch_geometric_tactile.baselines.signal_features import SignalFeatures
 from torch_geometric_tactile.baselines.surf_svm import SURFSVM
+from torch_geometric_tactile.baselines.temperature_scaling import TemperatureScaling
 
 __all__ = [
     "FEATURE_NAMES",
@@ -31,6 +32,7 @@ __all__ = [
     "GraspSVM",
     "PosedSummary",
     "SignalFeatures",
+    "TemperatureScaling",
     "constant",
     "descriptor_forest",
     "descriptor_svm",

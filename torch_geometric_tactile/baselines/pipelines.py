@@ -14,10 +14,9 @@ from sklearn.svm import SVC, SVR, LinearSVC, LinearSVR
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.baselines._readings import readings
+from torch_geometric_tactile.baselines._window_features import WindowFeatures
 from torch_geometric_tactile.baselines.descriptor_features import DescriptorFeatures
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
-from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
 from torch_geometric_tactile.baselines.posed_summary import PosedSummary
 from torch_geometric_tactile.sensors import TaxelLayout
 
@@ -259,7 +258,7 @@ def signal_svm(
         array([0, 0, 0, 0, 1, 1, 1, 1])
     """
     model = _kernel_machine(task, C, 1.0, most_samples, class_weight)
-    return make_pipeline(_WindowFeatures(num_channels), StandardScaler(), model)
+    return make_pipeline(WindowFeatures(num_channels), StandardScaler(), model)
 
 
 def constant(task: _Task = "multiclass") -> Pipeline:
@@ -291,15 +290,6 @@ def _forest(task: _Task, num_trees: int, min_samples_leaf: int, class_weight: _W
 
 def _scaled(model: Any) -> TransformedTargetRegressor:
     return TransformedTargetRegressor(_EachNumber(model), transformer=StandardScaler())
-
-
-class _WindowFeatures(FlatReadings):
-    def __init__(self, num_channels: int = 1) -> None:
-        self.num_channels = num_channels
-
-    def transform(self, x: Any) -> np.ndarray:
-        values = np.nan_to_num(readings(x), nan=0.0)
-        return GraspSVM(num_fingers=self.num_channels).features(values)
 
 
 class _EachNumber(MultiOutputRegressor):

@@ -81,6 +81,11 @@ examples:
   tactile compare BiGS --init root=DIR --trials 60       each grasp, resampled to 60 frames
   tactile compare windows.npz --layout biotac --time-axis 1
                                                          windows that are cut: x (S, frames, N)
+  tactile compare touches.npz --grid 8x8 --save best.predictor
+                                                         also train the recommended model on all
+                                                         samples, for predict, live and export
+  tactile compare touches.npz --grid 8x8 --no-train --save svm.predictor --model svm_rbf
+                                                         another one, from finished runs
   tactile compare touches.npz --grid 8x8 --epochs 5 --folds 2
                                                          a first look
 
@@ -202,9 +207,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder for the results (default: comparison)",
     )
     output.add_argument(
+        "--save",
+        metavar="FILE",
+        help="at the end, train the recommended model on all samples and write it as a predictor, "
+        "which 'tactile predict', 'live' and 'export' take",
+    )
+    output.add_argument(
+        "--model",
+        metavar="NAME",
+        choices=list(MODELS),
+        help="with --save: the model to write instead of the recommended one",
+    )
+    output.add_argument(
         "--no-train",
         action="store_true",
-        help="train nothing; write the table of the finished runs",
+        help="train nothing, but for --save; write the table of the finished runs",
     )
     output.add_argument("--json", action="store_true", help="print the results as JSON")
     add_workers(parser)
@@ -252,6 +269,7 @@ def _run(arguments: argparse.Namespace) -> int:
         cut=_cut(arguments),
     )
     plan = comparison_plan(source, settings, name=_name(arguments.data))
+    _check_save(arguments, [cell.experiment for cell in plan.table.cells])
     jobs = 1 if arguments.scheduler is not None else arguments.jobs
     finished = run_with_bar(
         plan,
@@ -265,7 +283,34 @@ def _run(arguments: argparse.Namespace) -> int:
     comparison = summarize(finished)
     paths = write_comparison(comparison, arguments.out)
     _print(comparison, paths, arguments.json)
+    if arguments.save is not None:
+        _save(comparison, arguments)
     return exit_status(finished)
+
+
+def _check_save(arguments: argparse.Namespace, models: list[str]) -> None:
+    # Before hours of training.
+    if arguments.model is not None and arguments.save is None:
+        raise ValueError(f"'--model' must come with '--save' (got '{arguments.model}' alone)")
+    if arguments.model is not None and arguments.model not in models:
+        raise ValueError(
+            f"'--model' must be one of those compared, {', '.join(models)} (got "
+            f"'{arguments.model}')"
+        )
+    if arguments.save is not None and not Path(arguments.save).absolute().parent.is_dir():
+        raise FileNotFoundError(f"the folder of '{arguments.save}' does not exist: create it")
+
+
+def _save(comparison: "Comparison", arguments: argparse.Namespace) -> None:
+    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.experiments import deploy
+
+    predictor = deploy(comparison, arguments.model)
+    predictor.save(arguments.save)
+    text = f"wrote {arguments.save}: {predictor}\n  {predictor.score}"
+    if predictor.preparation.session.parts:
+        text += "\n  measures the sensor at rest: tactile predict --rest SECONDS"
+    _tell("\n".join(printable(line) for line in text.splitlines()), arguments.json)
 
 
 def _cut(arguments: argparse.Namespace) -> "FrameCut | None":

@@ -111,6 +111,8 @@ def run(arguments: argparse.Namespace) -> int:
             "is read as its configuration says"
         )
     predictor = run_data.open_predictor(arguments.model, arguments.config)
+    if predictor.score is not None:
+        print(printable(f"{arguments.model} was chosen for {predictor.score}"), flush=True)
     if arguments.adapt and arguments.rest is None and predictor.measures_rest:
         print(
             "note: --adapt takes the mean of a whole recording for its rest; --rest SECONDS takes "

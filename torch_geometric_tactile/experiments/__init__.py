@@ -1,6 +1,6 @@
 r"""Experiments as values, and what runs and compares them. Needs the extra ``train``."""
 
-from torch_geometric_tactile.experiments.advice import advice
+from torch_geometric_tactile.experiments.advice import advice, recommended
 from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source
 from torch_geometric_tactile.experiments.comparison import (
     Comparison,
@@ -11,6 +11,7 @@ from torch_geometric_tactile.experiments.comparison import (
     comparison_plan,
     summarize,
 )
+from torch_geometric_tactile.experiments.deploy import deploy
 from torch_geometric_tactile.experiments.differences import (
     Difference,
     paired_difference,
@@ -57,9 +58,11 @@ __all__ = [
     "compare",
     "comparison_plan",
     "data_source",
+    "deploy",
     "make_plan",
     "paired_difference",
     "read_table",
+    "recommended",
     "run_difference",
     "run_plan",
     "summarize",

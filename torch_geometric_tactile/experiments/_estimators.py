@@ -26,8 +26,8 @@ def fit_estimator(
 ) -> Fitted:
     r"""Fits an estimator and returns what it says of other samples."""
     transform = build_object(experiment.transform)
-    seen = _fitted_samples(transform, train)
-    held_out = _fitted_samples(transform, test, adapt=True)
+    seen = fitted_samples(transform, train)
+    held_out = fitted_samples(transform, test, adapt=True)
     estimator = seeded_estimator(experiment.model, train.layout, experiment.seed)
     x, x_test = (estimator_input(estimator, part) for part in (seen, held_out))
     start = time.perf_counter()
@@ -39,7 +39,7 @@ def fit_estimator(
     is_chosen, threshold = experiment.choice is not None, None
     score = prediction if is_chosen else class_scores(estimator, x_test, train.num_classes)
     if val is not None and experiment.threshold is not None:
-        other = _fitted_samples(transform, val, adapt=True)
+        other = fitted_samples(transform, val, adapt=True)
         seen_score = class_scores(estimator, estimator_input(estimator, other), train.num_classes)
         threshold = choose_threshold(
             _positive_score(seen_score),
@@ -78,11 +78,12 @@ def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -
     return estimator.set_params(**dict.fromkeys(open_states, seed))
 
 
-def _fitted_samples(
+def fitted_samples(
     transform: BaseTransform | None, part: StaticDataset, *, adapt: bool = False
 ) -> StaticData:
-    # All samples of a part in memory, behind the transform of their data set, as networks see them,
-    # and behind another, which is fitted on them.
+    r"""Returns all samples of a part in memory, behind the transform of their data set, as networks
+    see them, and behind another, which is fitted on them.
+    """
     data: StaticData = part.data
     data = data if part.transform is None else apply_transform(part.transform, data)
     return fit_transform(transform, data, adapt=adapt)

@@ -61,7 +61,7 @@ def fit_network(
             scale = TargetScale.of(train)
         else:
             section.setdefault("num_classes", train.num_classes)
-        train, test = (_prepared(part, scale) for part in (train, test))
+        train, test = (prepared_part(part, scale) for part in (train, test))
     data = TactileDataModule(
         train,
         test,  # its sessions, if anything is scaled by session, are measured too
@@ -77,7 +77,7 @@ def fit_network(
     settings |= experiment.trainer
     said, peaks, seconds, predicting, size = [], [], 0.0, 0.0, 0
     for member in range(members):
-        clock, seed = Clock(), experiment.seed + _NEXT_SEED * member
+        clock, seed = Clock(), member_seed(experiment.seed, member)
         watching = [found for study in studies if (found := study.callback(data)) is not None]
         watching += [] if choice is None else [OneCycle()]
         if experiment.measure_memory:
@@ -117,6 +117,11 @@ def fit_network(
         label_names=data.class_names if classifier.task == "multilabel" else None,
         trained=_trained(classifier, data, experiment.seed) if studies else None,
     )
+
+
+def member_seed(seed: int, member: int) -> int:
+    r"""Returns the seed of one of several networks."""
+    return seed + _NEXT_SEED * member
 
 
 def _answers(
@@ -278,7 +283,7 @@ def layout_edges(layout: TaxelLayout) -> Tensor:
     return edges
 
 
-def _prepared(part: StaticDataset, scale: TargetScale | None) -> StaticDataset:
+def prepared_part(part: StaticDataset, scale: TargetScale | None) -> StaticDataset:
     steps: list[BaseTransform] = [] if part.transform is None else [part.transform]
     if part[:1].batch([0]).edge_index is None:
         steps.append(_Edges(layout_edges(part.layout)))

@@ -32,10 +32,8 @@ def advice(comparison: Comparison) -> str:
     if graph is None or graph.difference is None:
         return f"Take {_with_score(comparison, plain)}; no graph model was compared."
     difference = graph.difference
-    gain = -difference.mean if comparison.metric == "mae" else difference.mean
-    size = _size(comparison.metric, difference)
-    is_told = difference.is_beyond_noise and size != _LEVEL
-    taken = (graph if gain > 0 else plain) if is_told else _simpler(graph, plain)
+    gain, size, is_told = _gain(comparison, difference)
+    taken = _taken(comparison, graph, plain)
     other = plain if taken is graph else graph
     kind = "graph" if other is graph else "plain"
     worse = "" if size == _LEVEL else " better" if (gain > 0) == (other is graph) else " worse"
@@ -45,6 +43,36 @@ def advice(comparison: Comparison) -> str:
         + ("." if is_told else _why(taken, other))
         + (_MORE if difference.error < abs(difference.mean) <= difference.margin else "")
     )
+
+
+def recommended(comparison: Comparison) -> ModelResult | None:
+    r"""Returns the model that :func:`advice` says to take, or :obj:`None` if it says none.
+
+    Args:
+        comparison (Comparison): What came of a comparison.
+    """
+    if comparison.best is None or _nothing_learnt(comparison):
+        return None
+    if comparison.best_plain is None:
+        return comparison.best
+    graphs = [result for result in comparison.results if result.model.is_graph]
+    graph = max(graphs, key=comparison.goodness, default=None)
+    plain = comparison.of(comparison.best_plain)
+    return plain if graph is None else _taken(comparison, graph, plain)
+
+
+def _taken(comparison: Comparison, graph: ModelResult, plain: ModelResult) -> ModelResult:
+    if graph.difference is None:
+        return plain
+    gain, _, is_told = _gain(comparison, graph.difference)
+    return (graph if gain > 0 else plain) if is_told else _simpler(graph, plain)
+
+
+def _gain(comparison: Comparison, difference: Difference) -> tuple[float, str, bool]:
+    # How much better the graph model is, in words, and whether that is told from the noise.
+    gain = -difference.mean if comparison.metric == "mae" else difference.mean
+    size = _size(comparison.metric, difference)
+    return gain, size, difference.is_beyond_noise and size != _LEVEL
 
 
 def _simpler(graph: ModelResult, plain: ModelResult) -> ModelResult:

@@ -107,6 +107,11 @@ class DataSource:
                 )
         return dataset[train], dataset[test]
 
+    def samples(self) -> StaticDataset:
+        r"""Returns the samples that are selected."""
+        dataset = self.load()
+        return dataset[self._chosen(dataset).nonzero().view(-1)]
+
     def _build(self, arguments: Mapping[str, Any]) -> StaticDataset:
         dataset: StaticDataset = build_object(
             {"class_path": self.class_path, "init_args": arguments}

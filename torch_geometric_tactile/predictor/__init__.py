@@ -1,6 +1,7 @@
 r"""Predictors: a trained model and the preparation of its readings in one file. Does not need the
 extra ``train``."""
 
+from torch_geometric_tactile.predictor.average_model import AverageModel
 from torch_geometric_tactile.predictor.classes import transform_classes
 from torch_geometric_tactile.predictor.content import (
     build_model,
@@ -8,16 +9,23 @@ from torch_geometric_tactile.predictor.content import (
     is_checkpoint,
     model_entry,
 )
+from torch_geometric_tactile.predictor.estimator_model import EstimatorModel
+from torch_geometric_tactile.predictor.estimator_predictor import estimator_predictor
 from torch_geometric_tactile.predictor.export_onnx import Exported, export_onnx
+from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.predictor.predictor import Predictor
 
 __all__ = [
+    "AverageModel",
+    "EstimatorModel",
     "Exported",
+    "MeasuredScore",
     "MissingOwnError",
     "Predictor",
     "build_model",
     "checkpoint_entry",
+    "estimator_predictor",
     "export_onnx",
     "is_checkpoint",
     "model_entry",

@@ -10,6 +10,7 @@ from torch.nn import Module
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn.models._inputs import needed_inputs
+from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 
 TASKS = ("multiclass", "multilabel", "regression")
 Task = Literal["multiclass", "multilabel", "regression"]
@@ -26,6 +27,7 @@ class Network:
         class_names: Sequence[str] = (),
         task: str = "multiclass",
         threshold: float | None = None,
+        score: MeasuredScore | None = None,
     ) -> None:
         need(task in TASKS, f"'task' must be one of {list(TASKS)} (got '{task}')")
         if threshold is not None and (task != "multiclass" or not 0 <= threshold <= 1):
@@ -37,6 +39,7 @@ class Network:
         self.class_names = tuple(class_names)
         self.task: Task = task  # type: ignore[assignment]
         self.threshold = threshold
+        self.score = score
         numbers = [p for p in model.parameters() if p.is_floating_point()]
         self.dtype = numbers[0].dtype if numbers else torch.get_default_dtype()
         self.device = numbers[0].device if numbers else torch.device("cpu")

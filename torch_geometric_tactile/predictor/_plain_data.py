@@ -21,6 +21,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data._allocation_limit import AllocationLimit
 from torch_geometric_tactile.data._transform_rules import KEPT_AS, flat
+from torch_geometric_tactile.predictor.average_model import AverageModel
 from torch_geometric_tactile.predictor.classes import model_classes, transform_classes
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
@@ -81,7 +82,12 @@ class Builder:
                 "model",
             )
         with torch.random.fork_rng(devices=[]), AllocationLimit(self.tensors.values()):
-            model: Module = self._object(described, model_classes(), "model")
+            return self._built(described)
+
+    def _built(self, described: Any) -> Module:
+        if not isinstance(described, Mapping) or "class" not in described:
+            raise ValueError(f"a model must have a class (got {described!r:.80})")
+        model: Module = self._object(described, model_classes(), "model")
         return model
 
     def _given(self, described: Mapping[str, Any]) -> Any:
@@ -135,6 +141,7 @@ _READERS: dict[str, Callable[[Builder, Any], Any]] = {
     ),
     "$kinematics": lambda builder, item: HandKinematics.from_dict(item),
     "$transform": lambda builder, item: builder.transform(item),
+    "$model": lambda builder, item: builder._built(item),
 }
 
 
@@ -235,10 +242,20 @@ class Describer:
             return _describe_own(model)
         mark = len(self.tensors)
         try:
+            if isinstance(model, AverageModel):
+                members = [{"$model": self._member(one)} for one in model.models]
+                rest = {key: value for key, value in arguments.items() if key != "models"}
+                return {"class": kind, "arguments": {"models": members, **self.value(rest)}}
             return {"class": kind, "arguments": self.value(arguments)}
         except _NotPlainError:  # an encoder of edge features, for example
             self._forget(mark)
             return _describe_own(model)
+
+    def _member(self, model: Module) -> dict[str, Any]:
+        described = self.model(model)
+        if "own" in described:
+            raise _NotPlainError(f"'{type(model).__name__}' is not built by name")
+        return described
 
     def value(self, value: Any) -> Any:
         r"""Describes an argument or a state."""

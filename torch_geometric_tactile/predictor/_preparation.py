@@ -321,6 +321,29 @@ def tared(preparation: Preparation) -> Preparation:
     )
 
 
+def with_shared(preparation: Preparation, **shared: Tensor) -> Preparation:
+    r"""Returns a preparation whose frames share further attributes, unless they have them.
+
+    Shapes:
+        - **shared:** The same for all frames, such as edges :math:`(2, |\mathcal{E}|)`.
+    """
+    known = copy.copy(preparation.shared)
+    for key, value in shared.items():
+        if known.get(key) is None:
+            known[key] = value
+    return Preparation(
+        preparation.layout,
+        known,
+        preparation.pre_transform,
+        preparation.transform,
+        preparation.num_channels,
+        preparation.num_joints,
+        window=preparation.window,
+        frame_transform=preparation.frame_transform,
+        read_options=preparation.read_options,
+    )
+
+
 def shared_by_frames(layout: TaxelLayout, adjacency: str | Tensor | None) -> StaticData:
     r"""Returns what all frames of a sensor have in common, without a frame: positions, normals and
     edges, as far as there are some.

@@ -7,6 +7,8 @@ import torch_geometric.transforms
 from torch_geometric_tactile import transforms
 from torch_geometric_tactile.data._transform_rules import IN_FILES
 from torch_geometric_tactile.nn import models
+from torch_geometric_tactile.predictor.average_model import AverageModel
+from torch_geometric_tactile.predictor.estimator_model import EstimatorModel
 
 
 def transform_classes() -> dict[str, type]:
@@ -21,4 +23,5 @@ def transform_classes() -> dict[str, type]:
 def model_classes() -> dict[str, type]:
     r"""Returns the models that are built by name."""
     classes = {name: getattr(models, name) for name in models.__all__}
-    return {name: cls for name, cls in classes.items() if inspect.isclass(cls)}
+    ours = {name: cls for name, cls in classes.items() if inspect.isclass(cls)}
+    return ours | {"AverageModel": AverageModel, "EstimatorModel": EstimatorModel}

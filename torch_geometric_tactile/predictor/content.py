@@ -20,6 +20,7 @@ from torch_geometric_tactile.predictor._plain_data import Builder, Describer, lo
 from torch_geometric_tactile.predictor._preparation import Preparation
 from torch_geometric_tactile.predictor._tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.predictor._window_cut import WindowCut
+from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.sensors import TaxelLayout
 
@@ -46,6 +47,7 @@ def describe_predictor(
         "task": network.task,
         "class_names": list(network.class_names),
         "threshold": network.threshold,
+        "score": None if network.score is None else network.score.to_dict(),
         "layout": preparation.layout.to_dict(),
         "num_channels": preparation.num_channels,
         "num_joints": preparation.num_joints,
@@ -202,7 +204,9 @@ def build_predictor(
     built = builder.model(header["model"], model)
     load_weights(built, weights)
     names = tuple(map(str, header["class_names"]))
-    return preparation, Network(built, names, header["task"], threshold)
+    score = header.get("score")  # most have none
+    score = None if score is None else MeasuredScore.from_dict(score)
+    return preparation, Network(built, names, header["task"], threshold, score)
 
 
 def save(preparation: Preparation, network: Network, path: PathLike) -> None:

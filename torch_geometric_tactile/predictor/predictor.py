@@ -19,6 +19,7 @@ from torch_geometric_tactile.predictor._preparation import Preparation, shared_b
 from torch_geometric_tactile.predictor._readings import ArrayLike, shape_of
 from torch_geometric_tactile.predictor._session import Session
 from torch_geometric_tactile.predictor._window_cut import WindowCut
+from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _P = ParamSpec("_P")
@@ -277,6 +278,7 @@ class Predictor:
     class_names = _Attribute[tuple[str, ...]]("network")
     task = _Attribute[Task]("network")
     threshold = _Attribute[float | None]("network")
+    score = _Attribute[MeasuredScore | None]("network")
 
     logits = _method_of("network", Network.logits)
     probability = _method_of("network", Network.probability)

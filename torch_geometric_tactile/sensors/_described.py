@@ -17,6 +17,7 @@ DIRECTIONS = 8
 _NEAREST = 6
 _COARSE, _FINE = 4, 9  # cells of a layout of one patch
 _ROUNDS = 20  # of k-means
+_FLAT = 1e-5  # squared extents
 _TINY = 1e-12
 NAMES = (
     *("mean", "deviation", "largest"),
@@ -144,7 +145,9 @@ def _eigenvalues(moments: Tensor) -> Tensor:
     half = (u * (v * w - yz * yz) - xy * (xy * w - yz * xz) + xz * (xy * yz - v * xz)) / 2
     angle = half.clamp(-1, 1).acos().unsqueeze(-1) / 3
     turns = angle + angle.new_tensor([0.0, 4 * math.pi / 3, 2 * math.pi / 3])
-    return middle + 2 * scale * turns.cos()
+    found = middle + 2 * scale * turns.cos()
+    # The third of a flat layout is zero, not rounding errors, which a scaler would blow up.
+    return torch.where(found < _FLAT, 0.0, found)
 
 
 def _contact(x: Tensor, around: Tensor) -> list[Tensor]:

@@ -20,6 +20,8 @@ from torch_geometric_tactile.training.module import (
     TactileModule,
     classifier_from_config,
 )
+from torch_geometric_tactile.training.network_classifier import NetworkClassifier
+from torch_geometric_tactile.training.network_regressor import NetworkRegressor
 from torch_geometric_tactile.training.one_cycle import OneCycle
 from torch_geometric_tactile.training.quiet import quiet_lightning
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
@@ -28,6 +30,8 @@ from torch_geometric_tactile.training.training_recipe import TrainingRecipe, tra
 __all__ = [
     "AtomicCheckpointIO",
     "DataSizes",
+    "NetworkClassifier",
+    "NetworkRegressor",
     "OneCycle",
     "TactileClassifier",
     "TactileDataModule",

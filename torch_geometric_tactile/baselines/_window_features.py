@@ -1,0 +1,21 @@
+r"""The statistical features of windows as the first step of a pipeline."""
+
+from typing import Any
+
+import numpy as np
+
+from torch_geometric_tactile.baselines._readings import readings
+from torch_geometric_tactile.baselines.flat_readings import FlatReadings
+from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
+
+
+class WindowFeatures(FlatReadings):
+    r"""The features of :class:`GraspSVM` of windows of frames, missing readings as zero."""
+
+    def __init__(self, num_channels: int = 1) -> None:
+        self.num_channels = num_channels
+
+    def transform(self, x: Any) -> np.ndarray:
+        r"""Returns the rows :math:`(S, K)`."""
+        values = np.nan_to_num(readings(x), nan=0.0)
+        return GraspSVM(num_fingers=self.num_channels).features(values)

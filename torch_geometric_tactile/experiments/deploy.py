@@ -1,0 +1,180 @@
+r"""The model that a comparison recommends, trained to be used."""
+
+import logging
+import math
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from sklearn.pipeline import Pipeline
+from torch.nn import Module
+
+from torch_geometric_tactile.baselines import TemperatureScaling
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments._building import build_object
+from torch_geometric_tactile.experiments._estimators import (
+    estimator_input,
+    fitted_samples,
+    seeded_estimator,
+)
+from torch_geometric_tactile.experiments._experiment import Choice, Experiment
+from torch_geometric_tactile.experiments._held_out import column_of
+from torch_geometric_tactile.experiments._networks import (
+    Clock,
+    TargetScale,
+    fit_classifier,
+    layout_edges,
+    member_seed,
+    prepared_part,
+)
+from torch_geometric_tactile.experiments.advice import advice, recommended
+from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
+from torch_geometric_tactile.predictor import (
+    AverageModel,
+    MeasuredScore,
+    Predictor,
+    estimator_predictor,
+)
+from torch_geometric_tactile.predictor._preparation import with_shared
+from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.one_cycle import OneCycle
+
+_UNITS = ("trial", "group")
+_logger = logging.getLogger(__name__)
+
+
+def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
+    r"""Trains a model of a comparison once more, and returns it as a predictor: with the
+    transforms of the comparison, the names of the classes, how recordings are read and cut, and
+    the score that it was chosen for.
+
+    It is trained on all samples, with the setting that was chosen on most splits (the default, if
+    it is among several); of given parts (:obj:`by="given"`) on those to train and to choose on, so
+    that the test part stays unseen. What was measured is what is returned: of networks, the average
+    of :obj:`members`.
+
+    Estimators without probabilities get them by
+    :class:`~torch_geometric_tactile.baselines.TemperatureScaling`, with trials (or groups) held
+    out.
+
+    Args:
+        comparison (Comparison): What came of a comparison.
+        name (str, optional): Name of the model; the one that :func:`advice` says to take if left
+            out.
+
+    Raises:
+        ValueError: If no model is recommended, or there is no result of :obj:`name`.
+
+    Examples:
+        >>> deploy(compare(data_source("touches.npz", grid="28x50"))).save("best.predictor")
+        ... # doctest: +SKIP
+    """
+    result = recommended(comparison) if name is None else comparison.of(name)
+    if result is None:
+        raise ValueError(f"'name' must be given, since none is recommended: {advice(comparison)}")
+    experiment = next(e for e in comparison.run.plan.experiments if e.name == result.model.name)
+    choice = experiment.choice
+    assert choice is not None
+    experiment = experiment.with_setting(_setting(result, choice))
+    samples, trained_on = _samples(experiment)
+    stride = _window_stride(experiment.data.arguments)
+    if stride > 1:
+        _logger.warning(
+            "windows are cut of every frame of a recording, and those of the comparison of one in "
+            "%d: give the predictor recordings at that rate",
+            stride,
+        )
+    threads = torch.get_num_threads()
+    torch.set_num_threads(experiment.threads)
+    try:
+        train = _estimator if experiment.is_estimator else _networks
+        predictor = train(experiment, choice, samples)
+    finally:
+        torch.set_num_threads(threads)
+    mean, sd = result.scores[comparison.metric]
+    predictor.score = MeasuredScore(
+        model=result.model.name,
+        metric=comparison.metric,
+        mean=mean,
+        sd=sd if math.isfinite(sd) else None,
+        num_splits=comparison.num_splits,
+        protocol=experiment.protocol.describe(),
+        trained_on=trained_on,
+    )
+    return predictor
+
+
+def _setting(result: ModelResult, choice: Choice) -> Mapping[str, Any]:
+    count = Counter(chosen["number"] for chosen in result.chosen)
+    most = max(count, key=lambda number: (count[number], -number))  # 0 is the default
+    return choice.settings[most]
+
+
+def _window_stride(arguments: Mapping[str, Any]) -> int:
+    # Of the frames that windows are cut from.
+    inner = arguments.get("dataset")
+    if not isinstance(inner, Mapping):
+        return 1
+    given = inner.get("init_args") or {}
+    return int(given.get("stride") or 1) * _window_stride(given)
+
+
+def _samples(experiment: Experiment) -> tuple[StaticDataset, str]:
+    # The samples to train on, and what they are in words.
+    samples = experiment.data.samples()
+    if experiment.protocol.by != "given":
+        return samples, f"all {len(samples):,} samples"
+    split = experiment.protocol.split(samples)
+    known = torch.cat([split.train, split.val]).sort().values
+    return samples[known], f"the {len(known):,} samples of the parts to train and choose on"
+
+
+def _estimator(experiment: Experiment, choice: Choice, samples: StaticDataset) -> Predictor:
+    transform = build_object(experiment.transform)
+    seen = fitted_samples(transform, samples)
+    pipeline = seeded_estimator(experiment.model, samples.layout, experiment.seed)
+    given: dict[str, Any] = {}
+    if not choice.of_numbers and not hasattr(pipeline, "predict_proba"):
+        *first, (name, last) = pipeline.steps
+        pipeline = Pipeline([*first, (name, TemperatureScaling(last))])
+        by = experiment.protocol.by
+        given[f"{name}__groups"] = column_of(samples, by if by in _UNITS else "trial")
+    pipeline.fit(estimator_input(pipeline, seen), seen.y.numpy(), **given)
+    return estimator_predictor(pipeline, samples, transform)
+
+
+def _networks(experiment: Experiment, choice: Choice, samples: StaticDataset) -> Predictor:
+    section, scale = dict(experiment.model), None
+    if choice.of_numbers:
+        scale = TargetScale.of(samples)
+    else:
+        section.setdefault("num_classes", samples.num_classes)
+    train = prepared_part(samples, scale)
+    data = TactileDataModule(
+        train,
+        train[:0],
+        split="frame",
+        val_dataset=train[:0],
+        transform=build_object(experiment.transform),
+        batch_size=experiment.batch_size,
+    )
+    data.setup()
+    settings = {"accelerator": experiment.accelerator, "limit_val_batches": 0}
+    models: list[Module] = []
+    for member in range(choice.members):
+        seed = member_seed(experiment.seed, member)
+        options = {**settings, **experiment.trainer}
+        classifier = fit_classifier(
+            section, data, seed, options, experiment.epochs, Clock(), OneCycle()
+        )
+        models.append(classifier.model.eval().cpu())
+    if scale is not None:
+        found: Module = AverageModel(models, numbers=True, center=scale.center, scale=scale.scale)
+    else:
+        found = models[0] if len(models) == 1 else AverageModel(models)
+    predictor = Predictor.from_dataset(
+        found, samples, data.transform, "multiclass" if scale is None else "regression"
+    )
+    shared = {"edge_index": layout_edges(samples.layout), "pos": samples.layout.pos}
+    return Predictor._of(with_shared(predictor.preparation, **shared), predictor.network)

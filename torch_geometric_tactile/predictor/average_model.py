@@ -1,0 +1,85 @@
+r"""Several models that answer together."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn import Module, ModuleList
+
+from torch_geometric_tactile._checks import need
+
+
+class AverageModel(Module):
+    r"""Averages what several models of one task say: probabilities of classes, of which it returns
+    logarithms, or numbers, which it takes back to their unit if the models were trained on scaled
+    ones.
+
+    Args:
+        models (sequence of torch.nn.Module): The models, which take the same inputs.
+        numbers (bool): Whether they predict numbers, not classes.
+        center (torch.Tensor, optional): What numbers are shifted by, after they are scaled
+            :math:`(C,)`.
+        scale (torch.Tensor, optional): What numbers are multiplied by :math:`(C,)`.
+
+    Shapes:
+        - **x:** prepared readings :math:`(B, N, F)`
+        - **output:** :math:`(B, C)`
+
+    Raises:
+        ValueError: If there is no model, or what they take differs.
+
+    Examples:
+        >>> from torch_geometric_tactile.nn.models import TactileFNN
+        >>> model = AverageModel([TactileFNN(4, 2), TactileFNN(4, 2)]).eval()
+        >>> model(torch.rand(5, 4, 3)).shape
+        torch.Size([5, 2])
+    """
+
+    _center: Tensor | None
+    _scale: Tensor | None
+
+    def __init__(
+        self,
+        models: Sequence[Module],
+        numbers: bool = False,
+        center: Tensor | None = None,
+        scale: Tensor | None = None,
+    ) -> None:
+        super().__init__()
+        if not models or not all(isinstance(model, Module) for model in models):
+            raise ValueError(f"'models' must hold at least one model (got {models!r:.80})")
+        self.models = ModuleList(models)
+        self.modalities: tuple[str, ...] = tuple(getattr(models[0], "modalities", ()))
+        self.needs_edges = bool(getattr(models[0], "needs_edges", False))
+        for model in models[1:]:
+            given = tuple(getattr(model, "modalities", ()))
+            need(given == self.modalities, f"'models' must all take {self.modalities}", given)
+        self.numbers = bool(numbers)
+        for name, value in (("center", center), ("scale", scale)):
+            if value is not None and (not isinstance(value, Tensor) or value.dim() > 1):
+                raise ValueError(f"'{name}' must be a number of each output (got {value!r:.80})")
+            self.register_buffer(f"_{name}", value, persistent=False)
+        self._hub_arguments = {
+            "models": list(models),
+            "numbers": self.numbers,
+            "center": center,
+            "scale": scale,
+        }
+
+    def forward(self, x: Tensor, edge_index: Tensor | None = None, **given: Any) -> Tensor:
+        r"""Returns logarithms of probabilities :math:`(B, C)`, or numbers.
+
+        Args:
+            x (torch.Tensor): Prepared readings :math:`(B, N, F)`.
+            edge_index (torch.Tensor, optional): Edges :math:`(2, |\mathcal{E}|)`.
+            **given (optional): The attributes that :obj:`modalities` names.
+        """
+        said = torch.stack([model(x, edge_index, **given) for model in self.models])
+        if not self.numbers:
+            return said.log_softmax(dim=-1).logsumexp(dim=0) - math.log(len(self.models))
+        mean = said.double().mean(dim=0)
+        if self._scale is not None:
+            mean = mean * self._scale
+        return (mean if self._center is None else mean + self._center).to(said.dtype)
