@@ -337,6 +337,7 @@ TARGETS: Sequence[Target] = (
         "URDF", description_bases.urdf, readers.urdf, _text, tree_oracles.xml_tree, 2, tree=True
     ),
     Target("predictor", model_bases.predictor, readers.predictor, _predictor, weight=6),
+    Target("encoder", model_bases.encoder, readers.encoder, _predictor, weight=3),
     Target("checkpoint: predictor", model_bases.checkpoint, readers.predictor, _torch, weight=5),
     Target("checkpoint: module", model_bases.checkpoint, readers.checkpoint, _torch, weight=4),
     Target("processed file", model_bases.processed, readers.processed, _torch, weight=5),

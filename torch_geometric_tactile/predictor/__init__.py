@@ -11,11 +11,13 @@ from torch_geometric_tactile.predictor.content import (
 from torch_geometric_tactile.predictor.export_onnx import Exported, export_onnx
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.predictor.predictor import Predictor
+from torch_geometric_tactile.predictor.pretrained_encoder import PretrainedEncoder
 
 __all__ = [
     "Exported",
     "MissingOwnError",
     "Predictor",
+    "PretrainedEncoder",
     "build_model",
     "checkpoint_entry",
     "export_onnx",

@@ -21,6 +21,7 @@ from torch_geometric_tactile.training.module import (
     classifier_from_config,
 )
 from torch_geometric_tactile.training.one_cycle import OneCycle
+from torch_geometric_tactile.training.pretraining import PretrainSettings, PretrainStep, pretrain
 from torch_geometric_tactile.training.quiet import quiet_lightning
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
@@ -29,6 +30,8 @@ __all__ = [
     "AtomicCheckpointIO",
     "DataSizes",
     "OneCycle",
+    "PretrainSettings",
+    "PretrainStep",
     "TactileClassifier",
     "TactileDataModule",
     "TactileModule",
@@ -39,6 +42,7 @@ __all__ = [
     "fill_sizes",
     "find_config",
     "load_config",
+    "pretrain",
     "quiet_lightning",
     "regression_metrics",
     "training_recipe",
