@@ -38,6 +38,9 @@ MODELS = {
     "forest": "random forest on the readings",
     "descriptors_svm": "support vector machine on descriptors of the layout",
     "descriptors_forest": "random forest on descriptors of the layout and readings",
+    "encoder_forest": "random forest on a pretrained encoder, descriptors and readings +",
+    "encoder_svm": "support vector machine on a pretrained encoder and descriptors +",
+    "encoder_tuned": "a pretrained encoder, trained further with the labels +",
     "posed_forest": "random forest on force, centre, normal and count per patch",
     "posed_ridge": "ridge regression on the same",
     "constant": "the most frequent class, or the mean",
@@ -62,6 +65,7 @@ models:
 {chr(10).join(f"  {name:18} {title}" for name, title in MODELS.items())}
   * only for samples of several frames (--window, --trials); the three 'posed' models are only
     for single frames
+  + only with --encoder FILE, which 'tactile pretrain' writes; 'encoder_tuned' for single frames
 """
 EXAMPLES = """\
 examples:
@@ -80,6 +84,8 @@ examples:
   tactile compare BiGS --init root=DIR --trials 60       each grasp, resampled to 60 frames
   tactile compare windows.npz --layout biotac --time-axis 1
                                                          windows that are cut: x (S, frames, N)
+  tactile compare touches.npz --grid 8x8 --encoder skin.encoder
+                                                         with an encoder of 'tactile pretrain'
   tactile compare touches.npz --grid 8x8 --epochs 5 --folds 2
                                                          a first look
 
@@ -116,6 +122,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     training = parser.add_argument_group("models and splits")
     training.add_argument(
         "--models", metavar="NAME,NAME", help="models to compare (default: all that fit the data)"
+    )
+    training.add_argument(
+        "--encoder",
+        metavar="FILE",
+        help="an encoder of this sensor, of 'tactile pretrain': adds the models that begin with it",
     )
     training.add_argument(
         "--by",
@@ -236,6 +247,7 @@ def _run(arguments: argparse.Namespace) -> int:
         epochs=arguments.epochs,
         members=arguments.members,
         tare=None if arguments.rest is None else {"key": "trial", "first": arguments.rest},
+        encoder=arguments.encoder,
         accelerator=arguments.accelerator,
         threads=arguments.threads,
     )

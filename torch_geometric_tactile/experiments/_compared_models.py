@@ -1,13 +1,14 @@
 r"""The models of a comparison: their task, what each is and tries, and where it has no place."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import torch
 
 from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments._encoder_models import encoder_arguments
 from torch_geometric_tactile.experiments._experiment import Choice
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.nn.models.bmf_cnn import LEAST_SIZE
@@ -17,6 +18,7 @@ from torch_geometric_tactile.training.training_recipe import TrainingRecipe, tra
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
 _TRANSFORMS = "torch_geometric_tactile.transforms."
+_ENCODERS = "torch_geometric_tactile.experiments._encoder_models."
 _MOST_SVM_SAMPLES = 10_000
 _MANY_TAXELS = 500  # above which a network is tried with one setting, for time
 _FEW_SAMPLES = 1000  # to train on: with more, one validation part tells enough
@@ -36,6 +38,7 @@ class ComparedTask:
     members: int = 1
     num_frames: int | None = None
     num_channels: int = 1
+    encoder: dict[str, str] | None = None
 
     @classmethod
     def of(
@@ -44,11 +47,16 @@ class ComparedTask:
         metric: str,
         part: float,
         num_frames: int | None = None,
+        encoder: str | None = None,
+        rest: Mapping[str, Any] | None = None,
         **more: Any,
     ) -> "ComparedTask":
-        r"""Returns the task of a data set."""
+        r"""Returns the task of a data set, of whose frames a rest may have been subtracted."""
         num_train = max(1, round(part * len(dataset)))
         width = dataset.batch(torch.tensor([0])).x.shape[-1]
+        if encoder is not None:
+            num_channels = width // (num_frames or 1)
+            more["encoder"] = encoder_arguments(encoder, dataset.layout, num_channels, rest)
         return cls(
             dataset.layout,
             metric,
@@ -76,10 +84,12 @@ class ComparedTask:
         return Choice(settings, self.metric, self.members, repeats)
 
     def transform(
-        self, *, scaled: bool, posed: bool = False, filled: bool = True
+        self, *, scaled: bool, posed: bool = False, filled: bool = True, encoded: bool = False
     ) -> dict[str, Any]:
         r"""Returns what every batch goes through, as plain data."""
         steps = [] if self.tare is None else [_step("Tare", self.tare)]
+        if encoded:
+            steps.append({"class_path": f"{_ENCODERS}EncoderScale", "init_args": self.encoder})
         if scaled:
             of_signals = {} if self.num_frames is None else {"per": "signal"}
             steps.append(_step("ZScore", {**of_signals, "scale_per": "channel"}))
@@ -142,6 +152,7 @@ class ComparedModel:
 class _Network(ComparedModel):
     lr: float | None = None  # that of the recipe if left out
     is_posed: bool = False
+    is_encoder: bool = False
 
     def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
         recipe = task.recipe
@@ -151,7 +162,7 @@ class _Network(ComparedModel):
             "fused": True,
         }
         section: dict[str, Any] = {
-            "model": {"class_path": f"{_MODELS}{self.class_name}", "init_args": arguments},
+            "model": {"class_path": f"{self._room}{self.class_name}", "init_args": arguments},
             "optimizer": {"class_path": "torch.optim.AdamW", "init_args": optimizer},
         }
         if task.numbers:
@@ -160,7 +171,11 @@ class _Network(ComparedModel):
             section["label_smoothing"] = recipe.label_smoothing
         if task.metric == "balanced_accuracy":
             section["class_weights"] = "balanced"
-        transform = task.transform(scaled=not self.is_posed, posed=self.is_posed)
+        transform = task.transform(
+            scaled=not (self.is_posed or self.is_encoder),
+            posed=self.is_posed,
+            encoded=self.is_encoder,
+        )
         config = {
             "model": section,
             "data": {"transform": transform, "batch_size": recipe.batch_size},
@@ -169,20 +184,28 @@ class _Network(ComparedModel):
         few = settings[:1] if task.layout.num_taxels > _MANY_TAXELS else settings
         return {"config": config, "choice": task.choice(few)}
 
+    @property
+    def _room(self) -> str:
+        return _ENCODERS if self.is_encoder else _MODELS
+
 
 @dataclass(frozen=True)
 class _Estimator(ComparedModel):
     sums_patches: bool = False  # of readings that are neither scaled nor filled
+    is_encoder: bool = False  # which scales itself
 
     def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
-        scaled = not self.sums_patches
+        scaled = not (self.sums_patches or self.is_encoder)
+        room = _ENCODERS if self.is_encoder else _BASELINES
         arguments["task"] = "regression" if task.numbers else "multiclass"
         if task.metric == "balanced_accuracy" and self.name != FLOOR:
             arguments["class_weight"] = "balanced"
         return {
-            "estimator": {"class_path": f"{_BASELINES}{self.class_name}", "init_args": arguments},
+            "estimator": {"class_path": f"{room}{self.class_name}", "init_args": arguments},
             "transform": task.transform(
-                scaled=scaled, posed=self.sums_patches and task.posed, filled=scaled
+                scaled=scaled,
+                posed=self.sums_patches and task.posed,
+                filled=scaled,
             ),
             "choice": task.choice([{"init_args": setting} for setting in settings]),
         }
@@ -235,6 +258,14 @@ def _lacks_a_pose(task: ComparedTask) -> str:
     return _lacks_a_frame(task) or (
         "" if task.posed else "the taxels are not placed by joint angles"
     )
+
+
+def _lacks_an_encoder(task: ComparedTask) -> str:
+    return "" if task.encoder is not None else "no encoder is given ('encoder')"
+
+
+def _lacks_an_encoder_of_frames(task: ComparedTask) -> str:
+    return _lacks_an_encoder(task) or _lacks_a_frame(task)
 
 
 def _lacks_a_map(task: ComparedTask) -> str:
@@ -347,6 +378,34 @@ MODELS: tuple[ComparedModel, ...] = (
         "random forest on descriptors of the layout and readings",
         "descriptor_forest",
         _LEAVES,
+    ),
+    _Estimator(
+        "encoder_forest",
+        "random forest on a pretrained encoder, descriptors and readings",
+        "encoder_forest",
+        _LEAVES,
+        lambda task: {**(task.encoder or {})},
+        is_encoder=True,
+        lacks=_lacks_an_encoder,
+    ),
+    _Estimator(
+        "encoder_svm",
+        "support vector machine on a pretrained encoder and descriptors",
+        "encoder_svm",
+        _DESCRIBED,
+        lambda task: {**(task.encoder or {}), "most_samples": _MOST_SVM_SAMPLES},
+        is_encoder=True,
+        lacks=_lacks_an_encoder,
+    ),
+    _Network(
+        "encoder_tuned",
+        "a pretrained encoder, trained further with the labels",
+        "TunedEncoder",
+        arguments=lambda task: {**(task.encoder or {})},
+        is_graph=True,
+        lr=1e-3,
+        is_encoder=True,
+        lacks=_lacks_an_encoder_of_frames,
     ),
     _Estimator(
         "posed_forest",
