@@ -21,6 +21,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn.models import TaxelEncoder
 from torch_geometric_tactile.nn.models._taxel_kernels import (
+    PLACE,
     KernelConv,
     Neighbourhood,
     coarse_layout,
@@ -223,7 +224,7 @@ class _Heads(Module):
         self.near = Neighbourhood(layout, coarse, zoom)
         self.up = KernelConv(width)
         self.predict = Sequential(
-            Linear(width + 3, width), GELU(), Linear(width, model.in_channels)
+            Linear(width + PLACE, width), GELU(), Linear(width, model.in_channels)
         )
 
     def readings(self, last: Tensor, place: Tensor) -> Tensor:
@@ -294,7 +295,7 @@ class _Pretraining:
     def _tilted(self, x: Tensor) -> Tensor:
         # As if the sensor was pressed aslant: the gain changes from side to side.
         slope = _TILT * torch.randn(len(x), 3, 1, generator=self.draw)
-        return x * (self.model.place @ slope).exp()
+        return x * (self.model.place[:, :3] @ slope).exp()
 
     def _felt(self) -> Tensor:
         # How much is felt in each frame, from one hundredth to one.

@@ -6,7 +6,7 @@ from plain_models import GRID, encoder, given
 from small_models import samples
 
 from torch_geometric_tactile.nn import TaxelEncoder
-from torch_geometric_tactile.nn.models._taxel_kernels import KernelConv, Neighbourhood
+from torch_geometric_tactile.nn.models._taxel_kernels import KernelConv, Neighbourhood, places
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, grid, select_taxels
 
 
@@ -26,10 +26,11 @@ def test_taxel_encoder_repr():
 def test_taxel_encoder_parameter_count():
     width, size, classes = 6, 5, 3
     kernel = 3 * 32 + 32 + 32 * width + width
-    lift = (3 + 3) * width + width
+    lift = (3 + 9) * width + width
     first = kernel + 2 * width + width * width + width
     block = kernel + 2 * width + 2 * (2 * width * width) + 2 * width + width
-    head = 4 * width * size + size + 2 * size + size * classes + classes
+    attention = (width + 9) * 8 + 8
+    head = attention + 12 * width * size + size + 2 * size + size * classes + classes
     expected = lift + first + block + head
     assert num_parameters(encoder("whole")) == expected
     assert num_parameters(encoder("joined")) == expected  # whatever the layout
@@ -99,6 +100,19 @@ def test_links_are_no_neighbours():
     near = Neighbourhood(layout, layout)
     target, source = near.index // 384, near.index % 384
     assert layout.link[target].equal(layout.link[source])
+
+
+def test_places_tell_links_apart():
+    layout = allegro_uskin()
+    found = places(layout, layout)
+    assert found.shape == (384, 9)
+    assert found[:, :3].abs().max() == 1.0
+    of_links = torch.stack([found[layout.link == i][0, 3:] for i in layout.link.unique()])
+    distance = torch.cdist(of_links, of_links).fill_diagonal_(9.0)
+    assert distance.min() > 0.1
+    assert places(GRID, GRID)[:, 3:].eq(0).all()  # of one link
+    whole = places(GRID, GRID)
+    assert places(select_taxels(GRID, [3, 5]), GRID).equal(whole[[3, 5]])
 
 
 def test_encoder_leaves_out_missing_taxels():

@@ -1,5 +1,6 @@
 r"""Convolutions whose weight of a neighbour is a function of its place: they run on any layout."""
 
+import math
 from collections.abc import Callable
 from typing import Optional
 
@@ -14,10 +15,13 @@ from torch_geometric_tactile.nn.conv._edge_checks import Forgetful, is_traced
 from torch_geometric_tactile.nn.conv._plain import any_global_hook, is_hooked
 from torch_geometric_tactile.nn.models._taxel_levels import pooled_layouts
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors._described import in_extents
 
 _REACH = 2.2  # in pitches: 12 neighbours on a grid, 18 on a hexagonal layout
 _NEAREST = 4  # taxels whose distances make the pitch
 _KERNEL = 32  # width of the function of the place
+_WAVES = (1, 2, 3)
+PLACE = 3 + 2 * len(_WAVES)
 _LEAST_SEEN = 0.1  # of a neighbourhood, below which what is seen is not blown up further
 
 
@@ -52,6 +56,18 @@ class Neighbourhood(Module):
         self.register_buffer("index", index, persistent=False)
         self.register_buffer("offset", offset.float(), persistent=False)
         self.register_buffer("share", share.float(), persistent=False)
+
+
+def places(layout: TaxelLayout, whole: TaxelLayout) -> Tensor:
+    r"""Returns where taxels are on the whole layout: their places on the link, in units of the
+    largest extent, and waves over the numbers of the links, whose frames say nothing of each other.
+    """
+    assert layout.link is not None
+    angle = 2 * math.pi * layout.link.double() / len(whole.link_names)
+    waves = [wave for k in _WAVES for wave in ((k * angle).cos(), (k * angle).sin())]
+    of_link = torch.stack(waves, dim=1) if len(whole.link_names) > 1 else torch.zeros(1, 1)
+    pos = in_extents(layout.pos.double(), whole.pos.double())
+    return torch.cat([pos, of_link.expand(len(pos), 2 * len(_WAVES))], dim=1).float()
 
 
 def coarse_layout(layout: TaxelLayout, max_taxels: int) -> TaxelLayout:

@@ -12,15 +12,17 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.nn._sizes import check_sizes
 from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxel_kernels import (
+    PLACE,
     KernelBlock,
     KernelConv,
     Neighbourhood,
     coarse_layout,
+    places,
 )
 from torch_geometric_tactile.nn.models._taxels import load_layout, stacked_readings
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.sensors._described import in_extents
 
+_QUERIES = 8
 _HALF = 0.5  # pitches of the coarser layout, of four taxels each, about one of the finer
 
 
@@ -34,7 +36,7 @@ class TaxelEncoder(BaseModel):
     reading (NaN) is left out, and its share goes to its neighbours: thinned and damaged sensors are
     read as they are. If the layout is large, the first convolution leads to a coarser layout of at
     most :obj:`max_taxels`. Means and maxima over its taxels, behind the first and the last layer,
-    make the features.
+    and eight means with learned shares, which know the places of the taxels, make the features.
 
     It takes raw readings: :meth:`fit_scale` measures a centre of each taxel and a scale of each
     channel, which are part of its state. Large readings are compressed by the inverse hyperbolic
@@ -71,6 +73,7 @@ class TaxelEncoder(BaseModel):
     center: Tensor
     scale: Tensor
     place: Tensor
+    place_coarse: Tensor
 
     def __init__(
         self,
@@ -106,9 +109,10 @@ class TaxelEncoder(BaseModel):
         self.register_buffer("center", torch.zeros(self.num_nodes, in_channels))
         self.register_buffer("scale", torch.ones(in_channels))
         with torch.device("cpu"):  # on the meta device, places would lose their numbers
-            place = in_extents(layout.pos.double()).float()
+            place, place_coarse = places(layout, layout), places(coarse, layout)
         self.register_buffer("place", place, persistent=False)
-        self.lift = Sequential(Linear(in_channels + 3, width), GELU())
+        self.register_buffer("place_coarse", place_coarse, persistent=False)
+        self.lift = Sequential(Linear(in_channels + PLACE, width), GELU())
         zoom = 1.0 if coarse is layout else _HALF
         self.near = Neighbourhood(coarse, layout, zoom)
         self.near_coarse = Neighbourhood(coarse, coarse)
@@ -116,7 +120,8 @@ class TaxelEncoder(BaseModel):
         self.norm_conv = LayerNorm(width)
         self.lin_conv = Sequential(Linear(width, width), GELU())
         self.blocks = ModuleList(KernelBlock(width) for _ in range(num_layers))
-        self.lin = Linear(4 * width, embedding_channels)
+        self.attention = Linear(width + PLACE, _QUERIES)
+        self.lin = Linear((4 + _QUERIES) * width, embedding_channels)
         self.norm = LayerNorm(embedding_channels)
         self.dropout = Dropout(dropout)
         self.lin_out = Linear(embedding_channels, out_channels)
@@ -156,7 +161,7 @@ class TaxelEncoder(BaseModel):
         seen = ~x.isnan().any(dim=-1)
         # Not in place of each NaN alone: a taxel without one of its channels is not seen.
         x = torch.where(seen.unsqueeze(-1), x, 0.0).asinh()
-        place = self.place.to(x.dtype).expand(x.size(0), -1, -1)
+        place = self.place.expand(x.size(0), -1, -1)
         h = self.lift(torch.cat([x, place], dim=-1)) * seen.unsqueeze(-1)
         # What is not seen has features of its neighbours behind the first convolution.
         first = self.lin_conv(self.norm_conv(self.conv(h, self.near, seen)))
@@ -182,6 +187,9 @@ class TaxelEncoder(BaseModel):
             last (torch.Tensor): Behind the last :math:`(B, M, H)`.
         """
         parts = [part for h in (first, last) for part in (h.mean(dim=1), h.amax(dim=1))]
+        place = self.place_coarse.expand(last.size(0), -1, -1)
+        share = self.attention(torch.cat([last, place], dim=-1)).softmax(dim=1)
+        parts.append((share.transpose(1, 2) @ last).flatten(1))
         found: Tensor = self.norm(self.lin(torch.cat(parts, dim=1)))
         return found
 
