@@ -129,6 +129,12 @@ def test_pretrain_of_missing_readings_and_single_frames():
     assert encoder.embed(x).isfinite().all()
 
 
+def test_pretrain_of_taxels_of_which_none_is_hidden():
+    x, trial = trials()
+    settings = PretrainSettings(steps=2, batch_size=2, drop=1e-9, embedding_channels=8)
+    assert weights(pretrain(x, trial, LAYOUT, settings)).isfinite().all()
+
+
 def test_pretrain_warns_of_too_little(caplog):
     x, trial = trials()
     pretrain(x, trial, LAYOUT, QUICK)

@@ -130,16 +130,19 @@ def _run(arguments: argparse.Namespace) -> int:
         rest=arguments.rest,
     )
     torch.set_num_threads(arguments.threads)
-    with StatusLine() as line, ends_heeded():
-        encoder = pretrain(
-            frames.x,
-            frames.trial,
-            frames.layout,
-            settings,
-            checkpoint=f"{arguments.out}.checkpoint",
-            trained_on={"source": frames.source, "rest": arguments.rest},
-            on_step=lambda step: line.show(_shown(step)),
-        )
+    try:
+        with StatusLine() as line, ends_heeded():
+            encoder = pretrain(
+                frames.x,
+                frames.trial,
+                frames.layout,
+                settings,
+                checkpoint=f"{arguments.out}.checkpoint",
+                trained_on={"source": frames.source, "rest": arguments.rest},
+                on_step=lambda step: line.show(_shown(step)),
+            )
+    except KeyboardInterrupt as stop:
+        raise KeyboardInterrupt("stopped: the same command goes on") from stop
     encoder.save(arguments.out)
     print(printable(f"wrote {arguments.out}: {encoder.describe()}"), flush=True)
     return 0

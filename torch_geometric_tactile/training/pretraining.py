@@ -323,6 +323,8 @@ class _Pretraining:
     def _masked(self, last: Tensor, views: Tensor, whole: Tensor) -> Tensor:
         hidden = views.isnan() & ~whole.isnan()
         said = self.heads.readings(last, self.model.place)
+        if not hidden.any():
+            return said.sum() * 0.0
         return smooth_l1_loss(said[hidden], whole[hidden].asinh())
 
 
