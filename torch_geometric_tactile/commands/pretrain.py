@@ -129,6 +129,7 @@ def _run(arguments: argparse.Namespace) -> int:
         stride=arguments.stride,
         rest=arguments.rest,
     )
+    threads = torch.get_num_threads()
     torch.set_num_threads(arguments.threads)
     try:
         with StatusLine() as line, ends_heeded():
@@ -143,6 +144,8 @@ def _run(arguments: argparse.Namespace) -> int:
             )
     except KeyboardInterrupt as stop:
         raise KeyboardInterrupt("stopped: the same command goes on") from stop
+    finally:
+        torch.set_num_threads(threads)
     encoder.save(arguments.out)
     print(printable(f"wrote {arguments.out}: {encoder.describe()}"), flush=True)
     return 0
