@@ -137,31 +137,54 @@ def drawn(samples: Samples, labels: int, draw: int) -> tuple[np.ndarray, np.ndar
 
     A third of the units is tested: of each class, if a unit has one."""
     rng = np.random.default_rng(draw)
-    classes = np.unique(samples.y)
-    of_one_class = all(len({*samples.y[samples.unit == u]}) == 1 for u in np.unique(samples.unit))
-    groups = [samples.y == label for label in classes] if of_one_class else [samples.y == samples.y]
+    is_tested = held_out(samples, rng)
+    chosen = labelled(samples, ~is_tested, labels, rng)
+    return chosen, rng.permutation(np.flatnonzero(is_tested))[:_MOST_TESTED]
+
+
+def held_out(samples: Samples, rng: np.random.Generator) -> np.ndarray:
+    """Returns which samples are of a unit that is tested (S,)."""
+    units = np.unique(samples.unit)
+    of_one_class = all(len({*samples.y[samples.unit == u]}) == 1 for u in units)
+    groups = [samples.y == label for label in np.unique(samples.y)]
+    groups = groups if of_one_class else [samples.y == samples.y]
     is_tested = np.zeros(len(samples.y), dtype=bool)
     for group in groups:
         units = rng.permutation(np.unique(samples.unit[group]))
         is_tested |= group & np.isin(samples.unit, units[: max(1, len(units) // 3)])
+    return is_tested
+
+
+def labelled(
+    samples: Samples, may_be: np.ndarray, labels: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Returns so many samples of each class, from as many units as there are."""
     chosen: list[int] = []
-    for label in classes:
-        rows = rng.permutation(np.flatnonzero((samples.y == label) & ~is_tested))
+    for label in np.unique(samples.y):
+        rows = rng.permutation(np.flatnonzero((samples.y == label) & may_be))
         order = np.zeros(len(rows), dtype=int)
         for unit in np.unique(samples.unit[rows]):
             same = np.flatnonzero(samples.unit[rows] == unit)
             order[same] = np.arange(len(same))
         chosen += rows[np.argsort(order, kind="stable")][:labels].tolist()
-    return np.array(chosen), rng.permutation(np.flatnonzero(is_tested))[:_MOST_TESTED]
+    return np.array(chosen)
 
 
 def compared(name: str, samples: Samples, draw: int, options: Any) -> dict[str, float]:
     """Returns the accuracy of each model in percent."""
     train, test = drawn(samples, options.labels, draw)
-    rows = np.concatenate([train, test])
     path = options.out / f"{name}_{options.labels}_{draw}.npz"
     layout = options.out / f"{name}.json"
     samples.layout.save(layout)
+    write_samples(samples, train, test, path)
+    models = tuple(options.models.split(",")) if options.models else None
+    settings = ComparisonSettings(models=models, by="given", members=options.members)
+    return accuracies(path, layout, settings, options.out / path.stem)
+
+
+def write_samples(samples: Samples, train: np.ndarray, test: np.ndarray, path: Path) -> None:
+    """Writes a file of samples with a training and a test part."""
+    rows = np.concatenate([train, test])
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez(
             file,
@@ -170,21 +193,38 @@ def compared(name: str, samples: Samples, draw: int, options: Any) -> dict[str, 
             trial=samples.unit[rows],
             part=np.array(["train"] * len(train) + ["test"] * len(test)),
         )
-    models = tuple(options.models.split(",")) if options.models else None
-    settings = ComparisonSettings(models=models, by="given", members=options.members)
+
+
+def accuracies(
+    path: Path, layout: Path, settings: ComparisonSettings, out: Path, as_given: bool = False
+) -> dict[str, float]:
+    """Compares models on a file of samples, with their first settings if nothing is to be chosen;
+    returns the accuracy of each in percent."""
     plan = comparison_plan(data_source(path, layout=str(layout)), settings, name=path.stem)
-    one_more = [  # so that a single setting is validated too
-        e if len(e.choice.settings) > 1 else replace(e, choice=replace(e.choice, settings=[{}, {}]))
-        for e in plan.experiments
-    ]
-    finished = run_plan(replace(plan, experiments=tuple(one_more)), options.out / path.stem)
+    if as_given:
+        runs = [replace(e, choice=_first_setting(e.choice)) for e in plan.experiments]
+    else:
+        runs = [replace(e, choice=_validated(e.choice)) for e in plan.experiments]
+    plan = replace(plan, experiments=tuple(runs))
+    finished = run_plan(plan, out)
     for run, reason in finished.failed.items():
         print(f"failed: {run}: {reason}", flush=True)
     comparison = summarize(finished)
     scores = {r.model.name: 100 * r.scores["accuracy"].mean for r in comparison.results}
+    if as_given:
+        return scores
     choices = {r.model.name: r.chosen[0] for r in comparison.results if r.model.name != "constant"}
     best = max(choices, key=lambda name: choices[name]["validation"][choices[name]["number"]])
     return {**scores, "chosen": scores[best]}
+
+
+def _first_setting(choice: Any) -> Any:
+    return replace(choice, settings=choice.settings[:1])
+
+
+def _validated(choice: Any) -> Any:
+    # A single setting is validated too.
+    return choice if len(choice.settings) > 1 else replace(choice, settings=[{}, {}])
 
 
 def main() -> None:

@@ -39,6 +39,9 @@ MODELS = {
     "forest": "random forest on the readings",
     "descriptors_svm": "support vector machine on descriptors of the layout",
     "descriptors_forest": "random forest on descriptors of the layout and readings",
+    "encoder_forest": "random forest on a pretrained encoder, descriptors and readings +",
+    "encoder_svm": "support vector machine on a pretrained encoder and descriptors +",
+    "encoder_tuned": "a pretrained encoder, trained further with the labels +",
     "posed_forest": "random forest on force, centre, normal and count per patch",
     "posed_ridge": "ridge regression on the same",
     "constant": "the most frequent class, or the mean",
@@ -63,6 +66,7 @@ models:
 {chr(10).join(f"  {name:18} {title}" for name, title in MODELS.items())}
   * only for samples of several frames (--window, --trials); the three 'posed' models are only
     for single frames
+  + only with --encoder FILE, which 'tactile pretrain' writes; 'encoder_tuned' for single frames
 """
 EXAMPLES = """\
 examples:
@@ -86,6 +90,8 @@ examples:
                                                          samples, for predict, live and export
   tactile compare touches.npz --grid 8x8 --no-train --save svm.predictor --model svm_rbf
                                                          another one, from finished runs
+  tactile compare touches.npz --grid 8x8 --encoder skin.encoder
+                                                         with an encoder of 'tactile pretrain'
   tactile compare touches.npz --grid 8x8 --epochs 5 --folds 2
                                                          a first look
 
@@ -124,6 +130,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--models", metavar="NAME,NAME", help="models to compare (default: all that fit the data)"
     )
     training.add_argument(
+        "--encoder",
+        metavar="FILE",
+        help="an encoder of this sensor, of 'tactile pretrain': adds the models that begin with it",
+    )
+    training.add_argument(
         "--by",
         choices=("trial", "group", "frame", "given"),
         help="what a split keeps together (default: trial, or frame without trials); given: the "
@@ -151,8 +162,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--members",
         metavar="N",
         type=positive,
-        default=3,
-        help="networks in each averaged ensemble (default: 3)",
+        help="networks in each averaged ensemble (default: 3, or 1 with more than 1,000 samples to "
+        "train on)",
     )
     cut = parser.add_argument_group("windows and rest")
     cut.add_argument(
@@ -254,6 +265,7 @@ def _run(arguments: argparse.Namespace) -> int:
         epochs=arguments.epochs,
         members=arguments.members,
         tare=None if arguments.rest is None else {"key": "trial", "first": arguments.rest},
+        encoder=arguments.encoder,
         accelerator=arguments.accelerator,
         threads=arguments.threads,
     )

@@ -45,6 +45,7 @@ class SamplesFile(StaticDataset):
         time_axis (int, optional): The dimension of :obj:`x` that is time, counted from the samples,
             which are 0, where samples are windows that are already cut; they have
             :obj:`num_frames` then.
+        labelled (bool): Whether there must be labels; without, those of the file are not read.
         transform (callable, optional): Applied at every access.
 
     Raises:
@@ -71,6 +72,7 @@ class SamplesFile(StaticDataset):
         pitch: float = _PITCH,
         task: Literal["auto", "multiclass", "regression"] = "auto",
         time_axis: int | None = None,
+        labelled: bool = True,
         transform: Transform | None = None,
     ) -> None:
         need(task in _TASKS, f"'task' must be one of {list(_TASKS)} (got '{task}')")
@@ -78,7 +80,9 @@ class SamplesFile(StaticDataset):
             raise ValueError(f"only one of 'layout' and 'grid' may be given (got '{grid}' too)")
         self.path = str(path)
         self.task = task
-        content = read_samples_npz(path)
+        content = read_samples_npz(path, labelled=labelled)
+        if not labelled:
+            content.pop("y", None)
         try:
             size = None if grid is None else _grid_size(grid)
             self.layout = _layout(content, layout, size, pitch)
@@ -99,20 +103,19 @@ class SamplesFile(StaticDataset):
         columns: dict[str, Any] = {}
         if "time" in content:
             columns["time"] = content["time"].astype(np.float64)
-        given = content.get("class_names")
-        y, names["class"] = _target(content["y"], self.task, given, self.path)
+        given, count = content.get("class_names"), len(content["x"])
+        if "y" in content:
+            columns["y"], names["class"] = _target(content["y"], self.task, given, self.path)
         for key in ("trial", "group", "session", "set"):
             if key in content:
                 names[key], columns[key] = _numbered(key, content[key])
         if "part" in content:
             columns["part"] = _part(content["part"])
         if "joint" in content:
-            columns["joint"] = content["joint"].reshape(len(y), -1).astype(np.float32)
+            columns["joint"] = content["joint"].reshape(count, -1).astype(np.float32)
         edges = self.layout.adjacency.get("original")
         schema: dict[str, Any] = {"node": (), "edge": (), "shared": ()}
-        data, _ = static_data_from_arrays(
-            content["x"], self.layout, edges, {"y": y, **columns}, {}, schema
-        )
+        data, _ = static_data_from_arrays(content["x"], self.layout, edges, columns, {}, schema)
         if self._num_frames is not None:
             data.num_frames = self._num_frames
         return data, names

@@ -3,20 +3,28 @@ r"""The models of a comparison: their task, what each is and tries, and where it
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from typing import Any
 
-from torch_geometric_tactile.experiments._compared_task import ComparedTask
+from torch_geometric_tactile.experiments._compared_task import (
+    ComparedTask,
+    lacks_a_frame,
+    lacks_a_large_map,
+    lacks_a_map,
+    lacks_a_pose,
+    lacks_an_encoder,
+    lacks_an_encoder_of_frames,
+    lacks_frames,
+    lacks_many_frames,
+)
 from torch_geometric_tactile.experiments.tables import Cell
-from torch_geometric_tactile.nn.models.bmf_cnn import LEAST_SIZE
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
+_ENCODERS = "torch_geometric_tactile.experiments._encoder_models."
 _MOST_SVM_SAMPLES = 10_000
 _MANY_TAXELS = 500  # above which a network is tried with one setting if samples are many, for time
 _MANY_READINGS = 500_000  # of all training samples
-_ROCKET_FRAMES = 9  # that a kernel of MiniRocket spans
 
 
 _Tried = Sequence[dict[str, Any]]
@@ -53,6 +61,7 @@ class ComparedModel:
 class _Network(ComparedModel):
     lr: float | None = None  # that of the recipe if left out
     is_posed: bool = False
+    is_encoder: bool = False
 
     def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
         recipe = task.recipe
@@ -62,7 +71,7 @@ class _Network(ComparedModel):
             "fused": True,
         }
         section: dict[str, Any] = {
-            "model": {"class_path": f"{_MODELS}{self.class_name}", "init_args": arguments},
+            "model": {"class_path": f"{self._room}{self.class_name}", "init_args": arguments},
             "optimizer": {"class_path": "torch.optim.AdamW", "init_args": optimizer},
         }
         if task.numbers:
@@ -71,7 +80,11 @@ class _Network(ComparedModel):
             section["label_smoothing"] = recipe.label_smoothing
         if task.metric == "balanced_accuracy":
             section["class_weights"] = "balanced"
-        transform = task.transform(scaled=not self.is_posed, posed=self.is_posed)
+        transform = task.transform(
+            scaled=not (self.is_posed or self.is_encoder),
+            posed=self.is_posed,
+            encoded=self.is_encoder,
+        )
         config = {
             "model": section,
             "data": {"transform": transform, "batch_size": recipe.batch_size},
@@ -81,21 +94,27 @@ class _Network(ComparedModel):
         is_slow = taxels > _MANY_TAXELS and taxels * task.num_train > _MANY_READINGS
         return {"config": config, "choice": task.choice(settings[:1] if is_slow else settings)}
 
+    @property
+    def _room(self) -> str:
+        return _ENCODERS if self.is_encoder else _MODELS
+
 
 @dataclass(frozen=True)
 class _Estimator(ComparedModel):
     sums_patches: bool = False  # of readings that are neither scaled nor filled
     centred: bool = True
+    is_encoder: bool = False  # which scales itself
 
     def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
-        scaled = not self.sums_patches
+        scaled = not (self.sums_patches or self.is_encoder)
         form = {"scaled": scaled, "filled": scaled, "centred": self.centred}
         form["posed"] = self.sums_patches and task.posed
+        room = _ENCODERS if self.is_encoder else _BASELINES
         arguments["task"] = "regression" if task.numbers else "multiclass"
         if task.metric == "balanced_accuracy" and self.name != FLOOR:
             arguments["class_weight"] = "balanced"
         return {
-            "estimator": {"class_path": f"{_BASELINES}{self.class_name}", "init_args": arguments},
+            "estimator": {"class_path": f"{room}{self.class_name}", "init_args": arguments},
             "transform": task.transform(**form),
             "choice": task.choice([_of_readings(task, form, setting) for setting in settings]),
         }
@@ -135,6 +154,9 @@ _DESCRIBED_LEAVES: _Tried = [
     {"balanced": False, "rooted": True},
     {"centred": True},
 ]
+_ENCODED = [
+    {"C": c, "with_readings": readings} for readings in (False, True) for c in (10.0, 1.0, 100.0)
+]
 _RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT = [{}, _decay(0.1, dropout=0.5)]
 _NO_TAXEL_DROPOUT = {"taxel_dropout": 0.0}  # where each taxel carries what no other does
@@ -169,39 +191,6 @@ def _cnn_widths(layout: TaxelLayout) -> list[int]:
     return [16, 32, *[64] * (stages - 2)] if stages > 2 else [32, 64]
 
 
-def _lacks_frames(task: ComparedTask) -> str:
-    if task.num_frames is not None:
-        return ""
-    return "the samples are single frames: cut windows ('window') or whole trials ('trials')"
-
-
-def _lacks_many_frames(task: ComparedTask) -> str:
-    if task.num_frames is None or task.num_frames < _ROCKET_FRAMES:
-        return _lacks_frames(task) or f"the windows have less than {_ROCKET_FRAMES} frames"
-    return "" if find_spec("sktime") else "sktime is missing (the extra 'series')"
-
-
-def _lacks_a_frame(task: ComparedTask) -> str:
-    return "" if task.num_frames is None else "it is for single frames, and the samples have more"
-
-
-def _lacks_a_pose(task: ComparedTask) -> str:
-    return _lacks_a_frame(task) or (
-        "" if task.posed else "the taxels are not placed by joint angles"
-    )
-
-
-def _lacks_a_map(task: ComparedTask) -> str:
-    return "" if task.layout.image_map is not None else "the layout has no image_map"
-
-
-def _lacks_a_large_map(task: ComparedTask) -> str:
-    image_map = task.layout.image_map
-    if image_map is None or int(image_map.amax(dim=0).min()) + 1 >= LEAST_SIZE:
-        return _lacks_a_map(task)
-    return f"the image_map of the layout has fewer than {LEAST_SIZE} x {LEAST_SIZE} cells"
-
-
 FLOOR = "constant"
 MODELS: tuple[ComparedModel, ...] = (
     _Network(
@@ -218,7 +207,7 @@ MODELS: tuple[ComparedModel, ...] = (
         _DROPOUT,
         is_graph=True,
         is_posed=True,
-        lacks=_lacks_a_pose,
+        lacks=lacks_a_pose,
     ),
     _Network(
         "temporal",
@@ -227,7 +216,7 @@ MODELS: tuple[ComparedModel, ...] = (
         _OPERATORS,
         lambda task: {"num_blocks": _num_blocks(task.num_frames or 1)},
         is_graph=True,
-        lacks=_lacks_frames,
+        lacks=lacks_frames,
     ),
     _Network(
         "gcn",
@@ -246,7 +235,7 @@ MODELS: tuple[ComparedModel, ...] = (
         lambda task: [*_MORE_DECAY, _FINGERS_APART] if task.num_channels > 1 else _MORE_DECAY,
         is_graph=True,
         lr=1e-3,
-        lacks=_lacks_frames,
+        lacks=lacks_frames,
     ),
     _Network(
         "fnn",
@@ -262,7 +251,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "SmallCNN",
         _DROPOUT,
         lambda task: {"widths": _cnn_widths(task.layout)},
-        lacks=_lacks_a_map,
+        lacks=lacks_a_map,
     ),
     _Network(
         "bmf_cnn",
@@ -270,7 +259,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "BMFCNN",
         _MORE_DECAY,
         lr=1e-3,
-        lacks=_lacks_a_large_map,
+        lacks=lacks_a_large_map,
     ),
     _Network(
         "lstm",
@@ -278,7 +267,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "GraspLSTM",
         _MORE_DECAY,
         lr=1e-3,
-        lacks=_lacks_frames,
+        lacks=lacks_frames,
     ),
     _Estimator(
         "svm_rbf",
@@ -294,14 +283,14 @@ MODELS: tuple[ComparedModel, ...] = (
         "signal_svm",
         _SIGNALS,
         lambda task: {"num_channels": task.num_channels, "most_samples": _MOST_SVM_SAMPLES},
-        lacks=_lacks_frames,
+        lacks=lacks_frames,
     ),
     _Estimator(
         "minirocket",
         "ridge on random convolutions of each window",
         "minirocket",
         arguments=lambda task: {"num_channels": task.num_channels},
-        lacks=_lacks_many_frames,
+        lacks=lacks_many_frames,
     ),
     _Estimator("forest", "random forest on the readings", "flat_forest", _LEAVES),
     _Estimator(
@@ -320,12 +309,40 @@ MODELS: tuple[ComparedModel, ...] = (
         centred=False,
     ),
     _Estimator(
+        "encoder_forest",
+        "random forest on a pretrained encoder, descriptors and readings",
+        "encoder_forest",
+        _LEAVES,
+        lambda task: {**(task.encoder or {})},
+        is_encoder=True,
+        lacks=lacks_an_encoder,
+    ),
+    _Estimator(
+        "encoder_svm",
+        "support vector machine on a pretrained encoder and descriptors",
+        "encoder_svm",
+        _ENCODED,
+        lambda task: {**(task.encoder or {}), "most_samples": _MOST_SVM_SAMPLES},
+        is_encoder=True,
+        lacks=lacks_an_encoder,
+    ),
+    _Network(
+        "encoder_tuned",
+        "a pretrained encoder, trained further with the labels",
+        "TunedEncoder",
+        arguments=lambda task: {**(task.encoder or {})},
+        is_graph=True,
+        lr=1e-3,
+        is_encoder=True,
+        lacks=lacks_an_encoder_of_frames,
+    ),
+    _Estimator(
         "posed_forest",
         "random forest on sums of each patch",
         "posed_forest",
         _LEAVES,
         sums_patches=True,
-        lacks=_lacks_a_frame,
+        lacks=lacks_a_frame,
     ),
     _Estimator(
         "posed_ridge",
@@ -333,7 +350,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "posed_ridge",
         _RIDGE,
         sums_patches=True,
-        lacks=_lacks_a_frame,
+        lacks=lacks_a_frame,
     ),
     _Estimator(FLOOR, "most frequent class, or mean", "constant"),
 )

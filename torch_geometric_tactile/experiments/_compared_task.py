@@ -1,19 +1,26 @@
 r"""What the models of a comparison have to do."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any
 
 import torch
 
 from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments._encoder_models import encoder_arguments
 from torch_geometric_tactile.experiments._experiment import Choice
+from torch_geometric_tactile.nn.models.bmf_cnn import LEAST_SIZE
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
 
+_ENCODERS = "torch_geometric_tactile.experiments._encoder_models."
 _TRANSFORMS = "torch_geometric_tactile.transforms."
-_FEW_SAMPLES = 1000  # to train on: with more, one validation part tells enough
+# To train on. With more, one validation part tells enough, and an average of networks gains little.
+_FEW_SAMPLES = 1000
+_MEMBERS = 3
 _REPEATS = 3
+_ROCKET_FRAMES = 9  # that a kernel of MiniRocket spans
 
 
 @dataclass(frozen=True)
@@ -26,9 +33,10 @@ class ComparedTask:
     posed: bool = False
     epochs: int | None = None
     tare: dict[str, Any] | None = None
-    members: int = 1
+    members: int | None = 1
     num_frames: int | None = None
     num_channels: int = 1
+    encoder: dict[str, str] | None = None
 
     @classmethod
     def of(
@@ -37,11 +45,16 @@ class ComparedTask:
         metric: str,
         part: float,
         num_frames: int | None = None,
+        encoder: str | None = None,
+        rest: Mapping[str, Any] | None = None,
         **more: Any,
     ) -> "ComparedTask":
-        r"""Returns the task of a data set."""
+        r"""Returns the task of a data set, of whose frames a rest may have been subtracted."""
         num_train = max(1, round(part * len(dataset)))
         width = dataset.batch(torch.tensor([0])).x.shape[-1]
+        if encoder is not None:
+            num_channels = width // (num_frames or 1)
+            more["encoder"] = encoder_arguments(encoder, dataset.layout, num_channels, rest)
         return cls(
             dataset.layout,
             metric,
@@ -65,8 +78,9 @@ class ComparedTask:
 
     def choice(self, settings: Sequence[dict[str, Any]] = ({},)) -> Choice:
         r"""Returns what is chosen for a model."""
-        repeats = _REPEATS if self.num_train <= _FEW_SAMPLES else 1
-        return Choice(settings, self.metric, self.members, repeats)
+        few = self.num_train <= _FEW_SAMPLES
+        members = self.members or (_MEMBERS if few else 1)
+        return Choice(settings, self.metric, members, _REPEATS if few else 1)
 
     def transform(
         self,
@@ -74,11 +88,14 @@ class ComparedTask:
         scaled: bool = True,
         posed: bool = False,
         filled: bool = True,
+        encoded: bool = False,
         rooted: bool = False,
         centred: bool = True,
     ) -> dict[str, Any]:
         r"""Returns what every batch goes through, as plain data."""
         steps = [] if self.tare is None else [_step("Tare", self.tare)]
+        if encoded:
+            steps.append({"class_path": f"{_ENCODERS}EncoderScale", "init_args": self.encoder})
         if rooted:
             steps.append(_step("SquareRoot"))
         if scaled:
@@ -109,3 +126,52 @@ def _can_be_posed(dataset: StaticDataset) -> bool:
 
 def _step(name: str, arguments: dict[str, Any] | None = None) -> dict[str, Any]:
     return {"class_path": f"{_TRANSFORMS}{name}", "init_args": arguments or {}}
+
+
+def lacks_frames(task: ComparedTask) -> str:
+    r"""Tells what a model lacks in the data, if anything."""
+    if task.num_frames is not None:
+        return ""
+    return "the samples are single frames: cut windows ('window') or whole trials ('trials')"
+
+
+def lacks_many_frames(task: ComparedTask) -> str:
+    r"""Tells what a model lacks in the data, if anything."""
+    if task.num_frames is None or task.num_frames < _ROCKET_FRAMES:
+        return lacks_frames(task) or f"the windows have less than {_ROCKET_FRAMES} frames"
+    return "" if find_spec("sktime") else "sktime is missing (the extra 'series')"
+
+
+def lacks_a_frame(task: ComparedTask) -> str:
+    r"""Tells what a model lacks in the data, if anything."""
+    return "" if task.num_frames is None else "it is for single frames, and the samples have more"
+
+
+def lacks_a_pose(task: ComparedTask) -> str:
+    r"""Tells what a model lacks in the data, if anything."""
+    return lacks_a_frame(task) or (
+        "" if task.posed else "the taxels are not placed by joint angles"
+    )
+
+
+def lacks_an_encoder(task: ComparedTask) -> str:
+    r"""Tells what a model lacks in the data, if anything."""
+    return "" if task.encoder is not None else "no encoder is given ('encoder')"
+
+
+def lacks_an_encoder_of_frames(task: ComparedTask) -> str:
+    r"""Tells what a model lacks in the data, if anything."""
+    return lacks_an_encoder(task) or lacks_a_frame(task)
+
+
+def lacks_a_map(task: ComparedTask) -> str:
+    r"""Tells what a model lacks in the data, if anything."""
+    return "" if task.layout.image_map is not None else "the layout has no image_map"
+
+
+def lacks_a_large_map(task: ComparedTask) -> str:
+    r"""Tells what a model lacks in the data, if anything."""
+    image_map = task.layout.image_map
+    if image_map is None or int(image_map.amax(dim=0).min()) + 1 >= LEAST_SIZE:
+        return lacks_a_map(task)
+    return f"the image_map of the layout has fewer than {LEAST_SIZE} x {LEAST_SIZE} cells"

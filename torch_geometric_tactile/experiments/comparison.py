@@ -48,11 +48,13 @@ class ComparisonSettings:
             classes, if left out), :obj:`"balanced_accuracy"` (then rare classes also weigh as much
             in training), or :obj:`"mae"` (of numbers).
         epochs (int, optional): Epochs of a network; by the number of samples if left out.
-        members (int): How many networks of a kind are trained on each training part; what they say
-            is averaged.
+        members (int, optional): How many networks of a kind are trained on each training part; what
+            they say is averaged. If left out, three, or one with more than 1,000 training samples.
         tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, such
             as :obj:`{"key": "trial", "first": 10}`, where each trial begins at rest. Of windows,
             the frames are tared before these are cut.
+        encoder (str, optional): The file of a pretrained encoder of the same sensor, which adds
+            the models that begin with it.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
         threads (int): Threads of each run.
 
@@ -66,8 +68,9 @@ class ComparisonSettings:
     seeds: int = 1
     metric: str | None = None
     epochs: int | None = None
-    members: int = 3
+    members: int | None = None
     tare: Mapping[str, Any] | None = None
+    encoder: str | None = None
     accelerator: str = "cpu"
     threads: int = 1
 
@@ -79,7 +82,9 @@ class ComparisonSettings:
             raise ValueError(
                 f"'metric' must be 'accuracy', 'balanced_accuracy' or 'mae' (got '{self.metric}')"
             )
-        need(self.members >= 1, "'members' must be at least 1", self.members)
+        need(
+            self.members is None or self.members >= 1, "'members' must be at least 1", self.members
+        )
         self.of_plan()
 
     def of_plan(self) -> Settings:
@@ -248,6 +253,8 @@ def comparison_plan(
         epochs=settings.epochs,
         tare=tare,
         members=settings.members,
+        encoder=settings.encoder,
+        rest=settings.tare,
     )
     models = chosen_models(settings.models, task)
     held_out = "given" if protocol.by == "given" else f"by {protocol.by}"

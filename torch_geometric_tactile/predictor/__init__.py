@@ -15,6 +15,7 @@ from torch_geometric_tactile.predictor.export_onnx import Exported, export_onnx
 from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.predictor.predictor import Predictor
+from torch_geometric_tactile.predictor.pretrained_encoder import PretrainedEncoder
 
 __all__ = [
     "AverageModel",
@@ -23,6 +24,7 @@ __all__ = [
     "MeasuredScore",
     "MissingOwnError",
     "Predictor",
+    "PretrainedEncoder",
     "build_model",
     "checkpoint_entry",
     "estimator_predictor",

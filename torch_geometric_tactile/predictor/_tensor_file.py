@@ -18,6 +18,7 @@ from torch import Tensor
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 
 _DTYPES = {
     "F64": torch.float64,
@@ -147,3 +148,20 @@ def _tensor(name: str, entry: Any, data: bytearray) -> Tensor:
 
 def _are_sizes(value: Any) -> TypeGuard[list[int]]:
     return isinstance(value, list) and all(type(item) is int and item >= 0 for item in value)
+
+
+class explained:  # noqa: N801
+    r"""Makes one error that names the file of whatever a damaged or hostile one breaks."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, MissingOwnError):
+            raise MissingOwnError(f"{self.text}: {error}", error.argument) from error
+        if isinstance(error, Exception) and not isinstance(error, OSError):
+            text = str(error) if isinstance(error, ValueError) else f"{kind.__name__}: {error}"
+            raise ValueError(f"{self.text}: {text}") from error

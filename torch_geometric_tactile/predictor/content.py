@@ -18,10 +18,9 @@ from torch_geometric_tactile.data._torch_file import read_torch_file
 from torch_geometric_tactile.predictor._network import TASKS, Network
 from torch_geometric_tactile.predictor._plain_data import Builder, Describer, load_weights
 from torch_geometric_tactile.predictor._preparation import Preparation
-from torch_geometric_tactile.predictor._tensor_file import read_tensors, write_tensors
+from torch_geometric_tactile.predictor._tensor_file import explained, read_tensors, write_tensors
 from torch_geometric_tactile.predictor._window_cut import WindowCut
 from torch_geometric_tactile.predictor.measured_score import MeasuredScore
-from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.sensors import TaxelLayout
 
 # Since 2, a file has a checksum; since 3, a threshold and windows of frames.
@@ -233,7 +232,7 @@ def load(
         )
     if is_checkpoint(path):
         raise ValueError(f"'{path}' is a checkpoint: read it with Predictor.from_checkpoint")
-    with _explained(f"'{path}' is no predictor that can be read here"):
+    with explained(f"'{path}' is no predictor that can be read here"):
         tensors, texts, has_checksum = read_tensors(path)
         need(_KEY in texts, "it is not a file of Predictor.save")
         header = json.loads(texts[_KEY])
@@ -251,7 +250,7 @@ def load_checkpoint(
     r"""Reads a predictor from a checkpoint of ``tactile fit``."""
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no checkpoint '{path}'")
-    with _explained(f"'{path}' is no checkpoint that can be read here"):
+    with explained(f"'{path}' is no checkpoint that can be read here"):
         content = read_torch_file(path)
         entry = content.get("predictor") if isinstance(content, dict) else None
         if entry is None:
@@ -283,19 +282,3 @@ def is_checkpoint(path: PathLike) -> bool:
     """
     with Path(path).open("rb") as file:
         return file.read(4) == b"PK\x03\x04"
-
-
-class _explained:  # noqa: N801
-    # Whatever a damaged or hostile file breaks becomes one error that names the file.
-    def __init__(self, text: str) -> None:
-        self.text = text
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, MissingOwnError):
-            raise MissingOwnError(f"{self.text}: {error}", error.argument) from error
-        if isinstance(error, Exception) and not isinstance(error, OSError):
-            text = str(error) if isinstance(error, ValueError) else f"{kind.__name__}: {error}"
-            raise ValueError(f"{self.text}: {text}") from error

@@ -23,6 +23,7 @@ from torch_geometric_tactile.training.module import (
 from torch_geometric_tactile.training.network_classifier import NetworkClassifier
 from torch_geometric_tactile.training.network_regressor import NetworkRegressor
 from torch_geometric_tactile.training.one_cycle import OneCycle
+from torch_geometric_tactile.training.pretraining import PretrainSettings, PretrainStep, pretrain
 from torch_geometric_tactile.training.quiet import quiet_lightning
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
@@ -33,6 +34,8 @@ __all__ = [
     "NetworkClassifier",
     "NetworkRegressor",
     "OneCycle",
+    "PretrainSettings",
+    "PretrainStep",
     "TactileClassifier",
     "TactileDataModule",
     "TactileModule",
@@ -43,6 +46,7 @@ __all__ = [
     "fill_sizes",
     "find_config",
     "load_config",
+    "pretrain",
     "quiet_lightning",
     "regression_metrics",
     "training_recipe",

@@ -17,6 +17,7 @@ from torch_geometric_tactile.nn import (
     SmallCNN,
     TactileFNN,
     TactileGCN,
+    TaxelEncoder,
     TaxelNet,
     TemporalTaxelNet,
 )
@@ -34,6 +35,7 @@ CLASSES = [
     SmallCNN,
     TactileFNN,
     TactileGCN,
+    TaxelEncoder,
     TaxelNet,
     TemporalTaxelNet,
 ]
@@ -137,6 +139,7 @@ def test_model_layout_bad(cls):
         MTCNN: "image map",
         PosedTaxelNet: "places",
         SmallCNN: "image map",
+        TaxelEncoder: "places",
         TaxelNet: "neighbours",
         TemporalTaxelNet: "neighbours",
     }

@@ -16,6 +16,7 @@ from torch_geometric_tactile.nn.models.small_cnn import SmallCNN
 from torch_geometric_tactile.nn.models.tactile_fnn import TactileFNN
 from torch_geometric_tactile.nn.models.tactile_gcn import TactileGCN
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
+from torch_geometric_tactile.nn.models.taxel_encoder import TaxelEncoder
 from torch_geometric_tactile.nn.models.taxel_net import TaxelNet
 from torch_geometric_tactile.nn.models.temporal_taxel_net import TemporalTaxelNet
 from torch_geometric_tactile.nn.models.thread import Thread
@@ -37,6 +38,7 @@ __all__ = [
     "TactileFNN",
     "TactileGCN",
     "TactileModel",
+    "TaxelEncoder",
     "TaxelNet",
     "TemporalTaxelNet",
     "Thread",
