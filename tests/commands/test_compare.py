@@ -26,7 +26,7 @@ from torch_geometric_tactile.io import write_npz
 
 QUICK = ["--grid", "3x4", "--epochs", "2", "--folds", "3", "--members", "1"]
 THREE = ["--models", "fnn,svm_linear,constant"]
-OF_FRAMES = {"temporal", "grasp_gcn", "lstm", "svm_signal"}
+OF_FRAMES = {"temporal", "grasp_gcn", "lstm", "svm_signal", "minirocket"}
 LONG = [*THREE, "--epochs", "100"]  # seconds from the first finished run to the last
 
 
@@ -192,7 +192,7 @@ def test_all_models_run_on_windows(tmp_path, capsys):
     motions(tmp_path / "a.npz", num_trials=18, x=x)
     cut = ["--window", "10", "--hop", "5", "--rest", "3", "--folds", "2", *encoder(tmp_path, 3)]
     capsys.readouterr()
-    assert run(tmp_path, *cut, "--epochs", "6") == 0
+    assert run(tmp_path, *cut, "--epochs", "9") == 0
     said = capsys.readouterr()
     assert said.out.startswith("126 samples of 10 frames, 18 trials; 2 folds by trial")
     assert not said.err
@@ -204,7 +204,7 @@ def test_all_models_run_on_windows(tmp_path, capsys):
     assert found["data"]["num_frames"] == 10
     page = (tmp_path / "out" / "a.md").read_text()
     assert "A sample is a window of 10 frames, one every 5, with the label of its last" in page
-    assert run(tmp_path, *cut, "--epochs", "6") == 0
+    assert run(tmp_path, *cut, "--epochs", "9") == 0
     assert "all runs are finished" in capsys.readouterr().out
 
 
