@@ -91,14 +91,14 @@ def test_rest_is_measured_at_the_beginning_of_a_recording(folder, capsys):
     made.save("c.predictor")
     time = read_recording("trial_1.npz").time
     rest = float(time[2] - time[0])  # two frames
-    assert main(["predict", "--rest", str(rest), "c.predictor", "trial_1.npz"]) == 0
+    assert main(["predict", "--rest", str(rest), "--no-picture", "c.predictor", "trial_1.npz"]) == 0
     made.adapt(X[:2] + 1)
     for row, probability in zip(rows("predictions.csv"), made(X + 1), strict=True):
         assert float(row["p_hard"]) == pytest.approx(float(probability[1]), abs=1e-6)
     assert capsys.readouterr().err == ""
     assert main(["predict", "--adapt", "c.predictor", "trial_1.npz"]) == 0
     assert "note: --adapt takes the mean of a whole recording" in capsys.readouterr().err
-    both = ["--adapt", "--rest", str(rest)]
+    both = ["--adapt", "--rest", str(rest), "--no-picture"]
     assert main(["predict", *both, "c.predictor", "trial_1.npz"]) == 0
     assert capsys.readouterr().err == ""
     assert float(rows("predictions.csv")[-1]["p_hard"]) == float(row["p_hard"])

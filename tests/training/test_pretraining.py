@@ -1,7 +1,10 @@
 import math
 
-import numpy as np
 import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import numpy as np
 import torch
 
 from torch_geometric_tactile.predictor import PretrainedEncoder
