@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from sklearn.base import BaseEstimator
 from sklearn.utils import Tags
+from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData
 
@@ -25,7 +26,8 @@ class TakesReadings(BaseEstimator):
 
 def readings(x: Any) -> np.ndarray:
     r"""Returns readings as an array of :math:`(S, N, F)`."""
-    values = np.asarray(x.x.numpy(force=True) if isinstance(x, StaticData) else x)
+    given = x.x if isinstance(x, StaticData) else x
+    values = np.asarray(given.numpy(force=True) if isinstance(given, Tensor) else given)
     if values.ndim != 3:
         raise ValueError(
             f"'x' must have shape (num_samples, num_taxels, num_channels) (got {values.shape})"

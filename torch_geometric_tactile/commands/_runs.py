@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from torch_geometric_tactile._parallel import BACKENDS
-from torch_geometric_tactile.commands._arguments import small_count
+from torch_geometric_tactile.commands._arguments import positive, small_count
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.experiments._experiment import Experiment
@@ -28,6 +28,35 @@ def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
         pattern = rf"(?<!got )'({'|'.join(options)})'"
         text = re.sub(pattern, lambda found: f"'{options[found[1]]}'", str(error))
         raise ValueError(text) from error
+
+
+def add_grid(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the option for the shape of a planar array."""
+    parser.add_argument(
+        "--grid", metavar="ROWSxCOLS", help="the taxels form a planar array, such as 28x50"
+    )
+
+
+def add_init(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the option for arguments of a data set."""
+    parser.add_argument(
+        "--init",
+        metavar="KEY=VALUE",
+        nargs="+",
+        action="extend",
+        default=[],
+        help="arguments of the data set, such as root=DIR or target=label; may be repeated",
+    )
+
+
+def add_rest(group: Any) -> None:
+    r"""Adds the option for frames at rest."""
+    group.add_argument(
+        "--rest",
+        metavar="N",
+        type=positive,
+        help="subtract the mean of the first N frames of each trial, which are at rest",
+    )
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

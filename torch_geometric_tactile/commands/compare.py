@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from torch_geometric_tactile.commands._arguments import positive, small_count
 from torch_geometric_tactile.commands._runs import (
+    add_grid,
+    add_init,
+    add_rest,
     add_workers,
     exit_status,
     options_named,
@@ -109,22 +112,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LAYOUT",
         help="positions of the taxels: a stock layout or a layout file",
     )
-    parser.add_argument(
-        "--grid", metavar="ROWSxCOLS", help="the taxels form a planar array, such as 28x50"
-    )
+    add_grid(parser)
     parser.add_argument(
         "--task",
         choices=("multiclass", "regression"),
         help="kind of y (default: multiclass for names and whole numbers)",
     )
-    parser.add_argument(
-        "--init",
-        metavar="KEY=VALUE",
-        nargs="+",
-        action="extend",
-        default=[],
-        help="arguments of the data set, such as root=DIR or target=label; may be repeated",
-    )
+    add_init(parser)
     training = parser.add_argument_group("models and splits")
     training.add_argument(
         "--models", metavar="NAME,NAME", help="models to compare (default: all that fit the data)"
@@ -204,12 +198,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive,
         help="use every N-th frame of each trial (before windows are cut)",
     )
-    cut.add_argument(
-        "--rest",
-        metavar="N",
-        type=positive,
-        help="subtract the mean of the first N frames of each trial, which are at rest",
-    )
+    add_rest(cut)
     output = parser.add_argument_group("output")
     output.add_argument(
         "--out",
@@ -402,6 +391,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _init(pairs: list[str]) -> dict[str, Any]:
+    r"""Returns the arguments of a data set that were given."""
     import yaml
 
     found = {}

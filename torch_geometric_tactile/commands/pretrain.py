@@ -11,7 +11,12 @@ from torch_geometric_tactile.commands._arguments import (
     small_count,
 )
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
-from torch_geometric_tactile.commands._runs import options_named
+from torch_geometric_tactile.commands._runs import (
+    add_grid,
+    add_init,
+    add_rest,
+    options_named,
+)
 from torch_geometric_tactile.commands.compare import _init
 
 if TYPE_CHECKING:
@@ -56,26 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="positions of the taxels: a stock layout or a layout file (default: the sensor that "
         "the recordings name)",
     )
-    parser.add_argument(
-        "--grid", metavar="ROWSxCOLS", help="the taxels form a planar array, such as 28x50"
-    )
-    parser.add_argument(
-        "--init",
-        metavar="KEY=VALUE",
-        nargs="+",
-        action="extend",
-        default=[],
-        help="arguments of a data set, such as root=DIR; may be repeated",
-    )
+    add_grid(parser)
+    add_init(parser)
     parser.add_argument(
         "--stride", metavar="N", type=positive, default=1, help="use every N-th frame of a trial"
     )
-    parser.add_argument(
-        "--rest",
-        metavar="N",
-        type=positive,
-        help="subtract the mean of the first N frames of each trial, which are at rest",
-    )
+    add_rest(parser)
     training = parser.add_argument_group("training")
     training.add_argument(
         "--minutes",

@@ -11,12 +11,12 @@ import torch
 from sklearn.base import BaseEstimator
 from sklearn.utils import Tags, check_random_state
 from sklearn.utils.validation import check_is_fitted
-from torch import Tensor
 from torch.nn import Module
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.baselines._readings import readings
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -74,7 +74,7 @@ class NetworkEstimator(BaseEstimator):
     def _say(self, x: Any) -> np.ndarray:
         # Probabilities or numbers (S, C).
         check_is_fitted(self, "predictor_")
-        values = _readings(x)
+        values = readings(x).astype(np.float32)
         if values.shape[2] != self.num_channels_:
             raise ValueError(
                 f"'x' must have {self.num_channels_} channels, as {type(self).__name__} was fitted "
@@ -85,7 +85,7 @@ class NetworkEstimator(BaseEstimator):
 
     def _train(self, x: Any, y: np.ndarray, **section: Any) -> tuple[StaticDataset, Any, Module]:
         # The samples, the fitted transform, and the trained network.
-        values = _readings(x)
+        values = readings(x).astype(np.float32)
         need(len(values) == len(y), f"'y' must be of {len(values)} samples", len(y))
         need(len(values) >= 1, "'x' must have at least one sample (got none)")
         self.num_channels_ = values.shape[2]
@@ -142,12 +142,3 @@ def _fitted(module: TactileModule, data: TactileDataModule, epochs: int) -> Tact
         except SystemExit as stop:  # Lightning's answer to Ctrl-C
             raise KeyboardInterrupt from stop
     return module
-
-
-def _readings(x: Any) -> np.ndarray:
-    values = np.asarray(x.numpy(force=True) if isinstance(x, Tensor) else x)
-    if values.ndim != 3:
-        raise ValueError(
-            f"'x' must have shape (num_samples, num_taxels, num_channels) (got {values.shape})"
-        )
-    return values.astype(np.float32)
