@@ -155,7 +155,7 @@ PAIRS = {  # a data set, a model, and transforms
     "described": lambda: (
         dataset(),
         TaxelNet(LAYOUT, 3, widths=(4,), descriptor_channels=4),
-        [T.SquareRoot(), T.ZScore(scale_per="channel")],
+        [T.SquareRoot(), T.NormalizeRMS(), T.ZScore(scale_per="channel")],
     ),
     "taxel_net": lambda: (
         dataset(),

@@ -149,6 +149,7 @@ OURS = {
         lambda: transforms.SessionZScore(per="channel"),
     ],
     "SquareRoot": [lambda: transforms.SquareRoot()],
+    "NormalizeRMS": [lambda: transforms.NormalizeRMS()],
     "Tare": [
         lambda: transforms.Tare("trial", first=1),
         lambda: transforms.Tare(seconds=0.15),

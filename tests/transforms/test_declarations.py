@@ -78,6 +78,7 @@ SHOWN = [
     (transforms.SessionZScore(attr="pos"), "'session', attr='pos'"),
     (transforms.SessionZScore(per="channel"), "'session', per='channel'"),
     (transforms.SquareRoot(), ""),
+    (transforms.NormalizeRMS(), ""),
     (transforms.Tare(), "'session', first=None"),
     (transforms.Tare("trial", first=5), "'trial', first=5"),
     (transforms.Tare("trial", attr="joint"), "'trial', first=None, attr='joint'"),

@@ -19,6 +19,7 @@ NAMES = {
     "select_channels": ("SelectChannels", ([0],)),
     "fill_missing": ("FillMissing", ()),
     "geometric_edge_attr": ("GeometricEdgeAttr", ()),
+    "normalize_rms": ("NormalizeRMS", ()),
     "normalize_range": ("Normalize", ()),
     "resample": ("Resample", (7,)),
     "sector_graph": ("SectorGraph", (LAYOUT,)),

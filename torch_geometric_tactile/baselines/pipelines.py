@@ -5,7 +5,12 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 from sklearn.compose import TransformedTargetRegressor
 from sklearn.dummy import DummyClassifier, DummyRegressor
-from sklearn.ensemble import RandomForestClassifier, RandomForestRegressor
+from sklearn.ensemble import (
+    ExtraTreesClassifier,
+    ExtraTreesRegressor,
+    RandomForestClassifier,
+    RandomForestRegressor,
+)
 from sklearn.linear_model import Ridge, RidgeClassifier
 from sklearn.multioutput import MultiOutputRegressor
 from sklearn.pipeline import Pipeline, make_pipeline
@@ -58,8 +63,8 @@ def descriptor_forest(
     balanced: bool = True,
     class_weight: _Weight = None,
 ) -> Pipeline:
-    r"""Returns a random forest on the features of :class:`DescriptorFeatures` and on the readings,
-    of which it takes what helps.
+    r"""Returns extremely randomised trees (Geurts et al. 2006) on the features of
+    :class:`DescriptorFeatures` and on the readings, of which they take what helps.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels.
@@ -77,7 +82,11 @@ def descriptor_forest(
         >>> forest.predict(x).shape
         (4,)
     """
-    forest = _forest(task, num_trees, min_samples_leaf, class_weight)
+    forest: Any = ExtraTreesRegressor(max_features=1 / 3)
+    if _is_classes(task):
+        # A tenth of the features, where their root is usual: of a large layout most are of no use.
+        forest = ExtraTreesClassifier(max_features=0.1, class_weight=class_weight)
+    forest.set_params(n_estimators=num_trees, min_samples_leaf=min_samples_leaf)
     features = DescriptorFeatures(layout, with_readings=True, balanced=balanced)
     return make_pipeline(features, forest)
 

@@ -116,13 +116,16 @@ class _Estimator(ComparedModel):
         return {
             "estimator": {"class_path": f"{room}{self.class_name}", "init_args": arguments},
             "transform": task.transform(**form),
-            "choice": task.choice([_of_readings(task, form, setting) for setting in settings]),
+            "choice": task.choice(
+                [_of_readings(task, form, setting) for setting in settings], is_estimator=True
+            ),
         }
 
 
 def _of_readings(task: ComparedTask, form: dict[str, bool], setting: dict[str, Any]) -> _Arguments:
     # A setting of an estimator, of which some are of the readings.
-    over = {key: value for key, value in setting.items() if key in form or key == "rooted"}
+    of_readings = {*form, "rooted", "normalized"}
+    over = {key: value for key, value in setting.items() if key in of_readings}
     arguments = {key: value for key, value in setting.items() if key not in over}
     found: _Arguments = {"init_args": arguments} if arguments or not over else {}
     return found | ({"transform": task.transform(**form | over)} if over else {})
@@ -134,11 +137,12 @@ def _decay(weight_decay: float, **arguments: Any) -> dict[str, Any]:
 
 
 _LEAVES = [{}, {"min_samples_leaf": 4}]
+_PLAIN_LEAVES: _Tried = [*_LEAVES, {"normalized": True}]
 _LINEAR = [{"C": c} for c in (0.001, 0.01, 0.1, 1.0)] + [{"rooted": True, "C": 0.001}]
 _RADIAL = [
     {"C": c, "width": width}
     for c, width in ((1.0, 1.0), (10.0, 1.0), (100.0, 1.0), (10.0, 0.3), (100.0, 0.3), (10.0, 3.0))
-] + [{"C": 10.0, "width": 1.0, "rooted": True}]
+] + [{"C": 10.0, "width": 1.0, **over} for over in ({"rooted": True}, {"normalized": True})]
 _DESCRIBED: _Tried = [
     {},
     {"C": 1.0},
@@ -146,6 +150,7 @@ _DESCRIBED: _Tried = [
     {"rooted": True},
     {"with_readings": True, "rooted": True},
     {"centred": True},
+    {"normalized": True},
 ]
 _DESCRIBED_LEAVES: _Tried = [
     {},
@@ -153,6 +158,8 @@ _DESCRIBED_LEAVES: _Tried = [
     {"rooted": True},
     {"balanced": False, "rooted": True},
     {"centred": True},
+    {"normalized": True},
+    {"normalized": True, "rooted": True},
 ]
 _ENCODED = [
     {"C": c, "with_readings": readings} for readings in (False, True) for c in (10.0, 1.0, 100.0)
@@ -292,7 +299,7 @@ MODELS: tuple[ComparedModel, ...] = (
         arguments=lambda task: {"num_channels": task.num_channels},
         lacks=lacks_many_frames,
     ),
-    _Estimator("forest", "random forest on the readings", "flat_forest", _LEAVES),
+    _Estimator("forest", "random forest on the readings", "flat_forest", _PLAIN_LEAVES),
     _Estimator(
         "descriptors_svm",
         "support vector machine on descriptors of the layout",
@@ -303,14 +310,14 @@ MODELS: tuple[ComparedModel, ...] = (
     ),
     _Estimator(
         "descriptors_forest",
-        "random forest on descriptors of the layout and readings",
+        "extra trees on descriptors of the layout and readings",
         "descriptor_forest",
         _DESCRIBED_LEAVES,
         centred=False,
     ),
     _Estimator(
         "encoder_forest",
-        "random forest on a pretrained encoder, descriptors and readings",
+        "extra trees on a pretrained encoder, descriptors and readings",
         "encoder_forest",
         _LEAVES,
         lambda task: {**(task.encoder or {})},

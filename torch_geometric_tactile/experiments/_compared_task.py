@@ -16,7 +16,8 @@ from torch_geometric_tactile.training.training_recipe import TrainingRecipe, tra
 
 _ENCODERS = "torch_geometric_tactile.experiments._encoder_models."
 _TRANSFORMS = "torch_geometric_tactile.transforms."
-# To train on. With more, one validation part tells enough, and an average of networks gains little.
+# To train on. With more, an average of networks gains little, and one validation part has to do
+# for them. Estimators are tried on several, which may hold out few trials or persons each.
 _FEW_SAMPLES = 1000
 _MEMBERS = 3
 _REPEATS = 3
@@ -76,11 +77,13 @@ class ComparedTask:
         recipe = training_recipe(self.num_train)
         return recipe if self.epochs is None else recipe._replace(max_epochs=self.epochs)
 
-    def choice(self, settings: Sequence[dict[str, Any]] = ({},)) -> Choice:
+    def choice(
+        self, settings: Sequence[dict[str, Any]] = ({},), *, is_estimator: bool = False
+    ) -> Choice:
         r"""Returns what is chosen for a model."""
         few = self.num_train <= _FEW_SAMPLES
         members = self.members or (_MEMBERS if few else 1)
-        return Choice(settings, self.metric, members, _REPEATS if few else 1)
+        return Choice(settings, self.metric, members, _REPEATS if few or is_estimator else 1)
 
     def transform(
         self,
@@ -90,6 +93,7 @@ class ComparedTask:
         filled: bool = True,
         encoded: bool = False,
         rooted: bool = False,
+        normalized: bool = False,
         centred: bool = True,
     ) -> dict[str, Any]:
         r"""Returns what every batch goes through, as plain data."""
@@ -98,6 +102,8 @@ class ComparedTask:
             steps.append({"class_path": f"{_ENCODERS}EncoderScale", "init_args": self.encoder})
         if rooted:
             steps.append(_step("SquareRoot"))
+        if normalized:
+            steps.append(_step("NormalizeRMS"))
         if scaled:
             given: dict[str, Any] = {} if self.num_frames is None else {"per": "signal"}
             given |= {"scale_per": "channel"} | ({} if centred else {"with_mean": False})

@@ -115,7 +115,7 @@ def _samples(x: Any) -> StaticData:
 def encoder_forest(
     layout: TaxelLayout, task: Any = "multiclass", *, encoder: str, checksum: str, **arguments: Any
 ) -> Pipeline:
-    r"""Returns a random forest on the features of an encoder, descriptors and readings."""
+    r"""Returns extra trees on the features of an encoder, descriptors and readings."""
     forest = descriptor_forest(layout, task, **arguments)
     features = EncoderFeatures(layout, encoder, checksum, with_readings=True)
     return make_pipeline(features, *(part for _, part in forest.steps[1:]))

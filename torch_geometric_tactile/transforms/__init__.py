@@ -11,6 +11,7 @@ from torch_geometric_tactile.transforms.fitting import fit_parts, fit_transform,
 from torch_geometric_tactile.transforms.geometric_edge_attr import GeometricEdgeAttr
 from torch_geometric_tactile.transforms.knn_graph import KNNGraph
 from torch_geometric_tactile.transforms.normalize import Normalize
+from torch_geometric_tactile.transforms.normalize_rms import NormalizeRMS
 from torch_geometric_tactile.transforms.random_contrast import RandomContrast
 from torch_geometric_tactile.transforms.random_gain import RandomGain
 from torch_geometric_tactile.transforms.random_inversion import RandomInversion
@@ -44,6 +45,7 @@ __all__ = [
     "GeometricEdgeAttr",
     "KNNGraph",
     "Normalize",
+    "NormalizeRMS",
     "RandomContrast",
     "RandomGain",
     "RandomInversion",
