@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from torch_geometric_tactile.experiments._compared_task import (
+    MANY_TAXELS,
     ComparedTask,
     lacks_a_frame,
     lacks_a_large_map,
@@ -23,8 +24,6 @@ _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
 _ENCODERS = "torch_geometric_tactile.experiments._encoder_models."
 _MOST_SVM_SAMPLES = 10_000
-_MANY_TAXELS = 500  # above which a network is tried with one setting if samples are many, for time
-_MANY_READINGS = 500_000  # of all training samples
 
 
 _Tried = Sequence[dict[str, Any]]
@@ -90,9 +89,7 @@ class _Network(ComparedModel):
             "data": {"transform": transform, "batch_size": recipe.batch_size},
             "trainer": {"max_epochs": recipe.max_epochs},
         }
-        taxels = task.layout.num_taxels
-        is_slow = taxels > _MANY_TAXELS and taxels * task.num_train > _MANY_READINGS
-        return {"config": config, "choice": task.choice(settings[:1] if is_slow else settings)}
+        return {"config": config, "choice": task.choice(settings)}
 
     @property
     def _room(self) -> str:
@@ -156,10 +153,10 @@ _DESCRIBED_LEAVES: _Tried = [
     {},
     {"balanced": False},
     {"rooted": True},
-    {"balanced": False, "rooted": True},
     {"centred": True},
     {"normalized": True},
     {"normalized": True, "rooted": True},
+    {"normalized": True, "rooted": True, "balanced": False},
 ]
 _ENCODED = [
     {"C": c, "with_readings": readings} for readings in (False, True) for c in (10.0, 1.0, 100.0)
@@ -233,7 +230,7 @@ MODELS: tuple[ComparedModel, ...] = (
         {"widths": [32, 32], "pools": [1, 1], "head_widths": [128], "head_pools": [1]},
         is_graph=True,
         lr=1e-3,
-        most_taxels=_MANY_TAXELS,
+        most_taxels=MANY_TAXELS,
     ),
     _Network(
         "grasp_gcn",
@@ -267,6 +264,7 @@ MODELS: tuple[ComparedModel, ...] = (
         _MORE_DECAY,
         lr=1e-3,
         lacks=lacks_a_large_map,
+        most_taxels=MANY_TAXELS,
     ),
     _Network(
         "lstm",

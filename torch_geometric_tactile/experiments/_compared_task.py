@@ -21,6 +21,10 @@ _TRANSFORMS = "torch_geometric_tactile.transforms."
 _FEW_SAMPLES = 1000
 _MEMBERS = 3
 _REPEATS = 3
+_MOST_TRIED = 1000  # samples of a cut that an estimator is trained on
+# With more taxels and readings of all training samples, a network is one, of the first setting.
+MANY_TAXELS = 500
+_MANY_READINGS = 500_000
 _ROCKET_FRAMES = 9  # that a kernel of MiniRocket spans
 
 
@@ -77,13 +81,22 @@ class ComparedTask:
         recipe = training_recipe(self.num_train)
         return recipe if self.epochs is None else recipe._replace(max_epochs=self.epochs)
 
+    @property
+    def is_slow(self) -> bool:
+        r"""Whether the readings to train a network on are many."""
+        taxels = self.layout.num_taxels
+        return taxels > MANY_TAXELS and taxels * self.num_train > _MANY_READINGS
+
     def choice(
         self, settings: Sequence[dict[str, Any]] = ({},), *, is_estimator: bool = False
     ) -> Choice:
         r"""Returns what is chosen for a model."""
         few = self.num_train <= _FEW_SAMPLES
-        members = self.members or (_MEMBERS if few else 1)
-        return Choice(settings, self.metric, members, _REPEATS if few or is_estimator else 1)
+        members = self.members or (_MEMBERS if few and not self.is_slow else 1)
+        if is_estimator:
+            return Choice(settings, self.metric, members, _REPEATS, _MOST_TRIED)
+        settings = settings[:1] if self.is_slow else settings
+        return Choice(settings, self.metric, members, _REPEATS if few else 1)
 
     def transform(
         self,
