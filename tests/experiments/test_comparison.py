@@ -124,11 +124,15 @@ def test_plain_gcn_is_left_out_on_many_taxels_unless_named():
         assert [model.name for model in chosen_models(["gcn"], task)] == ["gcn"]
 
 
-def test_networks_on_many_readings_of_many_taxels_are_tried_with_one_setting():
-    for size, samples, count in (((20, 25), 2000, 2), ((3, 167), 2000, 1), ((3, 167), 900, 2)):
-        task = ComparedTask(grid(*size, 0.01), "accuracy", samples)
-        (fnn, forest) = (model.to_cell(task) for model in chosen_models(["fnn", "forest"], task))
-        assert (len(fnn.choice.settings), len(forest.choice.settings)) == (count, 2)
+@pytest.mark.parametrize(
+    ("size", "samples", "settings", "members"),
+    [((20, 25), 900, 2, 3), ((3, 167), 900, 2, 3), ((3, 400), 900, 1, 1), ((3, 167), 2000, 1, 1)],
+)
+def test_one_network_is_trained_on_many_readings_of_many_taxels(size, samples, settings, members):
+    task = ComparedTask(grid(*size, 0.01), "accuracy", samples, members=None)
+    fnn, forest = (model.to_cell(task) for model in chosen_models(["fnn", "forest"], task))
+    assert (len(fnn.choice.settings), fnn.choice.members) == (settings, members)
+    assert (len(forest.choice.settings), forest.choice.repeats) == (3, 3)
 
 
 def test_taxels_are_placed_where_joints_and_links_are_known(grasps):

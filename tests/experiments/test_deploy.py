@@ -104,7 +104,7 @@ def test_networks_are_averaged_and_are_drawn_as_in_the_comparison(touched, tmp_p
 
 def test_the_setting_chosen_most_often_is_trained_with(touched):
     result, choice = touched.of("forest"), touched.run.plan.experiments[-2].choice
-    assert len(choice.settings) == 2
+    assert len(choice.settings) == 3
     for numbers, expected in (([0, 1, 1], 1), ([1, 0], 0), ([0, 1, 0], 0)):
         chosen = tuple({"number": number} for number in numbers)
         found = _setting(replace(result, chosen=chosen), choice)
