@@ -3,9 +3,7 @@ r"""Networks as models of experiments: trained quietly, and what they say of oth
 import copy
 import math
 import time
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,12 +26,12 @@ from torch_geometric_tactile.experiments.studies import Study, Trained
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._collected_metrics import predicted_classes
 from torch_geometric_tactile.training._predictions import Outputs, collect_predictions
+from torch_geometric_tactile.training._silent_training import silent_training
 from torch_geometric_tactile.training._threshold import choose_threshold
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
 from torch_geometric_tactile.training.one_cycle import OneCycle
-from torch_geometric_tactile.training.quiet import quiet_lightning
 from torch_geometric_tactile.transforms import KNNGraph
 
 _NO_EDGES = torch.zeros(2, 0, dtype=torch.long)
@@ -161,17 +159,10 @@ def fit_classifier(
     L.seed_everything(seed, verbose=False)
     # jsonargparse writes into the configuration.
     classifier = classifier_from_config(copy.deepcopy(model), data)
-    with _quiet():
+    with silent_training():
         trainer = _trainer(settings, max_epochs=epochs, callbacks=list(callbacks))
-        _fit(trainer, classifier, datamodule=data)
+        trainer.fit(classifier, datamodule=data)
     return classifier
-
-
-def _fit(trainer: L.Trainer, *arguments: Any, **options: Any) -> None:
-    try:
-        trainer.fit(*arguments, **options)
-    except SystemExit as stop:  # Lightning's answer to Ctrl-C
-        raise KeyboardInterrupt from stop
 
 
 def _trainer(settings: dict[str, Any], **arguments: Any) -> L.Trainer:
@@ -188,10 +179,10 @@ def warm_up(accelerator: str) -> None:
     # What is loaded at a process's first training is not to count as memory or time of a model.
     batch = StaticData(x=torch.zeros(2, 1, 2), y=torch.tensor([0, 1]), edge_index=_NO_EDGES)
     classifier = TactileClassifier(_Linear())
-    with _quiet():
+    with silent_training():
         trainer = _trainer({"accelerator": accelerator}, max_epochs=1)
         batches: Any = [batch]
-        _fit(trainer, classifier, DataLoader(batches, batch_size=None))
+        trainer.fit(classifier, DataLoader(batches, batch_size=None))
 
 
 class _Linear(torch.nn.Module):
@@ -218,14 +209,6 @@ class Clock(L.Callback):
         if trainer.strategy.root_device.type == "cuda":
             torch.cuda.synchronize()
         self.seconds = time.perf_counter() - self._start
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    # Lightning explains itself at every start: hundreds of trainings would drown in it.
-    with quiet_lightning(), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
 
 
 class TargetScale(BaseTransform):

@@ -1,7 +1,6 @@
 r"""What networks as estimators of scikit-learn have in common."""
 
 import copy
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,11 +18,11 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.baselines._readings import readings
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.predictor import Predictor
-from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout
+from torch_geometric_tactile.training._silent_training import silent_training
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.module import TactileModule, classifier_from_config
+from torch_geometric_tactile.training.module import classifier_from_config
 from torch_geometric_tactile.training.one_cycle import OneCycle
-from torch_geometric_tactile.training.quiet import quiet_lightning
 from torch_geometric_tactile.training.training_recipe import training_recipe
 from torch_geometric_tactile.transforms import FillMissing, KNNGraph, ZScore
 
@@ -90,12 +89,12 @@ class NetworkEstimator(BaseEstimator):
         need(len(values) >= 1, "'x' must have at least one sample (got none)")
         self.num_channels_ = values.shape[2]
         names = section.pop("class_names", ())
-        dataset = StaticDataset.from_arrays(values, y, layout=self.layout, class_names=names)
-        if dataset.batch([0]).edge_index is None and dataset.layout.num_taxels > 1:
-            near = KNNGraph(min(_NEIGHBOURS, dataset.layout.num_taxels - 1))
-            dataset = StaticDataset.from_arrays(
-                values, y, layout=self.layout, class_names=names, pre_transform=near
-            )
+        layout, near = as_layout(self.layout), None
+        if layout.default_adjacency is None and layout.num_taxels > 1:
+            near = KNNGraph(min(_NEIGHBOURS, layout.num_taxels - 1))
+        dataset = StaticDataset.from_arrays(
+            values, y, layout=layout, class_names=names, pre_transform=near
+        )
         recipe = training_recipe(len(dataset))
         data = TactileDataModule(
             dataset,
@@ -122,23 +121,15 @@ class NetworkEstimator(BaseEstimator):
         seed = int(check_random_state(self.random_state).randint(_MOST_SEED))
         with torch.random.fork_rng(devices=[]):  # the draws of others stay theirs
             torch.manual_seed(seed)
-            module = _fitted(classifier_from_config(config, data), data, epochs)
+            module = classifier_from_config(config, data)
+            with silent_training():
+                trainer = L.Trainer(
+                    barebones=True,
+                    accelerator="cpu",
+                    devices=1,
+                    max_epochs=epochs,
+                    limit_val_batches=0,
+                    callbacks=[OneCycle()],
+                )
+                trainer.fit(module, datamodule=data)
         return dataset, data.transform, module.model.eval().cpu()
-
-
-def _fitted(module: TactileModule, data: TactileDataModule, epochs: int) -> TactileModule:
-    with quiet_lightning(), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        trainer = L.Trainer(
-            barebones=True,
-            accelerator="cpu",
-            devices=1,
-            max_epochs=epochs,
-            limit_val_batches=0,
-            callbacks=[OneCycle()],
-        )
-        try:
-            trainer.fit(module, datamodule=data)
-        except SystemExit as stop:  # Lightning's answer to Ctrl-C
-            raise KeyboardInterrupt from stop
-    return module
