@@ -56,10 +56,11 @@ def test_features_are_embedding_descriptors_and_readings(given):
     encoder, x = PretrainedEncoder.load(given["encoder"]), readings(20)
     seen, other = StaticData(x=x[:12]), StaticData(x=x[12:])
     found = EncoderFeatures(LAYOUT, **given, with_readings=True).fit(seen).transform(other)
-    scaled = ZScore(scale_per="channel").fit(seen)(StaticData(x=x[12:]))
-    described = DescriptorFeatures(LAYOUT, with_readings=True).fit_transform(scaled)
+    scaled = ZScore(scale_per="channel", with_mean=False).fit(seen)(StaticData(x=x[12:]))
+    described = DescriptorFeatures(LAYOUT).fit_transform(scaled)  # as of the other models
     np.testing.assert_array_equal(found[:, :5], encoder.embed(x[12:]).numpy())
-    np.testing.assert_array_equal(found[:, 5:], described)  # as of the other models
+    np.testing.assert_array_equal(found[:, 5:-24], described)
+    np.testing.assert_array_equal(found[:, -24:], x[12:].flatten(1).nan_to_num())
     alone = EncoderFeatures(LAYOUT, **given).fit(seen.x.numpy()).transform(other)
     np.testing.assert_array_equal(alone, found[:, :-24])
 
@@ -72,7 +73,7 @@ def test_features_of_windows_are_of_the_last_and_the_mean_frame(given):
     for place, frame in ((0, x[:, :, -1]), (5, x.mean(dim=2))):
         expected = encoder.embed(frame).numpy()
         np.testing.assert_allclose(found[:, place : place + 5], expected, rtol=1e-4, atol=1e-5)
-    scaled = ZScore(per="signal", scale_per="channel").fit(data)(data)
+    scaled = ZScore(per="signal", scale_per="channel", with_mean=False).fit(data)(data)
     np.testing.assert_array_equal(found[:, 10:], DescriptorFeatures(LAYOUT).transform(scaled))
 
 

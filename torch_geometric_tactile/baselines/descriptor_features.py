@@ -53,6 +53,14 @@ class DescriptorFeatures(FlatReadings):
         Args:
             x (StaticData or array-like): Samples, or readings :math:`(S, N, F)`.
         """
+        rows, values = self._rows(x), readings(x)
+        if not self.with_readings:
+            return rows
+        flat = super().transform(values)
+        times = max(1, round(flat.shape[1] / rows.shape[1])) if self.balanced else 1
+        return np.concatenate([*[rows] * times, flat], axis=1)
+
+    def _rows(self, x: Any) -> np.ndarray:
         values = readings(x)
         data = StaticData(x=torch.from_numpy(values.astype(np.float32)))
         pos = x.get("pos") if isinstance(x, StaticData) else None
@@ -65,9 +73,4 @@ class DescriptorFeatures(FlatReadings):
         at_once = max(1, _AT_ONCE // max(1, values[0].size)) if len(values) else 1
         parts = [data.index_select(rows) for rows in torch.arange(len(values)).split(at_once)]
         found = [describe(part).descriptors.numpy() for part in parts or [data]]
-        rows = np.concatenate(found)
-        if not self.with_readings:
-            return rows
-        flat = super().transform(values)
-        times = max(1, round(flat.shape[1] / rows.shape[1])) if self.balanced else 1
-        return np.concatenate([*[rows] * times, flat], axis=1)
+        return np.concatenate(found)

@@ -72,14 +72,19 @@ class EncoderScale(BaseTransform):
 
 
 class EncoderFeatures(DescriptorFeatures):
-    r"""The features of an encoder, of windows those of the last frame and of the mean frame, and of
-    readings that are scaled here, as for other models, descriptors and the readings themselves.
+    r"""The features of an encoder, of windows those of the last frame and of the mean frame, and
+    descriptors of readings that are scaled here, and the readings themselves.
     """
 
     def __init__(
-        self, layout: Any, encoder: str = "", checksum: str = "", with_readings: bool = False
+        self,
+        layout: Any,
+        encoder: str = "",
+        checksum: str = "",
+        with_readings: bool = False,
+        balanced: bool = False,
     ) -> None:
-        super().__init__(layout, with_readings)
+        super().__init__(layout, with_readings, balanced)
         self.encoder = encoder
         self.checksum = checksum
 
@@ -88,11 +93,10 @@ class EncoderFeatures(DescriptorFeatures):
         samples = _samples(x)
         of_frames = samples.get("num_frames") is None
         per: Literal["taxel", "signal"] = "taxel" if of_frames else "signal"
-        self.scale_ = ZScore(per=per, scale_per="channel").fit(samples)
+        self.scale_ = ZScore(per=per, scale_per="channel", with_mean=False).fit(samples)
         return self
 
-    def transform(self, x: Any) -> np.ndarray:
-        r"""Returns the rows."""
+    def _rows(self, x: Any) -> np.ndarray:
         samples = _samples(x)
         frames, num_frames = [samples.x], given_num_frames(samples)
         if num_frames is not None:
@@ -100,7 +104,7 @@ class EncoderFeatures(DescriptorFeatures):
             frames = [each[:, :, -1], each.nanmean(dim=2)]
         encoder = _loaded(self.encoder, self.checksum)
         found = [encoder.embed(frame).numpy() for frame in frames]
-        return np.concatenate([*found, super().transform(self.scale_(samples))], axis=1)
+        return np.concatenate([*found, super()._rows(self.scale_(samples))], axis=1)
 
 
 def _samples(x: Any) -> StaticData:
@@ -117,7 +121,7 @@ def encoder_forest(
 ) -> Pipeline:
     r"""Returns extra trees on the features of an encoder, descriptors and readings."""
     forest = descriptor_forest(layout, task, **arguments)
-    features = EncoderFeatures(layout, encoder, checksum, with_readings=True)
+    features = EncoderFeatures(layout, encoder, checksum, with_readings=True, balanced=True)
     return make_pipeline(features, *(part for _, part in forest.steps[1:]))
 
 
