@@ -71,7 +71,7 @@ def bts3(data: Path, made: Path) -> Samples:
 
 def letters(data: Path, made: Path) -> Samples:
     """Simulated letters, 30 presses each; a press is held out."""
-    folder = _simulated(made / "letters", "--objects", "letters", "--presses", "30")
+    folder = simulated(made / "letters", "--objects", "letters", "--presses", "30")
     x, y = [], []
     for number, letter in enumerate(sorted(path.name for path in folder.glob("[A-Z]"))):
         for path in sorted((folder / letter).glob("*.npy")):
@@ -86,7 +86,7 @@ def hand(data: Path, made: Path) -> Samples:
     from torch_geometric_tactile.io import read_recording
 
     options = ("--objects", "twenty", "--preset", "ci", "--trials", "8")
-    folder = _simulated(made / "hand", *options)
+    folder = simulated(made / "hand", *options)
     x, y, unit = [], [], []
     for number, path in enumerate(sorted(folder.glob("*.h5"))):
         recording = read_recording(path)
@@ -125,7 +125,7 @@ SETS: dict[str, Callable[[Path, Path], Samples]] = {
 }
 
 
-def _simulated(folder: Path, *options: str) -> Path:
+def simulated(folder: Path, *options: str) -> Path:
     if not (folder / "simulation.json").is_file():
         command = [sys.executable, "-m", "torch_geometric_tactile", "simulate", "--out"]
         subprocess.run([*command, str(folder), "--seed", "0", *options], check=True)

@@ -15,7 +15,7 @@ Examples:
 import json
 import statistics
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,8 +33,8 @@ from torch_geometric_tactile.predictor import PretrainedEncoder
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training import PretrainSettings, pretrain
 
-_PLAIN = ("descriptors_forest", "descriptors_svm")
-_ENCODED = ("encoder_forest", "encoder_svm", "encoder_tuned")
+PLAIN = ("descriptors_forest", "descriptors_svm")
+ENCODED = ("encoder_forest", "encoder_svm", "encoder_tuned")
 _MOST_TESTED = 1000
 _SLIPS, _HOLDS = 86, 17  # sequences of eFlesh to train on: the first run, and half of the holds
 
@@ -159,15 +159,30 @@ def scores(name: str, found: Recorded, split: int, draw: int, options: Any) -> d
     train = few_labels.labelled(samples, ~is_tested, options.labels, rng)
     test = np.random.default_rng(split).permutation(np.flatnonzero(is_tested))[:_MOST_TESTED]
     path = options.out / f"{name}_{split}_{draw}.npz"
-    layout = options.out / f"{name}.json"
+    found_encoders = encoders(name, found, split, options)
+    return encoded_scores(samples, train, test, path, found_encoders, ENCODED, options)
+
+
+def encoded_scores(
+    samples: Samples,
+    train: np.ndarray,
+    test: np.ndarray,
+    path: Path,
+    encoders: Mapping[str, Path],
+    models: Sequence[str],
+    options: Any,
+) -> dict[str, float]:
+    """Returns the accuracy in percent of models on descriptors, and of models with each encoder,
+    whose name follows theirs; the samples are written to a file first."""
+    layout = path.with_suffix(".json")
     samples.layout.save(layout)
     few_labels.write_samples(samples, train, test, path)
     out = options.out / path.stem
-    settings = ComparisonSettings(models=_PLAIN, by="given")
+    settings = ComparisonSettings(models=PLAIN, by="given")
     result = few_labels.accuracies(path, layout, settings, out, as_given=True)
-    for kind, encoder in encoders(name, found, split, options).items():
+    for kind, encoder in encoders.items():
         settings = ComparisonSettings(
-            models=_ENCODED,
+            models=tuple(models),
             by="given",
             members=options.members,
             epochs=options.epochs,
@@ -186,7 +201,7 @@ def table(found: dict[str, Any]) -> str:
         if name == "machine":
             continue
         models = list(next(iter(runs.values())))
-        best = max(_PLAIN, key=lambda model: statistics.fmean(r[model] for r in runs.values()))
+        best = max(PLAIN, key=lambda model: statistics.fmean(r[model] for r in runs.values()))
         for model in models:
             values = {run: r[model] - r[best] for run, r in runs.items()}
             by_split: dict[str, list[float]] = {}

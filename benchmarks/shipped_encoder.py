@@ -12,7 +12,6 @@ Examples:
     python benchmarks/shipped_encoder.py --data shared/data --out shipped --minutes 60
 """
 
-import json
 import math
 import statistics
 import time
@@ -24,13 +23,11 @@ import few_labels
 import numpy as np
 import torch
 from few_labels import Samples
-from pretraining import _ENCODED, _PLAIN
+from pretraining import ENCODED, PLAIN, encoded_scores
 from shared import describe_machine, parse
 from torch import Tensor
 from torch.nn import Module
 
-from torch_geometric_tactile._files import atomic_path
-from torch_geometric_tactile.experiments.comparison import ComparisonSettings
 from torch_geometric_tactile.nn.models import TaxelEncoder
 from torch_geometric_tactile.predictor import PretrainedEncoder
 from torch_geometric_tactile.sensors import TaxelLayout, grid, hexagonal, stock_layout
@@ -69,7 +66,7 @@ def random_layout(rng: np.random.Generator) -> TaxelLayout:
 
 
 def _on_plane(layout: TaxelLayout) -> np.ndarray:
-    # Where taxels are on the plane of the stamp, in half extents; curved ones are unrolled little.
+    # Where taxels are on the plane of the stamp, in half extents, as seen from above.
     pos = layout.pos.double().numpy()[:, :2]
     pos = pos - (pos.max(axis=0) + pos.min(axis=0)) / 2
     return pos / np.abs(pos).max()
@@ -138,7 +135,7 @@ def recorded(data: Path, made: Path) -> list[tuple[Tensor, Tensor, TaxelLayout]]
         ("hand_shapes", "allegro_uskin", "shapes", ("--preset", "ci", "--trials", "2")),
         ("fingertips", "biotac", "bigs", ("--grasps", "60")),
     ):
-        folder = few_labels._simulated(made / name, "--objects", objects, *more)
+        folder = few_labels.simulated(made / name, "--objects", objects, *more)
         parts, trial = [], []
         for number, path in enumerate(sorted(folder.glob("*.h5"))):
             recording = read_recording(path)
@@ -200,42 +197,14 @@ def _train(runs: list[Any], num_synthetic: int, rng: np.random.Generator, option
 def scores(name: str, samples: Samples, draw: int, options: Any) -> dict[str, float]:
     """Returns the accuracy of each model in percent on a draw of labels and test."""
     train, test = few_labels.drawn(samples, options.labels, draw)
-    path = options.out / f"{name}_{draw}.npz"
-    layout = options.out / f"{name}.json"
-    samples.layout.save(layout)
-    few_labels.write_samples(samples, train, test, path)
-    kept = options.out / f"{path.stem}_scores.json"
-    found: dict[str, float] = json.loads(kept.read_text()) if kept.is_file() else {}
-
-    def add(label: str, settings: ComparisonSettings) -> None:
-        out = options.out / f"{path.stem}{label.replace(' ', '_').replace(',', '')}"
-        of_kind = few_labels.accuracies(path, layout, settings, out, as_given=True)
-        found.update({f"{model}{label}": score for model, score in of_kind.items()})
-        with atomic_path(kept) as temporary:
-            temporary.write_text(json.dumps(found, indent=1))
-
-    if _PLAIN[0] not in found:
-        add("", ComparisonSettings(models=_PLAIN, by="given"))
+    path, encoders = options.out / f"{name}_{draw}.npz", {}
     for seed in range(options.seeds):
         for kind in ("shipped", "random"):
-            label = f", {kind} {seed}"
-            if f"{options.models[-1]}{label}" in found:
-                continue
             model = pretrained(kind, seed, options).on_layout(samples.layout)
             model.fit_scale(torch.as_tensor(samples.x[train], dtype=torch.float32))
-            encoder = options.out / f"{path.stem}_{kind}_{seed}.encoder"
-            PretrainedEncoder(model, samples.layout).save(encoder)
-            add(
-                label,
-                ComparisonSettings(
-                    models=tuple(options.models),
-                    by="given",
-                    members=1,
-                    epochs=options.epochs,
-                    encoder=str(encoder),
-                ),
-            )
-    return found
+            encoders[f"{kind} {seed}"] = options.out / f"{path.stem}_{kind}_{seed}.encoder"
+            PretrainedEncoder(model, samples.layout).save(encoders[f"{kind} {seed}"])
+    return encoded_scores(samples, train, test, path, encoders, options.models, options)
 
 
 def table(found: dict[str, dict[str, dict[str, float]]], seeds: int, models: list[str]) -> str:
@@ -244,7 +213,7 @@ def table(found: dict[str, dict[str, dict[str, float]]], seeds: int, models: lis
     lines = []
     for name, runs in found.items():
         draws = list(runs.values())
-        best = max(_PLAIN, key=lambda model: statistics.fmean(r[model] for r in draws))
+        best = max(PLAIN, key=lambda model: statistics.fmean(r[model] for r in draws))
         for model in models:
             of = {
                 kind: [
@@ -285,7 +254,8 @@ def main() -> None:
             "--seeds": (3, "pretraining seeds"),
             "--sensors": (200, "synthetic sensors of each seed"),
             "--batch-size": (48, "pairs of frames in a step"),
-            "--models": (list(_ENCODED), "rows with an encoder"),
+            "--models": (list(ENCODED), "rows with an encoder"),
+            "--members": (1, "networks that are averaged"),
             "--epochs": (30, "epochs of each network"),
             "--minutes": (30, "minutes of processor time of each pretraining"),
         },
