@@ -117,11 +117,12 @@ def test_map_has_as_many_convolutions_as_it_carries():
         assert cnn.config["model"]["model"]["init_args"]["widths"] == widths
 
 
-def test_plain_gcn_is_left_out_on_many_taxels_unless_named():
+@pytest.mark.parametrize("name", ["gcn", "bmf_cnn"])
+def test_slow_models_are_left_out_on_many_taxels_unless_named(name):
     for size, has_it in (((20, 25), True), ((20, 26), False)):
         task = ComparedTask(grid(*size, 0.01), "accuracy", 100)
-        assert ("gcn" in [model.name for model in chosen_models(None, task)]) == has_it
-        assert [model.name for model in chosen_models(["gcn"], task)] == ["gcn"]
+        assert (name in [model.name for model in chosen_models(None, task)]) == has_it
+        assert [model.name for model in chosen_models([name], task)] == [name]
 
 
 @pytest.mark.parametrize(
@@ -133,6 +134,7 @@ def test_one_network_is_trained_on_many_readings_of_many_taxels(size, samples, s
     fnn, forest = (model.to_cell(task) for model in chosen_models(["fnn", "forest"], task))
     assert (len(fnn.choice.settings), fnn.choice.members) == (settings, members)
     assert (len(forest.choice.settings), forest.choice.repeats) == (3, 3)
+    assert forest.choice.most_samples == 1000
 
 
 def test_taxels_are_placed_where_joints_and_links_are_known(grasps):

@@ -85,6 +85,7 @@ def test_estimators_fit_and_predict(given, make, task):
     estimator = make(LAYOUT, task, **given).fit(StaticData(x=x), y)
     assert estimator.predict(StaticData(x=x)).shape == (40,)
     assert estimator.get_params()["encoderfeatures__encoder"] == given["encoder"]
+    assert estimator.get_params()["encoderfeatures__balanced"] == (make is encoder_forest)
 
 
 def test_tuned_encoder_begins_where_the_encoder_ended(given):

@@ -11,7 +11,7 @@ from sklearn.exceptions import NotFittedError
 from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_predict
 
 from torch_geometric_tactile import Predictor
-from torch_geometric_tactile.sensors import grid
+from torch_geometric_tactile.sensors import TaxelLayout, grid
 from torch_geometric_tactile.training import NetworkClassifier, NetworkRegressor
 
 LAYOUT = grid(3, 4, pitch=0.01)
@@ -35,6 +35,12 @@ def test_classes_are_told_apart(trained):
     assert probability.sum(axis=1) == pytest.approx(1.0)
     assert trained.predict(X[45:]).tolist() == trained.classes_[probability.argmax(axis=1)].tolist()
     assert trained.score(X[45:], Y[45:]) > 0.8
+
+
+def test_taxels_without_edges_are_joined_to_their_nearest():
+    layout = TaxelLayout("bare", LAYOUT.pos)
+    model = NetworkClassifier(layout, "TactileGCN", epochs=1, random_state=0).fit(X, Y)
+    assert model.predict_proba(X[:2]).shape == (2, 3)
 
 
 def test_it_is_an_estimator_of_scikit_learn(trained):

@@ -53,10 +53,10 @@ class DescriptorFeatures(FlatReadings):
         Args:
             x (StaticData or array-like): Samples, or readings :math:`(S, N, F)`.
         """
-        rows, values = self._rows(x), readings(x)
+        rows = self._rows(x)
         if not self.with_readings:
             return rows
-        flat = super().transform(values)
+        flat = super().transform(x)
         times = max(1, round(flat.shape[1] / rows.shape[1])) if self.balanced else 1
         return np.concatenate([*[rows] * times, flat], axis=1)
 

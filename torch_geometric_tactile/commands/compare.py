@@ -156,8 +156,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--members",
         metavar="N",
         type=positive,
-        help="networks in each averaged ensemble (default: 3, or 1 with more than 1,000 samples to "
-        "train on)",
+        help="networks in each averaged ensemble (default: 3, or 1 where the samples to train on "
+        "or their readings are many)",
     )
     cut = parser.add_argument_group("windows and rest")
     cut.add_argument(

@@ -3,7 +3,7 @@ r"""Readings in units of how much is felt in the same moment."""
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.transforms._attributes import require_x
+from torch_geometric_tactile.transforms._attributes import require_floats
 from torch_geometric_tactile.transforms._segments import samples_of_rows, segment_means
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
@@ -37,12 +37,11 @@ class NormalizeRMS(TactileTransform):
 
     def forward(self, data: Data) -> Data:
         r"""Sets :obj:`x`."""
-        x = require_x(self, data)
+        x = require_floats(self, data)
         rows = x.reshape(-1, x.size(-1)).double()
         sample, count = samples_of_rows(data, x)
         sample = sample.repeat_interleave(x.size(-1))
         square = segment_means(rows.square().reshape(-1, 1), sample, count)
         size = square.sqrt()[sample].reshape(rows.shape)
-        x = x if x.is_floating_point() else x.float()  # counts may be integers
         data.x = (rows / size.masked_fill(size == 0, 1.0)).to(x).reshape(x.shape)
         return data
