@@ -225,6 +225,24 @@ def icub_root(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def published_root(tmp_path_factory):
+    """A root with copies of published files: ``published_root("eflesh_slip")``."""
+    shared = Path(__file__).resolve().parents[2] / "shared" / "data"
+    folder = Path(os.environ.get("TACTILE_TEST_DATA") or shared)
+
+    def root(name):
+        found = [path for path in (folder / name, folder.parent / name) if path.is_dir()]
+        if not found:
+            pytest.skip(
+                f"there is no '{name}' in '{folder}'; set TACTILE_TEST_DATA to the folder that "
+                "has it"
+            )
+        return shutil.copytree(found[0], tmp_path_factory.mktemp("published") / name)
+
+    return root
+
+
+@pytest.fixture(scope="session")
 def write_bts3():
     """Writes six small files with the upstream names: ``write_bts3(folder)``."""
 

@@ -83,21 +83,104 @@ LAYERS: dict[str, Layer] = {
     ),
 }
 WEIGHTLESS = ("BilinearFeature", "ChannelMaxPool", "TaxelPool")
+# Kind, question, frames a second, licence, where it comes from, and what a split should hold out.
 DATA_SETS = {
     "BioTacSP": (
         "real",
         "slip or stable, from one reading of three fingertips",
+        "single readings",
+        "MIT",
         "downloaded, 2 MB",
+        'objects and sessions (`Protocol("given")`)',
     ),
-    "BioTacSPDoS": ("real", "the direction of slip", "from its authors' repository"),
-    "ICubGrasp": ("real", "which of ten objects is grasped", "from its authors' page"),
-    "BiGS": ("real", "does a grasp hold", "by `tactile convert bigs` from the original"),
-    "LetterShape": ("real", "which letter is pressed", "from its authors, or your own press"),
-    "AllegroUSkin": ("your own", "object or property, from 384 taxels", "by `tactile simulate`"),
-    "DigitImages": ("real (ink)", "which digit", "with scikit-learn, or MNIST's files"),
-    "FakeTactileDataset": ("generated", "slip or stable", "made on the spot"),
-    "RecordingFrames": ("your own", "any label of any recordings", "a folder of yours"),
-    "SamplesFile": ("your own", "any label of any arrays", "an npz file of yours"),
+    "BioTacSPDoS": (
+        "real",
+        "the direction of slip",
+        "100",
+        "none stated",
+        "its authors' repository",
+        'objects (`Protocol("given")`)',
+    ),
+    "ICubGrasp": (
+        "real",
+        "which of ten objects is grasped",
+        "not stated",
+        "free with its notice",
+        "its author's page, 2 MB",
+        "trials; the first frame tells the object",
+    ),
+    "EFleshSlip": (
+        "real",
+        "slip or hold, on a magnetic skin",
+        "100",
+        "MIT",
+        "downloaded, 5 MB",
+        'runs (`Protocol("given")`); the first frame tells the run',
+    ),
+    "PressureMat": (
+        "real",
+        "the posture on a mat: 17 (I), 29 (II) or 3 sides",
+        "1 (I), single frames (II)",
+        "ODC-BY 1.0",
+        "downloaded, 31 MB",
+        "persons; in II mattresses as well",
+    ),
+    "BiGS": (
+        "real",
+        "does a grasp hold",
+        "1,000",
+        "not stated",
+        "`tactile convert bigs` from the original",
+        "objects",
+    ),
+    "LetterShape": (
+        "real",
+        "which letter is pressed",
+        "single frames",
+        "private",
+        "its authors, or your own press",
+        "presses",
+    ),
+    "AllegroUSkin": (
+        "your own",
+        "object or property, from 384 taxels",
+        "any",
+        "yours",
+        "`tactile simulate`",
+        "trials, then objects",
+    ),
+    "DigitImages": (
+        "real (ink)",
+        "which digit",
+        "single images",
+        "UCI's; MNIST's",
+        "with scikit-learn, or MNIST's files, 12 MB",
+        "writers (MNIST's parts)",
+    ),
+    "FakeTactileDataset": (
+        "generated",
+        "slip or stable",
+        "single readings",
+        "ours",
+        "made on the spot",
+        "objects and sessions",
+    ),
+    "RecordingFrames": (
+        "your own",
+        "any label of any recordings",
+        "any",
+        "yours",
+        "a folder of yours",
+        "trials, then objects",
+    ),
+    "SamplesFile": (
+        "your own",
+        "any label of any arrays",
+        "any",
+        "yours",
+        "an npz file of yours",
+        "what was measured together",
+    ),
 }
 
 
@@ -177,8 +260,8 @@ def _stats(name: str) -> tuple[str, str, str, str]:
 
 def data_set_rows() -> Iterator[tuple[str, ...]]:
     """Yields the data sets with their sizes, of the tables in their docstrings."""
-    for name, (kind, question, source) in DATA_SETS.items():
-        yield f"`{name}`", kind, question, *_stats(name), source
+    for name, (kind, question, *rest) in DATA_SETS.items():
+        yield f"`{name}`", kind, question, *_stats(name), *rest
 
 
 def transform_rows() -> Iterator[tuple[str, ...]]:
@@ -256,7 +339,10 @@ def page() -> str:
                 "channels",
                 "samples",
                 "classes",
+                "Hz",
+                "licence",
                 "from",
+                "hold out",
             ),
             *data_set_rows(),
         ),

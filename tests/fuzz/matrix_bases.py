@@ -45,3 +45,11 @@ def idx(folder: Path) -> None:
     numbers = np.random.default_rng(0).integers(0, 256, (5, *SIZE)).astype(np.uint8)
     data = b"\0\0\x08\x03" + struct.pack(">3I", *numbers.shape) + numbers.tobytes()
     (folder / "a.gz").write_bytes(gzip.compress(data, mtime=0))
+
+
+def mat_zip(folder: Path) -> None:
+    from mat_files import mat_files, write_mat
+
+    files = {name: data for name, data in mat_files().items() if "-ii/S1/" in name}
+    write_mat(folder / "a.zip", dict(list(files.items())[:4]))
+    write_mat(folder / "b.zip", dict(list(files.items())[4:]))

@@ -6,6 +6,7 @@ import decimal
 import functools
 import io
 import re
+import zipfile
 from collections.abc import Sequence
 from typing import Any
 
@@ -217,6 +218,30 @@ def dos_csv(data: bytes) -> Any:
     own = found[:, [head.index(name) for name in names[:24]]]
     meta = {"sensor": "biotac_sp", "unit": "count", "rate": 100.0}
     return reading(np.arange(len(rows)) / 100, own[:, :, None], meta=meta)
+
+
+def mat_zip(data: bytes) -> Any:
+    """Files of 64 lines with 27 whole numbers, by person, mattress and posture."""
+    form = r"(?:.*?/)?experiment-ii/S(\d{1,3})/(Air|Sponge)_Mat/Matrix_\2_([A-Z])(\d{1,3})\.txt"
+    found = []
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            for entry in archive.infolist():
+                name = re.fullmatch(form, entry.filename, re.ASCII)
+                if name:
+                    lines = re.split(rb"[\r\n]+", archive.read(entry))
+                    need(all(re.fullmatch(rb"[0-9 \t]*", line) for line in lines))
+                    rows = [list(map(int, line.split())) for line in lines if line.strip()]
+                    need(len(rows) == 64 and all(len(row) == 27 for row in rows))
+                    need(max(map(max, rows)) < 2**31)
+                    found.append((name, np.array([rows], dtype=np.float32)))
+    except Refused:
+        raise
+    except Exception as error:
+        raise Refused(str(error)) from error
+    need(bool(found))
+    found.sort(key=lambda item: (int(item[0][1]), item[0][2], item[0][3], int(item[0][4])))
+    return [[f"S{n[1]}", n[3] + n[4], n[2].lower(), x] for n, x in found]
 
 
 def icub_txt(data: bytes) -> Any:

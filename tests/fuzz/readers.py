@@ -144,6 +144,12 @@ def icub_txt(path: Path) -> Any:
     return plain(tuple(read_icub_grasp_txt(path)))
 
 
+def mat_zip(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_pressure_mat_zip
+
+    return plain(list(map(tuple, read_pressure_mat_zip(path, "ii"))))
+
+
 def npz(path: Path) -> Any:
     from torch_geometric_tactile.io import read_npz
 

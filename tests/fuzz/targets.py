@@ -1,6 +1,8 @@
 """What is attacked: a reader, whole files to start from, mutations, and a reference reader."""
 
+import io
 import json
+import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -109,6 +111,23 @@ def _spaced(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     for _ in range(draw.choice([1, 1, 1, 2])):
         text = draw.choice(TEXT)(text, draw) or "\n"
     path.write_bytes(encoded(text.replace(",", " "), draw))
+    return JUDGED
+
+
+def _mat_zip(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    """A mutation of the archive, or of a text file in it."""
+    if draw.random() < 0.5:
+        return _bytes(path, data, draw, other)
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    inner = path.with_suffix(".txt")
+    name = draw.choice(list(files)[1:])
+    _spaced(inner, files[name], draw, b"7 7\n")
+    files[name] = inner.read_bytes()
+    inner.unlink()
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for key, text in files.items():
+            archive.writestr(key, text)
     return JUDGED
 
 
@@ -263,6 +282,7 @@ TARGETS: Sequence[Target] = (
     Target("BiGS npz", bases.bigs_npz, readers.bigs, _samples_npz, weight=4),
     Target("BiGS HDF5", bases.bigs_hdf5, readers.bigs, _fields_hdf5, weight=4),
     Target("iCub Grasp text", bases.icub_txt, readers.icub_txt, _spaced, oracles.icub_txt, 4),
+    Target("pressure mat zip", matrix_bases.mat_zip, readers.mat_zip, _mat_zip, oracles.mat_zip, 4),
     Target("matrix CSV", matrix_bases.csv, readers.matrix, _text, oracles.matrix_csv, 4),
     Target("matrix npy", matrix_bases.npy, readers.matrix, matrix_mutations.npy, weight=4),
     Target("matrix PNG", matrix_bases.png, readers.matrix, matrix_mutations.png, weight=4),

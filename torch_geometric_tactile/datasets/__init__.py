@@ -5,9 +5,11 @@ from torch_geometric_tactile.datasets.bigs import BiGS
 from torch_geometric_tactile.datasets.biotac_sp import BioTacSP
 from torch_geometric_tactile.datasets.biotac_sp_dos import BioTacSPDoS
 from torch_geometric_tactile.datasets.digit_images import DigitImages
+from torch_geometric_tactile.datasets.eflesh_slip import EFleshSlip
 from torch_geometric_tactile.datasets.fake import FakeTactileDataset
 from torch_geometric_tactile.datasets.icub_grasp import ICubGrasp
 from torch_geometric_tactile.datasets.letter_shape import LetterShape, letter_augmentation
+from torch_geometric_tactile.datasets.pressure_mat import PressureMat
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.datasets.samples_file import SamplesFile
@@ -18,9 +20,11 @@ __all__ = [
     "BioTacSP",
     "BioTacSPDoS",
     "DigitImages",
+    "EFleshSlip",
     "FakeTactileDataset",
     "ICubGrasp",
     "LetterShape",
+    "PressureMat",
     "RecordingFrames",
     "SamplesFile",
     "default_root",

@@ -96,6 +96,12 @@ class PublishedFiles(RawFiles):
     _sha256: Mapping[str, str]
 
     @property
+    def raw_dir(self) -> str:
+        r"""The folder of the files: :obj:`root/raw`, or :obj:`root` where that has all of them."""
+        is_in_root = all(Path(self.root, name).is_file() for name in self._sha256)
+        return str(self.root if is_in_root else Path(self.root, "raw"))
+
+    @property
     def raw_file_names(self) -> list[str]:
         r"""The published files."""
         return list(self._sha256)
@@ -114,8 +120,8 @@ class PublishedFiles(RawFiles):
                 continue
             try:
                 with atomic_path(folder / name) as temporary:
-                    get(f"{self.url}/{name}", str(temporary), None)
-                    found = file_sha256(temporary)
+                    get(f"{self.url}/{self._path_at_url(name)}", str(temporary), None)
+                    found = self._hash(temporary)
                     if found != published:
                         raise ValueError(
                             f"the hash of downloaded file '{name}' must be {published} (got "
@@ -127,10 +133,17 @@ class PublishedFiles(RawFiles):
                     f"'{self.url}'; put the file there by hand ({error})"
                 ) from error
 
+    def _path_at_url(self, name: str) -> str:
+        return name
+
+    def _hash(self, path: PathLike) -> str:
+        # What the published hash is of.
+        return file_sha256(path)
+
     def _verify(self) -> None:
         # Compares the files with the checksums of the published ones, if that is wanted.
         for path in self.raw_paths if self.checksum else ():
-            published, found = self._sha256[Path(path).name], file_sha256(path)
+            published, found = self._sha256[Path(path).name], self._hash(path)
             if found != published:
                 raise ValueError(
                     f"'{path}' must have the SHA-256 checksum {published} (got {found}); "

@@ -21,6 +21,7 @@ from .matrix_mat import read_matrix_mat
 from .mcap_reader import read_mcap
 from .mcap_recovery import RepairReport, repair_mcap
 from .named_csv import read_named_csv
+from .pressure_mat_zip import MatFile, pressure_mat_hash, read_pressure_mat_zip
 from .recording_files import read_recording, recording_format, write_recording
 from .recording_hdf5 import append_hdf5, read_hdf5, read_hdf5_head, write_hdf5
 from .recording_mcap import McapWriter, write_mcap
@@ -48,6 +49,7 @@ __all__ = [
     "ICubGraspFrames",
     "LetterArrayDecoder",
     "M1616Decoder",
+    "MatFile",
     "McapWriter",
     "PaXiniDecoder",
     "RepairReport",
@@ -62,6 +64,7 @@ __all__ = [
     "format_xela_message",
     "parse_xela_message",
     "parse_xela_text",
+    "pressure_mat_hash",
     "read_bigs",
     "read_biotac_sp_csv",
     "read_biotac_sp_dos_csv",
@@ -78,6 +81,7 @@ __all__ = [
     "read_mcap",
     "read_named_csv",
     "read_npz",
+    "read_pressure_mat_zip",
     "read_recording",
     "read_samples_npz",
     "read_wide_csv",

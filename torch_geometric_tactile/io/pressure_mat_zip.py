@@ -1,0 +1,156 @@
+r"""The zip file of PhysioNet's pressure mat data."""
+
+import hashlib
+import io
+import re
+import zipfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._files import UNREADABLE, existing_file
+from torch_geometric_tactile._typing import PathLike
+
+_SUMS = "SHA256SUMS.txt"
+_EXPERIMENT_I = re.compile(r"experiment-i/S(?P<person>[0-9]{1,3})/(?P<posture>[0-9]{1,3})\.txt")
+_EXPERIMENT_II = re.compile(
+    r"experiment-ii/S(?P<person>[0-9]{1,3})/(?P<mattress>Air|Sponge)_Mat/"
+    r"Matrix_(?P=mattress)_(?P<posture>[A-Z][0-9]{1,3})\.txt"
+)
+_LARGEST = 2**24  # bytes of a file in the archive; the largest published one has 1.7 million
+
+
+class MatFile(NamedTuple):
+    r"""One file of the pressure mat data: the pressures :math:`(T, R, C)` of a mat of :math:`R`
+    rows and :math:`C` columns, who lay on it, in which posture, and in experiment II on which
+    mattress.
+
+    Examples:
+        >>> MatFile("S1", "B1", "air", np.zeros((1, 64, 27))).reading.shape
+        (1, 64, 27)
+    """
+
+    person: str
+    posture: str
+    mattress: str | None
+    reading: np.ndarray
+
+
+def read_pressure_mat_zip(path: PathLike, experiment: str = "i") -> list[MatFile]:
+    r"""Reads the files of one experiment of `A Pressure Map Dataset for In-bed Posture
+    Classification <https://physionet.org/content/pmd/1.0.0/>`_, by person, mattress and posture:
+    text files of whole numbers, in experiment I with a line of 64 x 32 readings for each frame, in
+    experiment II with a line for each of 64 rows of 27 readings.
+
+    Args:
+        path (str or PathLike): The zip file.
+        experiment (str): :obj:`"i"` or :obj:`"ii"`.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is no zip file or is damaged, has no file of the experiment or one
+            above 16 MiB, or a line has another number of readings, or one that is none. The message
+            names file and line.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "mat.zip"
+        ...     with zipfile.ZipFile(path, "w") as archive:
+        ...         archive.writestr("pmd/experiment-i/S1/4.txt", 3 * f"{'5 ' * 2048}\n")
+        ...     found = read_pressure_mat_zip(path)
+        >>> found[0].person, found[0].posture, found[0].reading.shape
+        ('S1', '4', (3, 64, 32))
+    """
+    need(experiment in ("i", "ii"), "'experiment' must be 'i' or 'ii'", repr(experiment))
+    pattern, columns = (_EXPERIMENT_I, 32) if experiment == "i" else (_EXPERIMENT_II, 27)
+    found = []
+    with _opened(path) as archive:
+        for entry in archive.infolist():
+            name = pattern.fullmatch(_inner(entry.filename))
+            if name is None:
+                continue
+            where = f"'{path}', {entry.filename!r}"
+            cells = 64 * columns if experiment == "i" else columns
+            rows = _readings(_read(archive, entry), where, cells)
+            is_whole = experiment == "i" or len(rows) == 64
+            need(is_whole, f"{where} must have 64 rows of {cells} readings", len(rows))
+            reading = rows.reshape(-1, 64, columns)
+            mattress = name["mattress"].lower() if experiment == "ii" else None
+            found.append(MatFile(f"S{name['person']}", name["posture"], mattress, reading))
+    need(found, f"'{path}' must hold files of experiment {experiment.upper()} (got none)")
+    return sorted(found, key=lambda f: (int(f.person[1:]), f.mattress or "", _number(f.posture)))
+
+
+def pressure_mat_hash(path: PathLike) -> str:
+    r"""Returns the SHA-256 checksum of the list of checksums in the zip file, after all files in it
+    were compared with that list: it stays the same where the archive is packed anew.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is no zip file or damaged, has no list, or a file that is listed is
+            missing or another one.
+    """
+    with _opened(path) as archive:
+        entries = {_inner(entry.filename): entry for entry in archive.infolist()}
+        need(_SUMS in entries, f"'{path}' must hold {_SUMS} (got none)")
+        sums = _read(archive, entries[_SUMS])
+        for line in sums.decode("ascii", "replace").splitlines():
+            code, _, name = line.partition(" ")
+            name = name.strip()
+            if (
+                name not in entries
+                or hashlib.sha256(archive.read(entries[name])).hexdigest() != code
+            ):
+                raise ValueError(f"'{path}' must hold '{name}' with the SHA-256 checksum {code}")
+    return hashlib.sha256(sums).hexdigest()
+
+
+@contextmanager
+def _opened(path: PathLike) -> Iterator[zipfile.ZipFile]:
+    path = existing_file(path, "put the zip file of https://physionet.org/content/pmd there")
+    with ExitStack() as stack:
+        with _errors_about(path):
+            archive = stack.enter_context(zipfile.ZipFile(path))
+        yield archive
+
+
+def _read(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
+    where = f"'{archive.filename}', {entry.filename!r}"
+    need(entry.file_size <= _LARGEST, f"{where} must have 16 MiB at most", entry.file_size)
+    with _errors_about(archive.filename):
+        return archive.read(entry)
+
+
+@contextmanager
+def _errors_about(path: Any) -> Iterator[None]:
+    try:
+        yield
+    except UNREADABLE as error:
+        raise ValueError(f"'{path}' cannot be read ({error}): download it again") from error
+
+
+def _inner(name: str) -> str:
+    # Without the folder that holds everything.
+    return name.partition("/")[2] if not name.startswith("experiment-") else name
+
+
+def _readings(text: bytes, where: str, cells: int) -> np.ndarray:
+    other = text.translate(None, b"0123456789 \t\r\n")
+    need(not other, f"{where} must hold whole numbers only", repr(other[:20])[1:])
+    need(text.strip(), f"{where} must have {cells} readings a line (got none)")
+    try:
+        rows = np.loadtxt(io.BytesIO(text), dtype=np.int32, comments=None, ndmin=2)
+    except ValueError as error:
+        raise ValueError(f"{where} must hold whole numbers in equal lines ({error})") from error
+    need(rows.shape[1] == cells, f"{where} must have {cells} readings a line", rows.shape[1])
+    return rows.astype(np.float32)
+
+
+def _number(posture: str) -> tuple[str, int]:
+    letter = posture.rstrip("0123456789")
+    return letter, int(posture[len(letter) :])
