@@ -22,6 +22,7 @@ _VERBS: tuple[str, ...] = (
     "analyze",
     "table",
     "compare",
+    "board",
     "pretrain",
     "fit",
     "validate",

@@ -70,12 +70,16 @@ models:
   * only for samples of several frames (--window, --trials); the three 'posed' models are only
     for single frames
   + only with --encoder FILE, which 'tactile pretrain' writes; 'encoder_tuned' for single frames
+  Your own, by its import path: the class of a network, which gets those of num_classes, layout,
+  num_taxels, in_channels, ... that it has as arguments, or what returns a scikit-learn estimator.
 """
 EXAMPLES = """\
 examples:
   tactile compare touches.npz --grid 28x50               all models, 5 folds by trial
   tactile compare touches.npz --layout skin.json --models taxel_net,svm_rbf,forest
   tactile compare touches.npz --layout biotac --by group --metric balanced_accuracy
+  tactile compare touches.npz --grid 28x50 --models taxel_net,my_nets.MyNet
+                                                         a model of your own beside ours
   tactile compare grasps --layout allegro_uskin --stride 20 --jobs 2
   tactile compare grasps --layout glove.json --rest 6 \\
       --init target=grasp 'read_options={label: grasp, joint: "bend_.*", unit: count}'
@@ -215,7 +219,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "--model",
         metavar="NAME",
-        choices=list(MODELS),
         help="with --save: the model to write instead of the recommended one",
     )
     output.add_argument(

@@ -5,6 +5,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from torch.nn import Module
+
+from torch_geometric_tactile._checks import need
+from torch_geometric_tactile.experiments._building import argument_names, find_class
 from torch_geometric_tactile.experiments._compared_task import (
     MANY_TAXELS,
     ComparedTask,
@@ -24,8 +28,6 @@ _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
 _ENCODERS = "torch_geometric_tactile.experiments._encoder_models."
 _MOST_SVM_SAMPLES = 10_000
-
-
 _Tried = Sequence[dict[str, Any]]
 _Arguments = dict[str, Any]
 
@@ -41,6 +43,7 @@ class ComparedModel:
     class_name: str
     settings: _Tried | Callable[[ComparedTask], _Tried] = ({},)
     arguments: _Arguments | Callable[[ComparedTask], _Arguments] = field(default_factory=dict)
+    room: str = ""  # the module of the class; that of the user's own is in its name
     is_graph: bool = False
     lacks: Callable[[ComparedTask], str] = lambda task: ""
     most_taxels: int | None = None  # with more it is compared only if named, for its time
@@ -58,6 +61,7 @@ class ComparedModel:
 
 @dataclass(frozen=True)
 class _Network(ComparedModel):
+    room: str = _MODELS
     lr: float | None = None  # that of the recipe if left out
     is_posed: bool = False
     is_encoder: bool = False
@@ -70,7 +74,7 @@ class _Network(ComparedModel):
             "fused": True,
         }
         section: dict[str, Any] = {
-            "model": {"class_path": f"{self._room}{self.class_name}", "init_args": arguments},
+            "model": {"class_path": f"{self.room}{self.class_name}", "init_args": arguments},
             "optimizer": {"class_path": "torch.optim.AdamW", "init_args": optimizer},
         }
         if task.numbers:
@@ -91,13 +95,10 @@ class _Network(ComparedModel):
         }
         return {"config": config, "choice": task.choice(settings)}
 
-    @property
-    def _room(self) -> str:
-        return _ENCODERS if self.is_encoder else _MODELS
-
 
 @dataclass(frozen=True)
 class _Estimator(ComparedModel):
+    room: str = _BASELINES
     sums_patches: bool = False  # of readings that are neither scaled nor filled
     centred: bool = True
     is_encoder: bool = False  # which scales itself
@@ -106,12 +107,14 @@ class _Estimator(ComparedModel):
         scaled = not (self.sums_patches or self.is_encoder)
         form = {"scaled": scaled, "filled": scaled, "centred": self.centred}
         form["posed"] = self.sums_patches and task.posed
-        room = _ENCODERS if self.is_encoder else _BASELINES
+        path = f"{self.room}{self.class_name}"
         arguments["task"] = "regression" if task.numbers else "multiclass"
         if task.metric == "balanced_accuracy" and self.name != FLOOR:
             arguments["class_weight"] = "balanced"
+        if not self.room and (known := argument_names(path)) is not None:
+            arguments = {key: value for key, value in arguments.items() if key in known}
         return {
-            "estimator": {"class_path": f"{room}{self.class_name}", "init_args": arguments},
+            "estimator": {"class_path": path, "init_args": arguments},
             "transform": task.transform(**form),
             "choice": task.choice(
                 [_of_readings(task, form, setting) for setting in settings], is_estimator=True
@@ -319,6 +322,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "encoder_forest",
         _LEAVES,
         lambda task: {**(task.encoder or {})},
+        room=_ENCODERS,
         is_encoder=True,
         lacks=lacks_an_encoder,
     ),
@@ -328,6 +332,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "encoder_svm",
         _ENCODED,
         lambda task: {**(task.encoder or {}), "most_samples": _MOST_SVM_SAMPLES},
+        room=_ENCODERS,
         is_encoder=True,
         lacks=lacks_an_encoder,
     ),
@@ -338,6 +343,7 @@ MODELS: tuple[ComparedModel, ...] = (
         arguments=lambda task: {**(task.encoder or {})},
         is_graph=True,
         lr=1e-3,
+        room=_ENCODERS,
         is_encoder=True,
         lacks=lacks_an_encoder_of_frames,
     ),
@@ -363,7 +369,7 @@ _BY_NAME = {model.name: model for model in MODELS}
 
 
 def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[ComparedModel, ...]:
-    r"""Returns models by their names, in the order of all."""
+    r"""Returns models by their names, in the order of all, and then the user's own."""
     if names is None:
         size = task.layout.num_taxels
         return tuple(
@@ -371,22 +377,24 @@ def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[Comp
             for model in MODELS
             if not model.lacks(task) and size <= (model.most_taxels or size)
         )
-    check_model_names(names)
     for name in names:
-        reason = _BY_NAME[name].lacks(task)
+        reason = model_of(name).lacks(task)
         if reason:
             raise ValueError(f"'models' must fit the data (got '{name}', but {reason})")
-    return tuple(model for model in MODELS if model.name in names)
-
-
-def check_model_names(names: Sequence[str]) -> None:
-    r"""Checks that there are models of some names."""
-    unknown = [name for name in names if name not in _BY_NAME]
-    if unknown or not names:
-        got = f"'{unknown[0]}'" if unknown else "none"
-        raise ValueError(f"'models' must be some of {', '.join(_BY_NAME)} (got {got})")
+    own = [model_of(name) for name in names if name not in _BY_NAME]
+    return (*(model for model in MODELS if model.name in names), *own)
 
 
 def model_of(name: str) -> ComparedModel:
-    r"""Returns a model by its name."""
-    return _BY_NAME[name]
+    r"""Returns a model by its name, or by the import path of the user's own: a class of a network,
+    or what returns an estimator of scikit-learn.
+    """
+    if name in _BY_NAME:
+        return _BY_NAME[name]
+    known = f"'models' must be some of {', '.join(_BY_NAME)}, or import paths of your own"
+    need("." in name, known, f"'{name}'")
+    found = find_class(name)
+    title = f"{name}, a model of your own"
+    if not (isinstance(found, type) and issubclass(found, Module)):
+        return _Estimator(name, title, name, room="")
+    return _Network(name, title, name, is_graph=getattr(found, "needs_edges", False), room="")

@@ -12,7 +12,6 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._compared_models import (
     FLOOR,
     ComparedModel,
-    check_model_names,
     chosen_models,
     model_of,
 )
@@ -37,8 +36,9 @@ class ComparisonSettings:
     r"""What is compared, and how.
 
     Args:
-        models (tuple of str, optional): Names of the models; all that have a place in the data if
-            left out.
+        models (tuple of str, optional): Names of the models, or import paths of your own (a class
+            of a network, or what returns an estimator of scikit-learn); all of ours that have a
+            place in the data if left out.
         by (str, optional): What stays together in a split: :obj:`"trial"`, :obj:`"group"`,
             :obj:`"frame"` (nothing), or :obj:`"given"`. If left out, the trial; without trials the
             frame, and a warning is logged.
@@ -75,8 +75,9 @@ class ComparisonSettings:
     threads: int = 1
 
     def __post_init__(self) -> None:
-        if self.models is not None:
-            check_model_names(self.models)
+        need(self.models != (), "'models' must name at least one model (got none)")
+        for name in self.models or ():
+            model_of(name)
         need(self.by in (None, *_UNITS), f"'by' must be one of {list(_UNITS)} (got '{self.by}')")
         if self.metric not in (None, "accuracy", "balanced_accuracy", "mae"):
             raise ValueError(

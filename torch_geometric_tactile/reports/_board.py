@@ -1,0 +1,109 @@
+r"""The board as a page."""
+
+import json
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._texts import markdown_table, markdown_text
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.experiments.board import BoardColumn
+
+
+def board_rows(columns: Sequence[BoardColumn]) -> tuple[list[str], list[list[str]]]:
+    r"""Returns the header and the rows of the board, the best mean place first."""
+    ranked = [column.places() for column in columns if column.board_set.ranks]
+    names = list(dict.fromkeys(name for column in columns for name in column.results))
+    mean = {
+        name: statistics.fmean(found)
+        for name in names
+        if (found := [places[name] for places in ranked if name in places])
+    }
+    count = {name: sum(name in places for places in ranked) for name in names}
+    header = ["model", "mean place", "of sets", *(column.board_set.name for column in columns)]
+    ordered = sorted(names, key=lambda name: (name not in mean, mean.get(name, 0.0)))
+    rows = [
+        [
+            name,
+            f"{mean[name]:.1f}" if name in mean else "",
+            str(count[name]),
+            *(_cell(column, name) for column in columns),
+        ]
+        for name in ordered
+    ]
+    return header, rows
+
+
+def _cell(column: BoardColumn, name: str) -> str:
+    result = column.results.get(name)
+    if result is None:
+        return ""
+    mean, sd = (100 * value for value in result.scores["accuracy"])
+    text = f"{mean:.1f}" + (f" ± {sd:.1f}" if sd == sd else "")
+    return f"**{text}**" if column.places()[name] < 2 else text
+
+
+def board_markdown(columns: Sequence[BoardColumn], machine: str, hours: float) -> str:
+    r"""Returns the page of the board."""
+    header, rows = board_rows(columns)
+    described = [
+        [
+            markdown_text(column.board_set.name),
+            f"`{column.board_set.dataset}`",
+            markdown_text(column.board_set.task),
+            f"{plan.facts.num_samples:,}",
+            markdown_text(plan.protocols[0].protocol.describe()),
+            "" if column.board_set.ranks else "no",
+        ]
+        for column in columns
+        for plan in [column.comparisons[0].run.plan]
+    ]
+    return "\n".join(
+        [
+            "# The board",
+            "",
+            "All models of `tactile compare`, with their default settings, on all real data sets "
+            "that were there. Accuracy in percent on the test part, mean and deviation over the "
+            "folds; the best of a column is bold. The mean place is over the sets that rank models "
+            "and that a model fits: 1 is the best.",
+            "",
+            *markdown_table(header, [[_code(row[0]), *row[1:]] for row in rows]),
+            "",
+            "## The data sets",
+            "",
+            *markdown_table(
+                ["set", "class", "task and what is new in the test", "samples", "split", "ranks"],
+                described,
+            ),
+            "",
+            f"Seed 0. {machine}; {hours:.1f} hours of training and testing in all runs.",
+            "",
+        ]
+    )
+
+
+def write_board(
+    columns: Sequence[BoardColumn], out: PathLike, machine: str, hours: float
+) -> list[Path]:
+    r"""Writes :obj:`board.md` and :obj:`board.json`, and returns their paths."""
+    scores = {
+        column.board_set.name: {
+            name: dict(zip(("mean", "sd"), result.scores["accuracy"], strict=True))
+            for name, result in column.results.items()
+        }
+        for column in columns
+    }
+    texts = {
+        "board.md": board_markdown(columns, machine, hours),
+        "board.json": json.dumps({"accuracy": scores, "machine": machine}, indent=1) + "\n",
+    }
+    paths = [Path(out) / name for name in texts]
+    for path, text in zip(paths, texts.values(), strict=True):
+        with atomic_path(path) as temporary:
+            temporary.write_text(text.replace("NaN", "null"), encoding="utf-8")
+    return paths
+
+
+def _code(name: str) -> str:
+    return f"`{name}`"
