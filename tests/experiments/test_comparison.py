@@ -11,7 +11,7 @@ import torch
 from compared import GIVEN, touches
 
 from torch_geometric_tactile.experiments import _networks as networks
-from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models
+from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models, model_of
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import data_source
@@ -21,7 +21,7 @@ from torch_geometric_tactile.experiments.comparison import (
     summarize,
 )
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import PlanRun, _estimate_seconds
+from torch_geometric_tactile.experiments.run_plan import PlanRun, _estimate_seconds, run_plan
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.reports._compare import (
     comparison_csv,
@@ -417,3 +417,26 @@ def test_run_of_a_table_is_no_comparison(tmp_path):
     plain = replace(found, experiments=tuple(replace(e, choice=None) for e in found.experiments))
     with pytest.raises(ValueError, match="'run' must be of a comparison"):
         summarize(PlanRun(plain, [], 0, {}, 0))
+
+
+def test_models_of_ones_own_stand_behind_ours(tmp_path):
+    own = ("own_models.neighbours", "own_models.OfEdges", "own_models.OneLayer")
+    found = plan(tmp_path, ComparisonSettings(models=(*own, "constant"), folds=3))
+    cells = {cell.experiment: cell for cell in found.table.cells}
+    assert list(cells) == ["constant", *own]
+    assert cells[own[0]].estimator == {"class_path": own[0], "init_args": {}}
+    assert cells[own[1]].config["model"]["model"]["class_path"] == own[1]
+    assert [model_of(name).is_graph for name in own] == [False, True, False]
+
+
+def test_import_path_of_no_model(tmp_path):
+    with pytest.raises(ValueError, match=r"import paths of your own \(got 'own_models\.Not'"):
+        plan(tmp_path, ComparisonSettings(models=("own_models.Not",), folds=3))
+
+
+def test_models_of_ones_own_are_trained(tmp_path):
+    names = ("own_models.neighbours", "own_models.OneLayer")
+    settings = ComparisonSettings(models=names, folds=2, epochs=1, members=1)
+    run = run_plan(plan(tmp_path, settings), tmp_path / "out")
+    assert not run.failed
+    assert {result.model.name for result in summarize(run).results} == {*names}

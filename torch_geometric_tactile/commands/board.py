@@ -55,7 +55,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.commands._runs import exit_status
-    from torch_geometric_tactile.experiments.board import BoardColumn, board_plans
+    from torch_geometric_tactile.experiments._board import BoardColumn, board_plans
     from torch_geometric_tactile.experiments.comparison import summarize
     from torch_geometric_tactile.experiments.run_plan import Workers
     from torch_geometric_tactile.reports._board import board_rows, write_board

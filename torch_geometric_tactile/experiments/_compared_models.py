@@ -1,14 +1,13 @@
 r"""The models of a comparison: their task, what each is and tries, and where it has no place."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pkgutil import resolve_name
 from typing import Any
 
 from torch.nn import Module
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.experiments._building import argument_names, find_class
 from torch_geometric_tactile.experiments._compared_task import (
     MANY_TAXELS,
     ComparedTask,
@@ -22,7 +21,6 @@ from torch_geometric_tactile.experiments._compared_task import (
     lacks_many_frames,
 )
 from torch_geometric_tactile.experiments.tables import Cell
-from torch_geometric_tactile.sensors import TaxelLayout
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
@@ -108,11 +106,10 @@ class _Estimator(ComparedModel):
         form = {"scaled": scaled, "filled": scaled, "centred": self.centred}
         form["posed"] = self.sums_patches and task.posed
         path = f"{self.room}{self.class_name}"
-        arguments["task"] = "regression" if task.numbers else "multiclass"
-        if task.metric == "balanced_accuracy" and self.name != FLOOR:
+        if self.room:
+            arguments["task"] = "regression" if task.numbers else "multiclass"
+        if self.room and task.metric == "balanced_accuracy" and self.name != FLOOR:
             arguments["class_weight"] = "balanced"
-        if not self.room and (known := argument_names(path)) is not None:
-            arguments = {key: value for key, value in arguments.items() if key in known}
         return {
             "estimator": {"class_path": path, "init_args": arguments},
             "transform": task.transform(**form),
@@ -185,19 +182,6 @@ def _described(task: ComparedTask) -> _Tried:
     return [{"model": arguments, "transform": task.transform(centred=False)}]
 
 
-def _num_blocks(num_frames: int) -> int:
-    # Of TemporalTaxelNet, so that its answer rests on all frames, which may be more than 64.
-    return max(2, math.ceil(math.log2(num_frames / 16)))
-
-
-def _cnn_widths(layout: TaxelLayout) -> list[int]:
-    # A stage for each halving of the map down to two or three cells.
-    image_map = layout.image_map
-    assert image_map is not None
-    stages = round(math.log2(int(image_map.amax(dim=0).min()) + 1)) - 1
-    return [16, 32, *[64] * (stages - 2)] if stages > 2 else [32, 64]
-
-
 FLOOR = "constant"
 MODELS: tuple[ComparedModel, ...] = (
     _Network(
@@ -221,7 +205,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "TemporalTaxelNet, the default for windows of frames",
         "TemporalTaxelNet",
         _OPERATORS,
-        lambda task: {"num_blocks": _num_blocks(task.num_frames or 1)},
+        lambda task: {"num_blocks": task.num_blocks},
         is_graph=True,
         lacks=lacks_frames,
     ),
@@ -257,7 +241,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "SmallCNN, on the map of the layout",
         "SmallCNN",
         _DROPOUT,
-        lambda task: {"widths": _cnn_widths(task.layout)},
+        lambda task: {"widths": task.cnn_widths},
         lacks=lacks_a_map,
     ),
     _Network(
@@ -377,6 +361,7 @@ def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[Comp
             for model in MODELS
             if not model.lacks(task) and size <= (model.most_taxels or size)
         )
+    check_model_names(names)
     for name in names:
         reason = model_of(name).lacks(task)
         if reason:
@@ -385,15 +370,25 @@ def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[Comp
     return (*(model for model in MODELS if model.name in names), *own)
 
 
+def check_model_names(names: Sequence[str]) -> None:
+    r"""Checks that names are those of models, or import paths."""
+    known = f"'models' must be some of {', '.join(_BY_NAME)}, or import paths of your own"
+    unknown = [f"'{name}'" for name in names if name not in _BY_NAME and "." not in name]
+    need(names and not unknown, known, unknown[0] if unknown else "none")
+
+
 def model_of(name: str) -> ComparedModel:
     r"""Returns a model by its name, or by the import path of the user's own: a class of a network,
     or what returns an estimator of scikit-learn.
     """
     if name in _BY_NAME:
         return _BY_NAME[name]
-    known = f"'models' must be some of {', '.join(_BY_NAME)}, or import paths of your own"
-    need("." in name, known, f"'{name}'")
-    found = find_class(name)
+    try:
+        found = resolve_name(name)
+    except (AttributeError, ImportError, ValueError) as error:
+        raise ValueError(
+            f"'models' must be names of ours or import paths of your own (got '{name}': {error})"
+        ) from error
     title = f"{name}, a model of your own"
     if not (isinstance(found, type) and issubclass(found, Module)):
         return _Estimator(name, title, name, room="")

@@ -1,5 +1,6 @@
 r"""What the models of a comparison have to do."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -86,6 +87,19 @@ class ComparedTask:
         r"""Whether the readings to train a network on are many."""
         taxels = self.layout.num_taxels
         return taxels > MANY_TAXELS and taxels * self.num_train > _MANY_READINGS
+
+    @property
+    def num_blocks(self) -> int:
+        r"""The blocks of a TemporalTaxelNet whose answer rests on all frames, also more than 64."""
+        return max(2, math.ceil(math.log2((self.num_frames or 1) / 16)))
+
+    @property
+    def cnn_widths(self) -> list[int]:
+        r"""A stage for each halving of the map down to two or three cells."""
+        image_map = self.layout.image_map
+        assert image_map is not None
+        stages = round(math.log2(int(image_map.amax(dim=0).min()) + 1)) - 1
+        return [16, 32, *[64] * (stages - 2)] if stages > 2 else [32, 64]
 
     def choice(
         self, settings: Sequence[dict[str, Any]] = ({},), *, is_estimator: bool = False

@@ -12,6 +12,7 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._compared_models import (
     FLOOR,
     ComparedModel,
+    check_model_names,
     chosen_models,
     model_of,
 )
@@ -75,9 +76,8 @@ class ComparisonSettings:
     threads: int = 1
 
     def __post_init__(self) -> None:
-        need(self.models != (), "'models' must name at least one model (got none)")
-        for name in self.models or ():
-            model_of(name)
+        if self.models is not None:
+            check_model_names(self.models)
         need(self.by in (None, *_UNITS), f"'by' must be one of {list(_UNITS)} (got '{self.by}')")
         if self.metric not in (None, "accuracy", "balanced_accuracy", "mae"):
             raise ValueError(

@@ -8,7 +8,7 @@ from pathlib import Path
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import markdown_table, markdown_text
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.experiments.board import BoardColumn
+from torch_geometric_tactile.experiments._board import BoardColumn
 
 
 def board_rows(columns: Sequence[BoardColumn]) -> tuple[list[str], list[list[str]]]:

@@ -77,7 +77,13 @@ BOARD: tuple[BoardSet, ...] = (
         {"experiment": "ii", "target": "side"},
     ),
     BoardSet("letters", "LetterShape", "26 letters; new presses, five folds", "trial"),
-    BoardSet("digits", "DigitImages", "ten digits of ink; new images, five folds", "trial"),
+    BoardSet(
+        "digits",
+        "DigitImages",
+        "ten digits of ink; new images, five folds",
+        "trial",
+        {"root": None},  # they come with scikit-learn
+    ),
     BoardSet(
         "iCub",
         "ICubGrasp",
@@ -142,15 +148,14 @@ def board_plans(
         if names is not None and board_set.name not in names:
             continue
         arguments = dict(board_set.arguments)
-        if data is not None and board_set.dataset != "DigitImages":  # which come with scikit-learn
-            arguments["root"] = str(Path(data) / board_set.dataset)
+        if data is not None:
+            arguments.setdefault("root", str(Path(data) / board_set.dataset))
         cut = None if board_set.trials is None else FrameCut(trials=board_set.trials)
         tare = None if board_set.rest is None else {"key": "trial", "first": board_set.rest}
         settings = {"by": board_set.by, "tare": tare, "metric": "accuracy", **more}
         try:
-            source = data_source(
-                board_set.dataset, arguments=arguments, stride=board_set.stride, cut=cut
-            )
+            path = f"torch_geometric_tactile.datasets.{board_set.dataset}"
+            source = data_source(path, arguments=arguments, stride=board_set.stride, cut=cut)
             plans = [
                 comparison_plan(
                     source, ComparisonSettings(models=m, **settings), name=board_set.name

@@ -1,0 +1,88 @@
+"""The verb, on two small data sets and three quick models."""
+
+# ruff: noqa: E402
+
+import json
+
+import pytest
+
+for extra in ("lightning", "sklearn", "matplotlib"):
+    pytest.importorskip(extra, reason="needs the extras 'train' and 'viz'")
+
+from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.experiments import _board, _compared_models
+from torch_geometric_tactile.experiments._board import BOARD, BoardSet
+
+SETS = (
+    BoardSet("grasps", "BioTacSP", "slip", "given", {"split": "all", "checksum": False}),
+    BoardSet("by object", "BioTacSP", "slip", "group", {"checksum": False}, ranks=False),
+    BoardSet("away", "ICubGrasp", "objects", "trial"),
+)
+
+
+@pytest.fixture
+def data(tmp_path, write_bts3, monkeypatch):
+    write_bts3(tmp_path / "BioTacSP" / "raw")
+    monkeypatch.setattr(_board, "BOARD", SETS)
+    quick = [m for m in _compared_models.MODELS if m.name in ("fnn", "svm_linear", "constant")]
+    monkeypatch.setattr(_compared_models, "MODELS", tuple(quick))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(data, *options):
+    return main(["board", "--data", str(data), "--epochs", "1", "--out", "out", *options])
+
+
+def test_page_and_scores(data, capsys, caplog):
+    assert run(data) == 0
+    assert "away is left out: there are no trials in" in caplog.text
+    said = capsys.readouterr().out
+    assert "grasps: 3 models, the best is" in said
+    page = (data / "out" / "board.md").read_text()
+    (row,) = [line for line in page.splitlines() if line.startswith("| `constant` |")]
+    scores = json.loads((data / "out" / "board.json").read_text())["accuracy"]
+    assert set(scores) == {"grasps", "by object"}
+    shown = f"{100 * scores['grasps']['constant']['mean']:.1f}"
+    assert row.split(" | ")[3].strip("*") == shown
+    assert row.split(" | ")[2] == "1"  # one of both sets ranks models
+    assert "the given parts" in page
+    kept = {p: p.stat().st_mtime_ns for p in (data / "out" / "runs").glob("*.json")}
+    assert run(data, "--no-train") == 0
+    assert kept == {p: p.stat().st_mtime_ns for p in (data / "out" / "runs").glob("*.json")}
+
+
+def test_model_of_ones_own_finds_its_place(data, capsys):
+    assert run(data, "--sets", "grasps", "--own", "own_models.neighbours") == 0
+    page = (data / "out" / "board.md").read_text()
+    places = [float(line.split(" | ")[1]) for line in page.splitlines() if line.startswith("| `")][
+        :4
+    ]
+    assert "`own_models.neighbours`" in page
+    assert places == sorted(places)
+    assert sum(places) == 1 + 2 + 3 + 4
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        (["--sets", "grasp"], "'--sets' must be some of grasps, by object, away (got 'grasp')"),
+        (["--own", "OneLayer"], "'--own' must be some of taxel_net, "),
+        (["--own", "own_models.Nothing"], "import paths of your own (got 'own_models.Nothing'"),
+        (["--sets", "away"], "no data set of the board has a result"),
+    ],
+)
+def test_bad_input(data, capsys, options, match):
+    assert run(data, *options) != 0
+    assert match in capsys.readouterr().err
+
+
+def test_sets_are_classes_of_ours_with_their_arguments():
+    from torch_geometric_tactile import datasets
+    from torch_geometric_tactile.experiments._building import argument_names
+
+    for board_set in BOARD:
+        names = argument_names(f"torch_geometric_tactile.datasets.{board_set.dataset}")
+        assert hasattr(datasets, board_set.dataset)
+        assert {*board_set.arguments} <= set(names)
+        assert board_set.by in ("given", "group", "trial")
