@@ -146,7 +146,7 @@ def fit_calibration(
             thousand terms are passed over.
         strengths (sequence of float): The strengths of the ridge to choose from.
         units (tuple of str): Units of readings and forces, for :class:`Calibrate`.
-        source (str): What the readings are, for :class:`Calibrate`.
+        source (str): What the readings are, for :class:`Calibrate`; strength and errors follow.
 
     Shapes:
         - **x:** :math:`(S, N, C)`
@@ -170,9 +170,11 @@ def fit_calibration(
         beyond.append(fit.beyond(left))
         chosen.append(fit.degree)
     fit, strength = _chosen(rows, tried, strengths)
+    errors = ", ".join(" and ".join(f"{one:.4g}" for one in row.tolist()) for row in rmse)
+    how = f"ridge of strength {strength:g}; RMSE of each recording left out: {errors}"
     arrays = [value.flatten(0, 1) for value in (fit.coefficients[0], fit.low, fit.high)]
     return CalibrationFit(
-        Calibrate(*arrays, fit.degree, per, units, source),
+        Calibrate(*arrays, fit.degree, per, units, f"{source}; {how}" if source else how),
         strength,
         torch.stack(rmse),
         torch.stack(deviation),

@@ -23,6 +23,7 @@ _VERBS: tuple[str, ...] = (
     "table",
     "compare",
     "pretrain",
+    "calibrate",
     "fit",
     "validate",
     "test",

@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 from typing import Any, Literal, Self
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
@@ -273,7 +274,7 @@ class Calibrate(TactileTransform):
 
 
 def _finite(name: str, value: Any) -> Tensor:
-    if isinstance(value, list | tuple):
+    if not isinstance(value, Tensor | np.ndarray):
         need(_are_numbers(value), f"'{name}' must be lists of finite numbers (got others)")
         try:
             value = torch.tensor(value, dtype=torch.double)
