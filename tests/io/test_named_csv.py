@@ -39,7 +39,7 @@ def test_extra_columns_are_numbers_and_no_readings(write):
     assert rec.meta["column_names"] == {"tactile": ["thumb", "palm"]}
     with pytest.raises(ValueError, match=r"must have the column 'fx' \(got t, thumb, fz, palm\)"):
         read_recording(path, extra=["fx"])
-    with pytest.raises(ValueError, match="column 'fz' .* one thing only"):
+    with pytest.raises(ValueError, match=r"column 'fz' .* one thing only"):
         read_recording(path, extra=["fz"], tactile=["thumb", "fz"])
 
 

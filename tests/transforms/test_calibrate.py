@@ -6,6 +6,9 @@ from predictor.test_round_trip import calibrated
 from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.data import StaticData, join_frames
+from torch_geometric_tactile.nn import TactileFNN
+from torch_geometric_tactile.predictor import Predictor
+from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import Calibrate
 
@@ -178,3 +181,18 @@ def test_empty_batch_and_single_taxel():
     calibrate = Calibrate(LINEAR, per="sensor")
     assert calibrate(StaticData(x=torch.zeros(0, 4, 2))).force.shape == (0, 2)
     assert calibrate(Data(x=torch.zeros(1, 2))).force.tolist() == [[1.0, 2.0]]
+
+
+def test_a_predictor_and_its_file_calibrate_frames_and_streams_alike(tmp_path):
+    layout = grid(2, 3, pitch=0.01)
+    model = TactileFNN(layout, 2, channels={"tactile": 2}, widths=(4,), pools=(1,))
+    predictor = Predictor(model, layout, transform=calibrated(6, 10, 2))
+    predictor.save(tmp_path / "a.predictor")
+    again = Predictor.load(tmp_path / "a.predictor")
+    x = torch.rand(4, 6, 3) + 2
+    expected = calibrated(6, 10, 2)(StaticData(x=x)).x
+    for one in (predictor, again):
+        assert one.prepare(x).x.equal(expected)
+        assert one.preparation.prepare_frame(x[1]).x[0].equal(expected[1])
+        torch.testing.assert_close(one(x[1]), predictor(x)[1])
+    assert again.preparation.parts[0].source == "a press"

@@ -172,9 +172,12 @@ def fit_calibration(
     fit, strength = _chosen(rows, tried, strengths)
     errors = ", ".join(" and ".join(f"{one:.4g}" for one in row.tolist()) for row in rmse)
     how = f"ridge of strength {strength:g}; RMSE of each recording left out: {errors}"
-    arrays = [value.flatten(0, 1) for value in (fit.coefficients[0], fit.low, fit.high)]
+    tensors = fit.coefficients[0], fit.low, fit.high
+    coefficients, low, high = (value.flatten(0, 1) for value in tensors)
     return CalibrationFit(
-        Calibrate(*arrays, fit.degree, per, units, f"{source}; {how}" if source else how),
+        Calibrate(
+            coefficients, low, high, fit.degree, per, units, f"{source}; {how}" if source else how
+        ),
         strength,
         torch.stack(rmse),
         torch.stack(deviation),

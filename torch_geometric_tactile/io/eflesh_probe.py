@@ -19,11 +19,6 @@ _NOT_MEASURED = -1.0
 _MOST_COLUMNS = 1000
 
 
-def is_eflesh_probe(path: PathLike) -> bool:
-    r"""Tells whether a folder has the files of a run of eFlesh's probe."""
-    return all((Path(path) / name).is_file() for name in (_READINGS, _STATES))
-
-
 def read_eflesh_probe(folder: PathLike) -> Recording:
     r"""Reads a run of the probe of `eFlesh <https://github.com/notvenky/eFlesh>`_, a magnetic skin:
     :obj:`sensor.csv` with the time and three readings of each magnetometer (published: five under a

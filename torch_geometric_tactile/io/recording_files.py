@@ -11,7 +11,7 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_table import csv_rows
 from torch_geometric_tactile.io._mcap_records import MAGIC
 from torch_geometric_tactile.io._recording_schema import checked_file
-from torch_geometric_tactile.io.eflesh_probe import is_eflesh_probe, read_eflesh_probe
+from torch_geometric_tactile.io.eflesh_probe import read_eflesh_probe
 from torch_geometric_tactile.io.mcap_reader import read_mcap
 from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_hdf5 import read_hdf5, write_hdf5
@@ -44,6 +44,7 @@ _FORMATS = {
 _WRITERS = {suffix: form.write for form in _FORMATS.values() for suffix in form.suffixes}
 _SUFFIXES = {s: name for name, f in _FORMATS.items() for s in (*f.suffixes, *f.only_read)}
 _SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz", MAGIC: "MCAP"}
+_PROBE = ("sensor.csv", "states.csv")  # in a folder
 _MESSAGES = re.compile(rb"(\xef\xbb\xbf)*\s*[\[{]")
 
 
@@ -74,7 +75,7 @@ def recording_format(path: PathLike) -> str:
         ...     recording_format(path)
         'named CSV'
     """
-    if is_eflesh_probe(path):
+    if all((Path(path) / name).is_file() for name in _PROBE):
         return "eFlesh probe"
     path = checked_file(path)
     suffix = path.suffix.lower()

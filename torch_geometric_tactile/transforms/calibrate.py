@@ -1,7 +1,7 @@
 r"""Readings as forces."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -66,12 +66,12 @@ class Calibrate(TactileTransform):
     :class:`~torch_geometric_tactile.transforms.Tare`, and applied behind one.
 
     Args:
-        coefficients (torch.Tensor): :math:`\mathbf{w}`, the same for all taxels :math:`(M, D)`, or
+        coefficients (torch.Tensor or list): :math:`\mathbf{w}`, the same for all taxels :math:`(M, D)`, or
             for each taxel its own :math:`(N, M, D)`.
-        low (torch.Tensor, optional): Least reading of each channel :math:`(C,)` or of each taxel
+        low (torch.Tensor or list, optional): Least reading of each channel :math:`(C,)` or of each taxel
             :math:`(N, C)`. Without, :math:`z` are the readings themselves, and the range is not
             known.
-        high (torch.Tensor, optional): Largest reading, likewise.
+        high (torch.Tensor or list, optional): Largest reading, likewise.
         degree (int): Up to how many readings are multiplied: 1 to 3.
         per (str): :obj:`"taxel"` for the forces of each taxel, or :obj:`"sensor"` for their sum.
         units (tuple of str): Unit of readings and of forces: :obj:`"count"`, :obj:`"microtesla"`,
@@ -114,9 +114,9 @@ class Calibrate(TactileTransform):
 
     def __init__(
         self,
-        coefficients: Tensor,
-        low: Tensor | None = None,
-        high: Tensor | None = None,
+        coefficients: Tensor | Sequence[Any],
+        low: Tensor | Sequence[Any] | None = None,
+        high: Tensor | Sequence[Any] | None = None,
         degree: int = 1,
         per: Literal["taxel", "sensor"] = "taxel",
         units: tuple[str, str] = ("count", "newton"),
