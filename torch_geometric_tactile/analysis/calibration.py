@@ -171,13 +171,12 @@ def fit_calibration(
         chosen.append(fit.degree)
     fit, strength = _chosen(rows, tried, strengths)
     errors = ", ".join(" and ".join(f"{one:.4g}" for one in row.tolist()) for row in rmse)
-    how = f"ridge of strength {strength:g}; RMSE of each recording left out: {errors}"
+    source += "; " if source else ""
+    source += f"ridge of strength {strength:g}; RMSE of each recording left out: {errors}"
     tensors = fit.coefficients[0], fit.low, fit.high
     coefficients, low, high = (value.flatten(0, 1) for value in tensors)
     return CalibrationFit(
-        Calibrate(
-            coefficients, low, high, fit.degree, per, units, f"{source}; {how}" if source else how
-        ),
+        Calibrate(coefficients, low, high, fit.degree, per, units, source),
         strength,
         torch.stack(rmse),
         torch.stack(deviation),

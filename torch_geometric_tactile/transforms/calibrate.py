@@ -66,11 +66,11 @@ class Calibrate(TactileTransform):
     :class:`~torch_geometric_tactile.transforms.Tare`, and applied behind one.
 
     Args:
-        coefficients (torch.Tensor or list): :math:`\mathbf{w}`, the same for all taxels :math:`(M, D)`, or
-            for each taxel its own :math:`(N, M, D)`.
-        low (torch.Tensor or list, optional): Least reading of each channel :math:`(C,)` or of each taxel
-            :math:`(N, C)`. Without, :math:`z` are the readings themselves, and the range is not
-            known.
+        coefficients (torch.Tensor or list): :math:`\mathbf{w}`, the same for all taxels
+            :math:`(M, D)`, or for each taxel its own :math:`(N, M, D)`.
+        low (torch.Tensor or list, optional): Least reading of each channel :math:`(C,)`, or of each
+            taxel :math:`(N, C)` if it has coefficients of its own. Without, :math:`z` are the
+            readings themselves, and the range is not known.
         high (torch.Tensor or list, optional): Largest reading, likewise.
         degree (int): Up to how many readings are multiplied: 1 to 3.
         per (str): :obj:`"taxel"` for the forces of each taxel, or :obj:`"sensor"` for their sum.
