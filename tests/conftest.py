@@ -201,6 +201,19 @@ def bts3_root(bts3_recordings, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def eflesh_probe():
+    """The folder with the published runs of eFlesh's probe."""
+    shared = Path(__file__).resolve().parents[2] / "shared" / "data"
+    folder = Path(os.environ.get("TACTILE_TEST_DATA") or shared) / "eflesh_probe"
+    if not (folder / "normal_force").is_dir():
+        pytest.skip(
+            f"the runs of eFlesh's probe are not in '{folder}'; "
+            "set TACTILE_TEST_DATA to the folder that has them"
+        )
+    return folder
+
+
+@pytest.fixture(scope="session")
 def icub_root(tmp_path_factory):
     """A root of ICubGrasp with the 230 published files in it."""
     shared = Path(__file__).resolve().parents[2] / "shared" / "data"

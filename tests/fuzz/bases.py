@@ -173,6 +173,17 @@ def icub_txt(folder: Path) -> None:
     (folder / "cup_1.txt").write_bytes("".join(f"{line}\r\n" for line in lines).encode())
 
 
+EFLESH = (  # sensor.csv, states.csv
+    b"".join(b"%d.5,%d,-7.25,9e3,1,2,%d\n" % (i, i % 3, 5 * i) for i in range(6)),
+    b"".join(b"%d.625,315.0,-100.0,%d.25,%d\n" % (i, i, (i % 2) * 41 - 1) for i in range(6)),
+)
+
+
+def eflesh_probe(folder: Path) -> None:
+    for name, text in zip(("sensor.csv", "states.csv"), EFLESH, strict=True):
+        (folder / name).write_bytes(text)
+
+
 def npz(folder: Path) -> None:
     from torch_geometric_tactile.io import write_npz
 

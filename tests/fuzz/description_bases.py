@@ -68,6 +68,22 @@ def patches(folder: Path) -> None:
     (folder / "a.json").write_text(json.dumps(content, indent=1) + "\n")
 
 
+def calibration(folder: Path) -> None:
+    from torch_geometric_tactile.transforms import Calibrate
+
+    rows = torch.arange(24.0).view(2, 6, 2) / 7
+    low = torch.tensor([[1.0, -2.5], [0.0, 3.0]])
+    Calibrate(rows, low, low + 9, degree=2, per="sensor", source="two recordings").save(
+        folder / "a.json"
+    )
+    content = {
+        "coefficients": [[0, 1], [0.5, 0]],
+        "reading_unit": "microtesla",
+        "force_unit": "unit of the file",
+    }
+    (folder / "b.json").write_text(json.dumps(content) + "\n")
+
+
 def taxel_map(folder: Path) -> None:
     content = {"layout": "pad", "source": "a drawing", "num_taxels": 5, "index": [3, -1, 0, 4]}
     (folder / "a.json").write_text(json.dumps(content) + "\n")

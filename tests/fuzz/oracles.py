@@ -33,7 +33,7 @@ def reading(time: Any, tactile: Any, joint: Any = None, label: Any = None, **mor
         "label": label,
         "meta": meta,
         "privileged": privileged,
-        "extra": {},
+        "extra": more.get("extra", {}),
     }
 
 
@@ -264,6 +264,25 @@ def icub_txt(data: bytes) -> Any:
     lowest = np.stack([part.min(axis=1) for part in cells[2:]], axis=1)
     need(bool((np.abs(255 - lowest - maximum) <= 6).all()))
     return [v.astype(np.float32) for v in (reading, np.deg2rad(encoder), maximum)]
+
+
+def eflesh_probe(sensor: bytes, states: bytes) -> Any:
+    """Rows of numbers that pair, without a header; a force of -1 is none."""
+    tables = [table(data, named=False) for data in (sensor, states)]
+    readings, probe = (numbers([head, *rows]) for head, rows in tables)
+    need(not np.isnan(readings).any() and not np.isnan(probe).any())
+    need(len(readings) == len(probe) and probe.shape[1] == 5)
+    need(readings.shape[1] % 3 == 1 and readings.shape[1] > 1)
+    time = readings[:, 0]
+    frame = np.median(np.diff(time)) if len(time) > 1 else np.inf
+    need(bool((np.abs(time - probe[:, 0]) < frame).all()))
+    force = np.where(probe[:, 4] == -1, np.nan, probe[:, 4])
+    return reading(
+        time,
+        readings[:, 1:].reshape(len(time), -1, 3),
+        meta={"sensor": "eflesh", "trial": ""},
+        extra={"force": force, "probe": probe[:, 1:4]},
+    )
 
 
 _LEFT = re.compile(r'}|"\s*:')

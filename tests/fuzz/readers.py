@@ -138,6 +138,13 @@ def bigs(path: Path) -> Any:
     return recording(read_bigs(path, BiGSFormat(fields=fields, time_unit="ms")))
 
 
+def eflesh_probe(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_eflesh_probe
+
+    found = recording(read_eflesh_probe(path.parent))
+    return {**found, "meta": {**found["meta"], "trial": ""}}  # the folder of the case
+
+
 def icub_txt(path: Path) -> Any:
     from torch_geometric_tactile.io import read_icub_grasp_txt
 
@@ -221,6 +228,12 @@ def idx(path: Path) -> Any:
     from torch_geometric_tactile.io import read_idx
 
     return read_idx(path)
+
+
+def calibration(path: Path) -> Any:
+    from torch_geometric_tactile.transforms import Calibrate
+
+    return plain(Calibrate.load(path).to_dict())
 
 
 def layout(path: Path) -> Any:

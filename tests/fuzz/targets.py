@@ -283,6 +283,21 @@ TARGETS: Sequence[Target] = (
     Target("BiGS HDF5", bases.bigs_hdf5, readers.bigs, _fields_hdf5, weight=4),
     Target("iCub Grasp text", bases.icub_txt, readers.icub_txt, _spaced, oracles.icub_txt, 4),
     Target("pressure mat zip", matrix_bases.mat_zip, readers.mat_zip, _mat_zip, oracles.mat_zip, 4),
+    *(
+        Target(
+            f"eFlesh {name}",
+            bases.eflesh_probe,
+            readers.eflesh_probe,
+            _text,
+            says,
+            suffix=f"{name}.csv",
+            names_file=False,  # but the folder
+        )
+        for name, says in (
+            ("sensor", lambda data: oracles.eflesh_probe(data, bases.EFLESH[1])),
+            ("states", lambda data: oracles.eflesh_probe(bases.EFLESH[0], data)),
+        )
+    ),
     Target("matrix CSV", matrix_bases.csv, readers.matrix, _text, oracles.matrix_csv, 4),
     Target("matrix npy", matrix_bases.npy, readers.matrix, matrix_mutations.npy, weight=4),
     Target("matrix PNG", matrix_bases.png, readers.matrix, matrix_mutations.png, weight=4),
@@ -332,6 +347,16 @@ TARGETS: Sequence[Target] = (
         tree_oracles.json_tree,
         4,
         tree=True,
+    ),
+    Target(
+        "calibration",
+        description_bases.calibration,
+        readers.calibration,
+        _json,
+        tree_oracles.json_tree,
+        4,
+        tree=True,
+        agrees=tree_oracles.is_calibration,
     ),
     Target(
         "taxel map",

@@ -74,6 +74,20 @@ def is_taxel_map(tree: Any, found: dict[str, Any]) -> bool:
     return bool({"layout": "", "source": "", **tree} == found)
 
 
+def is_calibration(tree: Any, found: dict[str, Any]) -> bool:
+    """Whether a calibration is the one of a JSON tree."""
+    left_out = {"per": "taxel", "degree": 1, "source": "", "low": None, "high": None}
+    tree = {**left_out, **tree}
+    return tree.keys() == found.keys() and all(
+        tree[key] == value if isinstance(value, str | int | None) else _same(tree[key], value)
+        for key, value in found.items()
+    )
+
+
+def _same(written: Any, read: Any) -> bool:
+    return np.array_equal(np.array(written, dtype=float), np.array(read))
+
+
 def is_chain(tree: Any, found: dict[str, Any]) -> bool:
     """Whether a hand is the one of a JSON tree."""
     joints = tree["joints"]

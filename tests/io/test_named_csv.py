@@ -31,6 +31,18 @@ def test_columns_that_are_nothing_else_are_readings(write):
     assert rec.label is None
 
 
+def test_extra_columns_are_numbers_and_no_readings(write):
+    path = write("t,thumb,fz,palm", "0,1,2.5,3", "1,1,,4")
+    rec = read_recording(path, extra=["fz"])
+    assert rec.tactile[..., 0].tolist() == [[1, 3], [1, 4]]
+    np.testing.assert_array_equal(rec.extra["fz"], [2.5, np.nan])
+    assert rec.meta["column_names"] == {"tactile": ["thumb", "palm"]}
+    with pytest.raises(ValueError, match=r"must have the column 'fx' \(got t, thumb, fz, palm\)"):
+        read_recording(path, extra=["fx"])
+    with pytest.raises(ValueError, match=r"column 'fz' .* one thing only"):
+        read_recording(path, extra=["fz"], tactile=["thumb", "fz"])
+
+
 def test_integer_labels_and_labels_frame_by_frame(write):
     assert read_named_csv(write(HEADER, "0,1,2,3,7", "1,1,2,3,7"), label="grasp").label == 7
     rec = read_named_csv(write(HEADER, "0,1,2,3,on", "1,1,2,3,off"), label="grasp")

@@ -97,6 +97,14 @@ class DescriptorReader(torch.nn.Module):
         return self.lin(descriptors)
 
 
+def calibrated(per):
+    """Forces of three channels, whose readings leave the range."""
+    draw = torch.Generator().manual_seed(2)
+    low = 280 + 10 * torch.rand(11, 3, generator=draw)
+    coefficients = torch.randn(11, 10, 3, generator=draw)
+    return T.Calibrate(coefficients, low, low + 30, degree=2, per=per)
+
+
 def frames(layout=LAYOUT, num_samples=40):
     draw = torch.Generator().manual_seed(1)
     return StaticData(
@@ -152,6 +160,7 @@ PAIRS = {  # a data set, a model, and transforms
         DescriptorReader(),
         [T.ZScore(scale_per="channel"), T.TaxelDescriptors(LAYOUT)],
     ),
+    "calibrated": lambda: (dataset(), Reader("force"), [calibrated("sensor"), calibrated("taxel")]),
     "described": lambda: (
         dataset(),
         TaxelNet(LAYOUT, 3, widths=(4,), descriptor_channels=4),

@@ -75,7 +75,20 @@ def windows():
     return data
 
 
+def calibrated(*size, **options):
+    """A calibration of three channels of degree two, the same at each call."""
+    draw = torch.Generator().manual_seed(3)
+    low = torch.rand(*size[:-2], 3, generator=draw) + 1
+    return transforms.Calibrate(
+        torch.randn(*size, generator=draw), low, low + 3, degree=2, source="a press", **options
+    )
+
+
 WINDOWED = {  # of windows of frames
+    "Calibrate": [
+        lambda: calibrated(6, 10, 2),
+        lambda: calibrated(10, 3, per="sensor"),
+    ],
     "ContactCrop": [
         lambda: transforms.ContactCrop(3, 4.0, 6.0, sustain=2, before=1, missing="keep"),
         lambda: transforms.ContactCrop(4, 3.0, 0.5),
@@ -91,6 +104,12 @@ OURS = {
     "AbsoluteMorphology": [
         lambda: transforms.AbsoluteMorphology(),
         lambda: transforms.AbsoluteMorphology((0.1, 0.2, 0.3), cat=True),
+    ],
+    "Calibrate": [
+        lambda: transforms.Calibrate(torch.eye(4)[:, :2]),
+        lambda: calibrated(10, 3),
+        lambda: calibrated(6, 10, 2, units=("microtesla", "unit of the file")),
+        lambda: calibrated(6, 10, 1, per="sensor"),
     ],
     "CommonMode": [
         lambda: transforms.CommonMode(),

@@ -38,6 +38,14 @@ PLACES = ("pos", "edge_index", "edge_attr", "edge_weight", "num_frames", "valid_
 HALVES = [3, 3, 3, 8, 8, 8]
 SHOWN = [
     (transforms.AbsoluteMorphology([0, 0, 1], cat=True), "origin=(0.0, 0.0, 1.0), cat=True"),
+    (
+        transforms.Calibrate(torch.ones(4, 2)),
+        "3 -> 2, degree=1, per='taxel', units=('count', 'newton')",
+    ),
+    (
+        transforms.Calibrate(torch.ones(6, 10, 1), degree=2, per="sensor"),
+        "3 -> 1, num_taxels=6, degree=2, per='sensor', units=('count', 'newton')",
+    ),
     (transforms.CommonMode(), ""),
     (transforms.CommonMode(layout=LAYOUT), ""),
     (transforms.CommonMode("digit", LAYOUT), "'digit', num_segments=2"),

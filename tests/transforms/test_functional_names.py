@@ -12,6 +12,7 @@ LAYOUT = allegro_uskin()
 GRID = grid(16, 24, 0.004)
 NAMES = {
     "absolute_morphology": ("AbsoluteMorphology", ()),
+    "calibrate": ("Calibrate", (torch.ones(4, 2),)),
     "common_mode": ("CommonMode", ()),
     "contact_crop": ("ContactCrop", (1, 5.0, 5.0)),
     "drop_patches": ("DropPatches", (LAYOUT,)),

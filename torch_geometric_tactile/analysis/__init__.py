@@ -7,6 +7,7 @@ from torch_geometric_tactile.analysis.attribution import (
     patch_occlusion,
     taxel_attribution,
 )
+from torch_geometric_tactile.analysis.calibration import CalibrationFit, fit_calibration
 from torch_geometric_tactile.analysis.clustering import SegmentClustering, segment_clustering
 from torch_geometric_tactile.analysis.confusion import class_confusion, label_confusion
 from torch_geometric_tactile.analysis.embedding import embed_nodes, node_matrix
@@ -20,6 +21,7 @@ from torch_geometric_tactile.analysis.encoder_map import (
 from torch_geometric_tactile.analysis.roc import RocCurve, roc_curves
 
 __all__ = [
+    "CalibrationFit",
     "EdgeSeparation",
     "IntegratedGradients",
     "RocCurve",
@@ -29,6 +31,7 @@ __all__ = [
     "embed_nodes",
     "encoder_blocks",
     "encoder_map",
+    "fit_calibration",
     "label_confusion",
     "node_matrix",
     "patch_occlusion",

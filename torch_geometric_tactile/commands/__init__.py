@@ -24,6 +24,7 @@ _VERBS: tuple[str, ...] = (
     "compare",
     "board",
     "pretrain",
+    "calibrate",
     "fit",
     "validate",
     "test",

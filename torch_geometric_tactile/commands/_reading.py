@@ -32,6 +32,11 @@ _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
         "time": {"metavar": "NAME", "help": "the time column (default: time)"},
         "time_unit": {"metavar": "UNIT", "help": "unit of the time column: s, ms, us or ns"},
         "label": {"metavar": "NAME", "help": "the label column"},
+        "extra": {
+            "action": "append",
+            "metavar": "NAME",
+            "help": "a column of numbers that are no readings, such as a force",
+        },
         "ignore": {"action": "append", "metavar": "NAME", "help": "a column to skip"},
         "unit": {"metavar": "UNIT", "help": "unit of the readings: count or newton"},
     },

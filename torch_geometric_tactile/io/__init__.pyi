@@ -11,6 +11,7 @@ from .decoders.paxini import PaXiniDecoder
 from .decoders.protocols import PROTOCOLS, decoder_of
 from .decoders.robotiq import RobotiqDecoder
 from .decoders.text_rows import TextRowsDecoder
+from .eflesh_probe import read_eflesh_probe
 from .icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 from .idx_file import read_idx
 from .lerobot_dataset import write_lerobot
@@ -68,6 +69,7 @@ __all__ = [
     "read_bigs",
     "read_biotac_sp_csv",
     "read_biotac_sp_dos_csv",
+    "read_eflesh_probe",
     "read_hdf5",
     "read_hdf5_head",
     "read_icub_grasp_txt",

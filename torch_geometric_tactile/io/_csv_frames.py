@@ -1,5 +1,6 @@
 r"""Recordings in CSV files with one frame a line: what the columns are, and the frames in them."""
 
+import itertools
 import logging
 import re
 from collections.abc import Iterator, Sequence
@@ -50,8 +51,8 @@ class FrameColumns(NamedTuple):
     r"""What the columns of a file are.
 
     :obj:`tactile` and :obj:`joint` are columns in the order of the recording, and :obj:`degrees`
-    the joints whose angles are in degrees. The readings are divided by :obj:`per_unit` to be in
-    :obj:`unit`.
+    the joints whose angles are in degrees; :obj:`extra` are further signals. The readings are
+    divided by :obj:`per_unit` to be in :obj:`unit`.
     """
 
     names: list[str]
@@ -64,15 +65,18 @@ class FrameColumns(NamedTuple):
     label: int | None = None
     unit: str | None = None
     per_unit: float = 1.0
+    extra: Sequence[int] = ()
 
 
 class Frames(NamedTuple):
-    r"""The frames of a file: readings :math:`(T, N C)`, joint angles :math:`(T, J)`, the time in
-    seconds :math:`(T,)` if there is one, and the cells of the time and of the label.
+    r"""The frames of a file: readings :math:`(T, N C)`, joint angles :math:`(T, J)`, further
+    signals :math:`(T, E)`, the time in seconds :math:`(T,)` if there is one, and the cells of the
+    time and of the label.
     """
 
     tactile: np.ndarray
     joint: np.ndarray
+    extra: np.ndarray
     time: np.ndarray | None
     time_cells: list[str]
     labels: list[str]
@@ -85,11 +89,12 @@ def read_frames(
     timed, labelled = (
         [] if column is None else [column] for column in (columns.time, columns.label)
     )
-    numeric = [*columns.tactile, *columns.joint, *timed]
+    groups = [columns.tactile, columns.joint, columns.extra]
+    numeric = [*itertools.chain(*groups), *timed]
     texts = [*timed, *labelled]
     table, cells = csv_table(path, lines, columns.names, numeric, texts=texts, required=timed)
-    num_readings, num_joints = len(columns.tactile), len(columns.joint)
-    tactile, joint, _ = np.split(table, [num_readings, num_readings + num_joints], axis=1)
+    ends = np.cumsum([len(group) for group in groups])
+    tactile, joint, extra, _ = np.split(table, ends, axis=1)
     joint[:, columns.degrees] = np.deg2rad(joint[:, columns.degrees])
     time, time_cells = None, [row[0].strip() for row in cells if timed]
     if timed:
@@ -102,6 +107,7 @@ def read_frames(
     return Frames(
         tactile=tactile if columns.per_unit == 1 else tactile / columns.per_unit,
         joint=joint,
+        extra=extra,
         time=time,
         time_cells=time_cells,
         labels=[row[-1] for row in cells if labelled],
@@ -118,6 +124,7 @@ def recording_of(
         time=np.arange(num_frames) / rate if frames.time is None else frames.time,
         tactile=frames.tactile.reshape(num_frames, -1, columns.num_channels),
         joint=frames.joint if columns.joint else None,
+        extra={columns.names[i]: frames.extra[:, k] for k, i in enumerate(columns.extra)},
         **content,
     )
 

@@ -46,6 +46,7 @@ def read_named_csv(
     time: str | None = None,
     time_unit: str | None = None,
     label: str | None = None,
+    extra: Sequence[str] = (),
     ignore: Sequence[str] = (),
     unit: str | None = None,
     rate: float | None = None,
@@ -71,6 +72,8 @@ def read_named_csv(
         label (str, optional): The column of the label, of integers or texts. If it is the same in
             all frames, it is the :obj:`label` of the recording, otherwise it is in
             :obj:`privileged` under its name.
+        extra (sequence of str): Columns of numbers that are no readings, such as a measured force,
+            for :obj:`extra`.
         ignore (sequence of str): Columns that are not read.
         unit (str, optional): Unit of the readings, :obj:`"count"` or :obj:`"newton"`, for
             :obj:`meta`.
@@ -105,7 +108,14 @@ def read_named_csv(
     need(num_channels >= 1, "'num_channels' must be at least 1", num_channels)
     lines = csv_rows(path)
     columns = _columns(
-        path, csv_names(lines), tactile, joint, (time, time_unit), label, ignore, num_channels
+        path,
+        csv_names(lines),
+        tactile,
+        joint,
+        (time, time_unit),
+        label,
+        (extra, ignore),
+        num_channels,
     )
     names = columns.names
     if columns.time is None and rate is None:
@@ -154,9 +164,10 @@ def _columns(
     joint: Sequence[str] | str,
     time_and_unit: tuple[str | None, str | None],
     label: str | None,
-    ignore: Sequence[str],
+    extra_and_ignore: tuple[Sequence[str], Sequence[str]],
     num_channels: int,
 ) -> FrameColumns:
+    extra, ignore = extra_and_ignore
     refuse_index(path, names, ignore)
     if tactile is None:
         refuse_counted(path, names, "or say which of them are readings with tactile=['0', ...]")
@@ -183,7 +194,8 @@ def _columns(
 
     label_column = None if label is None else find(label)
     joints = find_all("joint", joint)
-    used = {label_column, *joints, *(find(name) for name in ignore)}
+    others = [find(name) for name in extra]
+    used = {label_column, *joints, *others, *(find(name) for name in ignore)}
     time, unit = time_and_unit
     time_column = _time(path, names, used) if time is None else find(time)
     used.add(time_column)
@@ -204,6 +216,7 @@ def _columns(
         time=time_column,
         time_unit=_unit("" if time_column is None else names[time_column], unit),
         label=label_column,
+        extra=others,
     )
 
 

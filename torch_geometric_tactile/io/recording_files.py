@@ -11,6 +11,7 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_table import csv_rows
 from torch_geometric_tactile.io._mcap_records import MAGIC
 from torch_geometric_tactile.io._recording_schema import checked_file
+from torch_geometric_tactile.io.eflesh_probe import read_eflesh_probe
 from torch_geometric_tactile.io.mcap_reader import read_mcap
 from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_hdf5 import read_hdf5, write_hdf5
@@ -38,16 +39,19 @@ _FORMATS = {
     "XELA messages": _Format(
         read_xela_messages, write_xela_messages, (".jsonl", ".ndjson"), (".json", ".txt")
     ),
+    "eFlesh probe": _Format(read_eflesh_probe),
 }
 _WRITERS = {suffix: form.write for form in _FORMATS.values() for suffix in form.suffixes}
 _SUFFIXES = {s: name for name, f in _FORMATS.items() for s in (*f.suffixes, *f.only_read)}
 _SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz", MAGIC: "MCAP"}
+_PROBE = ("sensor.csv", "states.csv")  # in a folder
 _MESSAGES = re.compile(rb"(\xef\xbb\xbf)*\s*[\[{]")
 
 
 def recording_format(path: PathLike) -> str:
     r"""Returns the name of a file's format: :obj:`"HDF5"`, :obj:`"npz"`, :obj:`"MCAP"`,
-    :obj:`"wide CSV"`, :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`.
+    :obj:`"wide CSV"`, :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`; of a
+    folder with a run of eFlesh's probe, :obj:`"eFlesh probe"`.
 
     The suffix must be a known one; the beginning of the file decides between the kinds of CSV, and
     overrules a suffix that is wrong. A header with a name of a XELA log's first columns is that of
@@ -71,6 +75,8 @@ def recording_format(path: PathLike) -> str:
         ...     recording_format(path)
         'named CSV'
     """
+    if all((Path(path) / name).is_file() for name in _PROBE):
+        return "eFlesh probe"
     path = checked_file(path)
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
@@ -100,7 +106,7 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
     it.
 
     Args:
-        path (str or PathLike): The file.
+        path (str or PathLike): The file, or the folder of a run of eFlesh's probe.
         **kwargs: Options of the format's own function, such as :obj:`forces` for XELA's formats.
 
     Raises:

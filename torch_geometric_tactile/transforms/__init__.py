@@ -2,6 +2,7 @@ r"""Transforms of tactile data, one per file."""
 
 from torch_geometric_tactile.transforms.absolute_morphology import AbsoluteMorphology
 from torch_geometric_tactile.transforms.base import FittedTransform
+from torch_geometric_tactile.transforms.calibrate import Calibrate
 from torch_geometric_tactile.transforms.common_mode import CommonMode
 from torch_geometric_tactile.transforms.contact_crop import ContactCrop
 from torch_geometric_tactile.transforms.drop_patches import DropPatches
@@ -36,6 +37,7 @@ from torch_geometric_tactile.transforms.z_score import ZScore
 
 __all__ = [
     "AbsoluteMorphology",
+    "Calibrate",
     "CommonMode",
     "ContactCrop",
     "DropPatches",

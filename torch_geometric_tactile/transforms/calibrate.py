@@ -1,0 +1,291 @@
+r"""Readings as forces."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, Self
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch_geometric.data import Batch, Data
+from torch_geometric.data.datapipes import functional_transform
+
+from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._files import atomic_path, existing_file
+from torch_geometric_tactile._texts import read_json, short_repr
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data import join_frames, split_frames
+from torch_geometric_tactile.data.recording import UNITS
+from torch_geometric_tactile.sensors._content_checks import (
+    is_named,
+    is_number,
+    need_key,
+    need_text,
+    only_keys,
+)
+from torch_geometric_tactile.transforms._attributes import FRAMES, check_num_taxels, require_floats
+from torch_geometric_tactile.transforms._polynomial import (
+    num_terms,
+    polynomial,
+    scaled_readings,
+)
+from torch_geometric_tactile.transforms._windows import given_num_frames
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
+
+_PER = ("taxel", "sensor")
+_MOST_DEGREE = 3
+_OWN_UNIT = "unit of the file"  # which the file does not name
+_UNITS = (*UNITS, _OWN_UNIT)
+_TENSORS = ("coefficients", "low", "high")
+_KEYS = ("per", "degree", "reading_unit", "force_unit", "source", *_TENSORS)
+
+
+@functional_transform("calibrate")
+class Calibrate(TactileTransform):
+    r"""Turns readings into forces by a polynomial that was fitted before (functional name:
+    :obj:`calibrate`), by ``tactile calibrate`` or
+    :func:`~torch_geometric_tactile.analysis.fit_calibration`.
+
+    .. math::
+        \mathbf{f}_i = \sum_m \mathbf{w}_{im} \prod_{c \in J_m} z_{ic}
+        \qquad
+        z_{ic} = \frac{2 x_{ic} - \mathrm{high}_{ic} - \mathrm{low}_{ic}}
+        {\mathrm{high}_{ic} - \mathrm{low}_{ic}}
+
+    where :math:`J_m` are all choices of none (the constant), one, two, ... up to :obj:`degree` of
+    the channels of taxel :math:`i`: of three channels with degree two :math:`1, z_1, z_2, z_3,
+    z_1^2, z_1 z_2, z_1 z_3, z_2^2, z_2 z_3, z_3^2`. With degree one that is an offset and a
+    cross-axis matrix; a gain of each channel is a diagonal one. The force on the whole sensor is
+    :math:`\sum_i \mathbf{f}_i`.
+
+    **The range** of the readings that it was fitted on is :obj:`low` to :obj:`high`. Beyond, the
+    force goes on in a straight line, along the slope at the end of the range, and nothing is said:
+    :meth:`beyond` tells which readings these are. There it is a guess.
+
+    Where offsets differ from session to session, it is fitted behind a
+    :class:`~torch_geometric_tactile.transforms.Tare`, and applied behind one.
+
+    Args:
+        coefficients (torch.Tensor or list): :math:`\mathbf{w}`, the same for all taxels
+            :math:`(M, D)`, or for each taxel its own :math:`(N, M, D)`.
+        low (torch.Tensor or list, optional): Least reading of each channel :math:`(C,)`, or of each
+            taxel :math:`(N, C)` if it has coefficients of its own. Without, :math:`z` are the
+            readings themselves, and the range is not known.
+        high (torch.Tensor or list, optional): Largest reading, likewise.
+        degree (int): Up to how many readings are multiplied: 1 to 3.
+        per (str): :obj:`"taxel"` for the forces of each taxel, or :obj:`"sensor"` for their sum.
+        units (tuple of str): Unit of readings and of forces: :obj:`"count"`, :obj:`"microtesla"`,
+            :obj:`"newton"`, or :obj:`"unit of the file"` of data that name none.
+        source (str): Which recordings it was fitted on, and how.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
+          F)`; of windows :math:`F = C \cdot T`, whose frames are mapped one by one
+        - **output:** :obj:`x` :math:`(\ldots, N, D)` of taxels, or :obj:`force` :math:`(1, D)` or
+          :math:`(B, D)` of the sensor beside the readings; of windows :math:`D \cdot T`. With a
+          missing reading (NaN) the forces that follow from it are missing.
+
+    Raises:
+        ValueError: If :obj:`degree`, :obj:`per` or a unit is unknown, the shapes do not fit one
+            another, a coefficient is not finite, or the readings have other taxels or channels.
+
+    Examples:
+        >>> mixed = torch.tensor([[0.0, 0.0], [0.02, 0.0], [0.001, 0.01]])  # offset, x, y
+        >>> Calibrate(mixed)(Data(x=torch.tensor([[100.0, 200.0]]))).x
+        tensor([[2.2000, 2.0000]])
+        >>> square = Calibrate([[1.0], [2.0], [1.0]], low=[0.0], high=[2.0], degree=2)  # x squared
+        >>> square(Data(x=torch.tensor([[1.5], [3.0]]))).x.view(-1)  # and its tangent beyond 2
+        tensor([2.2500, 8.0000])
+        >>> square.beyond(Data(x=torch.tensor([[1.5], [3.0]])))
+        tensor([[False,  True]])
+    """
+
+    reads = ("x", *FRAMES)
+
+    @property
+    def writes(self) -> tuple[str, ...]:
+        r"""What takes the forces."""
+        return ("x",) if self.per == "taxel" else ("force",)
+
+    @property
+    def per_frame(self) -> bool:
+        r"""Whether the forces take the place of the readings."""
+        return self.per == "taxel"
+
+    def __init__(
+        self,
+        coefficients: Tensor | Sequence[Any],
+        low: Tensor | Sequence[Any] | None = None,
+        high: Tensor | Sequence[Any] | None = None,
+        degree: int = 1,
+        per: Literal["taxel", "sensor"] = "taxel",
+        units: tuple[str, str] = ("count", "newton"),
+        source: str = "",
+    ) -> None:
+        whole = isinstance(degree, int) and not isinstance(degree, bool)
+        need(whole and 1 <= degree <= _MOST_DEGREE, "'degree' must be 1, 2 or 3", degree)
+        need(is_named(per, _PER), f"'per' must be one of {list(_PER)} (got {short_repr(per)})")
+        is_pair = isinstance(units, tuple | list) and len(units) == 2
+        if not is_pair or not all(is_named(unit, _UNITS) for unit in units):
+            raise ValueError(
+                f"'units' must be those of readings and of forces, of {list(_UNITS)} (got "
+                f"{short_repr(units)})"
+            )
+        need_text(source, "'source'")
+        self.coefficients = _finite("coefficients", coefficients)
+        self.low = None if low is None else _finite("low", low)
+        self.high = None if high is None else _finite("high", high)
+        self.degree, self.per, self.source = degree, per, source
+        self.units: tuple[str, str] = (units[0], units[1])
+        self.num_channels = self._checked_channels()
+
+    def _checked_channels(self) -> int:
+        # The number of channels.
+        shape = self.coefficients.shape
+        if len(shape) not in (2, 3) or 0 in shape:
+            raise ValueError(
+                "'coefficients' must have shape (num_terms, num_forces), or (num_taxels, "
+                f"num_terms, num_forces) with those of each taxel (got {tuple(shape)})"
+            )
+        counts = (n for n in range(1, shape[-2]) if num_terms(n, self.degree) >= shape[-2])
+        channels = next(counts, 0)
+        if num_terms(channels, self.degree) != shape[-2] or not channels:
+            raise ValueError(
+                f"'coefficients' must have a row for one and for each product of up to "
+                f"{self.degree} channels, such as {num_terms(3, self.degree)} of three channels "
+                f"(got {shape[-2]})"
+            )
+        if (self.low is None) != (self.high is None):
+            raise ValueError("'low' and 'high' must be given both or not at all (got one)")
+        if self.low is not None and self.high is not None:
+            size = (*shape[:-2], channels)
+            for name, value in (("low", self.low), ("high", self.high)):
+                if value.shape != size:
+                    raise ValueError(
+                        f"'{name}' must have shape {size}, as the coefficients (got "
+                        f"{tuple(value.shape)})"
+                    )
+            need((self.low <= self.high).all(), "'low' must not be above 'high' (got one above)")
+        return channels
+
+    def forward(self, data: Data) -> Data:
+        r"""Sets the forces."""
+        force = polynomial(self._frames(data), self.coefficients, self.low, self.high, self.degree)
+        joined = join_frames(force)
+        if self.per == "sensor":
+            data.force = joined.sum(dim=-2)
+        else:
+            data.x = joined.reshape(*data.x.shape[:-1], joined.size(-1))
+        return data
+
+    def beyond(self, data: Data) -> Tensor:
+        r"""Returns which taxels have a reading beyond the range, in any frame of a window.
+
+        Args:
+            data (torch_geometric.data.Data): The samples, as for a call.
+
+        Shapes:
+            - **output:** :math:`(B, N)`, with one sample :math:`B = 1`
+        """
+        frames = self._frames(data)
+        if self.low is None or self.high is None:
+            return torch.zeros(frames.shape[:-2], dtype=torch.bool)
+        away = scaled_readings(frames, self.low.unsqueeze(-2), self.high.unsqueeze(-2))[1]
+        return (away != 0).flatten(-2).any(dim=-1)
+
+    def _frames(self, data: Data) -> Tensor:
+        # The frames of the samples (B, N, T, C).
+        x = require_floats(self, data)
+        frames = split_frames(x, given_num_frames(data) or 1)
+        if frames.size(-1) != self.num_channels:
+            raise ValueError(
+                f"'x' must have {self.num_channels} channels, as {type(self).__name__} was fitted "
+                f"on (got {frames.size(-1)})"
+            )
+        if self.coefficients.dim() == 3:
+            check_num_taxels(data, len(self.coefficients), "the calibration")
+        sizes = data.ptr.diff().unique().tolist() if isinstance(data, Batch) else [x.size(-2)]
+        need(len(sizes) == 1, "all samples must have the same number of taxels", sizes)
+        return frames.reshape(-1, sizes[0], *frames.shape[-2:])
+
+    def to_dict(self) -> dict[str, Any]:
+        r"""Returns the calibration as numbers, texts and lists."""
+        tensors = {name: getattr(self, name) for name in _TENSORS}
+        return {
+            "per": self.per,
+            "degree": self.degree,
+            "reading_unit": self.units[0],
+            "force_unit": self.units[1],
+            "source": self.source,
+            **{key: None if value is None else value.tolist() for key, value in tensors.items()},
+        }
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        r"""Builds a calibration from what :meth:`to_dict` returns.
+
+        Args:
+            content (Mapping): The keys :obj:`"coefficients"`, :obj:`"reading_unit"` and
+                :obj:`"force_unit"`, and, if wanted, the other arguments.
+
+        Raises:
+            ValueError: If a key is missing or unknown, or the calibration is not consistent.
+        """
+        units = tuple(need_key(content, f"{k}_unit", "a calibration") for k in ("reading", "force"))
+        only_keys(content, _KEYS, "a calibration")
+        need_key(content, "coefficients", "a calibration")
+        given = {key: value for key, value in content.items() if not key.endswith("_unit")}
+        return cls(units=units, **given)
+
+    def save(self, path: PathLike) -> None:
+        r"""Writes the calibration as a JSON file.
+
+        Args:
+            path (str or PathLike): The file. It is written whole or not at all.
+        """
+        with atomic_path(path) as temporary:
+            lines = [f" {json.dumps(key)}: {json.dumps(v)}" for key, v in self.to_dict().items()]
+            temporary.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: PathLike) -> Self:
+        r"""Reads a calibration from a JSON file.
+
+        Args:
+            path (str or PathLike): A file as :meth:`save` or ``tactile calibrate`` writes it.
+
+        Raises:
+            FileNotFoundError: If there is no such file.
+            ValueError: If the file is no JSON or no consistent calibration; the message names it.
+        """
+        existing_file(path, "write one with 'tactile calibrate' or Calibrate.save")
+        try:
+            return cls.from_dict(read_json(path))
+        except ValueError as error:  # JSONDecodeError is one
+            raise ValueError(f"'{path}' is not a calibration: {error}") from error
+
+    def __repr__(self) -> str:
+        shape = self.coefficients.shape
+        taxels = f"num_taxels={shape[0]}, " if len(shape) == 3 else ""
+        return (
+            f"{type(self).__name__}({self.num_channels} -> {shape[-1]}, {taxels}"
+            f"degree={self.degree}, per='{self.per}', units={self.units})"
+        )
+
+
+def _finite(name: str, value: Any) -> Tensor:
+    if not isinstance(value, Tensor | np.ndarray):
+        need(_are_numbers(value), f"'{name}' must be lists of finite numbers (got others)")
+        try:
+            value = torch.tensor(value, dtype=torch.double)
+        except (TypeError, ValueError) as error:  # of several lengths
+            raise ValueError(f"'{name}' must be lists of one length ({error})") from None
+    tensor = torch.as_tensor(value).detach().cpu().double()
+    need(tensor.isfinite().all(), f"'{name}' must be finite (got NaN or infinity)")
+    return tensor
+
+
+def _are_numbers(value: Any, depth: int = 3) -> bool:
+    if isinstance(value, list | tuple):
+        return depth > 0 and all(_are_numbers(item, depth - 1) for item in value)
+    return is_number(value)
