@@ -334,6 +334,8 @@ class LiveSession:
             return
         recorded = None if recorder is None else recorder.frames
         opened = None if recorder is None else recorder.annotation
+        if self.viewer is not None:
+            self.viewer.annotation = opened
         if rest is not None and not rest.ready:
             on_status(Status(health, None, None, recorded, rest.status(), opened))
         else:
