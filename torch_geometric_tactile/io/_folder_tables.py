@@ -20,6 +20,7 @@ from torch_geometric_tactile.io._csv_table import (
     csv_rows,
     csv_table,
     placed,
+    refuse_index,
     refuse_missing,
     safe_cell,
     text_of_cell,
@@ -62,6 +63,7 @@ def read_labels(path: Path) -> dict[str, dict[str, str | int]]:
     """
     lines = csv_rows(path)
     names = csv_names(lines)
+    refuse_index(path, names)
     place = placed(path, names, dict(enumerate(names)))
     refuse_missing(path, place, _COLUMNS[:1])
     out: dict[str, dict[str, str | int]] = {}
