@@ -118,7 +118,7 @@ def _other_text(content: dict[str, np.ndarray], draw: Random) -> tuple[bytes, st
     values += [2, -1, 1.5, True, ["1"], b"bytes", np.nan, 2**63, np.datetime64(0, "s")]
     values += ['{"unit": "furlong"}', "[]", "true", '{"a": NaN}', "3.5", "null"]
     values += ['[[0, 1, "a"]]', '[[1, 0, "a"]]', '[[0, 1e999, "a"]]', "[[0, 1]]", "[3]"]
-    values += [json.dumps([[0, 1, "a"]] * 10_001), '[[0, 1, "\\n"]]', '{"a": 1}']
+    values += [json.dumps([[0, 1, "a"]] * 10_001), '[[0, 1, "\\n"]]']
     value = draw.choice(values)
     content[name] = np.array(value)
     fine = name == "label" and value == "null"

@@ -58,7 +58,7 @@ def recording_to_texts(recording: Recording) -> dict[str, str]:
     r"""Returns label, metadata and annotations of a recording as JSON texts by their names in a
     file.
     """
-    values = {"label": recording.label, "meta": dict(recording.meta)}
+    values: dict[str, Any] = {"label": recording.label, "meta": dict(recording.meta)}
     if recording.annotations:
         values["annotations"] = recording.annotations
     return {name: json.dumps(value, ensure_ascii=False) for name, value in values.items()}
