@@ -1,7 +1,12 @@
-"""A serial port made of a pair of pseudo terminals, that can go and come back."""
+"""A serial port made of a pair of pseudo terminals, that can go and come back; and a terminal."""
 
 import os
+import pty
+import subprocess
+import sys
+import time
 import tty
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -35,3 +40,37 @@ class FakePort:
     def close(self):
         if self.master is not None:
             self.unplug()
+
+
+class Terminal:
+    """A verb on a pseudo terminal."""
+
+    def __init__(self, folder, *arguments):
+        self._line, screen = pty.openpty()
+        os.set_blocking(self._line, False)
+        self.said = ""
+        command = [sys.executable, "-m", "torch_geometric_tactile", *map(str, arguments)]
+        streams = {"stdin": screen, "stdout": screen, "stderr": screen}
+        wide = {**os.environ, "COLUMNS": "300"}
+        self.child = subprocess.Popen(command, **streams, env=wide, cwd=folder)
+        os.close(screen)
+
+    def until(self, text):
+        """Waits for a text, and forgets what was said up to it."""
+        deadline = time.monotonic() + 40
+        while text not in self.said:
+            assert time.monotonic() < deadline, (text, self.said[-500:])
+            with suppress(OSError):
+                self.said += os.read(self._line, 65536).decode()
+            time.sleep(0.01)
+        self.said = self.said.partition(text)[2]
+
+    def press(self, key):
+        os.write(self._line, key.encode())
+
+    def end(self):
+        try:
+            assert self.child.wait(30) == 0
+        finally:
+            self.child.kill()
+            os.close(self._line)

@@ -224,3 +224,69 @@ def test_taken_port_is_explained(whole, tmp_path, capsys):
         assert main(["replay", str(tmp_path / "whole.npz"), "--serve", serve]) == 1
     assert "ddress already in use" in capsys.readouterr().err
     assert threading.active_count() < 20
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo terminals")
+@pytest.mark.parametrize("suffix", ["mcap", "h5"])
+def test_keys_annotate_a_recording(whole, tmp_path, suffix):
+    from ptys import Terminal
+
+    source, path = f"{tmp_path / 'whole.npz'}?loop=1", tmp_path / f"a.{suffix}"
+    terminal = Terminal(tmp_path, "record", source, path, "--labels", "open, slip,hold")
+    terminal.until("frames, ")
+    for key, told in (("1", "open begins at"), ("2", "slip begins at"), ("2", "slip ends at")):
+        terminal.press(key)
+        terminal.until(told)
+        terminal.until("[slip]  " if told == "slip begins at" else "frames, ")
+    terminal.press("9")  # has no label
+    terminal.press("3")
+    terminal.until("[hold]  ")
+    terminal.press("q")
+    terminal.end()
+    found = read_recording(path)
+    opened, slip, hold = found.annotations
+    assert [a.label for a in found.annotations] == ["open", "slip", "hold"]
+    assert 0 < opened.start < opened.end == slip.start < slip.end < hold.start
+    assert hold.end == found.time[-1]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo terminals")
+def test_keys_annotate_what_live_records(whole, tmp_path):
+    from ptys import Terminal
+
+    terminal = Terminal(tmp_path, "live", f"{tmp_path / 'whole.npz'}?loop=1")
+    terminal.until("Hz")
+    terminal.press("4")
+    terminal.until("nothing was annotated: it needs a recording")
+    terminal.press("r")
+    terminal.until("recorded")
+    terminal.press("4")
+    terminal.until("4 begins at")
+    terminal.until("[4]  ")
+    terminal.press("r")
+    terminal.until("wrote ")
+    terminal.press("q")
+    terminal.end()
+    (path,) = tmp_path.glob("*.mcap")
+    found = read_recording(path)
+    assert [a.label for a in found.annotations] == ["4"]
+    assert found.annotations[0].end == found.time[-1]
+
+
+@pytest.mark.parametrize(
+    ("labels", "message"),
+    [
+        ("a,b,a", "must be up to 9 different labels"),
+        ("1,2,3,4,5,6,7,8,9,0", "must be up to 9 different labels"),
+        ("a,,b", "labels of 1 to 255 printable characters"),
+    ],
+)
+@pytest.mark.parametrize("verb", ["record", "live"])
+def test_labels_that_no_keys_can_have_are_refused(tmp_path, capsys, verb, labels, message):
+    file = [str(tmp_path / "a.mcap")] if verb == "record" else []
+    with pytest.raises(SystemExit):
+        main([verb, "sim:", *file, "--labels", labels])
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "a.mcap").exists()

@@ -31,7 +31,18 @@ def full_recording() -> Recording:
             "name": np.array(["reach", "hold"] * 3),
         },
         extra={"pac": np.arange(FRAMES * 6, dtype=np.int16).reshape(FRAMES, 3, 2)},
+        annotations=[(0, 1 / 64, "slip é"), (1 / 64, 1 / 32, "hold"), (0, 1 / 32, "hold")],
     )
+
+
+def annotations_csv(folder: Path) -> None:
+    lines = ["recording,start,end,label", "a,0,0.5,slip", "b.csv,-1,1e3,'=hold", 'a,3,3,"x, y"']
+    (folder / "a.csv").write_text("\n".join(lines) + "\n")
+
+
+def labels_csv(folder: Path) -> None:
+    lines = ["recording,label,object,trial,mass", "a,slip,mug,1,0.5", "b.csv,,'=cup,2,", "c,3,,3,1"]
+    (folder / "a.csv").write_text("\n".join(lines) + "\n")
 
 
 def wide_csv(folder: Path) -> None:

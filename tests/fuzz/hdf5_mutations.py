@@ -155,10 +155,12 @@ def _h_attribute(file: Any, draw: Random, h5py: Any) -> str:
     """An attribute of another type or with another content: whatever holds the checksum of the
     attributes, it is not written anew."""
     own = ["format", "version", "label", "meta", "num_frames"]
+    own += ["annotations"] if "annotations" in file.attrs else []
     name = draw.choice(own)
     before = file.attrs[name]
     values: list[Any] = [3.7, 0, -1, 2**62, "3", "", "{", "[" * 100000, "null", "NaN", b"\xff\xfe"]
     values += [[3], np.array([[1]]), h5py.Empty("f4"), True, np.nan, "other", '{"unit": "furlong"}']
+    values += ['[[0, 1, "a"]]', "[[0, 1]]", "[]"]
     values += [before] if draw.random() < 0.05 else []
     value = draw.choice(values)
     if draw.random() < 0.2:

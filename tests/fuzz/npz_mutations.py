@@ -1,6 +1,7 @@
 """Mutations of npz files, whose checksums are right."""
 
 import io
+import json
 import warnings
 import zipfile
 import zlib
@@ -24,8 +25,9 @@ def mutated_npz(data: bytes, draw: Random) -> tuple[bytes, str]:
         kept = any(name.startswith(g) and other.startswith(g) for g in ("privileged/", "extra/"))
         return _npz(content, draw), REWRITTEN if kept else JUDGED
     if kind == 1:
-        del content[draw.choice(required)]
-        return _npz(content, draw), JUDGED
+        name = draw.choice(required)
+        del content[name]
+        return _npz(content, draw), REWRITTEN if name == "annotations" else JUDGED
     if kind == 2:
         name = draw.choice(["time", "tactile", "joint"])
         if name in content:
@@ -111,13 +113,16 @@ def _other_type(content: dict[str, np.ndarray], draw: Random) -> tuple[bytes, st
 
 
 def _other_text(content: dict[str, np.ndarray], draw: Random) -> tuple[bytes, str]:
-    name = draw.choice(["format", "version", "label", "meta"])
+    name = draw.choice(["format", "version", "label", "meta", "annotations"])
     values: list[Any] = ["[" * 100000, "{", "", "NaN", "Infinity", "1e999", "\x00", "é" * 10]
     values += [2, -1, 1.5, True, ["1"], b"bytes", np.nan, 2**63, np.datetime64(0, "s")]
     values += ['{"unit": "furlong"}', "[]", "true", '{"a": NaN}', "3.5", "null"]
+    values += ['[[0, 1, "a"]]', '[[1, 0, "a"]]', '[[0, 1e999, "a"]]', "[[0, 1]]", "[3]"]
+    values += [json.dumps([[0, 1, "a"]] * 10_001), '[[0, 1, "\\n"]]']
     value = draw.choice(values)
     content[name] = np.array(value)
     fine = name == "label" and value == "null"
+    fine |= name == "annotations" and value in ("[]", '[[0, 1, "a"]]')
     return _npz(content, draw), REWRITTEN if fine else JUDGED
 
 

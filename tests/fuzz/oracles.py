@@ -34,7 +34,43 @@ def reading(time: Any, tactile: Any, joint: Any = None, label: Any = None, **mor
         "meta": meta,
         "privileged": privileged,
         "extra": more.get("extra", {}),
+        "annotations": [],
     }
+
+
+def annotations_csv(data: bytes) -> Any:
+    head, rows = table(data)
+    need({"recording", "start", "end", "label"} <= {*head})
+    out: dict[str, Any] = {}
+    for row in rows:
+        told = dict(zip(head, row, strict=True))
+        start, end, label = number(told["start"]), number(told["end"]), _unmarked(told["label"])
+        need(abs(start) < np.inf and abs(end) < np.inf and start <= end)
+        need(0 < len(label) < 256 and label.isprintable() and label == label.strip())
+        out.setdefault(_unmarked(told["recording"]), []).append([start, end, label])
+    return out
+
+
+def labels_csv(data: bytes) -> Any:
+    head, rows = table(data)
+    need("recording" in head and "" not in head[:1])
+    told = [{name: _unmarked(cell) for name, cell in zip(head, row, strict=True)} for row in rows]
+    whole = {
+        name
+        for name in head
+        if all(re.fullmatch("[+-]?[0-9]{1,18}", row[name]) for row in told if row[name])
+    }
+    out: dict[str, Any] = {}
+    for row in told:
+        name = row.pop("recording")
+        need(name not in out)
+        out[name] = {key: int(text) if key in whole else text for key, text in row.items() if text}
+    return out
+
+
+def _unmarked(cell: str) -> str:
+    text = cell.strip()
+    return text[1:] if re.match("'+\\s*[=+@\uff1d\uff0b\uff0d\uff20-]", text) else text
 
 
 def table(data: bytes, named: bool = True) -> tuple[list[str], list[list[str]]]:

@@ -49,6 +49,18 @@ def wide_csv(path: Path) -> Any:
     return recording(read_wide_csv(path))
 
 
+def annotations_csv(path: Path) -> Any:
+    from torch_geometric_tactile.io._folder_tables import read_annotations
+
+    return plain(read_annotations(path))
+
+
+def labels_csv(path: Path) -> Any:
+    from torch_geometric_tactile.io._folder_tables import read_labels
+
+    return plain(read_labels(path))
+
+
 def named_csv(path: Path) -> Any:
     from torch_geometric_tactile.io import read_named_csv
 

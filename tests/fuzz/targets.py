@@ -250,6 +250,14 @@ def _stream(protocol: str, weight: int) -> Target:
 
 TARGETS: Sequence[Target] = (
     Target("wide CSV", bases.wide_csv, readers.wide_csv, _text, oracles.wide_csv, 8),
+    Target(
+        "annotations CSV",
+        bases.annotations_csv,
+        readers.annotations_csv,
+        _text,
+        oracles.annotations_csv,
+    ),
+    Target("labels CSV", bases.labels_csv, readers.labels_csv, _text, oracles.labels_csv),
     Target("named CSV", bases.named_csv, readers.named_csv, _text, oracles.named_csv, 5),
     Target(
         "named CSV, given names",

@@ -306,3 +306,29 @@ def test_killed_recorder_loses_a_quarter_of_a_second(suffix):
         assert kill.wrong == 0
         assert kill.kept > 0
         assert kill.seconds <= 0.3
+
+
+def test_annotations_begin_and_end_and_the_open_one_ends_with_the_recording(path):
+    stream = Stream(NumberedSource(1000))
+    frames = stream.subscribe("all")
+    recorder = Recorder(path, stream)
+    recorder.annotate("early")  # before the first frame
+    assert recorder.annotation == "early"
+    with stream:
+        recorder.start()
+        for label in ("hold", "hold", "slip", "hold"):
+            for _ in range(30):
+                frames.get(5)
+            recorder.annotate(label)
+        assert recorder.annotation == "hold"
+        with pytest.raises(ValueError, match="printable"):
+            recorder.annotate("")
+        for _ in range(30):
+            frames.get(5)
+        recorder.close()
+    found = read_recording(path)
+    early, hold, slip, last = found.annotations
+    assert [a.label for a in found.annotations] == ["early", "hold", "slip", "hold"]
+    assert early.start < found.time[0] < early.end == hold.start < hold.end < slip.start
+    assert (slip.end, last.end) == (last.start, found.time[-1])
+    assert "events" not in found.meta

@@ -276,6 +276,12 @@ def test_status_without_a_model():
     assert Status(health, None, None, None, "").line() == health.line()
 
 
+def test_status_tells_first_which_annotation_is_open():
+    health = Health("open", frames=9, rate=100.0, age=0.001)
+    line = Status(health, None, None, 9, "keep still", "slip").line()
+    assert line == f"[slip]  keep still  {health.line()}  recorded 9"
+
+
 def test_repr(predictor):
     session = LiveSession(NumberedSource(), judge=Judge(predictor))
     assert repr(session) == (

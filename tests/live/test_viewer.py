@@ -390,3 +390,28 @@ with Stream(Two("two:", {"sensor": "biotac"})) as stream, Viewer(stream) as view
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_annotations_of_a_replayed_recording_come_with_the_layout():
+    spans = [(7.5, 8, "slip"), (8, 99, "<b>")]
+    replayed = Recording(7 + np.arange(21) / 10, np.zeros((21, 4, 1)), annotations=spans)
+    source = ReplaySource(replayed, speed=20, loop=True)
+    with Stream(source) as stream, Viewer(stream) as viewer, Page(viewer) as page:
+        head, _ = page.next("layout")
+        assert head["spans"] == [[0.25, 0.5, "slip"], [0.5, 46.0, "<b>"]]
+        page.say("shown")
+        for _ in range(5):
+            head, _ = page.next("frame")
+            place = head["sequence"] % 21 / 20
+            assert head["place"] == pytest.approx(place)
+
+
+def test_an_annotation_that_is_recorded_is_told(viewer):
+    with Page(viewer) as page:
+        head, _ = page.next("layout")
+        assert head["spans"] == []
+        page.say("shown")
+        head, _ = page.next("frame")
+        assert head["place"] is None
+        viewer.annotation = "slip"
+        wait(lambda: page.next("frame")[0].get("annotation") == "slip")

@@ -1,5 +1,6 @@
 """The viewer's page in a real browser."""
 
+import dataclasses
 import shutil
 import statistics
 import time
@@ -330,3 +331,29 @@ def test_page_that_sleeps_and_browser_that_closes_lose_nothing(launch_chromium):
             shown.append(everything.get(LONG).sequence)
     assert shown == list(range(len(shown)))
     assert everything.dropped == 0
+
+
+def test_annotations_have_lanes_and_those_of_now_are_told(browser):
+    spans = [(0.0, 0.5, "open"), (0.5, 5.0, "<b>slip</b>"), (1.0, 1.5, "open")]
+    replayed = dataclasses.replace(grasp(), annotations=spans)
+    with (
+        Stream(ReplaySource(replayed, loop=True)) as stream,
+        Viewer(stream) as viewer,
+        Opened(browser, viewer, "desk") as opened,
+    ):
+        lanes = 'document.querySelectorAll("#spans li")'
+        assert opened.page.inner_text("#spans").split() == ["open", "<b>slip</b>"]
+        assert opened.page.evaluate(f'{lanes}[0].querySelectorAll("i").length') == 2
+        now = 'document.getElementById("span-now").textContent'
+        for text in ("open", "<b>slip</b>", "<b>slip</b>, open"):
+            opened.wait(f'{now}.split(", ").sort().join(", ") === "{text}"')
+        opened.wait(f'{lanes}[1].className === "on" && {lanes}[0].className === ""')
+
+
+def test_the_annotation_that_is_recorded_is_told(browser, hand):
+    with Opened(browser, hand) as opened:
+        assert opened.page.evaluate('document.getElementById("spans-box").hidden')
+        hand.annotation = "slip"
+        opened.wait('document.getElementById("span-now").textContent === "slip"')
+        hand.annotation = None
+        opened.wait('document.getElementById("spans-box").hidden')

@@ -306,3 +306,37 @@ def test_recording_must_have_frames_and_fit():
     made = predictor(task="multilabel")
     with pytest.raises(ValueError, match=r"'truth' must be numbers of shape \(40, 2\)"):
         plot_predictions(made, recording(), rows(0.2, 0.8), truth=np.zeros((40, 3)))
+
+
+def test_annotations_are_the_truth_where_their_labels_are_classes():
+    spans = [(8, 9, "soft"), (9, 10, "hard")]
+    probability = rows([0.9, 0.1])
+    figure = plot_predictions(predictor(), recording(annotations=spans), probability)
+    assert lanes(figure.axes[1]) == ["predicted", "true (annotations)"]
+    assert len(figure.axes) == 4  # and no lanes of their own
+    # Ten frames from 8 s on are soft, eleven from 9 s to 10 s hard; nothing is known of others.
+    assert figure.get_suptitle().endswith("47.6\xa0%\xa0right")
+    model = predictor(("soft", "hard", "none"))
+    figure = plot_predictions(model, recording(annotations=spans), rows([0.1, 0.1, 0.8]))
+    assert figure.get_suptitle().endswith("47.5\xa0%\xa0right")  # 19 of 40 frames are "none"
+
+
+def test_other_annotations_have_lanes_in_the_colours_of_their_classes():
+    spans = [(8, 9, "grip"), (8.5, 10, "hard")]
+    figure = plot_predictions(predictor(), recording(annotations=spans), rows([0.9, 0.1]))
+    assert lanes(figure.axes[1]) == ["predicted"]
+    ax = figure.axes[2]
+    assert lanes(ax) == ["grip", "hard"]
+    hard = figure.axes[0].patches[1].get_edgecolor()
+    assert tuple(ax.collections[1].get_facecolor()[0]) == hard
+    assert tuple(ax.collections[0].get_facecolor()[0]) != hard
+    regression = predictor(("soft", "hard"), task="regression")
+    figure = plot_predictions(regression, recording(annotations=spans), rows([0.9, 0.1]))
+    assert lanes(figure.axes[1]) == ["grip", "hard"]
+
+
+def test_annotations_that_overlap_are_no_truth():
+    spans = [(8, 9, "soft"), (8.5, 10, "hard")]
+    figure = plot_predictions(predictor(), recording(annotations=spans), rows([0.9, 0.1]))
+    assert lanes(figure.axes[1]) == ["predicted"]
+    assert lanes(figure.axes[2]) == ["soft", "hard"]

@@ -183,3 +183,29 @@ def test_describe_shows_what_a_terminal_would_obey():
     assert r"label        a\x1b[2J\n\u202eb" in lines
     assert r"metadata     k\n = \x9b" in lines
     assert len(lines) == 10
+
+
+def test_annotations_have_a_lane_for_each_label():
+    spans = [(100.5, 101.5, "hold"), (101, 101, "tap"), (102, 103, "hold")]
+    figure = plot_recording(recording(joint=np.zeros((40, 2)), annotations=spans))
+    ax = figure.axes[5]
+    assert [text.get_text() for text in ax.get_yticklabels()] == ["hold", "tap"]
+    assert ax.get_xlabel() == "time since the first frame (s)"
+    boxes = [c.get_extents().x0 for lane in ax.collections for c in lane.get_paths()]
+    np.testing.assert_allclose(boxes, [0.5, 2.0, 1.0])
+    assert len(plot_recording(recording(joint=np.zeros((40, 2)))).axes) == len(figure.axes) - 1
+
+
+def test_many_labels_share_the_last_lane():
+    spans = [(100 + i / 10, 101 + i / 10, f"label {i:02d} with a long name") for i in range(11)]
+    ax = plot_recording(recording(annotations=spans)).axes[4]
+    names = [text.get_text() for text in ax.get_yticklabels()]
+    assert (len(names), names[0], names[-1]) == (8, "label 00 with a l...", "4 others")
+
+
+def test_annotations_are_told_since_the_first_frame():
+    spans = [(100.5, 101.5, "hold"), *[(102, 103, "tap")] * 21]
+    lines = describe_recording(recording(annotations=spans)).splitlines()
+    first = lines.index("annotations  0.50 to 1.50 s  hold")
+    assert lines[first + 20] == "             and 2 more"
+    assert "annotations" not in describe_recording(recording())

@@ -3,6 +3,7 @@ r"""Types of arguments that several verbs share."""
 import argparse
 import math
 from collections.abc import Callable
+from typing import Any
 
 _MOST = 1_000_000
 
@@ -78,6 +79,26 @@ def port(text: str) -> int:
     if not text.isascii() or not text.isdigit() or len(text) > 5 or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"must be a port from 0 to 65535 (got {text[:40]!r})")
     return int(text)
+
+
+def _labels(text: str) -> list[str]:
+    from torch_geometric_tactile.data._annotations import checked_annotation
+
+    labels = [label.strip() for label in text.split(",")]
+    if len(labels) > 9 or len({*labels}) < len(labels):
+        raise argparse.ArgumentTypeError(f"must be up to 9 different labels (got {text[:80]!r})")
+    try:
+        return [checked_annotation((0.0, 0.0, label)).label for label in labels]
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+#: Settings of the option that names the labels of the keys.
+LABELS: dict[str, Any] = {
+    "metavar": "A,B,...",
+    "type": _labels,
+    "help": "labels of the annotations that the keys 1 to 9 begin and end (default: 1 to 9)",
+}
 
 
 def _plain_number(text: str) -> float:

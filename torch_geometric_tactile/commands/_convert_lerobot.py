@@ -88,10 +88,12 @@ def run(arguments: argparse.Namespace, reading: dict[str, Any]) -> int:
 
 
 def _files(sources: list[str]) -> list[Path]:
+    from torch_geometric_tactile.io._folder_tables import TABLES
+
     files: list[Path] = []
     for source in map(Path, sources):
         inner = sorted(source.iterdir()) if source.is_dir() else []
-        inner = [path for path in inner if path.suffix.lower() in _IN_FOLDERS]
+        inner = [p for p in inner if p.suffix.lower() in _IN_FOLDERS and p.name not in TABLES]
         if source.is_dir() and not inner:
             known = ", ".join(_IN_FOLDERS)
             raise ValueError(f"'{source}' must hold recordings with one of {known} (got none)")

@@ -3,8 +3,9 @@ r"""Keys that are pressed while a verb runs."""
 import os
 import select
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -51,6 +52,26 @@ def mark(recorder: "Recorder | None", line: "StatusLine") -> None:
         return
     recorder.event("mark")
     line.tell(f"marked at {recorder.seconds:.2f} s")
+
+
+def label_keys(
+    labels: Sequence[str] | None, recorder: "Callable[[], Recorder | None]", line: "StatusLine"
+) -> dict[str, Callable[[], None]]:
+    r"""Returns what the keys 1 to 9 do: each begins and ends annotations of its label."""
+    named = "123456789" if labels is None else labels
+    return {
+        str(i): partial(_annotate, recorder, line, label) for i, label in enumerate(named, start=1)
+    }
+
+
+def _annotate(recorder: "Callable[[], Recorder | None]", line: "StatusLine", label: str) -> None:
+    running = recorder()
+    if running is None:
+        line.tell("nothing was annotated: it needs a recording")
+        return
+    running.annotate(label)
+    what = "begins" if running.annotation == label else "ends"
+    line.tell(f"{label} {what} at {running.seconds:.2f} s")
 
 
 def _heed_console(actions: Mapping[str, Callable[[], None]]) -> None:

@@ -5,7 +5,7 @@ import webbrowser
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.commands._arguments import SOURCE, port, seconds
+from torch_geometric_tactile.commands._arguments import LABELS, SOURCE, port, seconds
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Judge, LiveSession, Status
@@ -20,7 +20,7 @@ waits until the sensor has been still for a second (--rest). A lost port or conn
 reopened. What was recorded is kept, however the command ends.
 
 Keys: t measures the reading at rest again, r starts and stops recording, m marks this moment
-in the recording, q or Ctrl-C quits.
+in the recording, 1 to 9 begin and end an annotation (--labels) in it, q or Ctrl-C quits.
 """
 EXAMPLES = f"""\
 {SOURCE}
@@ -29,6 +29,8 @@ examples:
   tactile live ws://127.0.0.1:5000 --model slip.onnx --record grasp.mcap
                                                  an exported model: needs no PyTorch
   tactile live grasp.h5 --model grasp.predictor  a recording, replayed as if live
+  tactile live sim: --record grasp.mcap --labels open,slip,hold
+                                                 key 2 begins a slip, and ends it
   tactile live sim: --view                       the simulated hand
 """
 
@@ -46,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     recording = parser.add_argument_group("recording")
     recording.add_argument("--record", metavar="FILE", help="record to this .mcap or .h5 file")
     recording.add_argument("--label", metavar="LABEL", help="label of the recording")
+    recording.add_argument("--labels", **LABELS)
     recording.add_argument("--overwrite", action="store_true", help="replace an existing file")
     page = parser.add_argument_group("page in the browser")
     page.add_argument("--view", action="store_true", help="show the readings in the browser")
@@ -92,7 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the verb and returns the exit status."""
     from torch_geometric_tactile._interrupts import ends_heeded
-    from torch_geometric_tactile.commands._keys import keys_heeded, mark
+    from torch_geometric_tactile.commands._keys import keys_heeded, label_keys, mark
     from torch_geometric_tactile.commands._status_line import StatusLine
 
     if arguments.label is not None and arguments.record is None:
@@ -115,6 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
             "r": toggle,
             "m": lambda: mark(session.recorder, line),
             "q": session.stop,
+            **label_keys(arguments.labels, lambda: session.recorder, line),
         }
         with ends_heeded(), keys_heeded(keys) as heed, closing(session):
             url = session.view(port=arguments.port) if arguments.view else None

@@ -3,7 +3,7 @@ r"""``tactile record``: what a source sends, into a file."""
 import argparse
 from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.commands._arguments import SOURCE, seconds
+from torch_geometric_tactile.commands._arguments import LABELS, SOURCE, seconds
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Recorder
@@ -15,10 +15,11 @@ Writes every frame of a sensor to FILE until Ctrl-C, or for --seconds. An .mcap 
 to the operating system every quarter of a second: a crash of the program loses at most that
 much, a power cut also what the system had not yet written, a few seconds. Such a file can be
 read, and repaired with 'tactile replay FILE --repair OUT'. An .h5 file is written at the end,
-and holds frames and events only: until then grasp.h5 is grasp.mcap, which stays after a crash
-for 'tactile convert grasp.mcap grasp.h5'.
+and holds frames, events and annotations only: until then grasp.h5 is grasp.mcap, which stays
+after a crash for 'tactile convert grasp.mcap grasp.h5'.
 
-Keys: m marks this moment in the file, q or Ctrl-C ends the recording.
+Keys: m marks this moment in the file, 1 to 9 begin and end an annotation (--labels) in it,
+q or Ctrl-C ends the recording.
 """
 EXAMPLES = f"""\
 {SOURCE}
@@ -26,7 +27,8 @@ examples:
   tactile record serial:/dev/ttyACM0?protocol=anyskin mug.mcap --label mug
   tactile record ws://127.0.0.1:5000 grasp.mcap --layout allegro_uskin_368 --seconds 30
                                                  with taxel positions, for Foxglove
-  tactile record sim: grasp.h5
+  tactile record sim: grasp.h5 --labels open,slip,hold
+                                                 key 2 begins a slip, and ends it
 """
 
 
@@ -51,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MAP",
         help="reorders the taxels of the source to the layout: a stock map or a JSON file",
     )
+    parser.add_argument("--labels", **LABELS)
     parser.add_argument("--overwrite", action="store_true", help="replace an existing file")
 
 
@@ -73,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         recorder.start()
         try:
             with stream:
-                _wait(recorder, arguments.seconds)
+                _wait(recorder, arguments.seconds, arguments.labels)
         except KeyboardInterrupt:
             pass  # how a recording is ended
         finally:
@@ -88,19 +91,24 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _wait(recorder: "Recorder", seconds: float | None) -> None:
+def _wait(recorder: "Recorder", seconds: float | None, labels: list[str] | None) -> None:
     import threading
     import time
 
-    from torch_geometric_tactile.commands._keys import keys_heeded, mark
+    from torch_geometric_tactile.commands._keys import keys_heeded, label_keys, mark
     from torch_geometric_tactile.commands._status_line import StatusLine
 
     stream, over, line = recorder.stream, threading.Event(), StatusLine()
-    keys = {"m": lambda: mark(recorder, line), "q": over.set}
+    keys = {
+        "m": lambda: mark(recorder, line),
+        "q": over.set,
+        **label_keys(labels, lambda: recorder, line),
+    }
     with line, keys_heeded(keys) as heed:
         while recorder.error is None and stream.state not in ("ended", "closed"):
             heed()
             if over.is_set() or (seconds is not None and stream.seconds >= seconds):
                 return
-            line.show(f"{recorder.frames} frames, {stream.health().line()}")
+            opened = "" if recorder.annotation is None else f"[{recorder.annotation}]  "
+            line.show(f"{opened}{recorder.frames} frames, {stream.health().line()}")
             time.sleep(_SHOWN_EVERY)

@@ -1,4 +1,5 @@
 from . import splits
+from .annotation import Annotation
 from .apply_transform import apply_transform
 from .frame_ring import FrameRing
 from .frames import join_frames, split_frames
@@ -15,6 +16,7 @@ from .windows import Windows
 
 __all__ = [
     "UNITS",
+    "Annotation",
     "Fold",
     "FrameRing",
     "ImageData",

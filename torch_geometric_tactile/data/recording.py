@@ -3,12 +3,13 @@ r"""One trial: what the taxels of a sensor read over time."""
 import json
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from torch_geometric_tactile.data._annotations import annotations_within, checked_annotations
 from torch_geometric_tactile.data._recording_arrays import (
     check_frames,
     check_utf8,
@@ -16,6 +17,7 @@ from torch_geometric_tactile.data._recording_arrays import (
     checked_rows,
     checked_time,
 )
+from torch_geometric_tactile.data.annotation import Annotation
 
 if TYPE_CHECKING:  # a live robot has recordings without torch
     from torch_geometric_tactile.sensors import TaxelLayout
@@ -55,11 +57,15 @@ class Recording:
         extra (Mapping of str to numpy.ndarray): Further signals that a robot does have, such as the
             fluid pressure or vibration of a fingertip; of the same types, names and shapes.
             Several values a frame, of a faster sensor, are further dimensions.
+        annotations (sequence of Annotation): Labelled spans, on the clock of :obj:`time`, as
+            :class:`Annotation` or as tuples of start, end and label; at most 10,000. They are kept
+            in the order of their starts, and may overlap.
 
     Raises:
         ValueError: If an array has another number of dimensions or of frames, the time does not
             increase or is of integers, whose unit is not known, a time, reading or angle is
-            infinite, :obj:`meta` holds other than JSON values, or a name, a text or a shape is none
+            infinite, :obj:`meta` holds other than JSON values, an annotation ends before it
+            starts, or a name, a text or a shape is none
             that HDF5, npz and MCAP files can hold.
 
     Examples:
@@ -74,6 +80,7 @@ class Recording:
     meta: Mapping[str, Any] = field(default_factory=dict)
     privileged: Mapping[str, np.ndarray] = field(default_factory=dict)
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+    annotations: Sequence[Annotation] = ()
 
     def __post_init__(self) -> None:
         self._set("time", checked_time(self.time))
@@ -99,6 +106,7 @@ class Recording:
         self._set("meta", _checked_meta(self.meta))
         for kind in ("privileged", "extra"):
             self._set(kind, checked_rows(kind, getattr(self, kind), self.num_frames))
+        self._set("annotations", checked_annotations(self.annotations))
 
     def _set(self, key: str, value: Any) -> None:
         object.__setattr__(self, key, value)
@@ -172,7 +180,8 @@ class Recording:
         return np.flatnonzero(self.missing.all(axis=0))
 
     def select(self, frames: slice) -> Self:
-        r"""Returns some of the frames, without a copy.
+        r"""Returns some of the frames, without a copy, and the annotations that overlap them, cut
+        to the time from the first to the last of them.
 
         Args:
             frames (slice): Which ones; the step must be positive.
@@ -192,6 +201,7 @@ class Recording:
             meta=self.meta,
             privileged={name: value[frames] for name, value in self.privileged.items()},
             extra={name: value[frames] for name, value in self.extra.items()},
+            annotations=annotations_within(self.annotations, self.time[frames]),
         )
 
     def check(self, layout: "TaxelLayout") -> None:
@@ -226,6 +236,8 @@ class Recording:
             parts.append(f"rate={self.rate:.4g}")
         if self.label is not None:
             parts.append(f"label={self.label!r}")
+        if self.annotations:
+            parts.append(f"annotations={len(self.annotations)}")
         return f"{type(self).__name__}({', '.join(parts)})"
 
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._trial import Trial, checked_labels, checked_names
+from torch_geometric_tactile.datasets._trial import ANNOTATION, Trial, checked_labels, checked_names
 
 # What else trials may be split by, if all of them name it in their metadata.
 GROUPINGS = ("session", "placement", "size")
@@ -91,6 +91,8 @@ def frame_labels(
     if target is not None:
         labels = [label for trial in trials for label in trial.target(target).tolist()]
         names["class"], out["y"] = _numbered(labels)
+        if target == ANNOTATION:  # by its own name as well, for windows
+            names[target], out[target] = names["class"], out["y"]
     return names, out
 
 

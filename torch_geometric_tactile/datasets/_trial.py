@@ -10,8 +10,11 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data import Annotation, Recording
+from torch_geometric_tactile.data._annotations import OUTSIDE, annotation_of_frames
 from torch_geometric_tactile.sensors import TaxelLayout
+
+ANNOTATION = "annotation"  # the target that is the label of the annotation of a frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +40,7 @@ class Trial:
     phase: np.ndarray | None = None
     phase_names: tuple[str, ...] = ()
     pose: Mapping[str, np.ndarray] = field(default_factory=dict)
+    annotations: Sequence[Annotation] = ()
 
     @property
     def num_frames(self) -> int:
@@ -74,12 +78,23 @@ class Trial:
 
     def target(self, key: str) -> np.ndarray:
         r"""Returns the label of each frame as text: the recording's own label, a value in its
-        metadata, or what :obj:`privileged` says frame by frame.
+        metadata, what :obj:`privileged` says frame by frame, or, as :obj:`"annotation"`, the label
+        of the annotation that covers it.
 
         Shapes:
             - **output:** texts or integers :math:`(T,)`
         """
         value = self.privileged.get(key)
+        if value is None and key == ANNOTATION and key not in self.meta:
+            need(
+                self.annotations,
+                f"{self.where} must have annotations for target='{ANNOTATION}' (got none): if "
+                f"nothing happens in it, annotate it as '{OUTSIDE}' from its start to its end",
+            )
+            try:
+                return annotation_of_frames(self.annotations, self.time)
+            except ValueError as error:
+                raise ValueError(f"{self.where}: {error}") from error
         if value is None:
             label = self.label if key == "label" else None
             label = self.meta.get(key) if label is None else label
@@ -144,6 +159,7 @@ def make_trial(
             for key, value in recording.privileged.items()
             if value.shape[1:] == (7,) and value.dtype.kind == "f"
         },
+        annotations=recording.annotations,
     )
 
 

@@ -13,7 +13,9 @@ from torch_geometric.transforms import Compose
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Protocol, Recording
-from torch_geometric_tactile.datasets._raw_files import RawFiles
+from torch_geometric_tactile.datasets._raw_files import RawFiles, file_state
+from torch_geometric_tactile.datasets._recording_tables import RecordingTables, table_paths
+from torch_geometric_tactile.io._folder_tables import TABLES
 from torch_geometric_tactile.transforms import Tare
 
 SUFFIXES = (".h5", ".hdf5", ".npz", ".mcap", ".csv")
@@ -60,7 +62,7 @@ class TrialFrames(RawFiles):
             return []
         names = []
         for path in folder.rglob("*") if "/" in self.pattern else folder.iterdir():
-            if path.suffix.lower() not in self.suffixes:
+            if path.suffix.lower() not in self.suffixes or path.name in TABLES:
                 continue
             if path.is_symlink() and not path.exists():
                 raise FileNotFoundError(
@@ -73,8 +75,15 @@ class TrialFrames(RawFiles):
         return sorted(names)
 
     def raw_state(self) -> list[str]:
-        r"""Returns the files of the trials with what their contents are known by."""
-        return [self._content, *super().raw_state()]
+        r"""Returns the files of the trials, and the tables that tell of them, with what their
+        contents are known by.
+        """
+        tables = [f"{path.relative_to(self.root)}={file_state(path)}" for path in self._tables()]
+        return [self._content, *tables, *super().raw_state()]
+
+    def _tables(self) -> list[Path]:
+        folders = {Path(path).parent for path in self.raw_paths}
+        return table_paths({Path(self.root), Path(self.raw_dir), *folders})
 
     def _no_files(self) -> str:
         return (
@@ -88,10 +97,11 @@ class TrialFrames(RawFiles):
 
     def _opened(self) -> Iterator[tuple[str, str, Recording]]:
         # What to call each recording in messages, its name, and the recording.
-        folder = Path(self.raw_dir)
-        for path in self.raw_paths:
-            name = Path(path).relative_to(folder).with_suffix("").as_posix()
-            yield f"'{path}'", name, self.read_trial(path)
+        folder, paths = Path(self.raw_dir), [Path(path) for path in self.raw_paths]
+        tables = RecordingTables(self._tables(), folder, paths)
+        for path in paths:
+            name = path.relative_to(folder).with_suffix("").as_posix()
+            yield f"'{path}'", name, tables.give(self.read_trial(path), path)
 
     def _select(self) -> None:
         kept = self._chosen()

@@ -57,7 +57,11 @@ class RecordingFrames(TrialFrames):
     :class:`~torch_geometric_tactile.transforms.TaxelPose`.
 
     What is known of a recording is read from its metadata or from the name of its file: with the
-    :obj:`pattern` that is the default, ``mug_003.csv`` is trial 3 of the object ``mug``.
+    :obj:`pattern` that is the default, ``mug_003.csv`` is trial 3 of the object ``mug``. Two CSV
+    files beside the recordings, or in :obj:`root`, may tell more of them: ``annotations.csv``, with
+    the columns ``recording``, ``start``, ``end`` and ``label``, and ``labels.csv``, with
+    ``recording``, ``label`` and further columns, which are metadata. They add to what the files
+    tell, and do not contradict it.
 
     All files are processed once, and anew when one of them was added, removed or changed.
     :obj:`split`, :obj:`phases` and :obj:`stride` select from the memory-mapped processed file,
@@ -71,9 +75,10 @@ class RecordingFrames(TrialFrames):
             :obj:`root`.
         target (str): What :obj:`y` is: :obj:`"object"`, its index in :obj:`group_names`;
             :obj:`"property"`, a 0 or 1 for each of the :obj:`"label_names"` in the metadata, from
-            the metadata's :obj:`"labels"`; :obj:`"label"`, the label of the recording; or another
-            key of the metadata, of the file's name, or of :obj:`privileged` (frame by frame), such
-            as the name of the label's column in CSV files.
+            the metadata's :obj:`"labels"`; :obj:`"label"`, the label of the recording;
+            :obj:`"annotation"`, the label of the annotation that covers a frame, and :obj:`"none"`
+            outside of all of them; or another key of the metadata, of the file's name, or of
+            :obj:`privileged` (frame by frame), such as the name of the label's column in CSV files.
         split (str, optional): :obj:`"train"`, :obj:`"val"` or :obj:`"test"`; everything with
             :obj:`None`.
         protocol (Protocol, optional): What is held out; if left out, whole trials, of every class
@@ -114,9 +119,10 @@ class RecordingFrames(TrialFrames):
     Raises:
         FileNotFoundError: If there are no recordings.
         ValueError: If an argument is unknown or leaves no sample, a recording cannot be read or
-            does not fit the layout or the others, two hold the same trial or contradict each other
-            on the properties of an object, units differ, or one does not tell what :obj:`target`
-            asks for.
+            does not fit the layout or the others, a table names a file that is not there or tells
+            another label, annotations with different labels overlap on a frame of the target
+            :obj:`"annotation"`, two hold the same trial or contradict each other on the properties
+            of an object, units differ, or one does not tell what :obj:`target` asks for.
 
     Examples:
         >>> import numpy as np

@@ -12,6 +12,7 @@ from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile.data import Recording, StaticData, apply_transform
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.io._folder_tables import TABLES
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_names
 from torch_geometric_tactile.sensors import grid as planar_grid
 
@@ -64,7 +65,8 @@ def _recordings(data: Sequence[str]) -> list[Path]:
         path = Path(data[0])
         if path.is_dir():
             raw = path / "raw" if (path / "raw").is_dir() else path
-            found = sorted(p for p in raw.iterdir() if p.suffix.lower() in _RECORDINGS)
+            files = (p for p in raw.iterdir() if p.name not in TABLES)
+            found = sorted(p for p in files if p.suffix.lower() in _RECORDINGS)
             if not found:
                 raise FileNotFoundError(
                     f"'{raw}' has no recordings ({', '.join(_RECORDINGS)}); each file is a trial"

@@ -12,6 +12,7 @@ import numpy as np
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_table import csv_table
+from torch_geometric_tactile.io._folder_tables import annotations_beside
 from torch_geometric_tactile.io._recording_schema import new_recording
 
 _TIME = re.compile(r"(?:time|timestamp|t)(?:_(s|ms|us|ns))?", re.ASCII)
@@ -117,7 +118,9 @@ def read_frames(
 def recording_of(
     path: Path, frames: Frames, columns: FrameColumns, rate: float, **content: Any
 ) -> Recording:
-    r"""Returns the recording of the frames of a file, whose :obj:`rate` counts without a time."""
+    r"""Returns the recording of the frames of a file, whose :obj:`rate` counts without a time, with
+    the annotations beside it.
+    """
     num_frames = len(frames.tactile)
     return new_recording(
         path,
@@ -125,6 +128,7 @@ def recording_of(
         tactile=frames.tactile.reshape(num_frames, -1, columns.num_channels),
         joint=frames.joint if columns.joint else None,
         extra={columns.names[i]: frames.extra[:, k] for k, i in enumerate(columns.extra)},
+        annotations=annotations_beside(path),
         **content,
     )
 

@@ -21,16 +21,29 @@ _SEPARATOR = re.compile(r"[;\t|]")
 
 def safe_cell(text: str) -> str:
     r"""Returns a text for a cell of a CSV file, such that no spreadsheet program takes it for a
-    formula: with an apostrophe in front if it begins like one. Numbers are to be written as they
-    are, not through this function.
+    formula: with an apostrophe in front if it begins like one, also behind apostrophes. Numbers are
+    to be written as they are, not through this function.
 
     Examples:
         >>> safe_cell("mug"), safe_cell("=1+1")
         ('mug', "'=1+1")
     """
-    if text.startswith(("\t", "\r", "\n")) or text.lstrip().startswith(_FORMULA):
-        return f"'{text}"
-    return text
+    return f"'{text}" if _is_formula(text) else text
+
+
+def text_of_cell(cell: str) -> str:
+    r"""Returns the text that :func:`safe_cell` made a cell of.
+
+    Examples:
+        >>> text_of_cell("mug"), text_of_cell("'=1+1")
+        ('mug', '=1+1')
+    """
+    return cell[1:] if cell.startswith("'") and _is_formula(cell) else cell
+
+
+def _is_formula(text: str) -> bool:
+    text = text.lstrip("'")
+    return text.startswith(("\t", "\r", "\n")) or text.lstrip().startswith(_FORMULA)
 
 
 def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:

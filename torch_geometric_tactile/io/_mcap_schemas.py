@@ -20,6 +20,8 @@ FRAME, PREDICTION, HEALTH, EVENT = (
 )
 POINTS = "foxglove.PointCloud"
 TOPICS = (FRAME, PREDICTION, HEALTH, EVENT, POINTS)
+# Kinds of events between which an annotation lies; the text of both is its label.
+SPAN_START, SPAN_END = "annotation_start", "annotation_end"
 
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 

@@ -10,6 +10,7 @@ r"""Names, versions and checks that HDF5 and npz files of recordings share.
 ``extra/<name>``       further signals, :math:`(T, ...)`
 ``label``              JSON text: a text, an integer or null
 ``meta``               JSON text: an object
+``annotations``        JSON text: a list of [start, end, label]; absent without any
 =====================  ====================================================================
 """
 
@@ -54,11 +55,13 @@ def recording_to_arrays(recording: Recording) -> dict[str, np.ndarray]:
 
 
 def recording_to_texts(recording: Recording) -> dict[str, str]:
-    r"""Returns label and metadata of a recording as JSON texts by their names in a file."""
-    return {
-        "label": json.dumps(recording.label, ensure_ascii=False),
-        "meta": json.dumps(dict(recording.meta), ensure_ascii=False),
-    }
+    r"""Returns label, metadata and annotations of a recording as JSON texts by their names in a
+    file.
+    """
+    values: dict[str, Any] = {"label": recording.label, "meta": dict(recording.meta)}
+    if recording.annotations:
+        values["annotations"] = recording.annotations
+    return {name: json.dumps(value, ensure_ascii=False) for name, value in values.items()}
 
 
 def check_version(path: Path, version: Any) -> None:
@@ -82,11 +85,11 @@ def recording_from_fields(
         if name in arrays and arrays[name].dtype.kind == "b":
             raise ValueError(f"'{path}' must hold numbers in '{name}' (got truth values)")
     values = {}
-    for name in ("label", "meta"):
-        if name not in texts:
+    for name in ("label", "meta", "annotations"):
+        if name not in texts and name != "annotations":
             raise missing_field(path, name)
         try:
-            values[name] = json.loads(texts[name])
+            values[name] = json.loads(texts.get(name, "[]"))
         except (TypeError, ValueError, RecursionError) as error:
             raise ValueError(f"'{path}' must hold JSON in '{name}' ({error})") from error
     try:
@@ -98,6 +101,7 @@ def recording_from_fields(
             meta=values["meta"],
             privileged=_group(arrays, PRIVILEGED),
             extra=_group(arrays, EXTRA),
+            annotations=values["annotations"],
         )
     except ValueError as error:
         raise ValueError(

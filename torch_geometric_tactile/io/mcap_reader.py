@@ -1,5 +1,6 @@
 r"""MCAP files of recordings, read whole or as far as they can be."""
 
+import json
 import logging
 import math
 from dataclasses import dataclass, field, replace
@@ -10,7 +11,8 @@ import numpy as np
 
 from torch_geometric_tactile._texts import parse_json, printable, short_list
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data import Annotation, Recording
+from torch_geometric_tactile.data._annotations import MOST_ANNOTATIONS, checked_annotation
 from torch_geometric_tactile.io._mcap_frames import FrameRows
 from torch_geometric_tactile.io._mcap_records import (
     CHANNEL,
@@ -21,7 +23,14 @@ from torch_geometric_tactile.io._mcap_records import (
     Scan,
     texts_checksum,
 )
-from torch_geometric_tactile.io._mcap_schemas import EVENT, FRAME, check_schema, decode
+from torch_geometric_tactile.io._mcap_schemas import (
+    EVENT,
+    FRAME,
+    SPAN_END,
+    SPAN_START,
+    check_schema,
+    decode,
+)
 from torch_geometric_tactile.io._recording_schema import checked_file, recording_from_fields
 from torch_geometric_tactile.io.recording_mcap import VERSION
 
@@ -47,7 +56,9 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
         Recording: The time is in seconds since the anchor of the stream, and the frames of a live
         stream have their numbers and the times of their device as :obj:`"sequence"` and
         :obj:`"device_time"` in :obj:`extra`. Events, such as marks and new rests, are a list of
-        :obj:`{"time": ..., "kind": ..., "text": ...}` in :obj:`meta["events"]`, if there are any.
+        :obj:`{"time": ..., "kind": ..., "text": ...}` in :obj:`meta["events"]`, if there are any;
+        those between which annotations lie are the :obj:`annotations` instead. An annotation whose
+        end is not in the file lasts to the last frame.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -105,6 +116,8 @@ class _Content:
     texts: dict[str, str] = field(default_factory=dict)
     known: dict[int, str] = field(default_factory=dict)
     events: list[dict[str, Any]] = field(default_factory=list)
+    spans: list[Annotation] = field(default_factory=list)
+    open_spans: dict[str, list[int]] = field(default_factory=dict)  # their places, by label
     wrong: list[str] = field(default_factory=list)
     num_wrong: int = 0
 
@@ -148,14 +161,34 @@ class _Content:
             raise ValueError(f"'{self.path}' cannot be read: {error}") from error
 
     def _add_event(self, data: bytes) -> None:
-        if len(self.events) >= _MOST_EVENTS or len(data) > _LARGEST_EVENT:
+        if len(data) > _LARGEST_EVENT:
             return
         try:
             event = decode(EVENT, data)
-        except ValueError:  # of another program, that calls a topic so
+            if event.kind in (SPAN_START, SPAN_END):
+                self._add_span(event.kind, checked_annotation((event.time, event.time, event.text)))
+                return
+        except ValueError:  # of another program, that calls a topic or an event so
             return
-        if math.isfinite(event.time):
+        if math.isfinite(event.time) and len(self.events) < _MOST_EVENTS:
             self.events.append({"time": event.time, "kind": event.kind, "text": event.text})
+
+    def _add_span(self, kind: str, moment: Annotation) -> None:
+        opened = self.open_spans.setdefault(moment.label, [])
+        if kind == SPAN_START and len(self.spans) < MOST_ANNOTATIONS:
+            opened.append(len(self.spans))
+            self.spans.append(moment)
+        elif kind == SPAN_END and opened:
+            i = opened.pop()
+            self.spans[i] = moment._replace(start=min(self.spans[i].start, moment.end))
+
+    def _annotations(self, last: float, anchor: float) -> list[Annotation]:
+        left = {i for opened in self.open_spans.values() for i in opened}
+        ended = [
+            span._replace(end=max(span.start, last)) if i in left else span
+            for i, span in enumerate(self.spans)
+        ]
+        return [Annotation(s.start - anchor, s.end - anchor, s.label) for s in ended]
 
     def _topic(self, number: int) -> str:
         channel = self.channels.get(number)
@@ -225,6 +258,7 @@ class _Content:
             arrays = {name: array[order] for name, array in arrays.items()}
         gaps = _gaps(arrays["sequence"], arrays["time"])
         anchor = int(self.texts.get("monotonic_ns", "0")) / 1e9
+        annotations = self._annotations(float(arrays["time"][-1]), anchor)
         if anchor:
             arrays["time"] = arrays["time"] - anchor
         clocks = {name: arrays.pop(name) for name in ("sequence", "received", "device_time")}
@@ -233,6 +267,7 @@ class _Content:
             if not np.isnan(clocks["device_time"]).all():
                 arrays["extra/device_time"] = clocks["device_time"]
         texts = {"label": "null", "meta": "{}", **self.texts}
+        texts["annotations"] = json.dumps(annotations, ensure_ascii=False)
         recording = recording_from_fields(self.path, arrays, texts)
         if self.events:
             events = [{**event, "time": event["time"] - anchor} for event in self.events]

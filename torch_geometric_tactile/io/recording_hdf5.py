@@ -3,9 +3,9 @@ is called.
 
 Names as in :mod:`~torch_geometric_tactile.io._recording_schema`: arrays are data sets whose first
 dimension is resizable, and ``privileged`` and ``extra`` are groups; ``format``, ``version``,
-``num_frames``, ``label``, ``meta`` and ``checksum`` (the CRC-32 of these five and of the names,
-types and shapes of the arrays) are attributes of the file; ``checksums`` is the CRC-32 of each
-frame, uint32 :math:`(T,)`.
+``num_frames``, ``label``, ``meta``, ``annotations`` if there are any, and ``checksum`` (the CRC-32
+of all these and of the names, types and shapes of the arrays) are attributes of the file;
+``checksums`` is the CRC-32 of each frame, uint32 :math:`(T,)`.
 
 Version 2, which is written, has a checksum of every part: fletcher32 for each block of the arrays,
 the CRC-32 of each frame, those of HDF5 1.10 for its own structures, and that of the attributes,
@@ -23,6 +23,7 @@ import json
 import warnings
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -217,7 +218,8 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
                 )
                 for name, array in there.items()
             }
-            write_hdf5(recording_from_fields(path, joined, recording_to_texts(before)), path)
+            both = replace(before, annotations=[*before.annotations, *recording.annotations])
+            write_hdf5(recording_from_fields(path, joined, recording_to_texts(both)), path)
 
 
 def _h5py_needed(path: PathLike) -> Path:
@@ -250,7 +252,8 @@ def _checked(path: Path, file: Any) -> _Content:
         )
     datasets = checked_datasets(path, file)
     num_frames = integer_attribute(path, attrs, "num_frames")
-    texts = {name: text_attribute(path, attrs, name) for name in ("label", "meta")}
+    names = ["label", "meta", *(["annotations"] if "annotations" in attrs else [])]
+    texts = {name: text_attribute(path, attrs, name) for name in names}
     checksums = None
     # A file that says it is of version 1 may have been changed to say so.
     if version > 1 or "checksum" in attrs or _FRAMES in file:
@@ -333,7 +336,7 @@ def _head_checksum(
 ) -> np.uint32:
     # The CRC-32 of the attributes of a file, and of the names, types and shapes of its arrays.
     fields = [[name, d.dtype.str, *d.shape[1:]] for name, d in sorted(datasets.items())]
-    content = [FORMAT, version, num_frames, texts["label"], texts["meta"], fields]
+    content = [FORMAT, version, num_frames, *texts.values(), fields]
     return np.uint32(zlib.crc32(json.dumps(content).encode()))
 
 

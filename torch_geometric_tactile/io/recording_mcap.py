@@ -31,6 +31,8 @@ from torch_geometric_tactile.io._mcap_schemas import (
     HEALTH,
     POINTS,
     PREDICTION,
+    SPAN_END,
+    SPAN_START,
     TOPICS,
     encode,
     schema_of,
@@ -209,7 +211,10 @@ class McapWriter:
         self._write(HEALTH, time, encode(HEALTH, {**health, "time": time}))
 
     def write_event(self, time: float, kind: str, text: str = "") -> None:
-        r"""Writes that something happened, such as a new tare.
+        r"""Writes that something happened, such as a new tare. Two kinds are the ends of an
+        annotation, whose label is their text: :obj:`"annotation_start"` and
+        :obj:`"annotation_end"`, which ends the last one of its label that is open. One that is
+        never ended lasts to the last frame.
 
         Args:
             time (float): When, on the monotonic clock in seconds.
@@ -358,6 +363,9 @@ def write_mcap(recording: Recording, path: PathLike) -> None:
             ) as writer:
                 for i, time in enumerate(recording.time.tolist()):
                     writer.write_frame(*_frame(recording, i, time))
+                for start, end, label in recording.annotations:  # each as a pair, in any order
+                    writer.write_event(start, SPAN_START, label)
+                    writer.write_event(end, SPAN_END, label)
         except OSError as error:
             raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
 

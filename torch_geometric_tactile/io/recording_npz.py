@@ -24,7 +24,7 @@ from torch_geometric_tactile.io._recording_schema import (
     recording_to_texts,
 )
 
-_TEXTS = ("format", "version", "arrays", "label", "meta")
+_TEXTS = ("format", "version", "arrays", "label", "meta", "annotations")
 
 
 def write_npz(recording: Recording, path: PathLike) -> None:
@@ -96,9 +96,7 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
         )
     check_version(path, texts.get("version"))
     need(not problem, f"'{path}' holds no consistent recording: {problem}; write it anew")
-    texts |= {
-        name: content.pop(name).item() for name in ("arrays", "label", "meta") if name in content
-    }
+    texts |= {name: content.pop(name).item() for name in _TEXTS if name in content}
     # Files of earlier versions have no such list.
     listed = texts.pop("arrays", None)
     if listed not in (None, json.dumps(sorted(content), ensure_ascii=False)):

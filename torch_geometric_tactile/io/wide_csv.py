@@ -31,6 +31,7 @@ from torch_geometric_tactile.io._csv_table import (
     refuse_counted,
     refuse_index,
 )
+from torch_geometric_tactile.io._folder_tables import write_annotations
 from torch_geometric_tactile.io._recording_schema import checked_file
 
 _log = logging.getLogger(__name__)
@@ -52,8 +53,9 @@ def write_wide_csv(recording: Recording, path: PathLike) -> None:
     r"""Writes a recording as a CSV file with a header and the time in the first column. The file is
     either complete or absent.
 
-    Readings come back equal. Label, metadata, further signals and what only a simulator knows have
-    no place in the file; a warning is logged when there are any.
+    Readings come back equal. Annotations are written to the ``annotations.csv`` beside the file,
+    from which they are read. Label, metadata, further signals and what only a simulator knows have
+    no place in either; a warning is logged when there are any.
 
     Args:
         recording (Recording): The recording.
@@ -93,6 +95,7 @@ def write_wide_csv(recording: Recording, path: PathLike) -> None:
         file.write(",".join(["time", *names]) + "\n")
         for time, row in zip(recording.time.tolist(), table, strict=True):
             file.write(f"{time!r}," + line % tuple(row.tolist()) + "\n")
+        write_annotations(Path(path), recording.annotations)
 
 
 def read_wide_csv(

@@ -202,6 +202,7 @@ def write_xela_messages(
     lost = [*(meta.keys() - kept - implied), *recording.privileged, *recording.extra]
     lost += [] if recording.label is None else ["label"]
     lost += [] if recording.joint is None else ["joint"]
+    lost += ["annotations"] if recording.annotations else []
     if lost:
         _log.warning("'%s' is XELA messages and cannot hold %s", path, ", ".join(sorted(lost)))
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:

@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data._annotations import checked_annotation
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.data.recording import Recording
+from torch_geometric_tactile.io._mcap_schemas import SPAN_END, SPAN_START
 from torch_geometric_tactile.live.subscription import StreamEnded
 
 if TYPE_CHECKING:
@@ -50,7 +52,7 @@ class Recorder:
 
     Args:
         path (str or PathLike): The file, :obj:`.mcap`, or :obj:`.h5` or :obj:`.hdf5`, which holds
-            frames and events only.
+            frames, events and annotations only.
         stream (Stream): The stream.
         layout (TaxelLayout, str or PathLike, optional): The layout: for the taxels in space that
             viewers show, ten times a second. Needs :obj:`torch`.
@@ -63,6 +65,7 @@ class Recorder:
         error (BaseException or None): What went wrong.
         rest (numpy.ndarray or None): Readings at rest :math:`(N, C)`, for the points; the first
             frame if left out.
+        annotation (str or None): The label of the annotation that is open.
 
     Raises:
         FileExistsError: If the file exists and is not to be replaced, or the MCAP file beside it.
@@ -102,6 +105,7 @@ class Recorder:
         self.frames = 0
         self.error: BaseException | None = None
         self.rest: np.ndarray | None = None
+        self.annotation: str | None = None
         self._size = size
         self._file: McapWriter | None = None
         self._lock = threading.Lock()
@@ -145,8 +149,28 @@ class Recorder:
             kind (str): What kind of event.
             text (str): More about it.
         """
-        now = time.perf_counter()
-        self._add(lambda file: file.write_event(now, kind, text))
+        self._event(time.perf_counter(), kind, text)
+
+    def annotate(self, label: str) -> None:
+        r"""Begins an annotation now, and ends the one that is open; if that has the same label,
+        only ends it. What is open at the end of the recording ends there.
+
+        Args:
+            label (str): Label of the annotation.
+
+        Raises:
+            ValueError: If it is no label that an annotation can have.
+        """
+        checked_annotation((0.0, 0.0, label))
+        now, before = time.perf_counter(), self.annotation
+        self.annotation = None if label == before else label
+        if before is not None:
+            self._event(now, SPAN_END, before)
+        if self.annotation is not None:
+            self._event(now, SPAN_START, label)
+
+    def _event(self, when: float, kind: str, text: str) -> None:
+        self._add(lambda file: file.write_event(when, kind, text))
 
     def close(self) -> None:
         r"""Writes what came up to now, and closes the file.

@@ -53,6 +53,11 @@ class ReplaySource(Source):
         self._next: tuple[float, LiveFrame] | None = None
         self._start = 0.0
 
+    @property
+    def recording(self) -> Recording | None:
+        r"""The recording, once it was read."""
+        return self._recording
+
     def open(self) -> None:
         r"""Reads the file; does nothing if it is open. The clock starts with the first frame.
 

@@ -333,12 +333,15 @@ class LiveSession:
         if on_status is None:
             return
         recorded = None if recorder is None else recorder.frames
+        opened = None if recorder is None else recorder.annotation
+        if self.viewer is not None:
+            self.viewer.annotation = opened
         if rest is not None and not rest.ready:
-            on_status(Status(health, None, None, recorded, rest.status()))
+            on_status(Status(health, None, None, recorded, rest.status(), opened))
         else:
             kept = list(self._latencies)
             latency = statistics.median(kept) if kept else None
-            on_status(Status(health, self.judgement, latency, recorded, self._note))
+            on_status(Status(health, self.judgement, latency, recorded, self._note, opened))
 
 
 def _value(rest: Rest | None) -> np.ndarray | None:

@@ -11,7 +11,8 @@ from torch_geometric_tactile.live.judge import Judgement
 class Status(NamedTuple):
     r"""The state of a live session, reported about twice a second: the health of its stream, the
     last prediction, the median latency of the last predictions in seconds, the number of recorded
-    frames (:obj:`None` if there is no recorder), and a note, such as why the rest was refused.
+    frames (:obj:`None` if there is no recorder), a note, such as why the rest was refused, and the
+    label of the annotation that is open.
 
     Examples:
         >>> status = Status(Health("open", rate=100.0), None, latency=0.002, recorded=50, note="")
@@ -24,6 +25,7 @@ class Status(NamedTuple):
     latency: float | None
     recorded: int | None
     note: str
+    annotation: str | None = None
 
     def line(self) -> str:
         r"""Returns it on one line. The last prediction is left out while no frames come; where none
@@ -39,6 +41,8 @@ class Status(NamedTuple):
             parts.append(f"recorded {self.recorded}")
         if self.note:  # a narrow terminal cuts the end, and what to do is not cut
             parts.insert(len(parts) if judged else 0, self.note)
+        if self.annotation is not None:
+            parts.insert(0, f"[{self.annotation}]")
         return "  ".join(parts)
 
 

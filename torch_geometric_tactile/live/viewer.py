@@ -12,6 +12,7 @@ import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.live._viewer.page import (
     FirstSecond,
     ViewerClient,
@@ -30,6 +31,7 @@ _LOG = logging.getLogger(__name__)
 _MOST_PAGES = 8
 _CLOSING = 1.0  # seconds that a page is waited for
 _NOTES = 20
+_MOST_SPANS = 1000
 _SHOWN_HEALTH = (
     *("state", "frames", "rate", "jitter", "lost", "corrupt", "skipped", "repeated"),
     *("reconnects", "stale_taxels", "age", "checksum"),
@@ -69,6 +71,8 @@ class Viewer(WebServer):
             recording; set :attr:`recording` in it. Without it there is no such button.
         rest (numpy.ndarray, optional): What readings are shown relative to :math:`(N, C)`. While it
             is :obj:`None`, the page's first second.
+        annotation (str, optional): The label that is being recorded, as of
+            :attr:`Recorder.annotation`. Those of a recording that is replayed have lanes.
 
     Raises:
         ImportError: If websockets is missing.
@@ -99,6 +103,7 @@ class Viewer(WebServer):
         self.on_tare: Callable[[], object] | None = None
         self.on_record: Callable[[], object] | None = None
         self.rest: np.ndarray | None = None
+        self.annotation: str | None = None
         self.scenes = Scenes(stream, layout, joint, kinematics, self.note)
         self._turn = asyncio.Lock()
         self._first = FirstSecond()
@@ -169,9 +174,32 @@ class Viewer(WebServer):
             "source": self.stream.source.name,
             "unit": self.stream.meta.get("unit"),
             "channels": channels,
+            "spans": self._spans(),
             **scene.head(),
         }
         return pack_message(head, scene.arrays())
+
+    def _annotated(self) -> Recording | None:
+        recording: Recording | None = getattr(self.stream.source, "recording", None)
+        shows = recording is not None and recording.annotations and recording.duration
+        return recording if shows else None
+
+    def _spans(self) -> list[list[Any]]:
+        # The annotations of a recording that is replayed: start and end as parts of it, and label.
+        recording = self._annotated()
+        if recording is None:
+            return []
+        first, length = float(recording.time[0]), recording.duration
+        shown = recording.annotations[:_MOST_SPANS]
+        return [[(a.start - first) / length, (a.end - first) / length, a.label] for a in shown]
+
+    def _place(self, frame: LiveFrame) -> float | None:
+        # Where a frame is in the recording that is replayed, from 0 to 1.
+        recording = self._annotated()
+        if recording is None:
+            return None
+        time = recording.time[frame.sequence % recording.num_frames]
+        return float(time - recording.time[0]) / recording.duration
 
     def _relative(self, frame: LiveFrame) -> np.ndarray:
         if self.rest is not None and np.shape(self.rest) == frame.tactile.shape:
@@ -191,6 +219,7 @@ class Viewer(WebServer):
             "rest": measured if self.rest is None else "given",
             "recording": None if since is None else time.perf_counter() - since,
             "can_record": self.on_record is not None,
+            "annotation": self.annotation,
             "judgement": _described(self._judgement),
             "notes": [note for note in tuple(self._notes) if note[0] > since_note],
         }

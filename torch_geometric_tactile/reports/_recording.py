@@ -15,6 +15,7 @@ from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.recording import plot_recording
 
 _MOST_NAMES = 12
+_MOST_LINES = 20
 _MOST_LETTERS = 100
 
 
@@ -53,6 +54,7 @@ def describe_recording(recording: Recording) -> str:
         ("dead taxels", [_indices(dead)]),
         ("missing", [cells]),
         ("label", ["none" if recording.label is None else str(recording.label)]),
+        *([("annotations", _annotation_lines(recording))] if recording.annotations else []),
         ("metadata", [f"{key} = {_shortened(value)}" for key, value in recording.meta.items()]),
         (
             "privileged",
@@ -102,6 +104,13 @@ def _joint_lines(recording: Recording) -> list[str]:
     return lines + [
         f"{name}: {_range(recording.joint[:, i], 'rad')}" for i, name in enumerate(names)
     ]
+
+
+def _annotation_lines(recording: Recording) -> list[str]:
+    start, found = float(recording.time[0]) if recording.num_frames else 0.0, recording.annotations
+    lines = [f"{a.start - start:.2f} to {a.end - start:.2f} s  {a.label}" for a in found]
+    more = len(lines) - _MOST_LINES
+    return lines[:_MOST_LINES] + ([f"and {more} more"] if more > 0 else [])
 
 
 def _indices(indices: np.ndarray) -> str:

@@ -6,7 +6,6 @@ import numpy as np
 
 from torch_geometric_tactile.visualization._predicted_trial import PredictedTrial, thinned_codes
 from torch_geometric_tactile.visualization._style import (
-    SMALL,
     TINY,
     current_theme,
     ink_on,
@@ -14,6 +13,7 @@ from torch_geometric_tactile.visualization._style import (
     series_color,
     wrapped,
 )
+from torch_geometric_tactile.visualization._time_panels import style_lanes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,7 @@ def draw_class_lanes(ax: "Axes", trial: PredictedTrial, shown: list[int]) -> Non
     width = max(trial.edges[-1], trial.answer_edges[-1]) - trial.edges[0]
     for lane, (_, edges, classes) in enumerate(lanes):
         _draw_lane(ax, edges, classes, colors, lane, width)
-    _style_lanes(ax, [name for name, _, _ in lanes])
+    style_lanes(ax, [name for name, _, _ in lanes])
 
 
 def _draw_lane(
@@ -86,7 +86,7 @@ def draw_label_lanes(ax: "Axes", trial: PredictedTrial, shown: list[int]) -> Non
         if trial.truth is not None:
             true = (trial.truth.value[:, i] == 1).astype(np.int64)
             _fill(ax, trial.edges, true, (lane + 0.24, lane + 0.42), current_theme().ink)
-    _style_lanes(ax, [shortened(trial.names[i], 20) for i in shown])
+    style_lanes(ax, [shortened(trial.names[i], 20) for i in shown])
     if trial.truth is not None:
         text = f"thin: true\n({shortened(trial.truth.source, 14)})"
         draw_side_legend(ax, [legend_line(current_theme().ink, "-")], [text])
@@ -106,13 +106,6 @@ def _fill(
         color=color,
         linewidth=0,
     )
-
-
-def _style_lanes(ax: "Axes", names: list[str]) -> None:
-    ax.set_ylim(len(names) - 0.5, -0.5)
-    ax.set_yticks(range(len(names)), names, fontsize=SMALL)
-    ax.tick_params(axis="y", length=0)
-    ax.spines[["top", "right", "left"]].set_visible(False)
 
 
 def legend_line(color: str, style: str = "-", **more: Any) -> "Line2D":

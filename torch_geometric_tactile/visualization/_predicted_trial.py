@@ -13,12 +13,14 @@ from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.transforms import ContactCrop
 from torch_geometric_tactile.visualization._time_panels import (
     MOST_COLUMNS,
+    Lane,
     Phase,
+    annotation_lanes,
     phases_of,
     reading_at_rest,
     title_parts,
 )
-from torch_geometric_tactile.visualization._truth import Truth, find_truth
+from torch_geometric_tactile.visualization._truth import ANNOTATED, Truth, find_truth
 
 _REST = 0.5  # seconds, as in `plot_recording`
 _AT_REST, _SUSTAIN = 10, 3  # frames, as of `ContactCrop`
@@ -48,6 +50,7 @@ class PredictedTrial(NamedTuple):
     total: np.ndarray
     contact: np.ndarray | None
     phases: list[Phase]
+    lanes: list[Lane]
     unit: str
     title: list[str]
 
@@ -86,6 +89,7 @@ class PredictedTrial(NamedTuple):
             total,
             _contact(recording, time),
             phases_of(recording, time),
+            [] if found is not None and found.source == ANNOTATED else annotation_lanes(recording),
             UNITS.get(recording.meta.get("unit", ""), "unit unknown"),
             title_parts(recording),
         )

@@ -1,16 +1,27 @@
-r"""What pictures over the time of a recording share: its rest, its phases and its title."""
+r"""What pictures over the time of a recording share: its rest, its phases, its annotations and its
+title.
+"""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.visualization._style import SMALL, current_theme, plain_text
+from torch_geometric_tactile.visualization._style import (
+    SMALL,
+    current_theme,
+    plain_text,
+    series_color,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MOST_COLUMNS = 1500  # about the pixels of a panel; more would drop frames unseen
+LANE_HEIGHT = 0.24  # inches
+_MOST_LANES = 8
+_LETTERS = 20  # of the name of a lane
 
 
 class Phase(NamedTuple):
@@ -78,6 +89,51 @@ def name_phases(ax: "Axes", phases: list[Phase], duration: float) -> None:
                 fontsize=SMALL,
                 color=current_theme().soft,
             )
+
+
+class Lane(NamedTuple):
+    r"""The annotations of one label: their starts and lengths in seconds."""
+
+    name: str
+    bars: list[tuple[float, float]]
+
+
+def annotation_lanes(recording: Recording) -> list[Lane]:
+    r"""Returns a lane for each label of the annotations, since the first frame; labels beyond the
+    first few share the last lane.
+    """
+    start = float(recording.time[0])
+    bars: dict[str, list[tuple[float, float]]] = {}
+    for begin, end, label in recording.annotations:
+        bars.setdefault(label, []).append((begin - start, end - begin))
+    lanes = [Lane(label, found) for label, found in bars.items()]
+    if len(lanes) <= _MOST_LANES:
+        return lanes
+    head, rest = lanes[: _MOST_LANES - 1], lanes[_MOST_LANES - 1 :]
+    return [*head, Lane(f"{len(rest)} others", [bar for lane in rest for bar in lane.bars])]
+
+
+def draw_annotations(
+    ax: "Axes", lanes: list[Lane], colors: Mapping[str, str] | None = None
+) -> None:
+    r"""Draws the annotations of a recording in lanes by their labels, if their colours are given in
+    these and others in grey.
+    """
+    for i, lane in enumerate(lanes):
+        color = series_color(i) if colors is None else colors.get(lane.name, current_theme().faint)
+        # With an outline, by which one of no length is seen.
+        ax.broken_barh(lane.bars, (i - 0.3, 0.6), color=color, linewidth=1.0)
+    names = [lane.name for lane in lanes]
+    short = [name if len(name) <= _LETTERS else f"{name[: _LETTERS - 3]}..." for name in names]
+    style_lanes(ax, [plain_text(name) for name in short])
+
+
+def style_lanes(ax: "Axes", names: list[str]) -> None:
+    r"""Names the lanes of a panel, the first one on top."""
+    ax.set_ylim(len(names) - 0.5, -0.5)
+    ax.set_yticks(range(len(names)), names, fontsize=SMALL)
+    ax.tick_params(axis="y", length=0)
+    ax.spines[["top", "right", "left"]].set_visible(False)
 
 
 def title_parts(recording: Recording) -> list[str]:

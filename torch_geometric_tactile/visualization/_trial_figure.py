@@ -21,7 +21,12 @@ from torch_geometric_tactile.visualization._style import (
     series_color,
     title_figure,
 )
-from torch_geometric_tactile.visualization._time_panels import name_phases, shade_phases
+from torch_geometric_tactile.visualization._time_panels import (
+    LANE_HEIGHT,
+    draw_annotations,
+    name_phases,
+    shade_phases,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,7 +39,8 @@ def draw_trial(trial: PredictedTrial) -> "Figure":
     r"""Draws a trial that was predicted."""
     shown = _shown(trial)
     lanes = len(shown) if trial.task == "multilabel" else (1 + (trial.truth is not None))
-    heights = [2.2, *([0.24 * lanes] if trial.task != "regression" else [])]
+    heights = [2.2, *([LANE_HEIGHT * lanes] if trial.task != "regression" else [])]
+    heights += [LANE_HEIGHT * len(trial.lanes)] if trial.lanes else []
     heights += [0.8] if trial.contact is not None else []
     heights += [1.1]
     figure = new_figure(8.0, sum(heights) + 1.5)
@@ -50,6 +56,9 @@ def draw_trial(trial: PredictedTrial) -> "Figure":
         draw_label_lanes(panels[1], trial, shown)
     elif trial.task == "multiclass":
         draw_class_lanes(panels[1], trial, shown)
+    if trial.lanes:
+        colors = {trial.names[i]: series_color(k) for k, i in enumerate(shown)}
+        draw_annotations(panels[1 + (trial.task != "regression")], trial.lanes, colors)
     _draw_touch(list(panels), trial)
     end = max(trial.edges[-1], trial.answer_edges[-1])
     phases = [] if trial.truth is not None and trial.truth.source == "phase" else trial.phases

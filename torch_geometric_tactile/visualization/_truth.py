@@ -1,11 +1,15 @@
 r"""What a recording tells of the classes or numbers that a model predicts."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data._annotations import OUTSIDE, annotation_of_frames
+
+ANNOTATED = "annotations"  # the source of what annotations tell
 
 
 class Truth(NamedTuple):
@@ -52,6 +56,12 @@ def _true_classes(recording: Recording, names: Sequence[str]) -> Iterator[Truth]
     num_frames = recording.num_frames
     if recording.label is not None and str(recording.label) in names:
         yield Truth(np.full(num_frames, str(recording.label)), "label")
+    if recording.annotations:
+        with suppress(ValueError):  # of those that overlap nothing is true
+            texts = annotation_of_frames(recording.annotations, recording.time)
+            outside = (texts == OUTSIDE) & (OUTSIDE not in names)
+            if np.isin(texts[~outside], names).all():
+                yield Truth(np.where(outside, "", texts), ANNOTATED)
     for key, signal in recording.privileged.items():
         if signal.ndim != 1 or signal.dtype.kind not in "biuU":
             continue

@@ -25,7 +25,8 @@ def plot_predictions(
     truth: Sequence[str] | np.ndarray | None = None,
 ) -> "Figure":
     r"""Draws what a model predicts over the time of a recording: the probabilities, bands of the
-    predicted and of the true class, the number of taxels in contact, and the total pressure.
+    predicted and of the true class, the annotations, each label in a lane, the number of taxels in
+    contact, and the total pressure.
 
     The answer of a model of windows stands from the last frame of its window to that of the next
     one. Where a probability is NaN, the line has a gap. If there are more classes than colours,
@@ -34,10 +35,11 @@ def plot_predictions(
     the predicted numbers are drawn, and pale the true ones. If there are more answers than
     pixels, lines show the least and the greatest value of each few, bands the most frequent class.
 
-    The truth is the label of the recording, a privileged signal or a text of the metadata,
-    whichever comes first of those that hold names of classes and nothing else; of labels and
-    numbers the metadata's :obj:`"labels"` and the signals and numbers that have their names. The
-    figure says which.
+    The truth is the label of the recording, its annotations, a privileged signal or a text of the
+    metadata, whichever comes first of those that hold names of classes and nothing else; frames
+    outside of all annotations are of the class :obj:`"none"` if there is one, else unknown; of
+    labels and numbers the metadata's :obj:`"labels"` and the signals and numbers of their names.
+    The figure says which.
 
     A taxel is in contact if a channel is beyond the threshold of
     :class:`~torch_geometric_tactile.transforms.ContactCrop` for three frames, with its floor of 5

@@ -22,7 +22,10 @@ from torch_geometric_tactile.visualization._style import (
     title_figure,
 )
 from torch_geometric_tactile.visualization._time_panels import (
+    LANE_HEIGHT,
     MOST_COLUMNS,
+    annotation_lanes,
+    draw_annotations,
     name_phases,
     nan_median,
     phases_of,
@@ -41,7 +44,7 @@ _NAMED_JOINTS = 24
 
 def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     r"""Draws a recording over time: an image of the readings of all taxels for each channel, the
-    sum of their sizes, and the joint angles.
+    sum of their sizes, the joint angles, and the annotations, each label in a lane.
 
     The rest of each taxel, the median of its first readings, is subtracted (of a single frame, the
     median of all taxels). The colours are symmetric about zero, and end at the 99.5th percentile of
@@ -84,6 +87,8 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     image_height = min(max(recording.num_taxels / 90, 1.3), 2.2)
     heights = [image_height] * recording.num_channels + [1.6]
     heights += [2.0] if recording.joint is not None else []
+    lanes = annotation_lanes(recording)
+    heights += [LANE_HEIGHT * len(lanes)] if lanes else []
     look = current_theme()
     figure = new_figure(8.0, sum(heights) * 1.0 + 1.3)
     title_figure(figure, _title(recording))
@@ -128,7 +133,7 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     ax.set_ylabel(f"sum of\n|reading - {zero}|\n({unit})")
     _style_lines(ax, len(channels))
     if recording.joint is not None:
-        ax = axes[-1]
+        ax = axes[recording.num_channels + 1]
         for i, name in enumerate(_joint_names(recording)):
             ax.plot(
                 time,
@@ -139,6 +144,8 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
             )
         ax.set_ylabel("joint angle\n(rad)")
         _style_lines(ax, recording.num_joints)
+    if lanes:
+        draw_annotations(axes[-1], lanes)
     for ax in axes[recording.num_channels :]:
         shade_phases(ax, phases)
     name_phases(axes[0], phases, float(edges[-1] - edges[0]))

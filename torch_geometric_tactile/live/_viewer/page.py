@@ -173,7 +173,7 @@ class ViewerClient:
             self._pose = arrays["pose"] = pose
         self._sent, self._kept = frame, None
         head: dict[str, Any] = {"kind": "frame", "sequence": frame.sequence}
-        head |= {"age": self._age, "oldest": self._oldest}
+        head |= {"age": self._age, "oldest": self._oldest, "place": self._viewer._place(frame)}
         if time.perf_counter() >= self._facts_due:
             head |= self._facts()
         return pack_message(head, arrays)

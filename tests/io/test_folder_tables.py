@@ -1,0 +1,92 @@
+import re
+
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io import read_named_csv, read_recording, write_wide_csv
+from torch_geometric_tactile.io._folder_tables import read_annotations, read_labels
+
+HEAD = "recording,start,end,label\n"
+
+
+def write(folder, name="a", annotations=()):
+    path = folder / f"{name}.csv"
+    write_wide_csv(Recording([0.0, 0.1], np.ones((2, 1, 1)), annotations=annotations), path)
+    return path
+
+
+def test_annotations_are_written_beside_the_file_and_others_stay(tmp_path):
+    table = tmp_path / "annotations.csv"
+    table.write_text("note,label,recording,end,start\nby hand,hold,b.csv,2,1\n,slip,a,1,0\n")
+    path = write(tmp_path, "a", [(0, 0.1, "=x")])
+    assert table.read_text() == (
+        "note,label,recording,end,start\nby hand,hold,b.csv,2,1\n,'=x,a,0.1,0.0\n"
+    )
+    assert read_recording(path).annotations == ((0, 0.1, "=x"),)
+    assert read_recording(write(tmp_path, "c")).annotations == ()
+    write(tmp_path, "a")
+    assert table.read_text() == "note,label,recording,end,start\nby hand,hold,b.csv,2,1\n"
+    write(tmp_path, "b")
+    assert not table.exists()
+
+
+def test_annotations_are_read_for_columns_of_any_names(tmp_path):
+    (tmp_path / "glove.csv").write_text("time,thumb,index\n0,5,1\n0.01,7,2\n")
+    (tmp_path / "annotations.csv").write_text(HEAD + "glove.csv,0,0.005,open\nother,1,2,x\n")
+    assert read_named_csv(tmp_path / "glove.csv").annotations == ((0, 0.005, "open"),)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "file,start,stop\na,0,1\n",
+            "must have the column 'recording' (3 of 4 columns are missing",
+        ),
+        (HEAD + "a,0,x,slip\n", "line 2, column 3: 'end' must be a number (got 'x')"),
+        (HEAD + "a,0,1,slip\na,0,,slip\n", "line 3, column 3: 'end' must be a number (got '')"),
+        (HEAD + "a,2,1,slip\n", "line 2: 'annotations' must have a finite start and an end"),
+        (HEAD + "a,0,inf,slip\n", "line 2, column 3: 'end' must be finite (got 'inf')"),
+        (HEAD + "a,0,1,\n", "line 2: 'annotations' must have labels of 1 to 255"),
+        (HEAD + "a,0,1\n", "line 2 must have 4 cells (got 3)"),
+        (HEAD + "a,0,1,slip", "line 2 must end with a line break"),
+        (HEAD, "must hold at least one annotation (got a header only)"),
+        ("recording,start,end,label,label\na,0,1,b,c\n", "must name each column once"),
+    ],
+)
+def test_a_wrong_table_of_annotations_is_refused(tmp_path, text, message):
+    path = write(tmp_path)
+    table = tmp_path / "annotations.csv"
+    table.write_text(text)
+    for read in (lambda: read_annotations(table), lambda: read_recording(path)):
+        with pytest.raises(ValueError, match=f"annotations.csv'.*{re.escape(message)}"):
+            read()
+    with pytest.raises(ValueError, match=r"annotations\.csv'"):
+        write(tmp_path, "b", [(0, 1, "slip")])
+    assert (table.read_text(), (tmp_path / "b.csv").exists()) == (text, False)
+
+
+def test_labels_are_texts_or_whole_numbers_and_empty_cells_tell_nothing(tmp_path):
+    table = tmp_path / "labels.csv"
+    table.write_text("recording,label,object,trial,mass\na,slip,mug,1,3\nb,'-x,,2,3.5\n")
+    assert read_labels(table) == {
+        "a": {"label": "slip", "object": "mug", "trial": 1, "mass": "3"},
+        "b": {"label": "-x", "trial": 2, "mass": "3.5"},
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("file,label\na,x\n", "must have the column 'recording'"),
+        ("recording,label\na,x\na,y\n", "line 3 must not name a recording again (got 'a')"),
+        ("recording,label\na,x,y\n", "line 2 must have 2 cells (got 3)"),
+        ("recording,label,label\na,x,y\n", "must name each column once"),
+    ],
+)
+def test_a_wrong_table_of_labels_is_refused(tmp_path, text, message):
+    table = tmp_path / "labels.csv"
+    table.write_text(text)
+    with pytest.raises(ValueError, match=f"labels.csv'.*{re.escape(message)}"):
+        read_labels(table)

@@ -1,0 +1,26 @@
+r"""A label in time."""
+
+from typing import NamedTuple
+
+
+class Annotation(NamedTuple):
+    r"""A span of a recording that is an example of something.
+
+    Args:
+        start (float): Where it begins, in seconds on the clock of the recording.
+        end (float): Where it ends; not before its start.
+        label (str): What happens in it: 1 to 255 printable characters, without blanks at the ends.
+
+    Examples:
+        >>> import numpy as np
+        >>> from torch_geometric_tactile.data import Recording
+        >>> recording = Recording(
+        ...     time=[0.0, 0.1, 0.2], tactile=np.zeros((3, 4, 3)), annotations=[(0.1, 0.2, "slip")]
+        ... )
+        >>> recording.annotations
+        (Annotation(start=0.1, end=0.2, label='slip'),)
+    """
+
+    start: float
+    end: float
+    label: str
