@@ -29,81 +29,82 @@ np.savez_compressed("braille_letters.npz", x=np.concatenate(runs), y=y, trial=tr
 
 class BrailleLetters(RawFiles):
     r"""The Braille letters (`Zenodo 7050094 <https://zenodo.org/record/7050094>`_) of the `"Braille
-        letter reading: A benchmark for spatio-temporal pattern recognition on neuromorphic hardware"
-        <https://www.frontiersin.org/articles/10.3389/fnins.2022.951164/full>`_ paper (Müller-Cleve et
-        al., 2022): a fingertip of the iCub robot, moved by another robot, slides over 3-D printed
-        letters.
+    letter reading: A benchmark for spatio-temporal pattern recognition on neuromorphic hardware"
+    <https://www.frontiersin.org/articles/10.3389/fnins.2022.951164/full>`_ paper (Müller-Cleve et
+    al., 2022): a fingertip of the iCub robot, moved by another robot, slides over 3-D printed
+    letters.
 
-        A sample is a frame: 12 taxels with one channel, in the counts and the order of the file; the
-        layout is :func:`~torch_geometric_tactile.sensors.icub_fingertip`, whose order is taken for that
-        of the file, which is not published. :obj:`y` is the letter, a space or A to Z; :obj:`trial`
-        numbers the slides, :obj:`time` are seconds from their start, at the nominal 40 frames a second
-        if the file has none. :class:`~torch_geometric_tactile.data.Trials` and
-        :class:`~torch_geometric_tactile.data.Windows` make sequences of the frames.
+    A sample is a frame: 12 taxels with one channel, in the counts and the order of the file; the
+    layout is :func:`~torch_geometric_tactile.sensors.icub_fingertip`, whose order is taken for that
+    of the file, which is not published. :obj:`y` is the letter, a space or A to Z; :obj:`trial`
+    numbers the slides, :obj:`time` are seconds from their start, at the nominal 40 frames a second
+    if the file has none. :class:`~torch_geometric_tactile.data.Trials` and
+    :class:`~torch_geometric_tactile.data.Windows` make sequences of the frames.
 
-        **The published files are pickles, which run whatever code they hold; this package opens none.**
-        Convert the raw one once, in an environment of its own with pandas, to a file of plain arrays as
-        :func:`~torch_geometric_tactile.io.read_samples_npz` reads them:
+    **The published files are pickles, which run whatever code they hold; this package opens none.**
+    Convert the raw one once, in an environment of its own with pandas, to a file of plain arrays as
+    :func:`~torch_geometric_tactile.io.read_samples_npz` reads them:
 
-        .. code-block:: python
+    .. code-block:: python
 
-            import numpy as np, pandas as pd
-            table = pd.DataFrame(pd.read_pickle("data_braille_letters_raw"))
-            runs = [np.asarray(run, "float32").reshape(-1, 12, 1) for run in table["taxel_data"]]
-            count = [len(run) for run in runs]
-            y = np.repeat(table["letter"].to_numpy("str"), count)
-    trial = np.repeat(range(len(runs)), count)
-            np.savez_compressed("braille_letters.npz", x=np.concatenate(runs), y=y, trial=trial)
+        import numpy as np, pandas as pd
+        table = pd.DataFrame(pd.read_pickle("data_braille_letters_raw"))
+        runs = [np.asarray(run, "float32").reshape(-1, 12, 1) for run in table["taxel_data"]]
+        count = [len(run) for run in runs]
+        y = np.repeat(table["letter"].to_numpy("str"), count)
+        trial = np.repeat(range(len(runs)), count)
+        np.savez_compressed("braille_letters.npz", x=np.concatenate(runs), y=y, trial=trial)
 
-        .. warning::
-            All slides over a letter are repetitions with **one printed letter on one set-up**, and the
-            slides follow each other letter by letter in the file. A split by slide
-            (``Protocol("trial", folds=5, stratify="y")``) shares print and placement between its parts,
-            and nothing finer can be held out: a score is one of repetition, not of another print or
-            finger. Frames of a slide belong on one side. Programs of others use four of the twelve
-            taxels (1, 2, 6 and 10, counted from 0), since the rest do not react.
+    .. warning::
+        All slides over a letter are repetitions with **one printed letter on one set-up**, and the
+        slides follow each other letter by letter in the file. A split by slide
+        (``Protocol("trial", folds=5, stratify="y")``) shares print and placement between its parts,
+        and nothing finer can be held out: a score is one of repetition, not of another print or
+        finger. Frames of a slide belong on one side. A program of others takes four of the twelve
+        taxels (1, 2, 6 and 10, counted from 0) for those that are not zero.
 
-        .. list-table:: STATS, as published
-            :header-rows: 1
+    .. list-table:: STATS, as published
+        :header-rows: 1
 
-            * - #trials
-              - #graphs
-              - #nodes
-              - #edges
-              - #features
-              - #classes
-            * - 1,350
-              - about 69,000
-              - 12
-              - 38
-              - 1
-              - 27
+        * - #trials
+          - #graphs
+          - #nodes
+          - #edges
+          - #features
+          - #classes
+        * - 1,350
+          - about 69,000
+          - 12
+          - 38
+          - 1
+          - 27
 
-        The authors' README names 50 slides over each letter; two programs of others that read these
-        files take 200 (5,400 in all, of 51 frames at 40 Hz). Which it is follows from the file.
+    The authors' README names 50 slides over each letter; two programs of others take 200 from the
+    files (5,400 in all, of 51 frames). If these are versions of 50, versions of one slide are on
+    both sides of any split: count the slides of a letter, and look for near copies.
 
-        **What was read here**: no file of the record, and not its page; the README of the authors'
-        program, their and others' programs that read the files, from which the names and keys are.
-        Zenodo's page is said to name the licence CC-BY-4.0: look there.
+    **What was read here**: no file of the record, and not its page; the README of the authors'
+    program, their and others' programs that read the files, from which the names and keys are.
+    Zenodo's page is said to name the licence CC-BY-4.0: look there.
 
-        Args:
-            root (str or PathLike, optional): Folder of the data set; the file
-                :obj:`braille_letters.npz` is in its folder :obj:`raw` or in itself. If left out,
-                :obj:`$TACTILE_DATA/BrailleLetters` or a folder in the user's cache.
-            transform (callable, optional): Applied at every access.
-            pre_transform (callable, optional): Applied once, before the samples are saved.
-            pre_filter (callable, optional): Tells whether a sample is kept.
-            force_reload (bool): Whether to process the raw file anew.
+    Args:
+        root (str or PathLike, optional): Folder of the data set; the file
+            :obj:`braille_letters.npz` is in its folder :obj:`raw` or in itself. If left out,
+            :obj:`$TACTILE_DATA/BrailleLetters` or a folder in the user's cache.
+        transform (callable, optional): Applied at every access.
+        pre_transform (callable, optional): Applied once, before the samples are saved.
+        pre_filter (callable, optional): Tells whether a sample is kept.
+        force_reload (bool): Whether to process the raw file anew.
 
-        Raises:
-            FileNotFoundError: If there is no file; the message has the lines that make it.
-            ValueError: If the file cannot be read, lacks the letters or trials, has another letter, or
-                a trial is in pieces or of several letters.
+    Raises:
+        FileNotFoundError: If there is no file; the message has the lines that make it.
+        ValueError: If the file cannot be read, lacks the letters or trials, has another letter, or
+            a trial is in pieces or of several letters.
 
-        Examples:
-            >>> from torch_geometric_tactile.data import Protocol
-            >>> dataset = BrailleLetters("braille")  # doctest: +SKIP
-            >>> Protocol("trial", folds=5, stratify="y").split(dataset)  # doctest: +SKIP
+    Examples:
+        >>> from torch_geometric_tactile.data import Protocol
+        >>> dataset = BrailleLetters("braille")  # doctest: +SKIP
+        >>> Protocol("trial", folds=5, stratify="y").split(dataset)  # doctest: +SKIP
     """
 
     _folder = "BrailleLetters"

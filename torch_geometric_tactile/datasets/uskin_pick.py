@@ -31,7 +31,7 @@ class USkinPick(PublishedTrials):
     seven joint angles :obj:`joint` in radians, :obj:`end_effector` (position in metres and
     quaternion x, y, z, w) and the opening :obj:`finger` as published. :obj:`trial` numbers the
     folders, :obj:`group` the objects, :obj:`time` are seconds from the start at the trial's own
-    rate. :obj:`dropped` is 1 in all frames of a trial whose object fell, :obj:`seen` is 1 where the
+    rate. :obj:`fell` is 1 in all frames of a trial whose object fell, :obj:`seen` is 1 where the
     authors count its object as seen in training. With :obj:`part`, ``Protocol("given")`` takes
     their folders ``train`` and ``test``.
 
@@ -41,7 +41,7 @@ class USkinPick(PublishedTrials):
         trained and tested on alike. Hold out trials (``Protocol("trial", stratify="y")``) or
         objects (``Protocol("group", ...)``). **The published test part is two questions in one**:
         recorded a day later, it mixes trials of an object of the training part (7, :obj:`seen` 1)
-        with those of two that training lacks (9 and 11); give the score of each. :obj:`dropped` is
+        with those of two that training lacks (9 and 11); give the score of each. :obj:`fell` is
         known of a whole trial: in its first frames it is the future.
 
     .. list-table:: STATS, of the folders counted (trials) and as published (frames and objects)
@@ -146,7 +146,7 @@ class USkinPick(PublishedTrials):
         named = [recording.meta["object"] for recording in recordings]
         objects = sorted(set(named), key=lambda name: (len(name), name))  # 4, 5, ..., 10
         group = [objects.index(name) for name in named]
-        dropped = [recording.meta["dropped"] for recording in recordings]
+        fell = [recording.meta["dropped"] for recording in recordings]
         is_object = self.target == "object"
         stacked = {
             "x": [recording.tactile for recording in recordings],
@@ -162,9 +162,9 @@ class USkinPick(PublishedTrials):
             **{key: torch.from_numpy(np.concatenate(rows)) for key, rows in stacked.items()},
             **frames_of_trials(
                 [recording.num_frames for recording in recordings],
-                y=group if is_object else dropped,
+                y=group if is_object else fell,
                 group=group,
-                dropped=dropped,
+                fell=fell,
                 seen=[recording.meta["seen"] for recording in recordings],
                 part=[_PARTS[trial.parent.name] for trial in trials],
             ),

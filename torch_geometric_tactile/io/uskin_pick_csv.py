@@ -55,7 +55,7 @@ def read_uskin_pick(folder: PathLike, repeats: bool = True) -> Recording:
 
     Examples:
         >>> read_uskin_pick("train/data_sample_2021-11-24-15-19-34")  # doctest: +SKIP
-        Recording(num_frames=1064, num_taxels=32, num_channels=3, num_joints=7, rate=41.7591)
+        Recording(num_frames=1064, num_taxels=32, num_channels=3, num_joints=7, extra=[...], ...)
     """
     folder = Path(folder)
     meta = _meta(_file(folder, _META))
