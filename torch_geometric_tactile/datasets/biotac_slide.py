@@ -50,7 +50,7 @@ class BioTacSlide(PublishedTrials):
     The authors' own parts are arrays in the folder ``compiled_data``, without the numbers of their
     slides; they are not read, and there is no :obj:`part`.
 
-    .. list-table:: STATS, as published; frames estimated from one file of 600
+    .. list-table:: STATS, of the list of files; frames estimated from three files of 600 to 900
         :header-rows: 1
 
         * - #trials
@@ -59,7 +59,7 @@ class BioTacSlide(PublishedTrials):
           - #features
           - #classes
         * - 1,000
-          - about 600,000
+          - 600,000 or more
           - 19
           - 1
           - 20

@@ -63,7 +63,7 @@ class BrailleLetters(RawFiles):
         finger. Frames of a slide belong on one side. A program of others takes four of the twelve
         taxels (1, 2, 6 and 10, counted from 0) for those that are not zero.
 
-    .. list-table:: STATS, as published
+    .. list-table:: STATS, by the README and, for the frames, by a program of others
         :header-rows: 1
 
         * - #trials

@@ -59,7 +59,7 @@ class TactileGlove(RawFiles):
           - #features
           - #classes
         * - 135,187
-          - 1,024, of which 548 are sensors
+          - 1,024 (548 sensors)
           - 3,968
           - 1
           - 27

@@ -44,36 +44,22 @@ class USkinPick(PublishedTrials):
         with those of two that training lacks (9 and 11); give the score of each. :obj:`fell` is
         known of a whole trial: in its first frames it is the future.
 
-    .. list-table:: STATS, of the folders counted (trials) and as published (frames and objects)
+    .. list-table:: STATS, as published
         :header-rows: 1
 
-        * - part
-          - #trials
+        * - #trials
           - #graphs
           - #nodes
           - #edges
           - #features
+          - #classes
           - #objects
-        * - train
-          - 52
-          -
-          - 32
-          - 96
-          - 3
-          - 9
-        * - test
-          - 23
-          -
-          - 32
-          - 96
-          - 3
-          - 3
-        * - all
-          - 75
+        * - 75 (52 train, 23 test)
           - about 51,000
           - 32
           - 96
           - 3
+          - 2
           - 11
 
     **What was read here**, at commit ``ed8c1a0``: the list of files, 38 of the 75 descriptions (22
