@@ -144,17 +144,16 @@ class TactileGlove(RawFiles):
         if not self.invalid:
             order = order[columns["hasValidLabel"][order] != 0]
             need(len(order), f"'{path}' must have frames with a valid label (got none)")
-        columns = {key: torch.from_numpy(value[order]) for key, value in columns.items()}
-        recording = columns["recordingId"].long()
+        column = {key: torch.from_numpy(value[order]) for key, value in columns.items()}
+        recording = column["recordingId"].long()
         _, counts = recording.unique_consecutive(return_counts=True)
         first = (counts.cumsum(0) - counts).repeat_interleave(counts)
-        time = columns["ts"].double()
-        group = columns["objectId"].long()
+        time = column["ts"]
+        group = column["objectId"].long()
         part = torch.tensor([_PARTS[name] for name in names["splits"]])
         cells = self.layout.image_map
         assert cells is not None
-        row, column = cells.unbind(dim=1)
-        x = pressure[order[:, None], row.numpy(), column.numpy()]
+        x = pressure[order[:, None], cells[:, 0].numpy(), cells[:, 1].numpy()]
         data = StaticData(
             x=torch.from_numpy(x.astype(np.float32))[..., None],
             edge_index=self.layout.edge_index("original"),
@@ -163,8 +162,8 @@ class TactileGlove(RawFiles):
             session=recording,
             trial=recording.clone(),
             time=time - time[first],
-            balanced=columns["isBalanced"].long(),
-            part=part[columns["splitId"].long()],
+            balanced=column["isBalanced"].long(),
+            part=part[column["splitId"].long()],
         )
         objects, recordings = names["objects"], names["recordings"]
         known = {"class": objects, "group": objects, "session": recordings, "trial": recordings}

@@ -136,7 +136,7 @@ class USkinPick(PublishedTrials):
         is_object = self.target == "object"
         stacked = {
             "x": [recording.tactile for recording in recordings],
-            "joint": [recording.joint for recording in recordings],
+            "joint": [np.asarray(recording.joint) for recording in recordings],
             "time": [recording.time for recording in recordings],
             "finger": [recording.extra["finger"] for recording in recordings],
             "end_effector": [recording.extra["end_effector"] for recording in recordings],
