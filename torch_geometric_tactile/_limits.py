@@ -6,6 +6,7 @@ EXPANSION = 200
 HDF5_EXPANSION = 100  # chunks are packed one by one
 ARRAY_BYTES = 2**30  # of recordings and data sets; ten minutes of a hand take a quarter
 IDX_BYTES = 2**27  # all images of MNIST take a third
+MAT_TEXT_BYTES = 2**20  # of a cell array of texts; ten thousand names take less
 MAT_BYTES = 2**26  # which are taken on trust of what is packed, before its checksum
 
 RECORD_BYTES = 2**27  # of a record of MCAP, and of what a chunk of them may become

@@ -5,9 +5,13 @@ import pytest
 from torch_geometric_tactile.datasets import (
     AllegroUSkin,
     BiGS,
+    BioTacSlide,
     BioTacSPDoS,
+    BrailleLetters,
     ICubGrasp,
     LetterShape,
+    TactileGlove,
+    USkinPick,
 )
 from torch_geometric_tactile.datasets._raw_files import file_state
 
@@ -16,7 +20,11 @@ NEXT_STEPS = {
     AllegroUSkin: r"no trials in '.*raw' or .* simulate some: tactile simulate --out",
     BiGS: r"no grasps in '.*raw' or .* with: tactile convert bigs IN",
     BioTacSPDoS: r"raw' must have files .* put the folder 'csvs' of https",
+    BioTacSlide: r"no slides in '.*raw' or .*dexrob/BioTac_slide_20_50 there",
+    BrailleLetters: r"no 'braille_letters.npz' in '.*raw' or .*record/7050094[^$]*savez_compressed",
     ICubGrasp: r"no trials in '.*raw' or .*haroldsoh\.com",
+    TactileGlove: r"no 'metadata.mat' in '.*raw' or .*classification_lite.zip \(https://stag",
+    USkinPick: r"no trials in '.*raw' or .*git clone; .* commit ed8c1a0",
     LetterShape: r"no letters in .*simulate --objects letters",
 }
 

@@ -128,7 +128,7 @@ DATA_SETS = {
     "BiGS": (
         "real",
         "does a grasp hold",
-        "1,000",
+        "100",
         "not stated",
         "`tactile convert bigs` from the original",
         "objects",
@@ -180,6 +180,38 @@ DATA_SETS = {
         "yours",
         "an npz file of yours",
         "what was measured together",
+    ),
+    "USkinPick": (
+        "real",
+        "does a gripper drop the box",
+        "about 37",
+        "none stated",
+        "its authors' repository",
+        "objects (`Protocol(\"given\")` by `seen`); rows repeat",
+    ),
+    "BioTacSlide": (
+        "real",
+        "which of 20 materials",
+        "100",
+        "none stated",
+        "its authors' repository",
+        "slides; those over a material follow each other",
+    ),
+    "BrailleLetters": (
+        "real",
+        "which Braille letter",
+        "40",
+        "CC BY 4.0",
+        "Zenodo, converted by yourself",
+        "slides; each letter is one print",
+    ),
+    "TactileGlove": (
+        "real",
+        "which of 26 objects, or none",
+        "its times",
+        "its own, for research",
+        "its authors' page",
+        "recordings (`Protocol(\"given\")`, or sessions)",
     ),
 }
 

@@ -136,6 +136,22 @@ def dos_csv(folder: Path) -> None:
         (folder / file).write_text("\n".join(lines) + "\n")
 
 
+def slide_csv(folder: Path) -> None:
+    from published_files import slide
+
+    slide(folder / "a.csv", frames=3)
+    text = slide(folder / "b.csv", frames=2, start=0.5).read_text()
+    (folder / "b.csv").write_text(text.replace(",\n", "\n"))
+
+
+def uskin_pick(folder: Path) -> None:
+    from published_files import uskin_trial
+
+    uskin_trial(folder, frames=3, notes='"loose grip, high slip"')
+    for name in ("marker.csv", "meta_data.csv.npy"):  # are not read
+        (folder / name).unlink()
+
+
 def _bigs_fields(frames: int = 3) -> dict[str, np.ndarray]:
     draw = np.random.default_rng(0)
     return {

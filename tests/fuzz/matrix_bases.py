@@ -41,6 +41,16 @@ def mat(folder: Path) -> None:
     savemat(folder / "b.mat", {"press": _stack().astype(np.uint8), **also})
 
 
+def mat_variables(folder: Path) -> None:
+    from published_files import cell
+    from scipy.io import savemat
+
+    content = {"press": _stack().astype(np.uint16), "valid": np.array([[True, False]])}
+    content["names"] = cell("mug", "tür é", "")
+    savemat(folder / "a.mat", {**content, "also": {"a": 1.0}}, do_compression=True)
+    savemat(folder / "b.mat", {**content, "names": cell("one", "two").T, "also": "text"})
+
+
 def idx(folder: Path) -> None:
     numbers = np.random.default_rng(0).integers(0, 256, (5, *SIZE)).astype(np.uint8)
     data = b"\0\0\x08\x03" + struct.pack(">3I", *numbers.shape) + numbers.tobytes()

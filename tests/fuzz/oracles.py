@@ -280,6 +280,32 @@ def mat_zip(data: bytes) -> Any:
     return [[f"S{n[1]}", n[3] + n[4], n[2].lower(), x] for n, x in found]
 
 
+def slide_csv(data: bytes) -> Any:
+    """A table of 45 columns, whose lines may end with a comma."""
+    try:
+        lines = data.decode("utf-8-sig").splitlines(keepends=True)
+    except UnicodeDecodeError as error:
+        raise Refused(str(error)) from error
+    width = len(next(csv.reader(lines[:1]), ()))
+    cut = []
+    for line in lines:
+        row = next(csv.reader([line]), [])
+        has_more = len(row) == width + 1 and not row[-1].strip()
+        cut.append(re.sub(r",[^,]*?(\r?\n|\r)?$", r"\1", line) if has_more else line)
+    head, rows = table("".join(cut).encode())
+    signals = ["tdc", "tac", "pdc"]
+    arrays = {"pac": [f"pac{i}" for i in range(1, 23)], "ele": [f"ele{i}" for i in range(1, 20)]}
+    names = ["timestamp", *signals, *arrays["pac"], *arrays["ele"]]
+    need({*names} <= set(head))
+    found = numbers([[row[head.index(name)] for name in names] for row in rows])
+    with np.errstate(over="ignore"):
+        need(bool(np.isfinite(found.astype(np.float32)).all()))
+    values = found.astype(np.float32)
+    extra = {"pac": values[:, 4:26], **{name: values[:, i + 1] for i, name in enumerate(signals)}}
+    meta = {"sensor": "biotac", "unit": "count"}
+    return {**reading(found[:, 0], values[:, 26:, None], meta=meta), "extra": extra}
+
+
 def icub_txt(data: bytes) -> Any:
     """Seven lines a frame, with 9, 5 and five times 12 numbers."""
     try:

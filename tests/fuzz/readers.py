@@ -132,6 +132,18 @@ def dos_csv(path: Path) -> Any:
     return recording(read_biotac_sp_dos_csv(path))
 
 
+def slide_csv(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_biotac_slide_csv
+
+    return recording(read_biotac_slide_csv(path))
+
+
+def uskin_pick(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_uskin_pick
+
+    return [recording(read_uskin_pick(path.parent, repeats)) for repeats in (True, False)]
+
+
 def bigs(path: Path) -> Any:
     from torch_geometric_tactile.io import BiGSFormat, read_bigs
 
@@ -234,6 +246,12 @@ def matrix(path: Path) -> Any:
     from torch_geometric_tactile.io import read_matrices
 
     return read_matrices(path, (32, 32) if path.suffix == ".png" else SIZE)
+
+
+def mat_variables(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_mat_variables
+
+    return read_mat_variables(path, ["press", "names", "valid"])
 
 
 def idx(path: Path) -> Any:

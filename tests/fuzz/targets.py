@@ -103,6 +103,12 @@ def _text(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     return JUDGED
 
 
+def _one_of_several(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    """A table that is read together with others, so that no reference reader sees it whole."""
+    _text(path, data, draw, other)
+    return REWRITTEN
+
+
 def _spaced(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     """Text mutations of cells that are separated by blanks."""
     if draw.random() < 0.4:
@@ -287,6 +293,15 @@ TARGETS: Sequence[Target] = (
     Target("XELA live", bases.xela_live, readers.xela_live, _live_json, weight=4),
     Target("BioTac SP CSV", bases.biotac_csv, readers.biotac_csv, _text, oracles.biotac_csv, 5),
     Target("BioTac SP DoS CSV", bases.dos_csv, readers.dos_csv, _text, oracles.dos_csv, 4),
+    Target("BioTac slide CSV", bases.slide_csv, readers.slide_csv, _text, oracles.slide_csv, 4),
+    Target(
+        "uSkin pick",
+        bases.uskin_pick,
+        readers.uskin_pick,
+        _one_of_several,
+        weight=4,
+        suffix=".csv",
+    ),
     Target("BiGS npz", bases.bigs_npz, readers.bigs, _samples_npz, weight=4),
     Target("BiGS HDF5", bases.bigs_hdf5, readers.bigs, _fields_hdf5, weight=4),
     Target("iCub Grasp text", bases.icub_txt, readers.icub_txt, _spaced, oracles.icub_txt, 4),
@@ -310,6 +325,13 @@ TARGETS: Sequence[Target] = (
     Target("matrix npy", matrix_bases.npy, readers.matrix, matrix_mutations.npy, weight=4),
     Target("matrix PNG", matrix_bases.png, readers.matrix, matrix_mutations.png, weight=4),
     Target("matrix MAT", matrix_bases.mat, readers.matrix, matrix_mutations.mat, weight=5),
+    Target(
+        "MAT variables",
+        matrix_bases.mat_variables,
+        readers.mat_variables,
+        matrix_mutations.mat,
+        weight=5,
+    ),
     Target("IDX", matrix_bases.idx, readers.idx, matrix_mutations.idx, weight=3),
     Target("npz", bases.npz, readers.npz, _npz, weight=8),
     Target("MCAP", bases.mcap, readers.mcap, mcap_mutations.mutate, weight=6),

@@ -8,6 +8,7 @@ from torch_geometric_tactile import io
 
 ADVICE = {
     io.read_bigs: "give the path of an HDF5 or npz file",
+    io.read_biotac_slide_csv: "put the file of BioTac_slide_20_50 there",
     io.read_biotac_sp_csv: "put the file of the BioTac SP stability set there",
     io.read_biotac_sp_dos_csv: "put the file of BioTac SP DoS there",
     io.read_hdf5: "give the path of a recording",

@@ -12,10 +12,11 @@ from torch_geometric_tactile.sensors import (
     stock_layout,
     stock_names,
     stock_path,
+    uskin_gripper,
 )
 
 
-@pytest.mark.parametrize("build", [allegro_uskin, biotac, biotac_sp])
+@pytest.mark.parametrize("build", [allegro_uskin, biotac, biotac_sp, uskin_gripper])
 def test_stock_layout_is_what_its_function_returns(build):
     layout = stock_layout(build.__name__)
     assert layout.name == build.__name__
@@ -46,6 +47,19 @@ def test_anyskin_is_a_cross_around_its_centre():
     assert layout.pos.norm(dim=1).tolist() == pytest.approx([0, 0.007, 0.007, 0.007, 0.007])
     assert layout.image_map.tolist() == [[1, 1], [1, 0], [1, 2], [0, 1], [2, 1]]
     assert "our model" in layout.source
+
+
+def test_gripper_has_two_patches_that_no_edge_joins():
+    layout = uskin_gripper()
+    assert repr(layout) == "TaxelLayout('uskin_gripper', num_taxels=32, patches=2, digits=2)"
+    assert layout.link_names == layout.patch_names == ("finger_1", "finger_2")
+    edges = layout.edge_index("original")
+    assert edges.shape == (2, 96)  # 24 pairs of neighbours in a patch of 4 x 4, both ways
+    assert bool((edges // 16).diff(dim=0).eq(0).all())
+    length = (layout.pos[edges[0]] - layout.pos[edges[1]]).norm(dim=1)
+    assert length.tolist() == pytest.approx([0.004667] * 96)
+    assert layout.pos[:16].equal(layout.pos[16:])
+    assert "our reading" in layout.source
 
 
 def test_stock_names():

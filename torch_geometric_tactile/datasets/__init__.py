@@ -2,8 +2,10 @@ r"""Data sets: published ones, generated ones, and your own recordings."""
 
 from torch_geometric_tactile.datasets.allegro_uskin import AllegroUSkin
 from torch_geometric_tactile.datasets.bigs import BiGS
+from torch_geometric_tactile.datasets.biotac_slide import BioTacSlide
 from torch_geometric_tactile.datasets.biotac_sp import BioTacSP
 from torch_geometric_tactile.datasets.biotac_sp_dos import BioTacSPDoS
+from torch_geometric_tactile.datasets.braille_letters import BrailleLetters
 from torch_geometric_tactile.datasets.digit_images import DigitImages
 from torch_geometric_tactile.datasets.eflesh_slip import EFleshSlip
 from torch_geometric_tactile.datasets.fake import FakeTactileDataset
@@ -13,12 +15,16 @@ from torch_geometric_tactile.datasets.pressure_mat import PressureMat
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.datasets.samples_file import SamplesFile
+from torch_geometric_tactile.datasets.tactile_glove import TactileGlove
+from torch_geometric_tactile.datasets.uskin_pick import USkinPick
 
 __all__ = [
     "AllegroUSkin",
     "BiGS",
     "BioTacSP",
     "BioTacSPDoS",
+    "BioTacSlide",
+    "BrailleLetters",
     "DigitImages",
     "EFleshSlip",
     "FakeTactileDataset",
@@ -27,6 +33,8 @@ __all__ = [
     "PressureMat",
     "RecordingFrames",
     "SamplesFile",
+    "TactileGlove",
+    "USkinPick",
     "default_root",
     "letter_augmentation",
 ]

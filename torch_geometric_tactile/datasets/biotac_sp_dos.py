@@ -9,7 +9,7 @@ import torch
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._raw_files import RawFiles
+from torch_geometric_tactile.datasets._published_trials import PublishedTrials, frames_of_trials
 from torch_geometric_tactile.datasets._trial import check_one_file_each
 from torch_geometric_tactile.io import read_biotac_sp_dos_csv
 from torch_geometric_tactile.sensors import biotac_sp
@@ -33,7 +33,6 @@ _SETS = {
     "other": (),
 }
 _NAME = re.compile(r"(?P<object>.*[^0-9])(?P<number>[0-9]{1,9})", re.ASCII)
-_PARENTS = ("raw", "csvs", ".")
 
 
 class _Sequence(NamedTuple):
@@ -43,7 +42,7 @@ class _Sequence(NamedTuple):
     path: Path
 
 
-class BioTacSPDoS(RawFiles):
+class BioTacSPDoS(PublishedTrials):
     r"""The BioTac SP DoS data set (`BioTacSP-DoS <https://github.com/yayaneath/BioTacSP-DoS>`_,
     Zapata-Impata, Gil and Torres, 2018): an object is moved on one BioTac SP in a direction, turned
     on it, or held still; about three seconds at 100 readings a second.
@@ -99,6 +98,7 @@ class BioTacSPDoS(RawFiles):
     """
 
     _folder = "BioTacSPDoS"
+    _folders = ("raw", "csvs", ".")
     _processed_name = "biotac_sp_dos_sets.pt"
 
     def __init__(
@@ -113,20 +113,8 @@ class BioTacSPDoS(RawFiles):
         self.layout = biotac_sp()
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
 
-    @property
-    def raw_dir(self) -> str:
-        r"""The folder of the directions: :obj:`root/raw`, :obj:`root/csvs` or :obj:`root`, the
-        first that has one.
-        """
-        root = Path(self.root)
-        found = [root / name for name in _PARENTS if _folders(root / name)]
-        return str(found[0] if found else root / _PARENTS[0])
-
-    @property
-    def raw_file_names(self) -> list[str]:
-        r"""The files of the sequences, by direction, object and number."""
-        folder = Path(self.raw_dir)
-        return [s.path.relative_to(folder).as_posix() for s in _sequences(folder)]
+    def _files_in(self, folder: Path) -> list[Path]:
+        return [sequence.path for sequence in _sequences(folder)]
 
     def _need_files(self) -> None:
         folder = Path(self.raw_dir)
@@ -144,22 +132,21 @@ class BioTacSPDoS(RawFiles):
         sequences = _sequences(Path(self.raw_dir))
         objects = sorted({sequence.object_name for sequence in sequences})
         recordings = [read_biotac_sp_dos_csv(sequence.path) for sequence in sequences]
-        num_frames = torch.tensor([recording.num_frames for recording in recordings])
         directions = [*_DIRECTIONS]
-        y = torch.tensor([directions.index(s.direction) for s in sequences])
-        group = torch.tensor([objects.index(s.object_name) for s in sequences])
         number = {name: i for i, names in enumerate(_SETS.values()) for name in names}
-        sets = torch.tensor([number.get(s.object_name, len(_SETS) - 1) for s in sequences])
+        sets = [number.get(s.object_name, len(_SETS) - 1) for s in sequences]
         data = StaticData(
             x=torch.from_numpy(np.concatenate([r.tactile for r in recordings])),
-            y=y.repeat_interleave(num_frames),
             pos=self.layout.pos,
             normal=self.layout.normal,
-            trial=torch.arange(len(sequences)).repeat_interleave(num_frames),
-            group=group.repeat_interleave(num_frames),
-            set=sets.repeat_interleave(num_frames),
-            part=(2 * (sets > 0)).repeat_interleave(num_frames),
             time=torch.from_numpy(np.concatenate([r.time for r in recordings])),
+            **frames_of_trials(
+                [recording.num_frames for recording in recordings],
+                y=[directions.index(s.direction) for s in sequences],
+                group=[objects.index(s.object_name) for s in sequences],
+                set=sets,
+                part=[2 * (i > 0) for i in sets],
+            ),
         )
         names = [f"{s.direction}/{s.path.stem}" for s in sequences]
         kinds = {"class": [*_DIRECTIONS.values()], "group": objects, "set": [*_SETS]}

@@ -9,14 +9,13 @@ import torch
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._raw_files import RawFiles
+from torch_geometric_tactile.datasets._published_trials import PublishedTrials, frames_of_trials
 from torch_geometric_tactile.datasets._trial import check_one_file_each
 from torch_geometric_tactile.io import read_icub_grasp_txt
 from torch_geometric_tactile.sensors import icub_hand
 
 _NAME = re.compile(r"(?P<object>.+)_(?P<trial>[0-9]{1,9})\.txt", re.ASCII)
 _UNRELIABLE = "full_coke"
-_FOLDERS = ("raw", "iCubGraspDataset", ".")
 _FULL = 255.0
 
 
@@ -26,7 +25,7 @@ class _TrialFile(NamedTuple):
     path: Path
 
 
-class ICubGrasp(RawFiles):
+class ICubGrasp(PublishedTrials):
     r"""The iCub Grasp data set of the "Online Spatio-Temporal Gaussian Process Experts with
     Application to Tactile Classification" paper (Soh, Su and Demiris, IROS 2012): real grasps with
     a hand of the iCub robot of ten everyday objects, and of none.
@@ -100,6 +99,7 @@ class ICubGrasp(RawFiles):
 
     selection_args = ("unreliable",)
     _folder = "ICubGrasp"
+    _folders = ("raw", "iCubGraspDataset", ".")
 
     def __init__(
         self,
@@ -126,19 +126,8 @@ class ICubGrasp(RawFiles):
                 )
             self._data = self._data.index_select(kept)
 
-    @property
-    def raw_dir(self) -> str:
-        r"""The folder of the files: :obj:`root/raw`, :obj:`root/iCubGraspDataset` or :obj:`root`,
-        the first that has some.
-        """
-        root = Path(self.root)
-        found = [root / name for name in _FOLDERS if _trial_files(root / name)]
-        return str(found[0] if found else root / _FOLDERS[0])
-
-    @property
-    def raw_file_names(self) -> list[str]:
-        r"""The files of the trials, by object and number."""
-        return [file.path.name for file in _trial_files(Path(self.raw_dir))]
+    def _files_in(self, folder: Path) -> list[Path]:
+        return [file.path for file in _trial_files(folder)]
 
     @property
     def processed_file_names(self) -> str:
@@ -170,17 +159,15 @@ class ICubGrasp(RawFiles):
         )
         objects = sorted({file.object_name for file in files}, key=lambda n: (n == _UNRELIABLE, n))
         trials = [read_icub_grasp_txt(file.path) for file in files]
-        num_frames = torch.tensor([len(trial.reading) for trial in trials])
-        group = torch.tensor([objects.index(file.object_name) for file in files])
+        num_frames = [len(trial.reading) for trial in trials]
+        group = [objects.index(file.object_name) for file in files]
         reading = np.concatenate([trial.reading for trial in trials])[..., None]
         data = StaticData(
             x=torch.from_numpy(_FULL - reading if self.contact else reading),
             edge_index=self.layout.edge_index("original"),
-            y=group.repeat_interleave(num_frames),
             joint=torch.from_numpy(np.concatenate([trial.encoder for trial in trials])),
-            trial=torch.arange(len(trials)).repeat_interleave(num_frames),
-            group=group.repeat_interleave(num_frames),
-            step=torch.cat([torch.arange(count) for count in num_frames.tolist()]),
+            step=torch.cat([torch.arange(count) for count in num_frames]),
+            **frames_of_trials(num_frames, y=group, group=group),
         )
         names = [file.path.stem for file in files]
         return data, {"class": objects, "group": objects, "trial": names}

@@ -1,5 +1,6 @@
 from .bigs_format import BiGSFormat
 from .bigs_grasp import read_bigs
+from .biotac_slide_csv import read_biotac_slide_csv
 from .biotac_sp_csv import GraspTable, read_biotac_sp_csv, read_biotac_sp_dos_csv
 from .decoders.anyskin import AnySkinDecoder
 from .decoders.decoder import Decoder, DecoderCounts
@@ -18,7 +19,7 @@ from .lerobot_dataset import write_lerobot
 from .lerobot_reader import read_lerobot
 from .lerobot_touch import add_to_lerobot
 from .matrix_files import read_matrices, read_matrix_csv, read_matrix_npy, read_matrix_png
-from .matrix_mat import read_matrix_mat
+from .matrix_mat import read_mat_variables, read_matrix_mat
 from .mcap_reader import read_mcap
 from .mcap_recovery import RepairReport, repair_mcap
 from .named_csv import read_named_csv
@@ -28,6 +29,7 @@ from .recording_hdf5 import append_hdf5, read_hdf5, read_hdf5_head, write_hdf5
 from .recording_mcap import McapWriter, write_mcap
 from .recording_npz import read_npz, write_npz
 from .samples_npz import read_samples_npz
+from .uskin_pick_csv import read_uskin_pick
 from .wide_csv import read_wide_csv, write_wide_csv
 from .xela_log_csv import read_xela_log_csv
 from .xela_message import (
@@ -67,6 +69,7 @@ __all__ = [
     "parse_xela_text",
     "pressure_mat_hash",
     "read_bigs",
+    "read_biotac_slide_csv",
     "read_biotac_sp_csv",
     "read_biotac_sp_dos_csv",
     "read_eflesh_probe",
@@ -75,6 +78,7 @@ __all__ = [
     "read_icub_grasp_txt",
     "read_idx",
     "read_lerobot",
+    "read_mat_variables",
     "read_matrices",
     "read_matrix_csv",
     "read_matrix_mat",
@@ -86,6 +90,7 @@ __all__ = [
     "read_pressure_mat_zip",
     "read_recording",
     "read_samples_npz",
+    "read_uskin_pick",
     "read_wide_csv",
     "read_xela_log_csv",
     "read_xela_messages",

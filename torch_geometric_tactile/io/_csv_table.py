@@ -120,6 +120,25 @@ def csv_table(
     return np.stack(rows), cells
 
 
+def csv_columns(
+    path: Path,
+    lines: Iterator[tuple[int, list[str]]],
+    wanted: Sequence[str],
+    texts: Sequence[str] = (),
+    *,
+    what: str = "frame",
+) -> tuple[np.ndarray, list[list[str]]]:
+    r"""Returns the numbers of columns with these names, of which none may be missing, and the cells
+    of others as texts. Further columns are not read.
+    """
+    header = csv_names(lines)
+    place = placed(path, header, dict(enumerate(header)))
+    refuse_missing(path, place, list(dict.fromkeys([*texts, *wanted])))
+    numeric = [place[name] for name in wanted]
+    cells = [place[name] for name in texts]
+    return csv_table(path, lines, header, numeric, texts=cells, required=numeric, what=what)
+
+
 def csv_numbers(
     path: Path,
     line: int,

@@ -11,6 +11,7 @@ from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_table import (
+    csv_columns,
     csv_names,
     csv_rows,
     csv_table,
@@ -70,15 +71,8 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
         ((1, 24, 3), [1], ['cup'])
     """
     path = existing_file(path, "put the file of the BioTac SP stability set there")
-    lines = csv_rows(path)
-    header = csv_names(lines)
-    refuse_missing(path, {*header}, _GRASP_COLUMNS)
-    place = placed(path, header, dict(enumerate(header)))
-    objects, *numeric = (place[name] for name in _GRASP_COLUMNS)
-    texts = [objects, numeric[0]]
-    numbers, cells = csv_table(
-        path, lines, header, numeric, texts=texts, required=numeric, what="grasp"
-    )
+    texts, wanted = _GRASP_COLUMNS[:2], _GRASP_COLUMNS[1:]
+    numbers, cells = csv_columns(path, csv_rows(path), wanted, texts, what="grasp")
     wrong = np.flatnonzero(~np.isin(numbers[:, 0], (0.0, 1.0)))
     if len(wrong):
         raise ValueError(

@@ -1,48 +1,23 @@
-r"""Matrices of readings in MAT files, as ``save -v7`` and :func:`scipy.io.savemat` write them.
-
-The reader is our own: :func:`scipy.io.loadmat` ends the process on a type of numbers that it does
-not know, and takes memory as a damaged or hostile file says it needs, as :func:`scipy.io.whosmat`
-does for the name of a variable. It reads numbers only.
+r"""Variables of MAT files, as ``save -v7`` and :func:`scipy.io.savemat` write them: matrices of
+readings, and arrays by their names.
 """
 
-import math
-import struct
-import zlib
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import existing_file
-from torch_geometric_tactile._limits import MAT_BYTES, is_absurd
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
-
-_HDF5 = b"\x89HDF\r\n\x1a\n"
-_START = 128  # bytes of the file's header
-_COMPRESSED, _MATRIX, _INT32, _UINT32, _INT8 = 15, 14, 5, 6, 1
-# numpy's types of the numbers as they are stored, and as they are in MATLAB, by their codes.
-_STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"}
-_STORED |= {12: "i8", 13: "u8"}
-_CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4"}
-_CLASSES |= {14: "i8", 15: "u8"}
-_COMPLEX, _LOGICAL = 0x08, 0x02
-_HEAD = 2**12  # bytes in which class, size and name are found
-
-
-class _Variable(NamedTuple):
-    # `content` begins with the description, once it is unpacked.
-    name: str
-    kind: int
-    flags: int
-    shape: tuple[int, ...]
-    content: bytes
-    is_packed: bool
-
-    @property
-    def is_numeric(self) -> bool:
-        return self.kind in _CLASSES
+from torch_geometric_tactile.io._mat_file import (
+    MAT_ERRORS,
+    MatVariable,
+    byte_order,
+    mat_numbers,
+    mat_texts,
+    mat_variables,
+)
 
 
 def read_matrix_mat(
@@ -81,86 +56,68 @@ def read_matrix_mat(
     path = existing_file(path, "give the path of a MAT file")
     data = path.read_bytes()
     try:
-        order = _byte_order(data)
-        found = _chosen(list(_variables(data, order)), variable)
-        return _numbers(found, tuple(size), order, len(data))
-    except (ValueError, struct.error, zlib.error) as error:
+        order = byte_order(data)
+        found = _chosen(list(mat_variables(data, order)), variable)
+        _checked_size(found, tuple(size))
+        return mat_numbers(found, order, len(data)).reshape(-1, *size)
+    except MAT_ERRORS as error:
         raise ValueError(f"'{path}' cannot be read as MAT: {error}") from error
 
 
-def _byte_order(data: bytes) -> str:
-    if _HDF5 in (data[:8], data[512:520]):
-        raise ValueError("it is of version 7.3 (HDF5): write it by save(..., '-v7')")
-    if len(data) < _START:
-        raise ValueError("it is no MAT file of version 5 to 7, or truncated: try save(..., '-v7')")
-    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    if order is None or 0 in data[:4]:
-        raise ValueError("it is no MAT file of version 5 to 7, or truncated: try save(..., '-v7')")
-    (version,) = struct.unpack(f"{order}H", data[124:126])
-    need(version == 256, f"it is of version {version:#x}: write it by save(..., '-v7')")
-    return order
+def read_mat_variables(path: PathLike, names: Sequence[str]) -> dict[str, np.ndarray | list[str]]:
+    r"""Reads variables of a MAT file of version 5 to 7 by their names: full arrays of real numbers,
+    and cell arrays of texts in one row or column. Sizes are checked before memory is taken; other
+    variables are not unpacked. Version 7.3, which is HDF5, is not read.
+
+    What is not compressed has no checksum: a number that was changed on the way is not noticed.
+
+    Args:
+        path (str or PathLike): The file.
+        names (sequence of str): The names of the variables.
+
+    Returns:
+        dict: The numbers in the shape and type that they have in MATLAB, logical ones as integers,
+        and the texts as lists, by the names of the variables.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is of another format or version, cut or damaged, would take absurdly
+            much memory, or does not have a variable once, as numbers or texts. The message names
+            the file.
+
+    Examples:
+        >>> import tempfile
+        >>> import scipy.io
+        >>> content = {"id": [[0, 1, 1]], "objects": np.array(["mug", "ball"], dtype=object)}
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     scipy.io.savemat(f"{folder}/metadata.mat", content)
+        ...     found = read_mat_variables(f"{folder}/metadata.mat", ["id", "objects"])
+        >>> found["id"].tolist(), found["objects"]
+        ([[0, 1, 1]], ['mug', 'ball'])
+    """
+    path = existing_file(path, "give the path of a MAT file")
+    data = path.read_bytes()
+    try:
+        order = byte_order(data)
+        variables = list(mat_variables(data, order))
+        content: dict[str, np.ndarray | list[str]] = {}
+        for name in names:
+            found = [variable for variable in variables if variable.name == name]
+            if len(found) != 1 or not (found[0].is_numeric or found[0].is_cell):
+                listed = short_list([v.name for v in variables], 10, quoted, rest="")
+                raise ValueError(
+                    f"it must have one array '{name}' of numbers or texts (got {listed})"
+                )
+            if found[0].is_cell:
+                content[name] = mat_texts(found[0], order)
+            else:
+                content[name] = mat_numbers(found[0], order, len(data))
+        return content
+    except MAT_ERRORS as error:
+        raise ValueError(f"'{path}' cannot be read as MAT: {error}") from error
 
 
-def _variables(data: bytes, order: str) -> Iterator[_Variable]:
-    place = _START
-    while place < len(data):
-        kind, count, place = _tag(data, place, order)
-        content = data[place : place + count]
-        if len(content) < count:
-            raise ValueError(
-                f"it is truncated: a variable must have {count} bytes (got {len(content)})"
-            )
-        place += count
-        is_packed = kind == _COMPRESSED
-        if is_packed:
-            head = _unpacked(content, _HEAD)
-            kind, count, start = _tag(head, 0, order)
-            head = head[start:]
-        else:
-            head = content[:_HEAD]
-        if kind != _MATRIX:
-            raise ValueError(f"it holds a part of type {kind} in place of a variable")
-        yield _described(head, content, is_packed, order)
-
-
-def _tag(data: bytes, place: int, order: str) -> tuple[int, int, int]:
-    # Type and number of bytes of an element, and where they begin.
-    need(len(data) >= place + 8, "it is truncated")
-    kind, count = struct.unpack_from(f"{order}II", data, place)
-    if kind >> 16:  # a small element has both in one number
-        return kind & 0xFFFF, kind >> 16, place + 4
-    return kind, count, place + 8
-
-
-def _element(data: bytes, place: int, order: str) -> tuple[int, bytes, int]:
-    # Type and bytes of an element, and where the next one begins.
-    kind, count, start = _tag(data, place, order)
-    is_small = start == place + 4
-    need(not is_small or count <= 4, "a small part must have 4 bytes at most", count)
-    content = data[start : start + count]
-    need(len(content) >= count, f"it is truncated: a part must have {count} bytes", len(content))
-    return kind, content, place + 8 if is_small else start + -(-count // 8) * 8
-
-
-def _described(head: bytes, content: bytes, is_packed: bool, order: str) -> _Variable:
-    kind, flags, place = _element(head, 0, order)
-    need(kind == _UINT32 and len(flags) == 8, "a variable has no description")
-    (word,) = struct.unpack(f"{order}I", flags[:4])
-    variable_class = word & 0xFF
-    if variable_class not in _CLASSES:  # not all of these have a size
-        return _Variable("", variable_class, 0, (), content, is_packed)
-    kind, sizes, place = _element(head, place, order)
-    if kind != _INT32 or len(sizes) % 4 or len(sizes) < 8:
-        raise ValueError("a variable has no size")
-    shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
-    if min(shape) < 0:
-        raise ValueError(f"a variable has the size {shape}")
-    kind, name, place = _element(head, place, order)
-    need(kind == _INT8 and name.isascii(), "a variable has no name")
-    return _Variable(name.decode(), variable_class, word >> 8 & 0xFF, shape, content, is_packed)
-
-
-def _chosen(variables: Sequence[_Variable], name: str | None) -> _Variable:
+def _chosen(variables: Sequence[MatVariable], name: str | None) -> MatVariable:
     names = [variable.name for variable in variables]
     if name is not None:
         found = [variable for variable in variables if variable.name == name]
@@ -178,7 +135,7 @@ def _chosen(variables: Sequence[_Variable], name: str | None) -> _Variable:
     return found[0]
 
 
-def _numbers(variable: _Variable, size: tuple[int, ...], order: str, num_stored: int) -> np.ndarray:
+def _checked_size(variable: MatVariable, size: tuple[int, ...]) -> None:
     shape = variable.shape
     if shape != size and (shape[1:] != size or shape[0] == 0):
         wanted = " x ".join(map(str, size))
@@ -192,44 +149,7 @@ def _numbers(variable: _Variable, size: tuple[int, ...], order: str, num_stored:
             f"'{variable.name}' must have another number of matrices than of rows and columns (got "
             f"shape {shape}, in which they may be first or last): save two parts of the stack"
         )
-    if variable.flags & (_COMPLEX | _LOGICAL):
-        raise ValueError(f"'{variable.name}' must hold real numbers (got complex or logical ones)")
-    count = math.prod(shape)
-    most = 2 * _HEAD + 8 * count
-    if is_absurd(most, num_stored, MAT_BYTES):
-        raise ValueError(f"'{variable.name}' would take {most} bytes, far more than the file")
-    content = variable.content
-    if variable.is_packed:
-        content = _whole(content, most, order)
-    place = 0
-    for _ in range(3):  # description, size and name
-        _, _, place = _element(content, place, order)
-    stored, numbers, place = _element(content, place, order)
-    need(stored in _STORED, f"'{variable.name}' has numbers of the unknown type {stored}")
-    dtype = np.dtype(f"{order}{_STORED[stored]}")
-    if len(numbers) != count * dtype.itemsize or place < len(content):
-        raise ValueError(
-            f"'{variable.name}' must have {count * dtype.itemsize} bytes of numbers (got "
-            f"{len(numbers)}, and {max(0, len(content) - place)} behind them)"
-        )
-    given = np.frombuffer(numbers, dtype=dtype)
-    with np.errstate(all="ignore"):
-        found = given.astype(_CLASSES[variable.kind])
-    if not np.array_equal(found, given, equal_nan=given.dtype.kind == "f"):
-        raise ValueError(f"'{variable.name}' has numbers that do not fit its type {found.dtype}")
-    return found.reshape(shape, order="F").reshape(-1, *size)
-
-
-def _unpacked(content: bytes, most: int) -> bytes:
-    return zlib.decompressobj().decompress(content, most)
-
-
-def _whole(content: bytes, most: int, order: str) -> bytes:
-    # To the end, where the checksum is compared.
-    packer = zlib.decompressobj()
-    data = packer.decompress(content, most)
-    if not packer.eof or packer.unused_data:
-        raise ValueError("a variable has other bytes than its description says")
-    _, count, start = _tag(data, 0, order)
-    need(len(data) == start + count, f"a variable must have {count} bytes", len(data) - start)
-    return data[start:]
+    need(
+        variable.is_real,
+        f"'{variable.name}' must hold real numbers (got complex or logical ones)",
+    )

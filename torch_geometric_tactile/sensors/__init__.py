@@ -19,6 +19,7 @@ from torch_geometric_tactile.sensors.select_taxels import select_taxels, thinned
 from torch_geometric_tactile.sensors.stock import as_layout, stock_layout, stock_names, stock_path
 from torch_geometric_tactile.sensors.taxel_clusters import TaxelClusters, taxel_clusters
 from torch_geometric_tactile.sensors.taxel_descriptors import descriptor_names, taxel_descriptors
+from torch_geometric_tactile.sensors.uskin import uskin_gripper
 
 __all__ = [
     "HandKinematics",
@@ -52,4 +53,5 @@ __all__ = [
     "taxel_clusters",
     "taxel_descriptors",
     "thinned",
+    "uskin_gripper",
 ]

@@ -1,0 +1,45 @@
+r"""Published data sets with files for each trial."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.datasets._raw_files import RawFiles
+
+
+class PublishedTrials(RawFiles):
+    r"""A data set of frames whose trials have files of their own, in the first of the usual folders
+    that has any. A subclass lists the files of a folder.
+    """
+
+    _folders: tuple[str, ...] = ("raw", ".")
+
+    def _files_in(self, folder: Path) -> list[Path]:
+        raise NotImplementedError
+
+    @property
+    def raw_dir(self) -> str:
+        r"""The folder of the files: the first of their usual places in :obj:`root` that has any."""
+        places = [Path(self.root, name) for name in self._folders]
+        return str(next(filter(self._files_in, places), places[0]))
+
+    @property
+    def raw_file_names(self) -> list[str]:
+        r"""The files of the trials, in order."""
+        folder = Path(self.raw_dir)
+        return [path.relative_to(folder).as_posix() for path in self._files_in(folder)]
+
+
+def frames_of_trials(num_frames: Sequence[int], **values: Sequence[int]) -> dict[str, Tensor]:
+    r"""Returns the number of the trial of each frame, :obj:`trial`, and what else is known of each
+    trial, for its frames.
+
+    Examples:
+        >>> frames_of_trials([2, 1], y=[7, 5])
+        {'trial': tensor([0, 0, 1]), 'y': tensor([7, 7, 5])}
+    """
+    trials = {"trial": range(len(num_frames)), **values}
+    counts = torch.tensor(num_frames)
+    return {key: torch.tensor(each).repeat_interleave(counts) for key, each in trials.items()}
