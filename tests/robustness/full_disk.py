@@ -202,6 +202,7 @@ def text_writers() -> Iterator[Writer]:
     """Yields the writers of layouts, presses, results, pictures and pages."""
     from torch_geometric_tactile.sensors import TaxelLayout, grid
     from torch_geometric_tactile.sim.simulate_letters import _write_block
+    from torch_geometric_tactile.transforms import Calibrate
 
     yield Writer(
         "layout",
@@ -210,6 +211,14 @@ def text_writers() -> Iterator[Writer]:
         lambda path: TaxelLayout.load(path).num_taxels,
         grid(2, 2, pitch=0.01),
         grid(40, 40, pitch=0.01),
+    )
+    yield Writer(
+        "calibration",
+        ".json",
+        lambda calibrate, path: calibrate.save(path),
+        lambda path: Calibrate.load(path).coefficients.tolist(),
+        Calibrate(np.ones((4, 3))),
+        Calibrate(np.ones((400, 20, 3)), degree=3),
     )
     draw_presses = np.random.default_rng(0)
     yield Writer(

@@ -102,6 +102,13 @@ def layout(folder):
     TaxelLayout.load(folder / "pad.json")
 
 
+def calibration(folder):
+    from torch_geometric_tactile.transforms import Calibrate
+
+    Calibrate([[0.0], [1.0]]).save(folder / "skin.json")
+    Calibrate.load(folder / "skin.json")
+
+
 def predictor(folder):
     from torch_geometric_tactile.nn import TaxelNet
     from torch_geometric_tactile.predictor import Predictor
@@ -186,6 +193,7 @@ WRITERS = {
     **{name: write(name) for name in ("a.npz", "a.h5", "a.csv", "a.mcap", "a.jsonl")},
     "lerobot": lerobot,
     "layout": layout,
+    "calibration": calibration,
     "predictor": predictor,
     "processed": processed,
     "checkpoint": checkpoint,
