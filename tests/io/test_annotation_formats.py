@@ -140,6 +140,14 @@ def test_events_that_are_no_annotations_are_left_out(tmp_path):
     assert "events" not in found.meta
 
 
+def test_an_end_is_of_the_last_one_of_its_label_that_is_open(tmp_path):
+    start, end = ("annotation_start", "slip"), ("annotation_end", "slip")
+    with crashed(tmp_path / "a.mcap", {1: [start], 2: [start], 3: [end], 5: [end]}, 10):
+        pass
+    found = [a[:2] for a in read_mcap(tmp_path / "a.mcap").annotations]
+    np.testing.assert_allclose(found, [[0.01, 0.05], [0.02, 0.03]])
+
+
 def test_other_tools_see_annotations_as_messages(tmp_path):
     from mcap.reader import make_reader
 

@@ -39,7 +39,8 @@ class Windows(FrameView):
             after the last (:obj:`"ahead"`). Windows for which that is beyond the end of the trial
             are left out and counted in :obj:`num_beyond`.
         horizon (int): How far ahead the label is, in frames; at least 1 with :obj:`"ahead"`.
-        target (str): Name of the attribute that is the label.
+        target (str): Name of the attribute that is the label, such as :obj:`"annotation"` of a
+            :class:`~torch_geometric_tactile.datasets.RecordingFrames` with that target.
         series (sequence of str): Names of attributes, such as :obj:`"joint"`, of which a window has
             all frames :math:`(B, T, \ldots)`.
         transform (callable, optional): Applied to windows at every access.
