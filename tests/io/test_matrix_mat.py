@@ -97,3 +97,11 @@ def test_cells_that_are_fewer_than_their_size(tmp_path):
     path.write_bytes(data)
     with pytest.raises(ValueError, match="it is truncated"):
         read_mat_variables(path, ["a"])
+
+
+def test_cells_that_are_more_than_their_size(tmp_path):
+    path = glove_mat(tmp_path / "a.mat", {"a": cell("mug", "ball")}, packed=False)
+    data = path.read_bytes()
+    path.write_bytes(data.replace(struct.pack("<2i", 1, 2), struct.pack("<2i", 1, 1), 1))
+    with pytest.raises(ValueError, match="'a' has more than its texts"):
+        read_mat_variables(path, ["a"])

@@ -9,7 +9,7 @@ import torch
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._published_trials import PublishedTrials, frames_of_trials
+from torch_geometric_tactile.datasets._placed_files import PlacedFiles, frames_of_trials
 from torch_geometric_tactile.datasets._trial import check_one_file_each
 from torch_geometric_tactile.io import read_biotac_slide_csv
 from torch_geometric_tactile.sensors import biotac
@@ -25,7 +25,7 @@ class _Slide(NamedTuple):
     path: Path
 
 
-class BioTacSlide(PublishedTrials):
+class BioTacSlide(PlacedFiles):
     r"""The BioTac slides (`BioTac_slide_20_50 <https://github.com/dexrob/BioTac_slide_20_50>`_) of
     the "Supervised Autoencoder Joint Learning on Heterogeneous Tactile Sensory Data: Improving
     Material Classification Performance" paper (Gao et al., IROS 2020): a BioTac slides over one of
@@ -41,11 +41,12 @@ class BioTacSlide(PublishedTrials):
 
     .. warning::
         **The time of recording may tell the material.** The slides over one material follow each
-        other in time, by number (slides 2, 10, 11 and 31 over ``mat1`` end within half an hour of
-        one day, slides 2 and 39 over ``mat7`` on the next), so that drift and temperature go with
-        the label: :obj:`tdc` and :obj:`tac` most of all. Each class is one piece of material:
-        nothing here tells whether another piece would be recognised. Frames of a slide belong on
-        one side of a split: hold out slides, ``Protocol("trial", folds=5, stratify="y")``.
+        other in time, by number (slides 2, 10, 11 and 31 over ``mat1`` end within 32 minutes of one
+        day, slides 2 and 39 over ``mat7`` within 38 of the next), so that drift goes with the
+        label; look at :obj:`tdc` and :obj:`tac`, the temperature, first. Each class is one piece of
+        material: nothing here tells whether another piece would be recognised. Frames of a slide
+        belong on one side of a split: hold out slides, ``Protocol("trial", folds=5,
+        stratify="y")``.
 
     The authors' own parts are arrays in the folder ``compiled_data``, without the numbers of their
     slides; they are not read, and there is no :obj:`part`.

@@ -9,7 +9,7 @@ import torch
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._published_trials import PublishedTrials, frames_of_trials
+from torch_geometric_tactile.datasets._placed_files import PlacedFiles, frames_of_trials
 from torch_geometric_tactile.datasets._trial import check_one_file_each
 from torch_geometric_tactile.io import read_biotac_sp_dos_csv
 from torch_geometric_tactile.sensors import biotac_sp
@@ -42,7 +42,7 @@ class _Sequence(NamedTuple):
     path: Path
 
 
-class BioTacSPDoS(PublishedTrials):
+class BioTacSPDoS(PlacedFiles):
     r"""The BioTac SP DoS data set (`BioTacSP-DoS <https://github.com/yayaneath/BioTacSP-DoS>`_,
     Zapata-Impata, Gil and Torres, 2018): an object is moved on one BioTac SP in a direction, turned
     on it, or held still; about three seconds at 100 readings a second.

@@ -9,7 +9,7 @@ import torch
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._raw_files import RawFiles
+from torch_geometric_tactile.datasets._placed_files import PlacedFiles
 from torch_geometric_tactile.io import read_samples_npz
 from torch_geometric_tactile.sensors import icub_fingertip
 
@@ -27,7 +27,7 @@ np.savez_compressed("braille_letters.npz", x=np.concatenate(runs), y=y, trial=tr
 """
 
 
-class BrailleLetters(RawFiles):
+class BrailleLetters(PlacedFiles):
     r"""The Braille letters (`Zenodo 7050094 <https://zenodo.org/record/7050094>`_) of the `"Braille
     letter reading: A benchmark for spatio-temporal pattern recognition on neuromorphic hardware"
     <https://www.frontiersin.org/articles/10.3389/fnins.2022.951164/full>`_ paper (Müller-Cleve et
@@ -122,16 +122,8 @@ class BrailleLetters(RawFiles):
         self.layout = icub_fingertip()
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
 
-    @property
-    def raw_dir(self) -> str:
-        r"""The folder of the file: :obj:`root/raw`, or :obj:`root` where that has it."""
-        root = Path(self.root)
-        return str(root if (root / _FILE).is_file() else root / "raw")
-
-    @property
-    def raw_file_names(self) -> list[str]:
-        r"""The file, if it is there."""
-        return [_FILE] if Path(self.raw_dir, _FILE).is_file() else []
+    def _files_in(self, folder: Path) -> list[Path]:
+        return [folder / _FILE] if (folder / _FILE).is_file() else []
 
     def _no_files(self) -> str:
         return (

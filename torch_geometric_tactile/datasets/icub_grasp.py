@@ -9,7 +9,7 @@ import torch
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._published_trials import PublishedTrials, frames_of_trials
+from torch_geometric_tactile.datasets._placed_files import PlacedFiles, frames_of_trials
 from torch_geometric_tactile.datasets._trial import check_one_file_each
 from torch_geometric_tactile.io import read_icub_grasp_txt
 from torch_geometric_tactile.sensors import icub_hand
@@ -25,7 +25,7 @@ class _TrialFile(NamedTuple):
     path: Path
 
 
-class ICubGrasp(PublishedTrials):
+class ICubGrasp(PlacedFiles):
     r"""The iCub Grasp data set of the "Online Spatio-Temporal Gaussian Process Experts with
     Application to Tactile Classification" paper (Soh, Su and Demiris, IROS 2012): real grasps with
     a hand of the iCub robot of ten everyday objects, and of none.

@@ -11,12 +11,11 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._raw_files import RawFiles
+from torch_geometric_tactile.datasets._placed_files import PlacedFiles
 from torch_geometric_tactile.io import read_mat_variables
 from torch_geometric_tactile.sensors import TaxelLayout, grid, select_taxels
 
 _FILE = "metadata.mat"
-_FOLDERS = ("raw", "classification_lite", "classification", ".")
 _SIDE = 32  # rows and columns of the readout
 _PITCH = 0.005  # m, of cells and not of places on the hand
 _NAMES = {"objectId": "objects", "recordingId": "recordings", "splitId": "splits"}
@@ -24,7 +23,7 @@ _NUMBERS = ("ts", "hasValidLabel", "isBalanced", *_NAMES)
 _PARTS = {"train": 0, "test": 2}
 
 
-class TactileGlove(RawFiles):
+class TactileGlove(PlacedFiles):
     r"""The classification set of the `scalable tactile glove (STAG) <https://stag.csail.mit.edu>`_
     of the "Learning the signatures of the human grasp using a scalable tactile glove" paper
     (Sundaram et al., Nature 2019): a person with a knitted glove of 548 sensors handles 26 objects
@@ -95,6 +94,7 @@ class TactileGlove(RawFiles):
     """
 
     _folder = "TactileGlove"
+    _folders = ("raw", "classification_lite", "classification", ".")
     selection_args = ("taxels",)  # the layout tells them
 
     def __init__(
@@ -112,16 +112,8 @@ class TactileGlove(RawFiles):
         self.invalid = invalid
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
 
-    @property
-    def raw_dir(self) -> str:
-        r"""The folder of the file: the first of its usual places in :obj:`root` that has it."""
-        places = [Path(self.root, name) for name in _FOLDERS]
-        return str(next((place for place in places if (place / _FILE).is_file()), places[0]))
-
-    @property
-    def raw_file_names(self) -> list[str]:
-        r"""The file, if it is there."""
-        return [_FILE] if Path(self.raw_dir, _FILE).is_file() else []
+    def _files_in(self, folder: Path) -> list[Path]:
+        return [folder / _FILE] if (folder / _FILE).is_file() else []
 
     @property
     def processed_file_names(self) -> str:

@@ -9,7 +9,7 @@ import torch
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._published_trials import PublishedTrials, frames_of_trials
+from torch_geometric_tactile.datasets._placed_files import PlacedFiles, frames_of_trials
 from torch_geometric_tactile.io import read_uskin_pick
 from torch_geometric_tactile.sensors import uskin_gripper
 
@@ -20,7 +20,7 @@ _FILES = ("meta_data.csv", "robot_state.csv", "xela_sensor1.csv", "xela_sensor2.
 _TARGETS = ("dropped", "object")
 
 
-class USkinPick(PublishedTrials):
+class USkinPick(PlacedFiles):
     r"""The pick-and-move trials of the Intelligent Manipulation Lab
     (`tactile_prediction_flat_dataset
     <https://github.com/imanlab/tactile_prediction_flat_dataset>`_): a Panda arm, guided by hand,
@@ -65,7 +65,7 @@ class USkinPick(PublishedTrials):
     **What was read here**, at commit ``ed8c1a0``: the list of files, 38 of the 75 descriptions (22
     of the test part: nine trials of object 11, seven of 7 and six of 9, of which 9 ended in a drop;
     all objects are of class ``box``), and the beginnings or ends of files of readings and robot
-    states of three trials. The readings were not loaded as a whole.
+    states of two trials. The readings were not loaded as a whole.
 
     The files are not downloaded and do not come with this package, since their repository names no
     licence: get them by ``git clone``, and mind that yourself.

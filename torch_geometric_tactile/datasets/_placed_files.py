@@ -1,4 +1,4 @@
-r"""Published data sets with files for each trial."""
+r"""Data sets of files that may be in several places, and the frames of their trials."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,9 +9,9 @@ from torch import Tensor
 from torch_geometric_tactile.datasets._raw_files import RawFiles
 
 
-class PublishedTrials(RawFiles):
-    r"""A data set of frames whose trials have files of their own, in the first of the usual folders
-    that has any. A subclass lists the files of a folder.
+class PlacedFiles(RawFiles):
+    r"""A data set whose files are in the first of some usual folders in :obj:`root` that has any. A
+    subclass lists the files of a folder.
     """
 
     _folders: tuple[str, ...] = ("raw", ".")
@@ -27,7 +27,7 @@ class PublishedTrials(RawFiles):
 
     @property
     def raw_file_names(self) -> list[str]:
-        r"""The files of the trials, in order."""
+        r"""The files, in order."""
         folder = Path(self.raw_dir)
         return [path.relative_to(folder).as_posix() for path in self._files_in(folder)]
 
