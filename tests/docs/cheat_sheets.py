@@ -187,7 +187,7 @@ DATA_SETS = {
         "about 37",
         "none stated",
         "its authors' repository",
-        "objects (`Protocol(\"given\")` by `seen`); rows repeat",
+        'objects (`Protocol("given")` by `seen`); rows repeat',
     ),
     "BioTacSlide": (
         "real",
@@ -211,7 +211,7 @@ DATA_SETS = {
         "its times",
         "its own, for research",
         "its authors' page",
-        "recordings (`Protocol(\"given\")`, or sessions)",
+        'recordings (`Protocol("given")`, or sessions)',
     ),
 }
 

@@ -43,8 +43,9 @@ class PressureMat(PublishedFiles):
       (:obj:`session`), 64 x 27 cells of another mat, and one frame each, the mean of about twenty.
       Three frames of one person, whose postures the description does not name, are left out.
 
-    The cells are 2.54 cm apart in the layout, as sensors of such mats commonly are; the data names
-    no size.
+    The head is at the first row in experiment I and at the last in experiment II: frames are as
+    published. The cells are 2.54 cm apart in the layout, as sensors of such mats commonly are; the
+    data names no size.
 
     .. warning::
         Frames of one file are nearly the same frame, and what is new at use is the *person*: hold

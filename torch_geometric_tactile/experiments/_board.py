@@ -72,9 +72,37 @@ BOARD: tuple[BoardSet, ...] = (
     BoardSet(
         "mattresses",
         "PressureMat",
-        "supine, left or right on two mattresses; new persons, four folds",
+        "supine, left or right on two mattresses; new persons, five folds",
         "group",
         {"experiment": "ii", "target": "side"},
+    ),
+    BoardSet(
+        "Braille",
+        "BrailleLetters",
+        "27 letters, slides of 40 frames; new slides, five folds",
+        "trial",
+        trials=40,
+    ),
+    BoardSet(
+        "materials",
+        "BioTacSlide",
+        "20 materials, slides of 40 frames; new slides, five folds",
+        "trial",
+        trials=40,
+    ),
+    BoardSet(
+        "picks",
+        "USkinPick",
+        "does the object fall, picks of 40 frames; the published parts",
+        "given",
+        trials=40,
+    ),
+    BoardSet(
+        "glove",
+        "TactileGlove",
+        "27 objects, every 20th frame; the published parts",
+        "given",
+        stride=20,
     ),
     BoardSet("letters", "LetterShape", "26 letters; new presses, five folds", "trial"),
     BoardSet(
