@@ -87,6 +87,7 @@ def test_published_files(published_root):
     assert len(dataset) == 19_361
     assert dataset.num_classes == 17
     assert len(Protocol("group", leave_one_out=True).split(dataset, fold=12).test) > 1000
+    assert PressureMat(root, target="side").y.bincount().tolist() == [10_262, 4_583, 4_516]
     second = PressureMat(root, "ii", "side")
     assert second.y.bincount().tolist() == [270, 96, 96]
     assert second.session.bincount().tolist() == [230, 232]
