@@ -79,6 +79,9 @@ def board_markdown(columns: Sequence[BoardColumn], machine: str, hours: float) -
             "",
             f"Seed 0. {machine}; {hours:.1f} hours of training and testing in all runs.",
             "",
+            "`tactile board --data DIR` makes this page and goes on where it was stopped; `--own "
+            "my_nets.MyNet` adds a model of your own, by its import path.",
+            "",
         ]
     )
 
