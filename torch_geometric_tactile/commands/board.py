@@ -1,8 +1,15 @@
 r"""``tactile board``: all models on all real data sets."""
 
 import argparse
+from functools import partial
+from typing import TYPE_CHECKING
 
+from torch_geometric_tactile.commands._arguments import positive
 from torch_geometric_tactile.commands._runs import add_workers, options_named, run_with_bar
+from torch_geometric_tactile.commands.compare import _intention, _tell
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.experiments.plan import Plan
 
 HELP = "Compare all models on all real data sets"
 EXTRAS = "train"
@@ -28,7 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder with a folder for each data set, named like its class (default: "
         "$TACTILE_DATA, or the user's cache)",
     )
-    parser.add_argument("--out", metavar="DIR", default="board", help="folder for the results")
+    parser.add_argument(
+        "--out", metavar="DIR", default="board", help="folder for the results (default: board)"
+    )
     parser.add_argument(
         "--own",
         metavar="PATH",
@@ -37,7 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="import path of a model of your own, as in 'tactile compare'; may be repeated",
     )
     parser.add_argument("--sets", metavar="NAME,NAME", help="some of the data sets (default: all)")
-    parser.add_argument("--epochs", metavar="N", type=int, help="epochs per network")
+    parser.add_argument(
+        "--epochs", metavar="N", type=positive, help="epochs per network (default: 15 to 60)"
+    )
     parser.add_argument(
         "--no-train", action="store_true", help="train nothing; write the finished runs"
     )
@@ -71,7 +82,14 @@ def _run(arguments: argparse.Namespace) -> int:
         threads=arguments.threads,
     ):
         runs = [
-            run_with_bar(plan, arguments.out, workers, board_set.name, train=not arguments.no_train)
+            run_with_bar(
+                plan,
+                arguments.out,
+                workers,
+                board_set.name,
+                train=not arguments.no_train,
+                on_estimate=partial(_tell_time, board_set.name, plan, arguments.jobs),
+            )
             for plan in plans
         ]
         status = max(status, *map(exit_status, runs))
@@ -93,6 +111,10 @@ def _run(arguments: argparse.Namespace) -> int:
     for path in write_board(columns, arguments.out, _machine(), seconds / 3600):
         print(printable(f"wrote {path}"))
     return status
+
+
+def _tell_time(name: str, plan: "Plan", jobs: int, seconds: dict[str, float]) -> None:
+    _tell(f"{name}: {_intention(plan, jobs, seconds)}", as_json=False)
 
 
 def _machine() -> str:
