@@ -128,7 +128,7 @@ class PressureMat(PublishedFiles):
         return list(_SIDES) if self.target == "side" else self._names["class"]
 
     def _path_at_url(self, name: str) -> str:
-        return name.removeprefix("pmd-").removesuffix("zip").rstrip(".") + "/"
+        return "1.0.0/"
 
     def _hash(self, path: PathLike) -> str:
         return pressure_mat_hash(path)
