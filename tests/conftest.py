@@ -61,6 +61,7 @@ FULL = (
     "data/test_changed_settings.py::test_two_processes_at_once",
     "data/test_fingerprint.py::test_description_in_another_run",
     "data/test_torch_file.py::test_file_larger",
+    "datasets/test_pressure_mat.py::test_published_files",
     "experiments/test_deploy.py::test_averages_of_networks_are_exported",
     "experiments/test_deploy.py::test_numbers_come_in_their_own_unit[forest",
     "experiments/test_plan_interrupted.py",
