@@ -16,7 +16,7 @@ EXTRAS = "train"
 DESCRIPTION = """\
 Runs 'tactile compare' with the default models on each real data set, by one fixed protocol for
 each, and writes DIR/board.md and board.json: accuracy, and the place of each model. With --own, a
-model of yours is compared as well. It takes a night on two cores; finished runs are kept, and the
+model of yours is compared as well. It takes hours on two cores; finished runs are kept, and the
 same command goes on. A data set whose files are missing is left out, or downloaded where it can be.
 """
 EXAMPLES = """\

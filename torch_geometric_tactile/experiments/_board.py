@@ -191,6 +191,7 @@ def board_plans(
                 for m in (None, *((tuple(own),) if own else ()))
             ]
         except (FileNotFoundError, ConnectionError) as error:
-            _logger.warning("%s is left out: %s", board_set.name, error)
+            reason = str(error).partition("\n")[0]
+            _logger.warning("%s is left out: %s", board_set.name, reason)
             continue
         yield board_set, plans
