@@ -64,9 +64,10 @@ def board_markdown(columns: Sequence[BoardColumn], machine: str, hours: float) -
             "# The board",
             "",
             "All models of `tactile compare`, with their default settings, on all real data sets "
-            "that were there, on readings as they are (no preparation but for scaling). Accuracy in percent on the test part, mean and deviation over the "
-            "folds; the best of a column is bold. The mean place is over the sets that rank models "
-            "and that a model fits: 1 is the best.",
+            "that were there, on readings as they are (no preparation but for scaling). Accuracy "
+            "in percent on the test part, mean and deviation over the folds; the best of a column "
+            "is bold. The mean place is over the sets that rank models and that a model fits: 1 is "
+            "the best.",
             "",
             *markdown_table(header, [[_code(row[0]), *row[1:]] for row in rows]),
             "",
