@@ -47,6 +47,7 @@ SLOW_FILES = (
 # Cases that only `make check` runs, by the beginning of their names: kills, full disks, clusters,
 # other processes, whole pages, and graphs and compilations of which `make test` has some.
 FULL = (
+    "analysis/test_calibration.py::test_published_runs",
     "analysis/test_embedding.py::test_embedding_follows_its_seed[2-umap",
     "analysis/test_embedding.py::test_embedding_follows_its_seed[3-umap",
     "analysis/test_embedding.py::test_umap",
