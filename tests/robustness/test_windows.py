@@ -28,5 +28,5 @@ def test_every_writer_runs_where_windows_is_imitated(tmp_path):
         timeout=240,
         check=False,
     )
-    assert "16 writers, failed: []" in done.stdout, done.stderr[-3000:]
+    assert "17 writers, failed: []" in done.stdout, done.stderr[-3000:]
     assert done.returncode == 0
