@@ -68,7 +68,7 @@ def main(folder):
         run("tactile", "convert", "a.mcap", "b.npz")
         assert read_recording(place / "b.npz").num_frames == count
         page = run("tactile", "--help")
-        listed = [verb for verb in VERBS if f"    {verb} " in page]
+        listed = [verb for verb in VERBS if re.search(rf"^    {verb}\s", page, re.MULTILINE)]
         assert sorted(listed) == ["convert", "live", "ports", "record", "replay", "view"], page
         assert "tactile live " in page, page  # among the examples
         assert "tactile fit " not in page, page
@@ -78,7 +78,7 @@ def main(folder):
         # docs/install.md: the whole package over it brings the other commands, of the same files.
         pip("install", "--no-deps", whole)
         page = run("tactile", "--help")
-        assert all(f"    {verb} " in page for verb in VERBS), page
+        assert all(re.search(rf"^    {verb}\s", page, re.MULTILINE) for verb in VERBS), page
         assert __version__ in run("tactile", "--version")
     print(
         f"tactile-live {__version__} works without PyTorch in {size / 1e6:.0f} MB: {sorted(names)}"
