@@ -34,6 +34,7 @@ NEEDS_EXTRA = tuple(
         "experiments",
         "papers",
         "reports._analysis",
+        "reports._board",
         "reports._compare",
         "reports._simulation",
         "visualization._shown_figure",  # a class of matplotlib; `visualization._style` imports it
