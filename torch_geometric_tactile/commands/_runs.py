@@ -113,3 +113,39 @@ def exit_status(run: "PlanRun") -> int:
     for name, reason in run.failed.items():
         print(printable(f"tactile: error: {name}: {reason}"), file=sys.stderr)
     return 1 if run.failed else 0
+
+
+def intention(plan: "Plan", jobs: int, seconds: dict[str, float]) -> str:
+    r"""Returns in words what is run, and about how long each model takes, given the seconds."""
+    (protocol,) = plan.protocols
+    facts = plan.facts
+    models = [cell.experiment for cell in plan.table.cells]
+    splits = len({(e.seed, e.fold) for e in plan.experiments})
+    text = (
+        f"{facts.num_samples:,} samples"
+        + (f" of {facts.num_frames} frames" if facts.num_frames else "")
+        + (f", {facts.num_trials:,} trials" if facts.num_trials else "")
+        + f"; {protocol.protocol.describe()}; {len(models)} models x {splits} splits"
+    )
+    if not seconds:
+        return f"{text}; all runs are finished"
+    longest = sorted(seconds, key=lambda name: seconds[name], reverse=True)[:3]
+    parts = ", ".join(f"{name} {_duration(seconds[name] / jobs)}" for name in longest)
+    whole = _duration(sum(seconds.values()) / jobs)
+    return f"{text}; about {whole} ({parts}); Ctrl-C keeps finished runs"
+
+
+def _duration(seconds: float) -> str:
+    for unit, length in (("h", 3600), ("min", 60)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{max(1, round(seconds))} s"
+
+
+def tell(text: str, as_json: bool = False) -> None:
+    r"""Prints a line apart from a progress bar, beside JSON to the stream of errors."""
+    from tqdm import tqdm  # which keeps a line apart from a progress bar
+
+    file = sys.stderr if as_json else sys.stdout
+    tqdm.write(text, file=file)
+    file.flush()

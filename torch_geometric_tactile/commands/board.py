@@ -5,8 +5,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.commands._arguments import positive
-from torch_geometric_tactile.commands._runs import add_workers, options_named, run_with_bar
-from torch_geometric_tactile.commands.compare import _intention, _tell
+from torch_geometric_tactile.commands._runs import (
+    add_workers,
+    intention,
+    options_named,
+    run_with_bar,
+    tell,
+)
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.experiments.plan import Plan
@@ -114,7 +119,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _tell_time(name: str, plan: "Plan", jobs: int, seconds: dict[str, float]) -> None:
-    _tell(f"{name}: {_intention(plan, jobs, seconds)}", as_json=False)
+    tell(f"{name}: {intention(plan, jobs, seconds)}")
 
 
 def _machine() -> str:

@@ -3,7 +3,6 @@ r"""``tactile compare``: graph models and plain ones on a data set, and which of
 import argparse
 import json
 import re
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,14 +13,15 @@ from torch_geometric_tactile.commands._runs import (
     add_rest,
     add_workers,
     exit_status,
+    intention,
     options_named,
     run_with_bar,
+    tell,
 )
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.experiments.compared_windows import FrameCut
     from torch_geometric_tactile.experiments.comparison import Comparison
-    from torch_geometric_tactile.experiments.plan import Plan
     from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 # The names in `experiments`, which is too heavy to import for them.
@@ -281,8 +281,8 @@ def _run(arguments: argparse.Namespace) -> int:
         workers,
         plan.table.name,
         train=not arguments.no_train,
-        on_estimate=lambda seconds: _tell(_intention(plan, jobs, seconds), arguments.json),
-        on_model=lambda run: _tell(_row(run), arguments.json),
+        on_estimate=lambda seconds: tell(intention(plan, jobs, seconds), arguments.json),
+        on_model=lambda run: tell(_row(run), arguments.json),
     )
     comparison = summarize(finished)
     paths = write_comparison(comparison, arguments.out)
@@ -314,7 +314,7 @@ def _save(comparison: "Comparison", arguments: argparse.Namespace) -> None:
     text = f"wrote {arguments.save}: {predictor}\n  {predictor.score}"
     if predictor.preparation.session.parts:
         text += "\n  measures the sensor at rest: tactile predict --rest SECONDS"
-    _tell("\n".join(printable(line) for line in text.splitlines()), arguments.json)
+    tell("\n".join(printable(line) for line in text.splitlines()), arguments.json)
 
 
 def _cut(arguments: argparse.Namespace) -> "FrameCut | None":
@@ -353,40 +353,6 @@ def _row(run: "PlanRun") -> str:
     mean, sd = (shown_number(metric, value) for value in result.scores[metric])
     name = result.model.name
     return f"{name:18} {NAMES[metric]} {mean} ± {sd}, {result.seconds:,.1f} s a split"
-
-
-def _intention(plan: "Plan", jobs: int, seconds: dict[str, float]) -> str:
-    (protocol,) = plan.protocols
-    facts = plan.facts
-    models = [cell.experiment for cell in plan.table.cells]
-    splits = len({(e.seed, e.fold) for e in plan.experiments})
-    text = (
-        f"{facts.num_samples:,} samples"
-        + (f" of {facts.num_frames} frames" if facts.num_frames else "")
-        + (f", {facts.num_trials:,} trials" if facts.num_trials else "")
-        + f"; {protocol.protocol.describe()}; {len(models)} models x {splits} splits"
-    )
-    if not seconds:
-        return f"{text}; all runs are finished"
-    longest = sorted(seconds, key=lambda name: seconds[name], reverse=True)[:3]
-    parts = ", ".join(f"{name} {_duration(seconds[name] / jobs)}" for name in longest)
-    whole = _duration(sum(seconds.values()) / jobs)
-    return f"{text}; about {whole} ({parts}); Ctrl-C keeps finished runs"
-
-
-def _duration(seconds: float) -> str:
-    for unit, length in (("h", 3600), ("min", 60)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.0f} {unit}"
-    return f"{max(1, round(seconds))} s"
-
-
-def _tell(text: str, as_json: bool) -> None:
-    from tqdm import tqdm  # which keeps a line apart from a progress bar
-
-    file = sys.stderr if as_json else sys.stdout
-    tqdm.write(text, file=file)
-    file.flush()
 
 
 def _names(text: str) -> tuple[str, ...]:
