@@ -2,6 +2,7 @@ r"""Data sets of files that may be in several places, and the frames of their tr
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -32,7 +33,9 @@ class PlacedFiles(RawFiles):
         return [path.relative_to(folder).as_posix() for path in self._files_in(folder)]
 
 
-def frames_of_trials(num_frames: Sequence[int], **values: Sequence[int]) -> dict[str, Tensor]:
+def frames_of_trials(
+    num_frames: Sequence[int], **values: Sequence[int] | Tensor
+) -> dict[str, Tensor]:
     r"""Returns the number of the trial of each frame, :obj:`trial`, and what else is known of each
     trial, for its frames.
 
@@ -40,6 +43,6 @@ def frames_of_trials(num_frames: Sequence[int], **values: Sequence[int]) -> dict
         >>> frames_of_trials([2, 1], y=[7, 5])
         {'trial': tensor([0, 0, 1]), 'y': tensor([7, 7, 5])}
     """
-    trials = {"trial": range(len(num_frames)), **values}
+    trials: dict[str, Any] = {"trial": range(len(num_frames)), **values}
     counts = torch.tensor(num_frames)
-    return {key: torch.tensor(each).repeat_interleave(counts) for key, each in trials.items()}
+    return {key: torch.as_tensor(each).repeat_interleave(counts) for key, each in trials.items()}

@@ -8,6 +8,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.data._torch_file import read_torch_file
+from torch_geometric_tactile.datasets._placed_files import frames_of_trials
 from torch_geometric_tactile.datasets._raw_files import PublishedFiles
 from torch_geometric_tactile.sensors import TaxelLayout, stock_layout
 
@@ -125,19 +126,13 @@ class EFleshSlip(PublishedFiles):
             )
         label = torch.tensor([int(line) for line in lines])
         sequences = [_sequence(path) for path in paths]
-        length = torch.tensor([len(sequence) for sequence in sequences])
+        length = [len(sequence) for sequence in sequences]
         session = torch.zeros_like(label)
         session[1:] = (label[1:] != label[:-1]).cumsum(0)
         # The first run, and the first half of the second.
         second = (session == 1).long()
         is_train = (session == 0) | ((second == 1) & (second.cumsum(0) <= second.sum() // 2))
-        step = torch.cat([torch.arange(count) for count in length.tolist()])
-        columns = {
-            "y": label,
-            "trial": torch.arange(len(label)),
-            "session": session,
-            "part": 2 * (~is_train).long(),
-        }
+        step = torch.cat([torch.arange(count) for count in length])
         data = StaticData(
             x=torch.cat(sequences),
             edge_index=self.layout.edge_index("original"),
@@ -145,7 +140,7 @@ class EFleshSlip(PublishedFiles):
             normal=self.layout.normal,
             step=step,
             time=step.double() / _RATE,
-            **{key: value.repeat_interleave(length) for key, value in columns.items()},
+            **frames_of_trials(length, y=label, session=session, part=2 * (~is_train).long()),
         )
         runs = [("hold", "slip")[int(label[session == run][0])] for run in session.unique()]
         return data, {

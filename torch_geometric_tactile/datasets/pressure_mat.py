@@ -8,6 +8,7 @@ import torch
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.datasets._placed_files import frames_of_trials
 from torch_geometric_tactile.datasets._raw_files import PublishedFiles
 from torch_geometric_tactile.io.pressure_mat_zip import pressure_mat_hash, read_pressure_mat_zip
 from torch_geometric_tactile.sensors import grid
@@ -149,24 +150,23 @@ class PressureMat(PublishedFiles):
         classes, labels = (postures, [f.posture for f in files])
         if self.target == "side":
             classes, labels = list(_SIDES), sides
-        length = torch.tensor([len(part) for part in frames])
-        step = torch.cat([torch.arange(count) for count in length.tolist()])
+        length = [len(part) for part in frames]
+        step = torch.cat([torch.arange(count) for count in length])
         columns = {
-            "y": torch.tensor([classes.index(label) for label in labels]),
-            "group": torch.tensor([persons.index(file.person) for file in files]),
-            "trial": torch.arange(len(files)),
+            "y": [classes.index(label) for label in labels],
+            "group": [persons.index(file.person) for file in files],
         }
         names = {"class": classes, "group": persons}
         if self.experiment == "ii":
             names["session"] = ["air", "sponge"]
-            columns["session"] = torch.tensor([names["session"].index(m) for m in mattresses])
+            columns["session"] = [names["session"].index(m) for m in mattresses]
         names["trial"] = ["_".join(filter(None, f[:3])) for f in files]
         data = StaticData(
             x=torch.from_numpy(np.concatenate(frames).reshape(len(step), -1, 1)),
             edge_index=self.layout.edge_index("original"),
             pos=self.layout.pos,
             normal=self.layout.normal,
-            **{key: value.repeat_interleave(length) for key, value in columns.items()},
+            **frames_of_trials(length, **columns),
         )
         if self.experiment == "i":
             data.step, data.time = step, step.double()
