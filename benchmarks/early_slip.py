@@ -13,6 +13,7 @@ Examples:
 
 import sys
 import time
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,7 +42,7 @@ _TRAIN_HOP = 2  # every second window is trained on
 _EPOCHS = 6
 _BATCH = 256
 _LIGHTEST = 0.2  # N of normal force, below which a finger says nothing
-METHODS = ("temporal", "lstm", "force", "true force")
+METHODS = ("temporal", "lstm", "force", "true force", "pressure")
 PROTOCOLS = {
     "by grasp": Protocol("trial", val=0.0, test=0.25, stratify="group"),
     "by object": Protocol("group", leave_one_out=True),
@@ -50,10 +51,12 @@ _VALIDATION = Protocol("trial", val=0.2, test=0.0, stratify="group")  # of the o
 
 
 class Part(NamedTuple):
-    """Windows of one part: readings, force of their last frames, and what is asked."""
+    """Windows of one part: readings, force and fluid pressure of their last frames, and what is
+    asked."""
 
     windows: Windows
     force: np.ndarray  # (S, 3, 3) N, finger, axis
+    pressure: np.ndarray  # (S, 3) counts above rest, finger
     to_slip: np.ndarray
     moment: np.ndarray
     trial: np.ndarray
@@ -61,7 +64,7 @@ class Part(NamedTuple):
 
 def frames(root: str) -> StaticDataset:
     """Returns all frames of all grasps, tared, with the time to slip and since the lift."""
-    dataset = BiGS(root, until=None)
+    dataset = BiGS(root, until=None, signals=["pressure"])
     data = dataset.data
     trial, moment = data.trial, data.time.double()
     onset = torch.full((int(trial.max()) + 1,), torch.inf, dtype=torch.double)
@@ -70,6 +73,7 @@ def frames(root: str) -> StaticDataset:
     onset.scatter_reduce_(0, trial[slips], moment[slips], "amin")
     lift.scatter_reduce_(0, trial[lifts], moment[lifts], "amin")
     x = Tare("trial", first=REST).fit(data)(data).x
+    pressure = data.pressure - _at_rest(data.pressure, trial)[trial]
     return StaticDataset.from_arrays(
         x,
         ((onset[trial] - moment) <= WITHIN).long(),
@@ -82,7 +86,13 @@ def frames(root: str) -> StaticDataset:
         to_slip=onset[trial] - moment,
         moment=moment - lift[trial],
         force=_forces(dataset),
+        pressure=pressure,
     )
+
+
+def _at_rest(values: Tensor, trial: Tensor) -> Tensor:
+    # The mean of the first frames of each trial (T, 3).
+    return torch.stack([values[trial == t][:REST].mean(dim=0) for t in range(int(trial.max()) + 1)])
 
 
 def _forces(dataset: BiGS) -> Tensor:
@@ -100,9 +110,8 @@ def _force(path: str) -> np.ndarray:
     return read_hdf5(path).privileged["force"].astype(np.float32)
 
 
-def parts(dataset: StaticDataset, protocol: str, seed: int) -> dict[str, Part]:
+def parts(dataset: StaticDataset, protocol: str, seed: int, fold: int) -> dict[str, Part]:
     """Returns the windows of training, validation and test: from the lift to the onset."""
-    fold = seed % len(dataset.group_names) if "object" in protocol else 0
     outer = PROTOCOLS[protocol].split(dataset, seed, fold)
     rest = dataset[outer.train]
     inner = _VALIDATION.split(rest, seed)
@@ -118,6 +127,7 @@ def parts(dataset: StaticDataset, protocol: str, seed: int) -> dict[str, Part]:
         found[name] = Part(
             windows,
             windows.force.numpy(),
+            windows.pressure.numpy(),
             windows.to_slip.numpy().astype(float),
             windows.moment.numpy(),
             windows.trial.numpy(),
@@ -217,16 +227,16 @@ def run(root: str, runs: Path, seeds: int, protocols: list[str], methods: list[s
     """Runs what is not in the folder yet."""
     runs.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
-    dataset = None
-    for seed in range(seeds):
-        for protocol in protocols:
+    dataset = frames(root)
+    objects = range(len(dataset.group_names))
+    for seed, protocol in product(range(seeds), protocols):
+        for fold in objects if "object" in protocol else [0]:
             found: dict[str, Part] = {}
             for method in methods:
-                path = runs / f"{method}_{protocol}_{seed}.npz".replace(" ", "-")
+                path = runs / f"{method}_{protocol}_{seed}_{fold}.npz".replace(" ", "-")
                 if path.exists():
                     continue
-                dataset = frames(root) if dataset is None else dataset
-                found = found or parts(dataset, protocol, seed)
+                found = found or parts(dataset, protocol, seed, fold)
                 start = time.perf_counter()
                 scores = _scores(method, found, seed)
                 _save(path, found, scores, time.perf_counter() - start)
@@ -234,6 +244,8 @@ def run(root: str, runs: Path, seeds: int, protocols: list[str], methods: list[s
 
 
 def _scores(method: str, found: dict[str, Part], seed: int) -> dict[str, np.ndarray]:
+    if method == "pressure":
+        return {name: found[name].pressure.max(axis=1) for name in ("val", "test")}
     if "force" in method:
         return force_scores(found, estimated=method == "force")
     return learnt_scores(method, found, seed)

@@ -14,6 +14,7 @@ def caption(run: PlanRun) -> str:
     plan, results = run.plan, [result for _, result in run.results]
     table = plan.table
     seeds = "0" if plan.seeds == 1 else f"0 to {plan.seeds - 1}"
+    over = "folds" if plan.seeds == 1 and any(e.fold for e in plan.experiments) else "seeds"
     parts = []
     if table.is_published:
         parts.append(
@@ -23,7 +24,7 @@ def caption(run: PlanRun) -> str:
     parts += [
         f"Our results have separate lines: {plan.data.caption}" if parts else plan.data.caption,
         f"Seed{'' if plan.seeds == 1 else 's'} {seeds} of split and training; mean ± standard "
-        "deviation over the seeds.",
+        f"deviation over the {over}.",
         _protocols(plan),
         f"{_parts(plan)}{_training(plan)}",
         _samples(run),

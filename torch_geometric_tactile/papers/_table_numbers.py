@@ -33,8 +33,8 @@ _COSTS = ("peak_memory_mb", "frames_per_second", "num_parameters", "train_second
 class Number(NamedTuple):
     r"""A number of a table: :obj:`source` is :obj:`"published"`, the name of a protocol, or
     :obj:`"all runs"` for what a protocol does not change; :obj:`spread` is the standard deviation
-    over the seeds, NaN for less than two, or what the paper prints; :obj:`runs` is how many seeds
-    (or runs, for :obj:`"all runs"`) it is the mean of.
+    over the seeds, over the folds where there is one seed, NaN for less than two, or what the paper
+    prints; :obj:`runs` is how many seeds (or runs, for :obj:`"all runs"`) it is the mean of.
     """
 
     experiment: str
@@ -72,9 +72,14 @@ def table_numbers(run: PlanRun) -> list[Number]:
     percent. Folds are pooled before they are scored.
     """
     measured: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    folds: dict[tuple[str, str, str], list[float]] = defaultdict(list)
     for part, results in finished_parts(run).items():
         for metric, value in _values(results, run.plan.table.draws):
             measured[part.experiment, part.protocol][metric].append(value)
+        if run.plan.seeds == 1:
+            for result in results:
+                for metric, value in _values([result]):
+                    folds[part.experiment, part.protocol, metric].append(value)
     for experiment, result in run.results:
         for metric in _COSTS:
             if result[metric] is not None:
@@ -89,10 +94,30 @@ def table_numbers(run: PlanRun) -> list[Number]:
                 numbers.append(Number(cell.experiment, PUBLISHED, metric, value, spread, 0))
         for source in sources:
             for metric, values in measured.get((cell.experiment, source), {}).items():
-                spread = statistics.stdev(values) if len(values) > 1 else math.nan
+                several = folds.get((cell.experiment, source, metric), values)
+                spread = statistics.stdev(several) if len(several) > 1 else math.nan
                 mean = statistics.fmean(values)
                 numbers.append(Number(cell.experiment, source, metric, mean, spread, len(values)))
     return numbers
+
+
+def run_rows(run: PlanRun) -> list[dict[str, Any]]:
+    r"""Returns what each run gave, one row a run: from these, every mean and spread follows."""
+    names = dict.fromkeys(e.name for e in run.plan.experiments)
+    order = {name: i for i, name in enumerate(names)}
+    return [
+        {
+            "experiment": e.name,
+            "protocol": e.protocol_name,
+            "seed": e.seed,
+            "fold": e.fold,
+            "num_train": result["num_train"],
+            "num_test": result["num_test"],
+            **dict(_values([result], run.plan.table.draws)),
+            **{metric: result[metric] for metric in _COSTS if result[metric] is not None},
+        }
+        for e, result in sorted(run.results, key=lambda found: order[found[0].name])
+    ]
 
 
 def _values(

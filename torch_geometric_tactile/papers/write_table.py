@@ -4,6 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.io._csv_table import safe_cell
 from torch_geometric_tactile.papers._table_caption import NOTHING, caption, cost_note
 from torch_geometric_tactile.papers._table_notes import draws_note, ordering_lines, positive_note
-from torch_geometric_tactile.papers._table_numbers import ALL, Number, table_numbers
+from torch_geometric_tactile.papers._table_numbers import ALL, Number, run_rows, table_numbers
 from torch_geometric_tactile.papers._table_numbers import PUBLISHED as OF_PAPER
 from torch_geometric_tactile.papers._table_studies import study_lines, study_pictures
 from torch_geometric_tactile.training._config_files import TEMPLATES
@@ -50,11 +51,12 @@ _Series = tuple[str, str, str]
 
 
 def write_table(run: PlanRun, out: PathLike) -> list[Path]:
-    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.png` and the pictures of studies,
-    :obj:`NAME-*.png`, and returns their paths.
+    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME-runs.csv` (each run by itself),
+    :obj:`NAME.png` and the pictures of studies, :obj:`NAME-*.png`, and returns their paths.
     """
-    paths = [Path(out) / f"{run.plan.table.name}{suffix}" for suffix in (".md", ".csv", ".png")]
-    for path, text in zip(paths, (markdown(run), csv_text(run)), strict=False):
+    suffixes = (".md", ".csv", "-runs.csv", ".png")
+    paths = [Path(out) / f"{run.plan.table.name}{suffix}" for suffix in suffixes]
+    for path, text in zip(paths, (markdown(run), csv_text(run), runs_csv(run)), strict=False):
         with atomic_path(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
     save_figure(_picture(run), paths[-1])
@@ -108,6 +110,24 @@ def csv_text(run: PlanRun) -> str:
                 "" if math.isnan(number.spread) else f"{number.spread:.6g}",
                 "" if published else number.runs,
             ]
+        )
+    return file.getvalue()
+
+
+def runs_csv(run: PlanRun) -> str:
+    r"""Returns the metrics and costs of each run, one run a line; accuracies in percent."""
+    rows = run_rows(run)
+    file = io.StringIO()
+    writer = csv.DictWriter(file, dict.fromkeys(chain.from_iterable(rows)), lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow(
+            {
+                safe_cell(name): f"{value:.6g}"
+                if isinstance(value, float)
+                else safe_cell(str(value))
+                for name, value in row.items()
+            }
         )
     return file.getvalue()
 
