@@ -5,6 +5,8 @@ pytest.importorskip("h5py", reason="needs the extra 'io'")
 
 import csv
 import json
+import math
+import statistics
 import sys
 from pathlib import Path
 
@@ -20,6 +22,7 @@ from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.papers._table_notes import compare_orderings
+from torch_geometric_tactile.papers._table_numbers import run_rows, table_numbers
 from torch_geometric_tactile.papers.write_table import markdown, write_table
 from torch_geometric_tactile.predictor import Predictor
 
@@ -127,6 +130,20 @@ def test_page_of_the_table(root, tmp_path):
         assert path.is_file()
 
 
+def test_spread_of_one_seed_is_over_its_folds(root, tmp_path):
+    run = run_plan(planned(root, {"svm_f", "majority"}, ("random", "by object")), tmp_path)
+    number = {(n.experiment, n.source): n for n in table_numbers(run) if n.metric == "accuracy"}
+    of_runs = [
+        row["accuracy"]
+        for row in run_rows(run)
+        if (row["experiment"], row["protocol"]) == ("svm_f", "by object")
+    ]
+    assert len(of_runs) == 3
+    assert number["svm_f", "by object"].spread == pytest.approx(statistics.stdev(of_runs))
+    assert math.isnan(number["svm_f", "random"].spread)
+    assert "standard deviation over the folds." in markdown(run)
+
+
 def test_picture_along_an_axis(root, tmp_path):
     settings = Settings(seeds=1, epochs=1)
     table = load_table("p3-k")
@@ -136,7 +153,7 @@ def test_picture_along_an_axis(root, tmp_path):
     assert not run.failed
     assert len(run.results) == 3
     paths = write_table(run, tmp_path)
-    assert paths[-1].read_bytes().startswith(b"\x89PNG")
+    assert paths[2].read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(

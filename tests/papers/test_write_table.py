@@ -15,7 +15,7 @@ from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.papers._table_caption import NOTHING
 from torch_geometric_tactile.papers._table_numbers import table_numbers
-from torch_geometric_tactile.papers.write_table import csv_text, markdown, write_table
+from torch_geometric_tactile.papers.write_table import csv_text, markdown, runs_csv, write_table
 
 CAPTION = (
     "**Simulated**, not a result of a real hand: 80 trials of `tactile simulate` (objects "
@@ -218,10 +218,23 @@ def test_own_recordings_are_not_called_simulated(objects):
     assert "imulated" not in page
 
 
+def test_each_run_has_a_line(objects):
+    rows = list(csv.DictReader(runs_csv(objects).splitlines()))
+    shown = [(r["experiment"], r["protocol"], r["seed"], r["accuracy"], r["auroc"]) for r in rows]
+    assert shown == [
+        ("x_tac_joint", "by trial", "0", "50", "0.6"),
+        ("ii_tac_joint", "by trial", "0", "80", "0.9"),
+        ("ii_tac_joint", "by trial", "1", "84", "0.94"),
+        ("ii_tac_joint", "by frame", "0", "99", ""),
+    ]
+    assert [row["peak_memory_mb"] for row in rows] == ["124", "60", "64", "62"]
+
+
 def test_table_without_any_run_is_written(tmp_path):
     nothing = run("p1-table3", {})
     paths = write_table(nothing, tmp_path)
-    assert [path.name for path in paths] == ["p1-table3.md", "p1-table3.csv", "p1-table3.png"]
+    names = ["p1-table3.md", "p1-table3.csv", "p1-table3.png", "p1-table3-runs.csv"]
+    assert [path.name for path in paths] == names
     assert "**16 of 16 runs are missing**" in paths[0].read_text()
     assert "Hardware: none yet." in paths[0].read_text()
     assert paths[2].read_bytes().startswith(b"\x89PNG")

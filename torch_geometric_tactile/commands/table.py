@@ -32,10 +32,10 @@ HELP = "Reproduce a table of a paper, beside its published numbers"
 EXTRAS = "train,viz"
 DESCRIPTION = """\
 Trains and tests all models of a table and writes DIR/NAME.md, NAME.csv and NAME.png with the
-published numbers beside ours. P1 and P2 use recordings of an Allegro hand with 384 taxels, P3
-grasps of three fingers with 19 electrodes each, P4 an Allegro hand with 240 taxels that squeezes
-objects, and P5 letters pressed on an array. Needs the extras 'train' and 'viz', and 'baselines'
-for p5.
+published numbers beside ours, and NAME-runs.csv with each run. P1 and P2 use recordings of an
+Allegro hand with 384 taxels, P3 grasps of three fingers with 19 electrodes each, P4 an Allegro hand
+with 240 taxels that squeezes objects, and P5 letters pressed on an array. Needs the extras 'train'
+and 'viz', and 'baselines' for P5.
 
 tables:
   p1-table2   object properties: 36 GCNs, CNNs and FNNs, with and without joint angles
@@ -111,7 +111,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=small_count,
         help="seeds per experiment, each with its own split (default: 5 for P1, P2 and P4, 10 for "
-        "P3, 1 for p5 and p5-digits, 2 for p5-arrays, 3 for bts3)",
+        "P3, 1 for P5, whose folds are splits, 3 for bts3)",
     )
     training.add_argument(
         "--epochs",

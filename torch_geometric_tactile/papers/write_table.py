@@ -51,15 +51,16 @@ _Series = tuple[str, str, str]
 
 
 def write_table(run: PlanRun, out: PathLike) -> list[Path]:
-    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME-runs.csv` (each run by itself),
-    :obj:`NAME.png` and the pictures of studies, :obj:`NAME-*.png`, and returns their paths.
+    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.png`, :obj:`NAME-runs.csv` (each run by
+    itself) and the pictures of studies, :obj:`NAME-*.png`, and returns their paths.
     """
-    suffixes = (".md", ".csv", "-runs.csv", ".png")
+    suffixes = (".md", ".csv", ".png", "-runs.csv")
     paths = [Path(out) / f"{run.plan.table.name}{suffix}" for suffix in suffixes]
-    for path, text in zip(paths, (markdown(run), csv_text(run), runs_csv(run)), strict=False):
+    page, numbers, picture, runs = paths
+    for path, text in ((page, markdown(run)), (numbers, csv_text(run)), (runs, runs_csv(run))):
         with atomic_path(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    save_figure(_picture(run), paths[-1])
+    save_figure(_picture(run), picture)
     for suffix, figure in study_pictures(run).items():
         paths.append(Path(out) / f"{run.plan.table.name}-{suffix}.png")
         save_figure(figure, paths[-1])
