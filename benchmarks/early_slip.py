@@ -73,7 +73,7 @@ def frames(root: str) -> StaticDataset:
     onset.scatter_reduce_(0, trial[slips], moment[slips], "amin")
     lift.scatter_reduce_(0, trial[lifts], moment[lifts], "amin")
     x = Tare("trial", first=REST).fit(data)(data).x
-    pressure = data.pressure - _at_rest(data.pressure, trial)[trial]
+    pressure = Tare("trial", first=REST, attr="pressure").fit(data)(data).pressure
     return StaticDataset.from_arrays(
         x,
         ((onset[trial] - moment) <= WITHIN).long(),
@@ -88,11 +88,6 @@ def frames(root: str) -> StaticDataset:
         force=_forces(dataset),
         pressure=pressure,
     )
-
-
-def _at_rest(values: Tensor, trial: Tensor) -> Tensor:
-    # The mean of the first frames of each trial (T, 3).
-    return torch.stack([values[trial == t][:REST].mean(dim=0) for t in range(int(trial.max()) + 1)])
 
 
 def _forces(dataset: BiGS) -> Tensor:
@@ -245,7 +240,7 @@ def run(root: str, runs: Path, seeds: int, protocols: list[str], methods: list[s
 
 def _scores(method: str, found: dict[str, Part], seed: int) -> dict[str, np.ndarray]:
     if method == "pressure":
-        return {name: found[name].pressure.max(axis=1) for name in ("val", "test")}
+        return {name: -found[name].pressure.mean(axis=1) for name in ("val", "test")}
     if "force" in method:
         return force_scores(found, estimated=method == "force")
     return learnt_scores(method, found, seed)

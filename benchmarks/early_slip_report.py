@@ -27,7 +27,9 @@ _NAMES = {
     "lstm": "LSTM, 128 cells",
     "force": "shear / normal force, estimated from the electrodes",
     "true-force": "shear / normal force of the simulator",
+    "pressure": "weak grip: the less fluid pressure, the sooner",
 }
+_EQUAL = (0.1, 0.3, 0.5, 1.0)  # seconds before the onset, each with a threshold of its own
 
 
 def read(runs: Path) -> dict[str, dict[str, list[tuple[SlipScores, SlipScores, int]]]]:
@@ -57,6 +59,12 @@ def numbers(runs: Path) -> dict[str, dict[str, dict[str, list[float]]]]:
         for method, scores in methods.items():
             row: dict[str, list[float]] = defaultdict(list)
             for val, test, num_train in scores:
+                equal = [
+                    lead_times(test, alarm_threshold(val, FALSE_ALARMS, before), [before])
+                    for before in _EQUAL
+                ]
+                row["equal_recall"].append([float(times.recall[0]) for times in equal])
+                row["equal_false_alarms"].append([float(times.false_alarms[0]) for times in equal])
                 threshold = alarm_threshold(val, FALSE_ALARMS)
                 times = lead_times(test, threshold, SECONDS)
                 row["recall"].append(times.recall.tolist())
@@ -89,6 +97,18 @@ def alarm_table(rows: dict[str, dict[str, list[float]]]) -> list[str]:
     return table(head, lines)
 
 
+def equal_table(rows: dict[str, dict[str, list[float]]]) -> list[str]:
+    """Returns the alarms where each time before the onset has the threshold with which the same
+    part of holding validation grasps have an alarm at the same moments; in brackets that of the
+    test."""
+    lines = []
+    for method, row in rows.items():
+        recall, false = (100 * np.array(row[f"equal_{key}"]) for key in ("recall", "false_alarms"))
+        cells = [f"{_spread(recall[:, i])} ({_spread(false[:, i])})" for i in range(len(_EQUAL))]
+        lines.append([_NAMES[method], *cells])
+    return table(["method", *(f"{before:g} s before" for before in _EQUAL)], lines)
+
+
 def _spread(values: np.ndarray, digits: int = 1) -> str:
     if len(values) < 2:
         return f"{values.mean():.{digits}f}"
@@ -113,7 +133,7 @@ def main() -> int:
     write_json(arguments.json, content)
     for protocol, rows in found.items():
         print(f"\n{protocol}\n")
-        print("\n".join(alarm_table(rows)))
+        print("\n".join([*alarm_table(rows), "", *equal_table(rows)]))
         curves = {
             _NAMES[name]: AlarmCurves(np.array(row["recall"]), np.array(row["false_alarms"]))
             for name, row in rows.items()

@@ -38,6 +38,18 @@ def test_alarm_threshold_never_lets_more_through() -> None:
     assert not (held.score >= alarm_threshold(held, 0.004)).any()
 
 
+def test_alarm_threshold_at_the_moments_of_slips() -> None:
+    # 0.5 s before a slip: grasps 2 and 3 say 0.1, 0.1, 0.5 and 0.1; 1 s before: 0.6, 0.1 and 0.1.
+    scores = _scores()
+    assert alarm_threshold(scores, 0.25, before=0.5) == 0.5
+    assert alarm_threshold(scores, 1 / 3, before=1.0) == 0.6
+    for before in (0.5, 1.0):
+        threshold = alarm_threshold(scores, 0.4, before)
+        assert lead_times(scores, threshold, [before]).false_alarms <= 0.4
+    with pytest.raises(ValueError, match="must have grasps that hold"):
+        alarm_threshold(scores, 0.25, before=3.0)  # no grasp has a moment then
+
+
 def test_lead_times_by_hand() -> None:
     found = lead_times(_scores(), 0.4, [0.5, 1.0, 1.5, 3.0])
     assert found.num_slips.tolist() == [2, 2, 1, 0]

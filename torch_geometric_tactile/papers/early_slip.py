@@ -77,13 +77,21 @@ class SlipScores:
         )
 
 
-def alarm_threshold(scores: SlipScores, false_alarms: float = 0.05) -> float:
+def alarm_threshold(
+    scores: SlipScores,
+    false_alarms: float = 0.05,
+    before: float | None = None,
+    tolerance: float = 0.05,
+) -> float:
     r"""Returns the score from which on an alarm is given, such that in grasps that hold at most a
     given part of the moments has one. To be chosen on a validation part.
 
     Args:
         scores (SlipScores): What a method says.
         false_alarms (float): The part, between zero and one.
+        before (float, optional): Count only the moments at which other grasps are this many seconds
+            before their slip, as :func:`lead_times` does; all moments if left out.
+        tolerance (float): As of :func:`lead_times`.
 
     Raises:
         ValueError: If no grasp holds, or :obj:`false_alarms` is not between zero and one.
@@ -94,7 +102,8 @@ def alarm_threshold(scores: SlipScores, false_alarms: float = 0.05) -> float:
         4.0
     """
     need(0 < false_alarms < 1, "'false_alarms' must be between 0 and 1", false_alarms)
-    held = np.sort(scores.score[~scores.slips])
+    rows = ~scores.slips if before is None else _rows_at(scores, before, tolerance)[1]
+    held = np.sort(scores.score[rows])
     need(len(held) != 0, "'scores' must have grasps that hold, to count false alarms (got none)")
     allowed = math.floor(false_alarms * len(held) + 1e-9)
     above = held[len(held) - allowed - 1]  # the largest score that must not be an alarm
@@ -141,20 +150,15 @@ def lead_times(
     lead = np.asarray(seconds, dtype=np.float64)
     need(lead.ndim == 1 and (lead > 0).all(), "'seconds' must be times above zero", list(seconds))
     alarm = scores.score >= threshold
-    slipping, holding = _by_trial(scores, scores.slips), _by_trial(scores, ~scores.slips)
     recall, false_alarms = np.full(len(lead), np.nan), np.full(len(lead), np.nan)
     count = np.zeros(len(lead), dtype=np.int64)
     for i, left in enumerate(lead):
-        found, moments = [], []
-        for rows in slipping:
-            row = _nearest(scores.to_slip[rows], left, tolerance)
-            if row is not None:
-                found.append(bool(alarm[rows[row]]))
-                moments.append(float(scores.moment[rows[row]]))
-        count[i] = len(found)
-        if found:
-            recall[i] = np.mean(found)
-            false_alarms[i] = _false_alarms(scores, alarm, holding, moments, tolerance)
+        slipping, holding = _rows_at(scores, left, tolerance)
+        count[i] = len(slipping)
+        if len(slipping):
+            recall[i] = alarm[slipping].mean()
+        if len(holding):
+            false_alarms[i] = alarm[holding].mean()
     return LeadTimes(lead, recall, false_alarms, count)
 
 
@@ -163,26 +167,21 @@ def _by_trial(scores: SlipScores, chosen: np.ndarray) -> list[np.ndarray]:
     return [rows[scores.trial[rows] == trial] for trial in np.unique(scores.trial[rows])]
 
 
-def _nearest(values: np.ndarray, wanted: float, tolerance: float) -> int | None:
-    row = int(np.abs(values - wanted).argmin())
-    return row if abs(values[row] - wanted) <= tolerance else None
-
-
-def _false_alarms(
-    scores: SlipScores,
-    alarm: np.ndarray,
-    holding: Sequence[np.ndarray],
-    moments: Sequence[float],
-    tolerance: float,
-) -> float:
-    wanted = np.asarray(moments)
-    found = []
-    for rows in holding:
-        away = np.abs(scores.moment[rows][:, None] - wanted)
-        is_there = away.min(axis=0) <= tolerance
-        found.append(alarm[rows[away.argmin(axis=0)[is_there]]])
-    joined = np.concatenate(found) if found else np.zeros(0)
-    return float(joined.mean()) if len(joined) else math.nan
+def _rows_at(scores: SlipScores, left: float, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    # The moment of each slipping grasp that is so many seconds before its onset, and those of all
+    # holding grasps the same time after their lift began.
+    slipping = []
+    for rows in _by_trial(scores, scores.slips):
+        away = np.abs(scores.to_slip[rows] - left)
+        if away.min() <= tolerance:
+            slipping.append(rows[away.argmin()])
+    moments = scores.moment[slipping]
+    holding = []
+    for rows in _by_trial(scores, ~scores.slips) if slipping else []:
+        away = np.abs(scores.moment[rows][:, None] - moments)
+        holding.append(rows[away.argmin(axis=0)[away.min(axis=0) <= tolerance]])
+    joined = np.concatenate(holding) if holding else np.zeros(0, dtype=np.int64)
+    return np.array(slipping, dtype=np.int64), joined
 
 
 class SlipSummary(NamedTuple):
