@@ -83,6 +83,23 @@ def test_overlap_of_training_parts_by_hand():
     assert found.verdict == "within the noise"  # twice the uncorrected error would be 0.29
 
 
+def test_seeds_of_one_test_part_are_one_split():
+    # Object 0 is left out with two seeds (gains 0.5 and 0), object 1 with two (1 and 0.5).
+    one = [said(1, 1, 1, 1, index=np.arange(4))] * 2 + [said(1, 1, 1, 1, index=np.arange(4, 8))] * 2
+    other = [
+        said(0, 0, 1, 1, index=np.arange(4)),
+        said(1, 1, 1, 1, index=np.arange(4)),
+        said(0, 0, 0, 0, index=np.arange(4, 8)),
+        said(0, 0, 1, 1, index=np.arange(4, 8)),
+    ]
+    found = paired_difference(one, other, "accuracy", overlap=1.0)
+    assert (found.mean, found.num_splits) == (0.5, 2)
+    assert found.over_splits == pytest.approx(math.sqrt(0.125) * math.sqrt(1 / 2 + 1))
+    assert found.verdict == "too few splits"
+    given = paired_difference(one, other, "accuracy")  # there, seeds are all that varies
+    assert given.num_splits == 4
+
+
 @pytest.mark.parametrize("metric", ["accuracy", "balanced_accuracy"])
 def test_mean_of_sample_scores_is_the_score(metric):
     draw = np.random.default_rng(0)

@@ -26,7 +26,8 @@ def run():
     results = []
     for name, protocol in PROTOCOLS:
         for seed, fold in [(0, 0), (1, 0)] if name == "test" else [(0, 0), (0, 1), (1, 0), (1, 1)]:
-            index = np.arange(4) + 4 * fold
+            folds = [[0, 1, 2, 3], [4, 5, 6, 7]] if seed == 0 else [[0, 1, 4, 5], [2, 3, 6, 7]]
+            index = np.arange(4) if name == "test" else np.array(folds[fold])
             for model, readings in CELLS:
                 right = {"net": [1, 1, 1, 0], "twin": [1, 0, 0, 0]}[model]
                 right = [0] * 4 if readings == "session" else np.roll(right, seed)

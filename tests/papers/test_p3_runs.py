@@ -124,7 +124,7 @@ def test_page_of_the_table(root, tmp_path):
     compared = compare_orderings(run)
     assert [(c.protocol, c.difference.num_splits) for c in compared] == [
         ("random", 2),
-        ("by object", 6),
+        ("by object", 3),  # objects, whatever the seeds
     ]
     for path in write_table(run, tmp_path):
         assert path.is_file()

@@ -25,7 +25,9 @@ class Difference(NamedTuple):
             overlap; NaN for less than two.
         over_trials (float): Its standard error over the trials (the samples, where there are no
             trials): samples of one trial count as one observation, however many there are.
-        num_splits (int): Number of splits: pairs of models with one training part and seed.
+        num_splits (int): Number of splits: pairs of models with one training part and seed. Of
+            splits that overlap, those with one test part (an object left out, with several seeds)
+            are one split, their mean: seeds are no further objects.
         num_trials (int): Number of trials.
 
     Examples:
@@ -89,7 +91,8 @@ def paired_difference(
         ValueError: If the samples are not the same.
     """
     gains, trials = [], []
-    for a, b in zip(first, second, strict=True):
+    of_part: dict[bytes | int, list[float]] = {}
+    for i, (a, b) in enumerate(zip(first, second, strict=True)):
         if not np.array_equal(a.y, b.y):
             raise ValueError("'second' must be of the same samples as 'first' (got other labels)")
         gains.append(
@@ -97,10 +100,12 @@ def paired_difference(
         )
         samples = np.arange(len(a.y)) if a.index is None else a.index
         trials.append(samples if a.trial is None else a.trial)
-    means = np.array([gain.mean() for gain in gains])
+        part = np.sort(a.index).tobytes() if overlap and a.index is not None else i
+        of_part.setdefault(part, []).append(float(gains[-1].mean()))
+    means = np.array([np.mean(values) for values in of_part.values()])
     count = len(means)
     spread = float(means.std(ddof=1)) if count > 1 else math.nan
-    error, num_trials = _clustered(means.mean(), gains, trials)
+    error, num_trials = _clustered(float(means.mean()), gains, trials)
     over_splits = spread * math.sqrt(1 / count + overlap)
     return Difference(float(means.mean()), over_splits, error, count, num_trials)
 
