@@ -1,11 +1,12 @@
 r"""What plain models make of simulated grasps of the BiGS form, from the input of the paper: from
 the first contact to 2 s after pick-up begins, 60 frames.
 
-Nothing here is a result on real grasps, and nothing is chosen by these numbers.
+Nothing here is a result on real grasps, and nothing is chosen by these numbers. With `--real`, it
+also tells how much the fingers of simulated and of real grasps agree.
 
 Examples:
     tactile simulate --objects bigs --out bigs --seed 0
-    python benchmarks/simulated_grasps.py bigs
+    python benchmarks/simulated_grasps.py bigs --real BioTacSP
 """
 
 import sys
@@ -24,16 +25,19 @@ from sklearn.svm import SVC
 
 from torch_geometric_tactile.baselines import statistical_features
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.datasets import BioTacSP
 from torch_geometric_tactile.io import read_recording
 
 _INPUT = 2.0  # s after pick-up
 _FRAMES = 60
+_REST = 20  # frames at the start of a grasp, before contact
 
 
 class Grasp(NamedTuple):
     """Features of the electrodes of each finger, true forces and slides, and what is known."""
 
     electrodes: np.ndarray  # (3, D)
+    last: np.ndarray  # (19, 3) readings of the last frame, above rest
     truth: np.ndarray
     object_name: str
     session: int
@@ -49,6 +53,7 @@ def read(path: Path) -> Grasp:
     frames = used[np.linspace(0, len(used) - 1, _FRAMES).round().astype(int)]
     return Grasp(
         electrodes=electrode_features(recording.tactile[frames]),
+        last=recording.tactile[frames[-1]] - recording.tactile[:_REST].mean(axis=0),
         truth=true_features(recording, after),
         object_name=meta["object"],
         session=meta["session"],
@@ -101,8 +106,26 @@ def accuracies(grasps: list[Grasp], x: np.ndarray, model: BaseEstimator) -> list
     return [f"{100 * score:.1f}" for score in scores]
 
 
+def agreement(x: np.ndarray, session: np.ndarray) -> str:
+    """Returns the correlations of two fingers over grasps (S, N, 3), of the mean and the standard
+    deviation over the electrodes, within sessions."""
+    told = []
+    for name, strength in (("mean", x.mean(axis=1)), ("deviation", x.std(axis=1))):
+        within = strength.astype(np.float64)
+        for number in np.unique(session):
+            within[session == number] -= within[session == number].mean(axis=0)
+        pairs = np.corrcoef(within.T)[np.triu_indices(3, 1)]
+        told.append(f"{name} {', '.join(f'{value:.2f}' for value in pairs)}")
+    return "; ".join(told)
+
+
 def main() -> None:
-    folder = Path(parse(__doc__, {"folder": (..., "of the simulated grasps")}).folder)
+    options = {
+        "folder": (..., "of the simulated grasps"),
+        "--real": (Path, "folder of the BioTac SP stability set"),
+    }
+    arguments = parse(__doc__, options)
+    folder = Path(arguments.folder)
     grasps = [read(path) for path in sorted(folder.glob("*.h5"))]
     write = sys.stdout.write
     for name in ("cylinder", "box", "ball"):
@@ -113,6 +136,12 @@ def main() -> None:
         write(f"lost before the input ends {100 * early:.1f} %\n")
     late = [grasp.success for grasp in grasps if grasp.lost > _INPUT]
     write(f"held of those not lost before the input ends: {100 * np.mean(late):.1f} %\n")
+    last = np.stack([grasp.last for grasp in grasps])
+    sessions = np.array([grasp.session for grasp in grasps])
+    write(f"correlation of two fingers, simulated: {agreement(last, sessions)}\n")
+    if arguments.real is not None:
+        data = BioTacSP(arguments.real).data
+        write(f"the same, real: {agreement(data.x.numpy(), data.session.numpy())}\n")
     write("features, model: random, without early losses, by session, cylinder, box, ball\n")
     electrodes = np.array([grasp.electrodes for grasp in grasps])
     inputs = {"truth": np.array([grasp.truth for grasp in grasps])}
