@@ -106,7 +106,7 @@ def test_published_numbers_of_the_property_paper():
 
 def test_published_numbers_of_the_segmentation_paper():
     assert published("p2-table2")["ii_tac_joint"] == 92.92
-    assert published("p2-table2", "spread")["x_pos"] == 1.23
+    assert published("p2-table2", "variance")["x_pos"] == 1.23
     assert published("p2-table2", "auc")["i_tac_pos_joint"] == 0.9523
     assert sum(published("p2-table2").values()) == pytest.approx(1562.39)
     assert sum(published("p2-table2", "auc").values()) == pytest.approx(16.6586)

@@ -2,6 +2,7 @@ import csv
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
@@ -9,6 +10,7 @@ pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.source import DataFacts
 from torch_geometric_tactile.experiments.tables import cell_config
@@ -23,10 +25,15 @@ CAPTION = (
 )
 
 
+# Class 0 is found in one of two, class 1 in two of two.
+SAID = Predictions(np.eye(2)[[0, 1, 1, 1]], np.array([0, 1, 1, 1]), np.array([0, 0, 1, 1]))
+
+
 def result(metrics, memory=100.0, labels=None):
     return {
         "metrics": metrics,
         "label_names": labels,
+        "predictions": SAID.to_dict(),
         "num_train": 600,
         "num_test": 300,
         "frames_per_second": 1000.0,
@@ -99,9 +106,9 @@ def test_markdown_by_hand(objects):
     assert rows[0] == [
         "X",
         "published, real hand, private data",
-        "88.66 ± 0.18",
-        "85.81 ± 0.02",
-        "91.01 ± 0.38",
+        "88.66 (variance 0.18)",
+        "85.81 (variance 0.02)",
+        "91.01 (variance 0.38)",
     ]
     assert rows[1] == ["", "simulated, by trial", "50.0 (1 of 2)", NOTHING, NOTHING]
     assert rows[2] == ["", "simulated, by frame", NOTHING, NOTHING, NOTHING]
@@ -109,9 +116,12 @@ def test_markdown_by_hand(objects):
     assert rows[7] == ["", "simulated, by trial", "82.0 ± 2.8", NOTHING, NOTHING]
     assert rows[8] == ["", "simulated, by frame", "99.0 (1 of 2)", NOTHING, NOTHING]
     auc = rows_of(markdown(objects), "Area under the ROC curve, with joint angles")
-    assert auc[8][2:] == ["0.9599", "0.9232", "0.9549"]
-    assert auc[9][2:] == ["0.920 ± 0.028", NOTHING, NOTHING]
-    assert auc[10][2:] == [NOTHING] * 3  # it was not a number
+    assert auc[12][2:] == ["0.9599", "0.9232", "0.9549"]
+    assert auc[13][1:] == ["simulated, by trial: of scores", "0.920 ± 0.028", NOTHING, NOTHING]
+    decided = "0.750 ± 0.000"  # one corner at a false-positive rate of 0 or 0.5
+    assert auc[14][1:] == ["simulated, by trial: of decisions", decided, NOTHING, NOTHING]
+    assert auc[15][2:] == [NOTHING] * 3  # it was not a number
+    assert "17 of 18 published ones are 1 - 0.571 · (1 - accuracy)" in markdown(objects)
     f1 = rows_of(markdown(objects), "F1 score in %, with joint angles")
     assert [row[1] for row in f1[2:4]] == ["simulated, by trial", "simulated, by frame"]
     costs = rows_of(markdown(objects), "Cost of the models")
@@ -186,7 +196,8 @@ def test_csv_by_hand(objects):
     mine = [row for row in rows if row["experiment"] == "ii_tac_joint"]
     values = {(row["source"], row["metric"]): row for row in mine}
     published = values["published", "accuracy"]
-    assert (published["mean"], published["sd"], published["runs"]) == ("92.92", "0.09", "")
+    assert (published["mean"], published["sd"], published["runs"]) == ("92.92", "", "")
+    assert values["published", "variance"]["mean"] == "0.09"
     assert published["data"] == "real hand, private"
     assert values["published", "peak_memory_mb"]["mean"] == "697"
     ours = values["by trial", "accuracy"]

@@ -155,6 +155,7 @@ class Table:
             along them.
         orderings (tuple of Ordering): What is looked for in the numbers.
         measured_on (str): What the published numbers were measured on.
+        recordings (str): Whether those are :obj:`"private"` or :obj:`"public"`.
         see_also (str): Where there is more of the kind, as a sentence; may be empty.
         draws (Draws, optional): Draws of the samples tested on, over which accuracies are shown.
 
@@ -180,6 +181,7 @@ class Table:
     axis: str = ""
     orderings: tuple[Ordering, ...] = ()
     measured_on: str = "real hand"
+    recordings: str = "private"
     see_also: str = ""
     draws: Draws | None = None
 

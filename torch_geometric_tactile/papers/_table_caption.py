@@ -19,7 +19,7 @@ def caption(run: PlanRun) -> str:
     if table.is_published:
         parts.append(
             f"Published: {table.place} of *{table.paper}*, measured on a {table.measured_on}; its "
-            "recordings are private."
+            f"recordings are {table.recordings}."
         )
     parts += [
         f"Our results have separate lines: {plan.data.caption}" if parts else plan.data.caption,

@@ -9,9 +9,14 @@ from torch_geometric_tactile.experiments._scores import RULE
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Ordering
-from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_predictions
+from torch_geometric_tactile.papers._table_numbers import (
+    finished_parts,
+    has_areas,
+    pooled_predictions,
+)
 
 _COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
+_AREA = 0.0015  # how far a published area may be from that of decisions
 _SQUARED_PERCENT = 100.0**2  # of a variance of parts
 
 
@@ -115,6 +120,26 @@ def _class_shares(run: PlanRun) -> dict[str, float]:
             share = float((pooled_predictions(results).y == 1).mean())
             shares.setdefault(part.protocol, []).append(share)
     return {protocol: sum(values) / len(values) for protocol, values in shares.items()}
+
+
+def area_note(run: PlanRun) -> str:
+    r"""Returns what the published areas under the ROC curve are of, as sentences; empty for a table
+    without any.
+    """
+    pairs = [
+        (cell.published["auc"], cell.published["accuracy"] / 100)
+        for cell in run.plan.table.cells
+        if {"auc", "accuracy"} <= cell.published.keys()
+    ]
+    if not has_areas(run.plan.table):
+        return ""
+    slope = run.plan.facts.num_classes / (run.plan.facts.num_classes - 1) / 2
+    close = sum(abs(auc - (1 - slope * (1 - accuracy))) < _AREA for auc, accuracy in pairs)
+    return (
+        f"Areas under the ROC curve: {close} of {len(pairs)} published ones are 1 - {slope:.3f} · "
+        f"(1 - accuracy) to {_AREA}. That is the area of decisions, which is smaller than that of "
+        "scores. Ours is shown of both."
+    )
 
 
 def draws_note(run: PlanRun) -> str:

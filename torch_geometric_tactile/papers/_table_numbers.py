@@ -6,9 +6,13 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import numpy as np
+from sklearn.metrics import balanced_accuracy_score
+
 from torch_geometric_tactile.experiments._sample_draws import Draws
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.tables import Table
 
 PUBLISHED = "published"
 ALL = "all runs"
@@ -76,6 +80,9 @@ def table_numbers(run: PlanRun) -> list[Number]:
     for part, results in finished_parts(run).items():
         for metric, value in _values(results, run.plan.table.draws):
             measured[part.experiment, part.protocol][metric].append(value)
+        if has_areas(run.plan.table):
+            area = _decided_auroc(pooled_predictions(results))
+            measured[part.experiment, part.protocol]["decided_auroc"].append(area)
         if run.plan.seeds == 1:
             for result in results:
                 for metric, value in _values([result]):
@@ -91,7 +98,8 @@ def table_numbers(run: PlanRun) -> list[Number]:
             if key in cell.published:
                 spread = cell.published.get("spread", math.nan) if key == "accuracy" else math.nan
                 value = cell.published[key]
-                numbers.append(Number(cell.experiment, PUBLISHED, metric, value, spread, 0))
+                name = metric if key != "variance" or run.plan.table.draws else key  # of runs
+                numbers.append(Number(cell.experiment, PUBLISHED, name, value, spread, 0))
         for source in sources:
             for metric, values in measured.get((cell.experiment, source), {}).items():
                 several = folds.get((cell.experiment, source, metric), values)
@@ -118,6 +126,20 @@ def run_rows(run: PlanRun) -> list[dict[str, Any]]:
         }
         for e, result in sorted(run.results, key=lambda found: order[found[0].name])
     ]
+
+
+def has_areas(table: Table) -> bool:
+    r"""Whether areas under the ROC curve are shown, beside published ones of decisions."""
+    return table.shows == "accuracy" and any("auc" in cell.published for cell in table.cells)
+
+
+def _decided_auroc(said: Predictions) -> float:
+    # The area under the ROC curve of decisions, which has one corner, as the mean over the classes.
+    areas = [
+        balanced_accuracy_score(said.y == number, said.prediction == number)
+        for number in np.unique(said.y)
+    ]
+    return float(np.mean(areas))
 
 
 def _values(

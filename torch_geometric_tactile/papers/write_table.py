@@ -15,8 +15,19 @@ from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.io._csv_table import safe_cell
 from torch_geometric_tactile.papers._table_caption import NOTHING, caption, cost_note
-from torch_geometric_tactile.papers._table_notes import draws_note, ordering_lines, positive_note
-from torch_geometric_tactile.papers._table_numbers import ALL, Number, run_rows, table_numbers
+from torch_geometric_tactile.papers._table_notes import (
+    area_note,
+    draws_note,
+    ordering_lines,
+    positive_note,
+)
+from torch_geometric_tactile.papers._table_numbers import (
+    ALL,
+    Number,
+    has_areas,
+    run_rows,
+    table_numbers,
+)
 from torch_geometric_tactile.papers._table_numbers import PUBLISHED as OF_PAPER
 from torch_geometric_tactile.papers._table_studies import study_lines, study_pictures
 from torch_geometric_tactile.training._config_files import TEMPLATES
@@ -32,6 +43,7 @@ if TYPE_CHECKING:
 
 _DIGITS = {
     "auroc": 3,
+    "decided_auroc": 3,
     "draws_variance": 2,
     "peak_memory_mb": 0,
     "frames_per_second": 0,
@@ -98,6 +110,7 @@ def csv_text(run: PlanRun) -> str:
     writer.writerow(
         ["section", "row", "column", "experiment", "source", "data", "metric", "mean", "sd", "runs"]
     )
+    measured_on = f"{run.plan.table.measured_on}, {run.plan.table.recordings}"
     for number in table_numbers(run):
         cell = cells[number.experiment]
         published = number.source == OF_PAPER
@@ -105,7 +118,7 @@ def csv_text(run: PlanRun) -> str:
             [
                 *map(safe_cell, (cell.section, cell.row, cell.column, cell.experiment)),
                 safe_cell(number.source),
-                f"{run.plan.table.measured_on}, private" if published else run.plan.data.kind,
+                measured_on if published else run.plan.data.kind,
                 safe_cell(number.metric),
                 f"{number.mean:.6g}" if published else repr(number.mean),
                 "" if math.isnan(number.spread) else f"{number.spread:.6g}",
@@ -139,7 +152,7 @@ def markdown(run: PlanRun) -> str:
     """
     table, index = run.plan.table, _index(run)
     lines = [f"# {printable(table.title)}", "", printable(caption(run)), ""]
-    for note in filter(None, (positive_note(run), draws_note(run))):
+    for note in filter(None, (positive_note(run), draws_note(run), area_note(run))):
         lines += [printable(note), ""]
     if table.see_also:
         lines += [f"See also: {printable(table.see_also)}", ""]
@@ -199,7 +212,10 @@ def _row(
             ratio = _ratio(run, index, cell, source)
             texts.append(NOTHING if ratio is None else f"{ratio:.2f}")
         else:
-            texts.append(_shown(index.get((cell.experiment, source, metric)), run.plan.seeds))
+            text = _shown(index.get((cell.experiment, source, metric)), run.plan.seeds)
+            variance = index.get((cell.experiment, source, "variance"))
+            printed = variance is not None and metric == "accuracy"
+            texts.append(f"{text} (variance {variance.mean:g})" if printed else text)
     return texts
 
 
@@ -277,12 +293,19 @@ def _groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
         }
     for metric, heading in others.items():
         series: list[_Series] = [(name, metric, f"{ours}, {name}") for name in protocols]
+        if metric == "auroc" and has_areas(table):
+            both = {metric: "scores", "decided_auroc": "decisions"}
+            series = [
+                (name, kind, f"{told}: of {what}")
+                for name, _, told in series
+                for kind, what in both.items()
+            ]
         groups.append((heading, [*_published(run, metric), *series]))
     return groups
 
 
 def _of_paper(run: PlanRun) -> str:
-    return f"published, {run.plan.table.measured_on}, private data"
+    return f"published, {run.plan.table.measured_on}, {run.plan.table.recordings} data"
 
 
 def _of_draws(run: PlanRun) -> tuple[str, list[_Series]]:
