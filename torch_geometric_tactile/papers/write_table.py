@@ -214,8 +214,9 @@ def _row(
         else:
             text = _shown(index.get((cell.experiment, source, metric)), run.plan.seeds)
             variance = index.get((cell.experiment, source, "variance"))
-            printed = variance is not None and metric == "accuracy"
-            texts.append(f"{text} (variance {variance.mean:g})" if printed else text)
+            if variance is not None and metric == "accuracy":
+                text += f" (variance {variance.mean:g})"
+            texts.append(text)
     return texts
 
 
