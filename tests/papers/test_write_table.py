@@ -17,7 +17,7 @@ from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.papers._table_caption import NOTHING
 from torch_geometric_tactile.papers._table_numbers import table_numbers
-from torch_geometric_tactile.papers.write_table import csv_text, markdown, runs_csv, write_table
+from torch_geometric_tactile.papers.write_table import _runs_csv, csv_text, markdown, write_table
 
 CAPTION = (
     "**Simulated**, not a result of a real hand: 80 trials of `tactile simulate` (objects "
@@ -230,7 +230,7 @@ def test_own_recordings_are_not_called_simulated(objects):
 
 
 def test_each_run_has_a_line(objects):
-    rows = list(csv.DictReader(runs_csv(objects).splitlines()))
+    rows = list(csv.DictReader(_runs_csv(objects).splitlines()))
     shown = [(r["experiment"], r["protocol"], r["seed"], r["accuracy"], r["auroc"]) for r in rows]
     assert shown == [
         ("x_tac_joint", "by trial", "0", "50", "0.6"),

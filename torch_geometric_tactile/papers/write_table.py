@@ -69,7 +69,7 @@ def write_table(run: PlanRun, out: PathLike) -> list[Path]:
     suffixes = (".md", ".csv", ".png", "-runs.csv")
     paths = [Path(out) / f"{run.plan.table.name}{suffix}" for suffix in suffixes]
     page, numbers, picture, runs = paths
-    for path, text in ((page, markdown(run)), (numbers, csv_text(run)), (runs, runs_csv(run))):
+    for path, text in ((page, markdown(run)), (numbers, csv_text(run)), (runs, _runs_csv(run))):
         with atomic_path(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
     save_figure(_picture(run), picture)
@@ -128,7 +128,7 @@ def csv_text(run: PlanRun) -> str:
     return file.getvalue()
 
 
-def runs_csv(run: PlanRun) -> str:
+def _runs_csv(run: PlanRun) -> str:
     r"""Returns the metrics and costs of each run, one run a line; accuracies in percent."""
     rows = run_rows(run)
     file = io.StringIO()
