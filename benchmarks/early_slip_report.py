@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from early_slip import PROTOCOLS, WITHIN
+from scipy.stats import t
 from shared import parse, table, write_json
 
 from torch_geometric_tactile.papers import (
@@ -32,9 +33,10 @@ _NAMES = {
 _EQUAL = (0.1, 0.3, 0.5, 1.0)  # seconds before the onset, each with a threshold of its own
 
 
-def read(runs: Path) -> dict[str, dict[str, list[tuple[SlipScores, SlipScores, int]]]]:
-    """Returns validation and test scores, by protocol and method, seed by seed."""
-    found: dict[str, dict[str, list[tuple[SlipScores, SlipScores, int]]]] = defaultdict(
+def read(runs: Path) -> dict[str, dict[str, list[tuple[SlipScores, SlipScores, int, int]]]]:
+    """Returns validation and test scores, the number of windows trained on and the fold, by
+    protocol and method, split by split."""
+    found: dict[str, dict[str, list[tuple[SlipScores, SlipScores, int, int]]]] = defaultdict(
         lambda: defaultdict(list)
     )
     for protocol in PROTOCOLS:
@@ -45,7 +47,8 @@ def read(runs: Path) -> dict[str, dict[str, list[tuple[SlipScores, SlipScores, i
                         SlipScores(*(file[f"{part}_{key}"] for key in _KEYS))
                         for part in ("val", "test")
                     )
-                    found[protocol][method].append((val, test, int(file["num_train"])))
+                    fold = int(path.stem.rpartition("_")[2])
+                    found[protocol][method].append((val, test, int(file["num_train"]), fold))
     return found
 
 
@@ -58,7 +61,7 @@ def numbers(runs: Path) -> dict[str, dict[str, dict[str, list[float]]]]:
     for protocol, methods in read(runs).items():
         for method, scores in methods.items():
             row: dict[str, list[float]] = defaultdict(list)
-            for val, test, num_train in scores:
+            for val, test, num_train, fold in scores:
                 equal = [
                     lead_times(test, alarm_threshold(val, FALSE_ALARMS, before), [before])
                     for before in _EQUAL
@@ -71,6 +74,8 @@ def numbers(runs: Path) -> dict[str, dict[str, dict[str, list[float]]]]:
                 row["false_alarms"].append(times.false_alarms.tolist())
                 row["num_slips"].append(times.num_slips.tolist())
                 row["num_train"].append(num_train)
+                row["fold"].append(fold)
+                row["overlap"].append(len(test.trial) / num_train)
                 row["num_grasps"].append(len(np.unique(test.trial)))
                 for key, value in slip_summary(test, threshold, WITHIN)._asdict().items():
                     row[key].append(value)
@@ -109,6 +114,31 @@ def equal_table(rows: dict[str, dict[str, list[float]]]) -> list[str]:
     return table(["method", *(f"{before:g} s before" for before in _EQUAL)], lines)
 
 
+def difference_table(rows: dict[str, dict[str, list[float]]]) -> list[str]:
+    """Returns the first method less others by the one rule for noise, over the splits: alarms as in
+    the table before, in points, and the ROC. Seeds of one object left out are one split."""
+    lines, ours = [], rows["temporal"]
+    for other in ("lstm", "pressure", "force"):
+        cells = []
+        for i in range(len(_EQUAL)):
+            recall = (100 * np.array(row["equal_recall"])[:, i] for row in (ours, rows[other]))
+            cells.append(_verdict(ours, np.subtract(*recall), 1))
+        roc = np.array(ours["roc_auc"]) - np.array(rows[other]["roc_auc"])
+        lines.append([_NAMES[other], *cells, _verdict(ours, roc, 3)])
+    head = (f"{before:g} s before" for before in _EQUAL)
+    return table(["TemporalTaxelNet less", *head, "ROC"], lines)
+
+
+def _verdict(row: dict[str, list[float]], gains: np.ndarray, digits: int) -> str:
+    folds = np.array(row["fold"])
+    if len(set(folds)) > 1:
+        gains = np.array([gains[folds == fold].mean() for fold in sorted(set(folds))])
+    error = gains.std(ddof=1) * np.sqrt(1 / len(gains) + np.mean(row["overlap"]))
+    is_beyond = abs(gains.mean()) > t.ppf(0.975, len(gains) - 1) * error
+    told = f"{gains.mean():+.{digits}f} ± {error:.{digits}f}"
+    return f"**{told}**" if is_beyond else told
+
+
 def _spread(values: np.ndarray, digits: int = 1) -> str:
     if len(values) < 2:
         return f"{values.mean():.{digits}f}"
@@ -133,7 +163,7 @@ def main() -> int:
     write_json(arguments.json, content)
     for protocol, rows in found.items():
         print(f"\n{protocol}\n")
-        print("\n".join([*alarm_table(rows), "", *equal_table(rows)]))
+        print("\n".join([*alarm_table(rows), "", *equal_table(rows), "", *difference_table(rows)]))
         curves = {
             _NAMES[name]: AlarmCurves(np.array(row["recall"]), np.array(row["false_alarms"]))
             for name, row in rows.items()
