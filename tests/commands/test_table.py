@@ -1,12 +1,15 @@
 import sys
 
+import numpy as np
 import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.cli import build_parser, main
-from torch_geometric_tactile.experiments import run_plan
+from torch_geometric_tactile.experiments import Predictions, run_plan
+
+SAID = Predictions(np.eye(2)[[0, 1, 1, 1]], np.array([0, 1, 1, 1]), np.array([0, 0, 1, 1]))
 
 
 @pytest.fixture
@@ -19,6 +22,7 @@ def command(grasps, tmp_path, monkeypatch):
         return {
             "metrics": {"accuracy": 0.5, "f1": 0.25, "auroc": 0.75},
             "label_names": None,
+            "predictions": SAID.to_dict(),
             "num_train": 48,
             "num_test": 24,
             "frames_per_second": 100.0,
@@ -42,7 +46,7 @@ def test_finished_table_is_named(command, tmp_path, capsys):
         "p2-table2: 12 of 18 runs finished, 6 missing",
         *(
             f"wrote {tmp_path / name}"
-            for name in ("p2-table2.md", "p2-table2.csv", "p2-table2.png")
+            for name in ("p2-table2.md", "p2-table2.csv", "p2-table2.png", "p2-table2-runs.csv")
         ),
     ]
     page = (tmp_path / "p2-table2.md").read_text()
