@@ -35,9 +35,9 @@ class SparshSkin(PlacedFiles):
     A sample is a frame: 368 taxels (see
     :func:`~torch_geometric_tactile.sensors.allegro_uskin_368`) with three channels in raw counts,
     less the mean of the recording of the untouched hand, as the authors do; the 16 angles
-    :obj:`joint` in radians; :obj:`time` in seconds as published, from the start of the episode. :obj:`trial`
-    numbers the episodes, :obj:`y` and :obj:`group` the objects: any folder with numbered episodes
-    counts as one. Positions depend on the joint angles and are not stored;
+    :obj:`joint` in radians; :obj:`time` in seconds as published, from the start of the episode.
+    :obj:`trial` numbers the episodes, :obj:`y` and :obj:`group` the objects: any folder with
+    numbered episodes counts as one. Positions depend on the joint angles and are not stored;
     :class:`~torch_geometric_tactile.transforms.TaxelPose` computes them batch by batch.
 
     .. warning::
@@ -75,10 +75,11 @@ class SparshSkin(PlacedFiles):
     that of the authors' published converter and loaders (data at commit ``fc1d668``), the numbers
     above are those that the authors state or follow from them, and tests use made-up files. Also
     unknown here: the order of the joints and whether the hand is a right one, both of which
-    :meth:`HandKinematics.allegro` takes for granted. **The licence was not read**: check it on the
-    card of the data set before use (other data sets of the same project are CC BY-NC 4.0). Nothing
-    is downloaded, for that reason and as all of it is 54.3 GB; the error for missing files has the
-    command that fetches what is needed.
+    :class:`~torch_geometric_tactile.transforms.TaxelPose` takes for granted.
+
+    **The licence was not read**: check it on the card of the data set before use (other data sets
+    of the same project are CC BY-NC 4.0). Nothing is downloaded, for that reason and as all of it
+    is 54.3 GB; the error for missing files has the command that fetches what is needed.
 
     Args:
         root (str or PathLike, optional): Folder of the data set; the objects are in its folder

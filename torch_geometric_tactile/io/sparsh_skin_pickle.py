@@ -45,8 +45,9 @@ def read_sparsh_skin(folder: PathLike, joints: bool = True) -> Recording:
     of patches. Digits and phalanges are right by that list. Which of the three patches of the palm
     is which, and the order of the taxels within any patch, are not known here: both are taken as
     they come (:obj:`palm_2`, :obj:`palm_1`, :obj:`palm_3` as :obj:`palm_1_index`,
-    :obj:`palm_1_ring`, :obj:`palm_2_ring`), so that places within a patch may be permuted. Check with the URDF of the data set
-    (:obj:`pretraining/urdf`) before you rely on the geometry inside a patch or the palm.
+    :obj:`palm_1_ring`, :obj:`palm_2_ring`), so that places within a patch may be
+    permuted. Check with the URDF of the data set (:obj:`pretraining/urdf`) before you rely on the
+    geometry inside a patch or the palm.
 
     Args:
         folder (str or PathLike): The folder.
