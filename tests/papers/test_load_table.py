@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import pytest
@@ -248,6 +249,14 @@ def test_own_table_is_run_and_written(own_table, tmp_path, capsys):
     assert "Published" not in page
     assert main([*arguments, "--no-train"]) == 0
     assert "(16 kept from before)" in capsys.readouterr().out
+
+
+def test_a_configuration_may_be_in_the_table(own_table):
+    by_name = load_table(str(own_table)).cells[0]
+    own_table.write_text(OWN.replace("mine/gcn.yaml", json.dumps(cell_config(by_name))))
+    inside = load_table(str(own_table)).cells[0]
+    assert isinstance(inside.config, dict)
+    assert cell_config(inside) == cell_config(by_name)
 
 
 def test_folds_are_pooled_before_they_are_scored(own_table, tmp_path):

@@ -121,7 +121,7 @@ class SparshSkin(PlacedFiles):
         root: PathLike | None = None,
         *,
         rate: float | None = 10.0,
-        tare: Literal["baseline"] | None = _BASELINE,
+        tare: Literal["baseline"] | None = "baseline",
         adjacency: str = "original",
         transform: Transform | None = None,
         pre_transform: Transform | None = None,

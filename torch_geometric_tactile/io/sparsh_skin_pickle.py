@@ -106,7 +106,7 @@ def _touch(path: Path) -> tuple[np.ndarray, np.ndarray]:
     is_list = isinstance(frames, list) and len(frames) > 0
     need(is_list, f"'{path}' must hold a list of frames, at least one", type(frames).__name__)
     for number, frame in enumerate(frames):
-        _check_shape(path, f"frame {number}", frame, (_NUM_TAXELS, 4))
+        _of_shape(path, f"frame {number}", frame, (_NUM_TAXELS, 4))
     size = sum(frame.nbytes for frame in frames)
     if is_absurd(size, path.stat().st_size, ARRAY_BYTES, expansion=1):
         raise ValueError(f"'{path}' must not hold its frames many times (got {size} bytes of them)")
@@ -128,16 +128,17 @@ def _joint_states(path: Path) -> np.ndarray:
     content = read_numpy_pickle(path)
     states = content.get("joint_states") if isinstance(content, dict) else None
     count = len(states) if isinstance(states, np.ndarray) and states.ndim else 0
-    _check_shape(path, "'joint_states'", states, (max(count, 1), 1 + 2 * _NUM_JOINTS))
-    states = states.astype(np.float64)
+    shape = max(count, 1), 1 + 2 * _NUM_JOINTS
+    states = _of_shape(path, "'joint_states'", states, shape).astype(np.float64)
     _check_times(path, states[:, 0])
     _check_finite(path, states)
     return states
 
 
-def _check_shape(path: Path, what: str, array: Any, shape: tuple[int, ...]) -> None:
+def _of_shape(path: Path, what: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
     found = array.shape if isinstance(array, np.ndarray) else type(array).__name__
     need(found == shape, f"'{path}': {what} must be an array of shape {shape}", found)
+    return np.asarray(array)
 
 
 def _check_times(path: Path, time: np.ndarray) -> None:
