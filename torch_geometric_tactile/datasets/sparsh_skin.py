@@ -44,7 +44,7 @@ class SparshSkin(PlacedFiles):
         Frames of an episode follow each other and are near copies: **a split by frame tests on what
         was trained on**. Hold out episodes, ``Protocol("trial", stratify="group")``. Whether
         all episodes of an object were recorded in a row, so that drift or the setting tells it, is
-        not known here; no other day or hand is tested by any split.
+        not known here, nor whether any split tests another day or hand.
 
         **Places within a patch may be permuted**, and the three patches of the palm with each
         other: see :func:`~torch_geometric_tactile.io.read_sparsh_skin`. Digits and phalanges are
