@@ -1,5 +1,7 @@
 """Small files in the forms of published data sets, written from their documentation."""
 
+import pickle
+
 import numpy as np
 
 USKIN_READINGS = [f"txl{taxel}_{axis}" for taxel in range(1, 17) for axis in "xyz"]
@@ -42,6 +44,44 @@ def uskin_trial(folder, frames=8, obj="7", dropped=0, seen=1, rate=40.0, notes=N
     times = ["2021-11-25 13:07:15.514804", "2021-11-25 13:07:20.159157"]
     write_csv(folder / "meta_data.csv", names, [[*row, "xela_2fingers_noglove", rate, *times]])
     return folder
+
+
+def sparsh_touch(frames=6, base=30000.0, rate=100.0, start=0.0):
+    """Frames (368, 4): seconds, and counts that tell taxel, axis and frame."""
+    counts = base + 10 * np.arange(368)[:, None] + np.arange(3)
+    time = start + np.arange(frames) / rate
+    return [np.column_stack([np.full(368, t), counts + i]) for i, t in enumerate(time)]
+
+
+def sparsh_joints(frames=8, rate=80.0, start=-0.01):
+    """Joint states (T', 33): seconds, angles and efforts that are linear in time."""
+    time = start + np.arange(frames) / rate
+    return np.column_stack([time, time[:, None] + 0.01 * np.arange(32)])
+
+
+def sparsh_episode(folder, touch=None, joints=None, protocol=4):
+    """An episode of Sparsh-skin."""
+    touch = sparsh_touch() if touch is None else touch
+    pickled(folder / "xela" / "data.pkl", touch, protocol)
+    states = {"joint_states": sparsh_joints() if joints is None else joints}
+    pickled(folder / "allegro" / "data.pkl", states, protocol)
+    return folder
+
+
+def sparsh_skin(folder, objects=("cup", "corn"), episodes=4, frames=30, base=30000.0):
+    """Objects with numbered episodes, and the hand at rest."""
+    for i, name in enumerate(objects):
+        for number in range(episodes):
+            touch = sparsh_touch(frames, base + 100 * i)
+            sparsh_episode(folder / name / str(number), touch, sparsh_joints(frames))
+    pickled(folder / "baseline" / "xela" / "data.pkl", sparsh_touch(3, base))
+    return folder
+
+
+def pickled(path, content, protocol=4):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(pickle.dumps(content, protocol))
+    return path
 
 
 def slide(path, frames=5, start=1581073084.690542596, base=0):

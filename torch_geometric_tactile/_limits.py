@@ -9,6 +9,8 @@ IDX_BYTES = 2**27  # all images of MNIST take a third
 MAT_TEXT_BYTES = 2**20  # of a cell array of texts; ten thousand names take less
 MAT_BYTES = 2**26  # which are taken on trust of what is packed, before its checksum
 
+PICKLE_STEPS = 5_000_000  # half an hour of a hand at 100 frames a second takes as many
+
 RECORD_BYTES = 2**27  # of a record of MCAP, and of what a chunk of them may become
 FRAME_BYTES = 2**26  # of one frame in MCAP
 PNG_BYTES = 2**22  # of a file, with whatever a camera or program writes beside a small image

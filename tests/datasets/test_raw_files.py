@@ -10,6 +10,7 @@ from torch_geometric_tactile.datasets import (
     BrailleLetters,
     ICubGrasp,
     LetterShape,
+    SparshSkin,
     TactileGlove,
     USkinPick,
 )
@@ -24,6 +25,7 @@ NEXT_STEPS = {
     BrailleLetters: r"no 'braille_letters.npz' in '.*raw' or .*record/7050094[^$]*savez_compressed",
     ICubGrasp: r"no trials in '.*raw' or .*haroldsoh\.com",
     TactileGlove: r"no 'metadata.mat' in '.*raw' or .*classification_lite.zip \(https://stag",
+    SparshSkin: r"(?s)no episodes in .*the licence .*huggingface-cli download .*baseline/xela/data",
     USkinPick: r"no trials in '.*raw' or .*git clone; .* commit ed8c1a0",
     LetterShape: r"no letters in .*simulate --objects letters",
 }

@@ -181,6 +181,14 @@ DATA_SETS = {
         "an npz file of yours",
         "what was measured together",
     ),
+    "SparshSkin": (
+        "real",
+        "which of 14 objects is in the hand",
+        "100, of which 10 are read",
+        "not read: see its card",
+        "Hugging Face, by one command",
+        "episodes",
+    ),
     "USkinPick": (
         "real",
         "does a gripper drop the box",

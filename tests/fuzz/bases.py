@@ -152,6 +152,14 @@ def uskin_pick(folder: Path) -> None:
         (folder / name).unlink()
 
 
+def sparsh_skin(folder: Path) -> None:
+    from published_files import pickled, sparsh_joints, sparsh_touch
+
+    for protocol in (4, 5):
+        pickled(folder / f"touch{protocol}.pkl", sparsh_touch(2), protocol)
+        pickled(folder / f"joints{protocol}.pkl", {"joint_states": sparsh_joints(3)}, protocol)
+
+
 def _bigs_fields(frames: int = 3) -> dict[str, np.ndarray]:
     draw = np.random.default_rng(0)
     return {

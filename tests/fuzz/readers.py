@@ -144,6 +144,13 @@ def uskin_pick(path: Path) -> Any:
     return [recording(read_uskin_pick(path.parent, repeats)) for repeats in (True, False)]
 
 
+def sparsh_skin(path: Path) -> Any:
+    """The two files of an episode, one by one."""
+    from torch_geometric_tactile.io.sparsh_skin_pickle import _joint_states, _touch
+
+    return plain(_touch(path) if path.name.startswith("touch") else _joint_states(path))
+
+
 def bigs(path: Path) -> Any:
     from torch_geometric_tactile.io import BiGSFormat, read_bigs
 

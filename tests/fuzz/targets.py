@@ -20,6 +20,7 @@ from fuzz import (
     mcap_mutations,
     model_bases,
     oracles,
+    pickle_mutations,
     readers,
     stream_bases,
     stream_oracles,
@@ -301,6 +302,9 @@ TARGETS: Sequence[Target] = (
         _one_of_several,
         weight=4,
         suffix=".csv",
+    ),
+    Target(
+        "Sparsh-skin", bases.sparsh_skin, readers.sparsh_skin, pickle_mutations.mutate, weight=4
     ),
     Target("BiGS npz", bases.bigs_npz, readers.bigs, _samples_npz, weight=4),
     Target("BiGS HDF5", bases.bigs_hdf5, readers.bigs, _fields_hdf5, weight=4),

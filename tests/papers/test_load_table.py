@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import pytest
@@ -86,6 +87,40 @@ def test_table_of_the_demo():
     assert not table.is_published
 
 
+POSE = "torch_geometric_tactile.transforms.TaxelPose"
+
+
+def poses(content):
+    """The arguments of each TaxelPose in a configuration."""
+    if isinstance(content, list):
+        return [found for value in content for found in poses(value)]
+    if not isinstance(content, dict):
+        return []
+    own = [content.get("init_args", {})] if content.get("class_path") == POSE else []
+    return own + [found for value in content.values() for found in poses(value)]
+
+
+@pytest.mark.parametrize(("name", "like"), [("sparsh-p1", "p1-table2"), ("sparsh-p2", "p2-table2")])
+def test_a_table_like_another_has_its_models_on_other_data(name, like):
+    table, other = load_table(name), load_table(like)
+    places = [(c.section, c.row, c.column, c.experiment) for c in table.cells]
+    assert places == [(c.section, c.row, c.column, c.experiment) for c in other.cells]
+    assert table.orderings == other.orderings
+    assert (table.paper, table.place, table.is_published) == ("", "", False)
+    assert other.is_published
+    assert (table.task, other.task) == ("multiclass", load_table(like).task)
+    (protocol,) = table.protocols
+    assert protocol.protocol.describe().startswith("by trial, 10 % for validation, 20 % for the")
+    check_arguments(table.data.class_path, table.data.arguments)
+    for cell, known in zip(table.cells, other.cells, strict=True):
+        config, before = cell_config(cell), cell_config(known)
+        assert config["model"] == {**before["model"], "task": "multiclass"}
+        assert config["trainer"] == before["trainer"]
+        assert poses(config) == [{"layout": "allegro_uskin_368"}] * len(poses(before))
+        assert not any(poses(before))
+        assert bool(poses(config)) == (set(cell.column) & {"E", "A", "P"} != set())
+
+
 def test_published_numbers_of_the_property_paper():
     values = published("p1-table2")
     assert values["mt_gcn_te_joint"] == max(values.values()) == 86.08
@@ -154,6 +189,12 @@ def test_list_prints_every_experiment_with_its_number(name, capsys):
     assert "Held out: " in text
 
 
+def test_list_names_only_configurations_that_can_be_given(capsys):
+    for name, there in (("p2-table2", True), ("sparsh-p2", False)):
+        main(["table", name, "--list"])
+        assert ("tactile fit --config" in capsys.readouterr().out) == there
+
+
 def test_protocols_by_their_names():
     table = load_table("p1-table2")
     assert [entry.name for entry in table.select_protocols(["frame"])] == ["by frame"]
@@ -208,6 +249,14 @@ def test_own_table_is_run_and_written(own_table, tmp_path, capsys):
     assert "Published" not in page
     assert main([*arguments, "--no-train"]) == 0
     assert "(16 kept from before)" in capsys.readouterr().out
+
+
+def test_a_configuration_may_be_in_the_table(own_table):
+    by_name = load_table(str(own_table)).cells[0]
+    own_table.write_text(OWN.replace("mine/gcn.yaml", json.dumps(cell_config(by_name))))
+    inside = load_table(str(own_table)).cells[0]
+    assert isinstance(inside.config, dict)
+    assert cell_config(inside) == cell_config(by_name)
 
 
 def test_folds_are_pooled_before_they_are_scored(own_table, tmp_path):

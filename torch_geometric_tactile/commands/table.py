@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # As in `experiments`, which is too slow to import for its names.
 TABLES = (
     *("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "p4"),
-    *("p5", "p5-digits", "p5-arrays", "bts3"),
+    *("p5", "p5-digits", "p5-arrays", "bts3", "sparsh-p1", "sparsh-p2"),
 )
 _OF_TABLE = object()  # what the table says
 _HEADERS = {
@@ -50,6 +50,9 @@ tables:
   p5-digits   the same on real images: the handwritten digits of scikit-learn
   p5-arrays   letters on arrays of any layout, such as hexagonal or thinned: graph models and CNNs
   bts3        grasp stability on real grasps: the runs of 'tactile demo'
+  sparsh-p1   P1's 36 models on public recordings of a real hand with 368 taxels, by object
+              (Sparsh-skin, which you fetch yourself: the error for no files says how)
+  sparsh-p2   P2's 18 models on the same
   FILE.yaml   your own table, on any data set (see docs/experiments.md)
 """
 EXAMPLES = """\
@@ -73,6 +76,7 @@ examples:
   tactile simulate --objects letters --presses 100 --out letters --jobs 2
   tactile table p5 --root letters --epochs 20 --protocols press --jobs 2
                                                          tests on unseen presses
+  tactile table sparsh-p1 --root sparsh --jobs 2         the published recordings, by episode
   tactile table p1-table2 --root sim --stride 20 --backend dask --scheduler tcp://host:8786
 
 Each finished run (a model, a seed, a protocol) is a file in DIR/runs: the same command resumes
@@ -243,6 +247,6 @@ def _listed(table: "Table") -> str:
     protocols = "; ".join(f"{p.name} ({p.protocol.describe()})" for p in table.protocols)
     text = f"{table.title}\n{len(rows)} experiments{published}:\n\n{tabulate(rows, headers)}\n\n"
     text += f"Held out: {protocols}"
-    alone = next((cell.config for cell in table.cells if cell.config is not None), None)
+    alone = next((cell.config for cell in table.cells if isinstance(cell.config, str)), None)
     text = text if alone is None else f"{text}\nA single one: tactile fit --config {alone}"
     return "\n".join(map(printable, text.split("\n")))

@@ -15,6 +15,7 @@ from torch_geometric_tactile.datasets.pressure_mat import PressureMat
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.datasets.samples_file import SamplesFile
+from torch_geometric_tactile.datasets.sparsh_skin import SparshSkin
 from torch_geometric_tactile.datasets.tactile_glove import TactileGlove
 from torch_geometric_tactile.datasets.uskin_pick import USkinPick
 
@@ -33,6 +34,7 @@ __all__ = [
     "PressureMat",
     "RecordingFrames",
     "SamplesFile",
+    "SparshSkin",
     "TactileGlove",
     "USkinPick",
     "default_root",

@@ -357,7 +357,7 @@ def _cell(content: Mapping[str, Any], template: str | None, folder: Path) -> Cel
     config = values.pop("config", None)
     if config is None and template is not None and "estimator" not in values:
         config = f"{template}/{values['experiment']}"
-    if config is not None and (folder / config).is_file():
+    if isinstance(config, str) and (folder / config).is_file():
         config = str(folder / config)
     values.setdefault("experiment", values["row"])
     values["column"] = str(values.get("column", ""))

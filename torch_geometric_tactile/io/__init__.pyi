@@ -29,6 +29,7 @@ from .recording_hdf5 import append_hdf5, read_hdf5, read_hdf5_head, write_hdf5
 from .recording_mcap import McapWriter, write_mcap
 from .recording_npz import read_npz, write_npz
 from .samples_npz import read_samples_npz
+from .sparsh_skin_pickle import read_sparsh_skin
 from .uskin_pick_csv import read_uskin_pick
 from .wide_csv import read_wide_csv, write_wide_csv
 from .xela_log_csv import read_xela_log_csv
@@ -90,6 +91,7 @@ __all__ = [
     "read_pressure_mat_zip",
     "read_recording",
     "read_samples_npz",
+    "read_sparsh_skin",
     "read_uskin_pick",
     "read_wide_csv",
     "read_xela_log_csv",

@@ -134,6 +134,8 @@ def _samples(run: PlanRun) -> str:
 def _rest(tare: float | str | None) -> str:
     if tare is None:
         return ""
+    if tare == "baseline":  # one recording for all trials, or so a phase is called
+        return " The mean of the baseline readings is subtracted."
     rest = f"in the phase {tare}" if isinstance(tare, str) else f"in its first {tare:g} s"
     return f" The mean of each trial's readings {rest} is subtracted."
 

@@ -1,5 +1,6 @@
 r"""The tables of the papers, by name."""
 
+from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -8,13 +9,41 @@ from typing import Any
 import yaml
 
 from torch_geometric_tactile.experiments.tables import Table, read_table, table_of
+from torch_geometric_tactile.training._config_files import expand_template, merged
+
+_PLACE = ("section", "row", "column", "experiment")  # and what else a cell has is published
+_LEFT_OUT = ("like", "arguments", "template", "paper", "place")
 
 
 @cache
 def _content() -> dict[str, dict[str, Any]]:
     path = files("torch_geometric_tactile.papers") / "tables.yaml"
-    content: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))["tables"]
-    return content
+    tables: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))["tables"]
+    return {name: _like(own, tables) if "like" in own else own for name, own in tables.items()}
+
+
+def _like(own: dict[str, Any], tables: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    # The models of another table, which learn another task on other data.
+    other = tables[own["like"]]
+    configs, task = expand_template(other["template"]), own.get("task", other["task"])
+    cells = []
+    for cell in other["cells"]:
+        config = _with_arguments(configs[cell["experiment"]], own["arguments"])
+        place = {key: cell[key] for key in _PLACE}
+        cells.append({**place, "config": merged(config, {"model": {"task": task}})})
+    content = {**other, **own, "cells": cells}
+    return {key: value for key, value in content.items() if key not in _LEFT_OUT}
+
+
+def _with_arguments(content: Any, arguments: Mapping[str, Any]) -> Any:
+    # Gives the classes that a configuration names further arguments.
+    if isinstance(content, list):
+        return [_with_arguments(value, arguments) for value in content]
+    if not isinstance(content, Mapping):
+        return content
+    laid = {key: _with_arguments(value, arguments) for key, value in content.items()}
+    more = arguments.get(laid.get("class_path", ""))
+    return laid if more is None else merged(laid, {"init_args": more})
 
 
 def table_names() -> list[str]:
