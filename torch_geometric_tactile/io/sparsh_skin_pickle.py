@@ -38,7 +38,7 @@ def read_sparsh_skin(folder: PathLike, joints: bool = True) -> Recording:
     anything but such arrays is refused.
 
     Joints are interpolated linearly at the times of the touch; frames before the first or after
-    the last of them are left out.
+    the last of them are left out, and so are frames with the time of the one before.
 
     **The order of the taxels is partly a guess.** Frames are put into the order of
     :func:`~torch_geometric_tactile.sensors.allegro_uskin_368` patch by patch, by the authors' list
@@ -63,7 +63,7 @@ def read_sparsh_skin(folder: PathLike, joints: bool = True) -> Recording:
     Raises:
         FileNotFoundError: If a file is missing.
         ValueError: If a file is damaged, holds other than the above, or would take far more memory
-            than it has bytes, times do not increase, a number is not finite, or touch and joints
+            than it has bytes, times are not in order, a number is not finite, or touch and joints
             have no time in common. The message names the file.
 
     Examples:
@@ -111,7 +111,7 @@ def _touch(path: Path) -> tuple[np.ndarray, np.ndarray]:
     if is_absurd(size, path.stat().st_size, ARRAY_BYTES, expansion=1):
         raise ValueError(f"'{path}' must not hold its frames many times (got {size} bytes of them)")
     time = np.stack([frame[:, 0] for frame in frames]).astype(np.float64)
-    _check_times(path, time[:, 0])
+    kept = _later(path, time[:, 0])
     together = (time == time[:, :1]).all(axis=1)
     if not together.all():
         raise ValueError(
@@ -120,7 +120,7 @@ def _touch(path: Path) -> tuple[np.ndarray, np.ndarray]:
         )
     tactile = np.stack([frame[:, 1:].astype(np.float32) for frame in frames])
     _check_finite(path, tactile)
-    return time[:, 0], tactile[:, _taxel_order()]
+    return time[kept, 0], tactile[kept][:, _taxel_order()]
 
 
 def _joint_states(path: Path) -> np.ndarray:
@@ -130,9 +130,9 @@ def _joint_states(path: Path) -> np.ndarray:
     count = len(states) if isinstance(states, np.ndarray) and states.ndim else 0
     shape = max(count, 1), 1 + 2 * _NUM_JOINTS
     states = _of_shape(path, "'joint_states'", states, shape).astype(np.float64)
-    _check_times(path, states[:, 0])
+    kept = _later(path, states[:, 0])
     _check_finite(path, states)
-    return states
+    return states[kept]
 
 
 def _of_shape(path: Path, what: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
@@ -141,10 +141,13 @@ def _of_shape(path: Path, what: str, array: Any, shape: tuple[int, ...]) -> np.n
     return np.asarray(array)
 
 
-def _check_times(path: Path, time: np.ndarray) -> None:
-    wrong = np.append(False, ~(np.diff(time) > 0)) | ~np.isfinite(time)
+def _later(path: Path, time: np.ndarray) -> np.ndarray:
+    # Which rows are later than the one before: the authors' converter lets stamps repeat.
+    steps = np.diff(time, prepend=-np.inf)
+    wrong = (steps < 0) | ~np.isfinite(time)
     first = int(wrong.argmax())
-    need(not wrong.any(), f"'{path}' must have increasing times", f"{time[first]} in row {first}")
+    need(not wrong.any(), f"'{path}' must have times in order", f"{time[first]} in row {first}")
+    return steps > 0
 
 
 def _check_finite(path: Path, values: np.ndarray) -> None:
