@@ -31,7 +31,7 @@ def put(table: Path, page: Path, section: str, name: str, images: Path) -> list[
     old, next_section, after = rest.partition("\n## ") if section else (rest, "", "")
     kept = old.partition(f"\n{mark} {_KEPT}\n")
     parts = [before if section else "", title, "\n\n", body, "\n"]
-    parts += [*("\n", *kept[1:])] if kept[1] else []
+    parts += kept[1:]
     page.write_text("".join([*parts, next_section, after]), encoding="utf-8")
     written = [page]
     for path in sorted(table.parent.glob(f"{table.stem}*")):
