@@ -83,6 +83,7 @@ def test_labels_are_texts_or_whole_numbers_and_empty_cells_tell_nothing(tmp_path
         ("recording,label\na,x\na,y\n", "line 3 must not name a recording again (got 'a')"),
         ("recording,label\na,x,y\n", "line 2 must have 2 cells (got 3)"),
         ("recording,label,label\na,x,y\n", "must name each column once"),
+        ("recording,label\n", "must have a line for at least one recording"),
     ],
 )
 def test_a_wrong_table_of_labels_is_refused(tmp_path, text, message):

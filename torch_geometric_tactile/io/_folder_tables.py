@@ -77,6 +77,7 @@ def read_labels(path: Path) -> dict[str, dict[str, str | int]]:
                 f"'{path}', line {line} must not name a recording again (got {quoted(recording)})"
             )
         out[recording] = {name: cell for name, cell in cells.items() if cell}
+    need(out, f"'{path}' must have a line for at least one recording (got its header): is it cut?")
     for name in place:
         found = [told for told in out.values() if name in told]
         if all(_INTEGER.fullmatch(str(told[name])) for told in found):
