@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # As in `experiments`, which is too slow to import for its names.
 TABLES = (
     *("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "p4"),
-    *("p5", "p5-digits", "p5-arrays", "bts3", "sparsh-p1", "sparsh-p2"),
+    *("p5", "p5-digits", "p5-mnist", "p5-arrays", "bts3", "sparsh-p1", "sparsh-p2"),
 )
 _OF_TABLE = object()  # what the table says
 _HEADERS = {
@@ -48,6 +48,7 @@ tables:
               shared or separate filters, an FNN and our models
   p5          letters pressed on an array: CNN, BMF-CNN, fused layers, SIFT, SURF and our models
   p5-digits   the same on real images: the handwritten digits of scikit-learn
+  p5-mnist    the same on MNIST, 70,000 images, which is downloaded
   p5-arrays   letters on arrays of any layout, such as hexagonal or thinned: graph models and CNNs
   bts3        grasp stability on real grasps: the runs of 'tactile demo'
   sparsh-p1   P1's 36 models on public recordings of a real hand with 368 taxels, by object
@@ -240,7 +241,7 @@ def _listed(table: "Table") -> str:
     ]
     headers = ["experiment", "model", "inputs", "", *(_HEADERS[key] for key in keys)]
     published = (
-        f"; published numbers ({table.place}), of a {table.measured_on} with private recordings"
+        f"; published numbers ({table.place}), of a {table.measured_on}, {table.recordings} recordings"
         if table.is_published
         else ""
     )
