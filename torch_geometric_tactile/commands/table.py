@@ -241,7 +241,8 @@ def _listed(table: "Table") -> str:
     ]
     headers = ["experiment", "model", "inputs", "", *(_HEADERS[key] for key in keys)]
     published = (
-        f"; published numbers ({table.place}), of a {table.measured_on}, {table.recordings} recordings"
+        f"; published numbers ({table.place}), of a {table.measured_on}, "
+        f"{table.recordings} recordings"
         if table.is_published
         else ""
     )
