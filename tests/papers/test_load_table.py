@@ -185,7 +185,8 @@ def test_list_prints_every_experiment_with_its_number(name, capsys):
         (line,) = [line for line in lines if line.startswith(f"{cell.experiment} ")]
         if cell.published:
             assert f"{cell.published['accuracy']:g}" in line
-    assert ("private recordings" in text) == load_table(name).is_published
+    table = load_table(name)
+    assert (f"{table.recordings} recordings" in text) == table.is_published
     assert "Held out: " in text
 
 
