@@ -59,6 +59,7 @@ def main() -> int:
     write_json(arguments.json, {name: np.round(v, 2).tolist() for name, v in found.items()})
     title = "Simulated letters, 31,200 images to train, one fold by press, ± over ten epochs"
     figure = plot_curves(curves, "epochs", "Accuracy in % on presses held out", title)
+    figure.axes[0].set_ylim(top=100)
     save_figure(figure, arguments.image)
     lines = [
         [f"{end - _STEP + 1} to {end}", *(_shown(curve, end) for curve in curves.values())]
