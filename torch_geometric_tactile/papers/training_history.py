@@ -1,10 +1,10 @@
 r"""How a network of a table learnt."""
 
+import statistics
 from typing import Any
 
 import lightning as L
 import torch
-from torch import Tensor
 from torch.nn import functional as F
 
 from torch_geometric_tactile.experiments.studies import Study, Trained
@@ -47,13 +47,13 @@ class _Watch(L.Callback):
             "test_loss": [],
             "test_accuracy": [],
         }
-        self._losses: list[Tensor] = []
-        self._gradients: dict[str, list[Tensor]] = {}
+        self._losses: list[float] = []
+        self._gradients: dict[str, list[float]] = {}
 
     def on_train_batch_end(
         self, trainer: L.Trainer, pl_module: L.LightningModule, outputs: Any, *args: Any
     ) -> None:
-        self._losses.append(outputs["loss"].detach())
+        self._losses.append(float(outputs["loss"]))
 
     def on_before_optimizer_step(
         self, trainer: L.Trainer, pl_module: L.LightningModule, optimizer: Any
@@ -61,13 +61,13 @@ class _Watch(L.Callback):
         for name, weight in pl_module.named_parameters():
             if weight.dim() > 1 and weight.grad is not None:
                 layer = name.removeprefix("model.").rpartition(".")[0] or name
-                size = weight.grad.detach().square().mean().sqrt()
+                size = float(weight.grad.detach().square().mean().sqrt())
                 self._gradients.setdefault(layer, []).append(size)
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         said = collect_predictions(pl_module, self._data.test_dataloader())  # type: ignore[arg-type]
         right = said.probability.argmax(dim=1) == said.y
-        self._epoch["train_loss"].append(float(torch.stack(self._losses).mean()))
+        self._epoch["train_loss"].append(statistics.fmean(self._losses))
         self._epoch["test_loss"].append(float(F.cross_entropy(said.logits, said.y)))
         self._epoch["test_accuracy"].append(float(right.double().mean()))
         self._losses = []
@@ -75,7 +75,7 @@ class _Watch(L.Callback):
     def found(self) -> dict[str, Any]:
         wanted = torch.tensor(_QUANTILES)
         gradients = {
-            layer: torch.stack(sizes).float().cpu().quantile(wanted).tolist()
+            layer: torch.tensor(sizes).quantile(wanted).tolist()
             for layer, sizes in self._gradients.items()
         }
         return {**self._epoch, "gradients": gradients}
