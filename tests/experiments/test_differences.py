@@ -115,6 +115,14 @@ def test_errors_of_numbers():
     assert prediction_scores(y, prediction, numbers=True)["mae"] == 0.75
 
 
+def test_all_labels_of_a_sample_must_be_right():
+    y = np.array([[1, 0], [0, 1], [1, 1]])
+    other = np.array([[1, 0], [0, 0], [1, 1]])
+    first, second = (Predictions(p, p, y, trial=np.arange(3)) for p in (y, other))
+    found = paired_difference([first], [second], "accuracy")
+    assert found.mean == pytest.approx(1 / 3)
+
+
 def test_scores_are_those_of_scikit_learn():
     from sklearn.metrics import balanced_accuracy_score, f1_score
 

@@ -57,12 +57,13 @@ def sample_scores(y: np.ndarray, prediction: np.ndarray, metric: str) -> np.ndar
         array([0.66666667, 0.66666667, 0.        , 2.        ])
 
     Shapes:
-        - **y:** Classes :math:`(S,)`, or numbers :math:`(S,)` or :math:`(S, C)`.
+        - **y:** Classes :math:`(S,)`, labels :math:`(S, C)`, all of which must be right, or numbers
+          :math:`(S,)` or :math:`(S, C)`.
     """
     if metric == "mae":
         error = np.abs(prediction.reshape(y.shape).astype(np.float64) - y)
         return error.reshape(len(y), -1).mean(axis=1)
-    hit = (y == prediction).astype(np.float64)
+    hit = (y == prediction).reshape(len(y), -1).all(axis=1).astype(np.float64)
     if metric == "accuracy":
         return hit
     _, place, count = np.unique(y, return_inverse=True, return_counts=True)
