@@ -197,6 +197,14 @@ def test_one_look_without_gradients_that_leaves_all_as_it_was(labelled):
     assert (model.frozen.training, model.dropout.training) == (False, True)
 
 
+def test_looks_where_the_weights_are_not_where_lightning_will_move_them(labelled):
+    module, data = TactileModule(Linear(), num_classes=3), TactileDataModule(labelled("multiclass"))
+    data.setup("fit")
+    module._device = torch.device("meta")  # as Lightning names a GPU before the set-up
+    check_data(module, data, "fit")
+    assert module.model.calls == [(2, False, False)]
+
+
 @pytest.mark.parametrize(
     ("task", "y", "match"),
     [

@@ -192,7 +192,8 @@ def _check_outputs(module: Any, batch: StaticData) -> None:
     ]
     try:
         with torch.no_grad(), kept_rng():
-            batch = batch.to(module.device)
+            # Lightning names the device of the module before it moves the weights there.
+            batch = batch.to(next(module.parameters(), torch.empty(0)).device)
             module.inputs(batch)  # which tells itself what is missing
             out = _run(module, batch)
     finally:
