@@ -69,7 +69,10 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         "--threads", metavar="N", type=small_count, default=1, help="threads per run (default: 1)"
     )
     workers.add_argument(
-        "--accelerator", choices=("cpu", "gpu"), default="cpu", help="where to train (default: cpu)"
+        "--accelerator",
+        choices=("cpu", "gpu"),
+        default="cpu",
+        help="where to train (default: cpu); jobs take turns on a GPU",
     )
     workers.add_argument(
         "--backend",
