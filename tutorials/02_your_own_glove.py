@@ -385,7 +385,7 @@ main(
 # - Three things describe a glove: the names of the columns, a layout in metres, and what a trial
 #   is.
 # - A data set of recordings is a PyG data set: loaders, transforms and layers of PyG work on it.
-# - Split by what will be new. Here a split by frame gave 0.97 and new trials gave 0.57, with the
+# - Split by what will be new. Here a split by frame gave 0.96 and new trials gave 0.57, with the
 #   same model.
 # - Subtract the rest of each trial. Here that raised the accuracy on new trials from 0.57 to 0.97.
 # - The numbers are of a simulated glove. Run the same three lines on yours before you believe any

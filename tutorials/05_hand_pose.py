@@ -245,8 +245,8 @@ for scores, unit in ((error, "mm"), (right, "points")):
 #
 # **Shape: nothing to be seen here.** The difference between the posed and the open hand is within
 # the noise, and a fully connected network and a forest are level with both. In the full study (600
-# trials, longer training) the pose adds 0.1 ± 0.9 points, and `PosedTaxelNet` is 2.5 ± 1.0 points
-# above this FNN (0.9 ± 0.9 if the FNN is trained with taxel dropout).
+# trials, longer training) the pose adds 0.1 ± 0.9 points, and `PosedTaxelNet` is 2.5 ± 1.1 points
+# above this FNN, within the noise (0.9 ± 0.9 if the FNN is trained with taxel dropout).
 
 # %%
 for other in (OPEN, FNN, FOREST):

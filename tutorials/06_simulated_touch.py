@@ -230,7 +230,7 @@ assert mean > 12.5 + 15
 # %% [markdown]
 # Two trials of each object to train on are few, and ± is the standard deviation over three folds:
 # this page shows leaks, and is no measure of how well touch tells these objects. With 80 trials of
-# 17 s the same forest on touch names 93.2 % of the objects on unseen trials ([plain models on the
+# 17 s a forest on touch names 93.2 % of the objects on unseen trials ([plain models on the
 # simulated hand](../docs/results/simulated_hand.md)).
 #
 # ## What to take from this

@@ -7,7 +7,7 @@
 # network that also runs frame by frame, and counts its alarms, the right ones and the false ones,
 # beside two thresholds that need no network.
 #
-# **Simulated**: 48 generated grasps in the form of the BiGS data set, which is not public.
+# **Simulated**: 48 generated grasps in the form of the BiGS data set, of which we found no copy.
 # Nothing on this page is a result on a real hand. It takes about 40 s.
 
 # %% [markdown]
@@ -268,7 +268,8 @@ assert summaries["vibration"].held_alarmed > 0.6
 # * `step` with a state gives on each frame the numbers of the window, so the model that you
 #   tested is the model that runs on the robot.
 # * Count false alarms at the same moments as the right ones, and put a threshold on one signal
-#   beside every network. Here it wins with 32 grasps to train on, and loses with 1,200.
+#   beside every network. Here it wins with 32 grasps to train on; with 1,200 it announces as
+#   many slips, and the network only ranks moments better.
 # * An early alarm is mostly a statement about the grip. None of this was measured on a real hand,
 #   and 15 to 24 slipping grasps stand behind each point of the picture.
 #

@@ -279,7 +279,7 @@ assert elsewhere["trained"] > sum(twin_elsewhere) / len(twins) + 0.15
 # ## Next
 #
 # * [What a model has learnt](../docs/analysis.md): the same by one command, `tactile analyze`,
-#   with encoder maps and occlusion; [four models looked at](../docs/results/analysis.md).
+#   with encoder maps and occlusion; [five models looked at](../docs/results/analysis.md).
 # * [Predictors](../docs/predictor.md): what is in the file, and [tutorial 3](03_live_robot.py):
 #   how it runs live.
 # * [The study of the simulated hand](../docs/results/hand_study.md): where pose helps, and where

@@ -348,6 +348,8 @@ def model_rows() -> Iterator[tuple[str, ...]]:
         make = getattr(nn.models, name)
         if name == "MTGCN":
             model = make(num_edges=1401)
+        elif name == "GraspGCN":
+            model = make(19, in_channels=60)  # as P3
         elif name == "BMFCNN":
             model = make(letter_array(), 26)
         else:

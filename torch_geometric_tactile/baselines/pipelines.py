@@ -102,8 +102,8 @@ def descriptor_svm(
     most_samples: int | None = None,
 ) -> Pipeline:
     r"""Returns a support vector machine with a radial kernel on the features of
-    :class:`DescriptorFeatures`, which are scaled here. With few labels it is often the best model
-    where shapes are told apart.
+    :class:`DescriptorFeatures`, which are scaled here. With few labels,
+    :func:`descriptor_forest` is better on average.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels.

@@ -17,7 +17,7 @@ HELP = "Convert grasps of the BiGS data set for datasets.BiGS"
 DESCRIPTION = """\
 Converts grasps of the BiGS data set, one HDF5 or npz file per grasp, to the form that
 datasets.BiGS reads: 19 electrodes on each of three BioTac fingertips (left, middle, right)
-and any other signals. The original data is not public and its format is not known, so you
+and any other signals. We found no copy of the original data and do not know its format, so you
 give names, axis orders, units and rates; nothing is guessed. See docs/bigs.md.
 
 Every file is tried. Converted files are kept, and the exit status is 1 if any file failed.

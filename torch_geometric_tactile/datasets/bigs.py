@@ -142,8 +142,8 @@ class BiGS(TrialFrames):
     def _no_files(self) -> str:
         return (
             f"there are no grasps in '{self.raw_dir}' or '{self.root}': put files there, "
-            f"<object>_<number> with one of {', '.join(_SUFFIXES)}. The original is not public; "
-            "whoever has it makes such files with: tactile convert bigs IN... OUT_DIR"
+            f"<object>_<number> with one of {', '.join(_SUFFIXES)}. We found no copy of the "
+            "original; whoever has it makes such files with: tactile convert bigs IN... OUT_DIR"
         )
 
     def read_trial(self, path: PathLike) -> Recording:

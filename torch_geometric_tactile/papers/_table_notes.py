@@ -171,13 +171,14 @@ def draws_note(run: PlanRun) -> str:
     )
     if not published:
         return text
-    above = sum(
-        variance > _SQUARED_PERCENT * draws.variance(accuracy / 100, total)
+    by_draws = [
+        variance / (_SQUARED_PERCENT * draws.variance(accuracy / 100, total))
         for variance, accuracy in published
-    )
+    ]
     low, high = min(published)[0], max(published)[0]
     return (
-        f"{text} The published variances are {low:g} to {high:g}: {above} of {len(published)} are "
-        "above the average of draws from one network at the published accuracy, most of them "
-        "several times. They must contain something else, which the paper does not name."
+        f"{text} The published variances are {low:g} to {high:g}, "
+        f"{min(by_draws):.0f} to {max(by_draws):.0f} times the average of draws from one network "
+        "at the published accuracy. They must contain something else, which the paper does not "
+        "name."
     )
