@@ -176,9 +176,11 @@ def draws_note(run: PlanRun) -> str:
         for variance, accuracy in published
     ]
     low, high = min(published)[0], max(published)[0]
-    return (
-        f"{text} The published variances are {low:g} to {high:g}, "
-        f"{min(by_draws):.0f} to {max(by_draws):.0f} times the average of draws from one network "
-        "at the published accuracy. They must contain something else, which the paper does not "
-        "name."
+    text += (
+        f" The published variances are {low:g} to {high:g}, {min(by_draws):.1f} to "
+        f"{max(by_draws):.1f} times the average of draws from one network at the published "
+        "accuracy."
     )
+    if min(by_draws) <= 1:
+        return text
+    return f"{text} They must contain something else, which the paper does not name."
