@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import Any
 
 from torch_geometric_tactile import __version__
+from torch_geometric_tactile._removed import removal_message
 from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile.commands import VERBS
 
@@ -74,13 +75,23 @@ def _run(argv: list[str]) -> int:
     if argv and argv[0] in VERBS and hasattr(_verb(argv[0]), "run_raw"):
         return int(_verb(argv[0]).run_raw(argv[1:]))
     if not argv or argv[0] not in VERBS:
-        build_parser().parse_args(argv)  # help, the version, or an error
+        parser = build_parser()
+        _check_removed(parser, argv[:1])
+        parser.parse_args(argv)  # help, the version, or an error
     words, verb = argv[:1], _verb(argv[0])
     if argv[1:] and argv[1] in getattr(verb, "KINDS", {}):
         words, verb = argv[:2], _verb(verb.KINDS[argv[1]])
     parser = argparse.ArgumentParser(prog=" ".join(["tactile", *words]), **_texts(verb))
     verb.add_arguments(parser)
+    _check_removed(parser, argv)
     return int(verb.run(parser.parse_args(argv[len(words) :])))
+
+
+def _check_removed(parser: argparse.ArgumentParser, argv: list[str]) -> None:
+    options = [f"{argv[0]} {word.partition('=')[0]}" for word in argv[1:]]
+    for name in (*argv[:1], *options):
+        if message := removal_message(f"tactile {name}"):
+            parser.error(message)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

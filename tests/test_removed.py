@@ -1,0 +1,62 @@
+"""Names and options of earlier versions, which tell what to use now."""
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import torch_geometric_tactile
+from torch_geometric_tactile import _removed
+from torch_geometric_tactile._removed import REPLACEMENTS, removed_names
+from torch_geometric_tactile.cli import main
+
+MIGRATION = Path(__file__).parents[1] / "docs" / "migration.md"
+NAMES = [name for name in REPLACEMENTS if not name.startswith("tactile ")]
+COMMANDS = [name for name in REPLACEMENTS if name.startswith("tactile ")]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_removed_name_is_an_error_that_says_what_to_do(name):
+    package, _, attribute = name.rpartition(".")
+    module = import_module(f"torch_geometric_tactile.{package}")
+    message = re.escape(f"'{name}' was removed in version 0.3.0: {REPLACEMENTS[name]}")
+    with pytest.raises(ImportError, match=message):
+        getattr(module, attribute)
+    with pytest.raises(ImportError, match=message):
+        exec(f"from {module.__name__} import {attribute}")
+    assert attribute not in dir(module)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("value", [["x"], []])
+def test_removed_option_is_an_error_that_says_what_to_do(command, value, capsys):
+    argv = command.split()[1:]
+    argv[-1:] = (
+        [f"{argv[-1]}=x"] if not value and argv[-1].startswith("--") else [*argv[-1:], *value]
+    )
+    with pytest.raises(SystemExit) as stop:
+        main(argv)
+    assert stop.value.code == 2
+    error = capsys.readouterr().err
+    assert f"'{command}' was removed in version 0.3.0: {REPLACEMENTS[command]}" in error
+
+
+@pytest.mark.parametrize("name", REPLACEMENTS)
+def test_migration_page_has_every_removed_name(name):
+    rows = [line for line in MIGRATION.read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
+    assert any(f"`{name}`" in row.split("|")[1] for row in rows)
+
+
+def test_names_that_never_existed_are_attribute_errors(monkeypatch):
+    monkeypatch.setitem(_removed.REPLACEMENTS, "io.old_reader", "use read_recording")
+    get = removed_names("torch_geometric_tactile.io")
+    with pytest.raises(ImportError, match=r"'io\.old_reader' was removed .*: use read_recording"):
+        get("old_reader")
+    with pytest.raises(AttributeError, match=r"'torch_geometric_tactile.io' has no .*'nothing'"):
+        get("nothing")
+    assert removed_names("torch_geometric_tactile.io", str.upper)("nothing") == "NOTHING"
+
+
+def test_errors_are_there_for_one_release():
+    assert torch_geometric_tactile.__version__.split(".")[:2] <= ["0", "3"]
