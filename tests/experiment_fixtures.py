@@ -12,7 +12,7 @@ def trained(monkeypatch):
 
     names = []
 
-    def run(experiment, parent=None):
+    def run(experiment):
         names.append(f"{experiment.name} {experiment.protocol_name} {experiment.seed}")
         if experiment.name == "x_pos":
             return {"error": "ValueError: it must not"}

@@ -1,13 +1,14 @@
 import os
-import sys
+import threading
 
+import joblib
 import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile._parallel import KEPT_MEMORY, check_backend, kept_memory, run_parallel
+from torch_geometric_tactile._parallel import KEPT_MEMORY, kept_memory, run_parallel
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
-from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
+from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.papers import load_table
 
 
@@ -15,17 +16,30 @@ def process_and_square(number):
     return os.getpid(), number**2
 
 
-@pytest.mark.parametrize("backend", ["loky", "dask"])
-def test_work_is_done_by_other_processes(backend):
-    if backend == "dask":
-        pytest.importorskip("distributed", reason="needs the extra 'dask'")
-    results = list(run_parallel(process_and_square, range(8), 2, backend))
-    assert sorted(square for _, square in results) == [i**2 for i in range(8)]
-    assert os.getpid() not in {process for process, _ in results}
+def thread_and_process(number):
+    return threading.get_ident(), os.getpid()
 
 
 def folder_of_worker(number):
     return os.getcwd()
+
+
+@pytest.fixture(scope="module")
+def dask_client():
+    """A Dask cluster of two processes."""
+    distributed = pytest.importorskip("distributed", reason="needs the extra 'dask'")
+    quiet = {"dashboard_address": None, "silence_logs": "ERROR"}
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def test_work_is_done_by_other_processes():
+    results = list(run_parallel(process_and_square, range(8), 2))
+    assert sorted(square for _, square in results) == [i**2 for i in range(8)]
+    assert os.getpid() not in {process for process, _ in results}
 
 
 def test_workers_that_are_kept_follow_into_another_folder(tmp_path, monkeypatch):
@@ -35,50 +49,47 @@ def test_workers_that_are_kept_follow_into_another_folder(tmp_path, monkeypatch)
         assert set(run_parallel(folder_of_worker, range(4), 2)) == {str(tmp_path / name)}
 
 
-def test_running_dask_cluster_is_used(monkeypatch):
-    distributed = pytest.importorskip("distributed", reason="needs the extra 'dask'")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
-    ) as cluster:
-        workers = {worker.pid for worker in cluster.workers.values()}
-        address = cluster.scheduler_address
-        results = list(run_parallel(process_and_square, range(8), 1, "dask", address))
-        assert {process for process, _ in results} <= workers
-        assert len(results) == 8
+def test_backend_of_the_caller_is_obeyed():
+    with joblib.parallel_config(backend="threading", n_jobs=2):
+        results = list(run_parallel(thread_and_process, range(20)))
+    assert {process for _, process in results} == {os.getpid()}
+    assert threading.get_ident() not in {thread for thread, _ in results}
 
 
-def test_scheduler_that_does_not_answer(monkeypatch):
-    distributed = pytest.importorskip("distributed", reason="needs the extra 'dask'")
-    import dask
-
-    with (
-        dask.config.set({"distributed.comm.timeouts.connect": "0.3s"}),
-        pytest.raises(OSError, match=r"127\.0\.0\.1"),
-    ):
-        list(run_parallel(process_and_square, range(2), 1, "dask", "tcp://127.0.0.1:9"))
-    assert not distributed.client._global_clients
+def test_number_of_jobs_of_the_caller_is_obeyed():
+    with joblib.parallel_config(n_jobs=2):
+        assert os.getpid() not in {process for process, _ in run_parallel(process_and_square, [1])}
+        here = list(run_parallel(process_and_square, range(3), 1))
+    assert {process for process, _ in here} == {os.getpid()}
 
 
-def test_table_is_trained_by_dask(grasps, tmp_path):
-    pytest.importorskip("distributed", reason="needs the extra 'dask'")
-    settings = Settings(seeds=1, epochs=1)
+def test_backend_that_returns_results_at_the_end_only():
+    # Its results come in groups, so that those of a group that has ended can be stored.
+    with joblib.parallel_config(backend="multiprocessing", n_jobs=2):
+        results = run_parallel(process_and_square, range(5))
+        assert [square for _, square in results] == [i**2 for i in range(5)]
+
+
+def test_dask_cluster_is_used(dask_client):
+    workers = set(dask_client.run(os.getpid).values())
+    with joblib.parallel_config(backend="dask"):
+        results = list(run_parallel(process_and_square, range(8)))
+    assert sorted(square for _, square in results) == [i**2 for i in range(8)]
+    assert {process for process, _ in results} <= workers
+
+
+def test_table_is_trained_by_dask(dask_client, grasps, tmp_path):
     plan = make_plan(
-        load_table("p2-table2"), settings, data={"root": str(grasps)}, selection={"stride": 4}
+        load_table("p2-table2"),
+        Settings(seeds=1, epochs=1),
+        data={"root": str(grasps)},
+        selection={"stride": 4},
     )
-    run = run_plan(plan, tmp_path, Workers(2, "dask"), only=["ii_tac"])
+    with joblib.parallel_config(backend="dask"):
+        run = run_plan(plan, tmp_path, only=["ii_tac"])
     assert not run.failed
     assert len(run.results) == len(list((tmp_path / "runs").glob("ii_tac_*.json"))) == 2
     assert run_plan(plan, tmp_path, only=["ii_tac"]).kept == 2
-
-
-@pytest.mark.parametrize(
-    ("backend", "module"), [("dask", "distributed"), ("ray", "ray.util.joblib")]
-)
-def test_missing_package_names_the_extra(backend, module, monkeypatch):
-    monkeypatch.setitem(sys.modules, module, None)
-    message = rf'the backend {backend} needs .*pip install "torch-geometric-tactile\[{backend}\]"'
-    with pytest.raises(ImportError, match=message):
-        check_backend(backend)
 
 
 def test_closing_stops_the_work():
@@ -91,6 +102,8 @@ def test_closing_stops_the_work():
 def test_workers_compute_with_one_thread(monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     assert set(run_parallel(os.getenv, ["OMP_NUM_THREADS"] * 4, 2)) == {"1"}
+    with joblib.parallel_config(backend="loky", n_jobs=2, inner_max_num_threads=3):
+        assert set(run_parallel(os.getenv, ["OMP_NUM_THREADS"] * 4)) == {"3"}
 
 
 def test_one_job_is_done_here():

@@ -1,23 +1,20 @@
-r"""Many jobs on many processes, of this machine or of a cluster.
+r"""Parallel jobs by joblib, on the processes of this machine or on the caller's joblib backend.
 
 joblib is imported when something runs: it comes with scikit-learn, and takes a while.
 """
 
-import logging
 import os
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
-from functools import cache
+from contextlib import contextmanager
+from functools import cache, partial
+from itertools import islice
 from threading import Thread
-from typing import Any, Literal, TypeVar
+from typing import TypeVar
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._interrupts import interrupts_ignored
-
-Backend = Literal["loky", "dask", "ray"]
-BACKENDS: tuple[Backend, ...] = ("loky", "dask", "ray")
 
 # By default glibc gives every activation back to the system and asks for it again in the next
 # step. Processes started with these variables keep theirs, which makes small networks faster.
@@ -39,132 +36,77 @@ def kept_memory() -> Iterator[None]:
             del os.environ[name]
 
 
-def end_with(parent: int | None) -> None:
-    r"""Ends this process with the one that its work is for, or else it would go on with what was
-    dispatched, or wait for minutes. Does nothing in that process itself, and without one.
+def run_parallel(
+    function: Callable[[_Item], _Result], items: Iterable[_Item], jobs: int | None = None
+) -> Generator[_Result, None, None]:
+    r"""Yields the result of each item as soon as it is ready, in any order.
+
+    The backend of a surrounding :func:`joblib.parallel_config` is used; without one, processes of
+    this machine, which compute with one thread each unless the function sets another number. With
+    one job the items are processed here, one after the other. Workers ignore Ctrl-C, which reaches
+    all processes of a terminal: they are stopped from here, when the generator is closed.
+
+    Args:
+        function (callable): The work, which must be importable by other processes.
+        items (iterable): The arguments, one for each call.
+        jobs (int, optional): Number of calls at a time; that of :func:`joblib.parallel_config`, or
+            else one, if left out.
+
+    Raises:
+        ValueError: If :obj:`jobs` is below one.
     """
-    if parent in (None, os.getpid()):
+    need(jobs is None or jobs >= 1, "'jobs' must be at least 1", jobs)
+    from joblib import Parallel, delayed, effective_n_jobs, parallel_config
+    from joblib.parallel import BACKENDS, get_active_backend
+
+    backend, _ = get_active_backend()
+    num_jobs = effective_n_jobs(jobs)
+    if isinstance(backend, BACKENDS["loky"]):
+        threads = backend.inner_max_num_threads or 1
+        if num_jobs > 1:
+            function = partial(_run_in_worker, os.getpid(), os.getcwd(), function)
+        with parallel_config("loky", inner_max_num_threads=threads):
+            parallel = Parallel(num_jobs, return_as="generator_unordered", batch_size=1)
+    elif backend.supports_return_generator:
+        parallel = Parallel(
+            num_jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="all"
+        )
+    else:  # results come in groups, so that those of finished groups are stored
+        calls = (delayed(function)(item) for item in items)
+        while group := list(islice(calls, num_jobs)):
+            yield from Parallel(num_jobs)(group)
         return
+    with interrupts_ignored():
+        results = parallel(delayed(function)(item) for item in items)
+    try:
+        yield from results
+    finally:
+        with warnings.catch_warnings():  # joblib warns of results that nobody waits for
+            warnings.simplefilter("ignore")
+            results.close()
+
+
+def _run_in_worker(
+    parent: int, folder: str, function: Callable[[_Item], _Result], item: _Item
+) -> _Result:
+    # A worker outlives a run, and would stay in the folder in which it was started.
+    _end_with(parent)
+    os.chdir(folder)
+    return function(item)
+
+
+def _end_with(parent: int) -> None:
+    # A worker whose parent was killed would finish the dispatched work, or wait for minutes.
     if os.getppid() != parent:
         os._exit(1)
     _watch(parent)
 
 
 @cache
-def _watch(parent: int | None) -> None:
+def _watch(parent: int) -> None:
     def wait() -> None:
         while os.getppid() == parent:
             time.sleep(1.0)
         os._exit(1)
 
     Thread(target=wait, daemon=True).start()
-
-
-def check_backend(backend: str, scheduler: str | None = None) -> None:
-    r"""Checks before anything runs that the jobs can be run."""
-    need(backend in BACKENDS, f"'backend' must be one of {list(BACKENDS)} (got '{backend}')")
-    if scheduler is not None and backend == "loky":
-        raise ValueError(
-            f"'scheduler' must come with the backend dask or ray (got '{scheduler}' with loky)"
-        )
-    try:
-        if backend == "dask":
-            import distributed  # noqa: F401
-        elif backend == "ray":
-            import ray.util.joblib  # noqa: F401
-    except ImportError as error:
-        raise ImportError(
-            f"the backend {backend} needs '{error.name}': "
-            f'pip install "torch-geometric-tactile[{backend}]"'
-        ) from error
-
-
-def run_parallel(
-    function: Callable[[_Item], _Result],
-    items: Iterable[_Item],
-    jobs: int = 1,
-    backend: Backend = "loky",
-    scheduler: str | None = None,
-) -> Generator[_Result, None, None]:
-    r"""Yields the result of each item as soon as it is ready, in any order.
-
-    With one job of this machine the items are worked on here, one after the other. Workers ignore
-    Ctrl-C, which reaches all processes of a terminal: they are stopped from here, when the
-    generator is closed. Those of this machine compute with one thread each, unless the function
-    sets another number.
-    """
-    need(jobs >= 1, "'jobs' must be at least 1", jobs)
-    check_backend(backend, scheduler)
-    from joblib import Parallel, delayed, parallel_config
-
-    with ExitStack() as stack:
-        with interrupts_ignored():
-            if backend == "dask":
-                stack.enter_context(_dask_cluster(jobs, scheduler))
-            elif backend == "ray":
-                stack.enter_context(_ray_cluster(jobs, scheduler))
-            threads = {"inner_max_num_threads": 1} if backend == "loky" else {}
-            stack.enter_context(parallel_config(backend=backend, **threads))
-            parallel = Parallel(
-                n_jobs=jobs if scheduler is None else -1,
-                return_as="generator_unordered",
-                batch_size=1,
-                pre_dispatch="2*n_jobs" if backend == "loky" else "all",
-            )
-            if backend == "loky" and jobs > 1:
-                # Workers outlive a run, and stay in the folder in which they were started.
-                folder = os.getcwd()
-                results = parallel(delayed(_in_folder)(folder, function, i) for i in items)
-            else:
-                results = parallel(delayed(function)(item) for item in items)
-        try:
-            yield from results
-        finally:
-            with warnings.catch_warnings():  # joblib warns of results that nobody waits for
-                warnings.simplefilter("ignore")
-                results.close()
-
-
-def _in_folder(folder: str, function: Callable[[_Item], _Result], item: _Item) -> _Result:
-    os.chdir(folder)
-    return function(item)
-
-
-@contextmanager
-def _dask_cluster(jobs: int, scheduler: str | None) -> Iterator[Any]:
-    from distributed import Client, LocalCluster
-
-    with ExitStack() as stack:
-        cluster: Any = scheduler
-        if scheduler is None:
-            # Not to tell at the end that workers which had torch loaded took long to end.
-            quiet = {"dashboard_address": None, "silence_logs": logging.ERROR}
-            cluster = stack.enter_context(
-                LocalCluster(n_workers=jobs, threads_per_worker=1, **quiet)
-            )
-        yield stack.enter_context(Client(cluster))
-
-
-@contextmanager
-def _ray_cluster(jobs: int, scheduler: str | None) -> Iterator[Any]:
-    import ray
-    from joblib import register_parallel_backend
-    from ray.util.joblib import ray_backend, register_ray
-
-    register_ray()
-
-    class Streaming(ray_backend.RayBackend):
-        # Inherited from multiprocessing's, whose pools cannot be stopped halfway; Ray's can.
-        supports_return_generator = True
-
-    register_parallel_backend("ray", Streaming)
-    started = not ray.is_initialized()
-    if started and scheduler is None:
-        ray.init(num_cpus=jobs, include_dashboard=False, log_to_driver=False)
-    elif started:
-        ray.init(address=scheduler, log_to_driver=False)
-    try:
-        yield ray
-    finally:
-        if started:
-            ray.shutdown()

@@ -7,7 +7,22 @@ _PACKAGE = "torch_geometric_tactile."
 
 # What to do now, by a name below the package, or by a command with its option. Each has a row in
 # docs/migration.md.
-REPLACEMENTS: dict[str, str] = {}
+_CLUSTER = (
+    "leave it out, and surround the call with joblib.parallel_config(backend=...); "
+    "docs/experiments.md has an example with Dask"
+)
+REPLACEMENTS: dict[str, str] = {
+    "experiments.Workers": (
+        "give the number of jobs alone, run_plan(plan, out, jobs=2); for a cluster, surround the "
+        "call with joblib.parallel_config(backend=...)"
+    ),
+    "tactile board --backend": _CLUSTER,
+    "tactile board --scheduler": _CLUSTER,
+    "tactile compare --backend": _CLUSTER,
+    "tactile compare --scheduler": _CLUSTER,
+    "tactile table --backend": _CLUSTER,
+    "tactile table --scheduler": _CLUSTER,
+}
 
 
 def removal_message(name: str) -> str | None:

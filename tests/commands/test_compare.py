@@ -298,7 +298,6 @@ def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
         (["--window", "2", "--init", "no=1"], "'no' must be an argument of SamplesFile"),
         (["--models", "lstm"], "got 'lstm', but the samples are single frames: cut windows"),
         (["--window", "2", "--models", "posed_ridge"], "got 'posed_ridge', but it is for single"),
-        (["--scheduler", "tcp://a:1"], "'--scheduler' must come with the backend dask or ray"),
         (["--task", "regression", "--metric", "accuracy"], "'--metric' must be 'mae' for numbers"),
     ],
 )

@@ -16,7 +16,7 @@ SAID = Predictions(np.eye(2)[[0, 1, 1, 1]], np.array([0, 1, 1, 1]), np.array([0,
 def command(grasps, tmp_path, monkeypatch):
     """Runs the command with made-up results; X with positions fails."""
 
-    def run(experiment, parent=None):
+    def run(experiment):
         if experiment.name == "x_pos":
             return {"error": "RuntimeError: no memory"}
         return {
@@ -78,7 +78,6 @@ def test_failed_runs_give_status_1_and_the_table_of_the_others(command, tmp_path
         ),
         (["--protocols", "object"], "'--protocols' must be some of ['by trial', 'by frame']"),
         (["--root", "nowhere"], "simulate some: tactile simulate --out 'nowhere'"),
-        (["--scheduler", "tcp://a:1"], "'--scheduler' must come with the backend dask or ray"),
     ],
 )
 def test_wrong_arguments_are_explained(command, capsys, flags, message):

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
-from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
+from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.papers import load_table
 
 QUICK = Settings(seeds=1, epochs=1, protocols=("trial",))
@@ -107,7 +107,7 @@ def test_ctrl_c_tells_what_is_kept(grasps, tmp_path, trained, monkeypatch):
 def test_ctrl_c_that_a_library_answers_with_an_error_stops(grasps, tmp_path, monkeypatch):
     module = sys.modules[run_plan.__module__]
 
-    def compare(experiment, parent=None):  # as NumPy does when it compares structured arrays
+    def compare(experiment):  # as NumPy does when it compares structured arrays
         with suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         return {"error": "TypeError: Cannot compare structured arrays"}
@@ -183,17 +183,9 @@ def test_killed_worker_is_an_error_that_says_what_to_do(grasps, tmp_path, traine
         run_table("p2-table2", grasps, tmp_path, only=["ii_tac"])
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"jobs": 0}, r"'jobs' must be at least 1 \(got 0\)"),
-        ({"backend": "mpi"}, r"'backend' must be one of \['loky', 'dask', 'ray'\] \(got 'mpi'\)"),
-        ({"scheduler": "tcp://a"}, r"'scheduler' must come with the backend dask or ray"),
-    ],
-)
-def test_wrong_workers(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Workers(**arguments)
+def test_fewer_jobs_than_one(grasps, tmp_path):
+    with pytest.raises(ValueError, match=r"'jobs' must be at least 1 \(got 0\)"):
+        run_table("p2-table2", grasps, tmp_path, only=["ii_tac"], jobs=0)
 
 
 def test_pattern_that_fits_nothing_is_found_before_training(grasps, tmp_path, trained):

@@ -7,13 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from torch_geometric_tactile._parallel import BACKENDS
 from torch_geometric_tactile.commands._arguments import positive, small_count
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.experiments._experiment import Experiment
     from torch_geometric_tactile.experiments.plan import Plan
-    from torch_geometric_tactile.experiments.run_plan import PlanRun, Workers
+    from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 
 @contextmanager
@@ -60,10 +59,10 @@ def add_rest(group: Any) -> None:
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the options for processes, threads and machines."""
-    workers = parser.add_argument_group("processes and machines")
+    r"""Adds the options for processes and threads."""
+    workers = parser.add_argument_group("processes")
     workers.add_argument(
-        "--jobs", metavar="N", type=small_count, default=1, help="runs in parallel (default: 1)"
+        "--jobs", metavar="N", type=small_count, help="runs in parallel (default: 1)"
     )
     workers.add_argument(
         "--threads", metavar="N", type=small_count, default=1, help="threads per run (default: 1)"
@@ -74,23 +73,10 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         default="cpu",
         help="where to train (default: cpu); jobs take turns on a GPU",
     )
-    workers.add_argument(
-        "--backend",
-        choices=BACKENDS,
-        default="loky",
-        help="how runs are distributed: processes on this machine (loky, the default), or Dask or "
-        "Ray for several machines (extras 'dask' and 'ray')",
-    )
-    workers.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="address of a running Dask or Ray cluster (default: start one here with --jobs "
-        "processes)",
-    )
 
 
 def run_with_bar(
-    plan: "Plan", out: str, workers: "Workers", title: str, unit: str = "run", **options: Any
+    plan: "Plan", out: str, jobs: int | None, title: str, unit: str = "run", **options: Any
 ) -> "PlanRun":
     r"""Runs a plan below a progress bar. There is none without a terminal, and none stays after
     Ctrl-C.
@@ -106,7 +92,7 @@ def run_with_bar(
             bar.set_postfix_str(experiment.label, refresh=False)
             bar.update(ended - bar.n)
 
-        return run_plan(plan, out, workers, on_progress=show, **options)
+        return run_plan(plan, out, jobs, on_progress=show, **options)
 
 
 def exit_status(run: "PlanRun") -> int:
@@ -118,10 +104,12 @@ def exit_status(run: "PlanRun") -> int:
     return 1 if run.failed else 0
 
 
-def intention(plan: "Plan", jobs: int, seconds: dict[str, float]) -> str:
+def intention(plan: "Plan", jobs: int | None, seconds: dict[str, float]) -> str:
     r"""Returns in words what is run, and about how long each model takes, given the seconds."""
+    from joblib import effective_n_jobs
+
     (protocol,) = plan.protocols
-    facts = plan.facts
+    facts, num_jobs = plan.facts, effective_n_jobs(jobs)
     models = [cell.experiment for cell in plan.table.cells]
     splits = len({(e.seed, e.fold) for e in plan.experiments})
     text = (
@@ -133,8 +121,8 @@ def intention(plan: "Plan", jobs: int, seconds: dict[str, float]) -> str:
     if not seconds:
         return f"{text}; all runs are finished"
     longest = sorted(seconds, key=lambda name: seconds[name], reverse=True)[:3]
-    parts = ", ".join(f"{name} {_duration(seconds[name] / jobs)}" for name in longest)
-    whole = _duration(sum(seconds.values()) / jobs)
+    parts = ", ".join(f"{name} {_duration(seconds[name] / num_jobs)}" for name in longest)
+    whole = _duration(sum(seconds.values()) / num_jobs)
     return f"{text}; about {whole} ({parts}); Ctrl-C keeps finished runs"
 
 

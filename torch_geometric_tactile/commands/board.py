@@ -73,10 +73,8 @@ def _run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.commands._runs import exit_status
     from torch_geometric_tactile.experiments._board import BoardColumn, board_plans
     from torch_geometric_tactile.experiments.comparison import summarize
-    from torch_geometric_tactile.experiments.run_plan import Workers
     from torch_geometric_tactile.reports._board import board_rows, write_board
 
-    workers = Workers(arguments.jobs, arguments.backend, arguments.scheduler)
     columns, status, seconds = [], 0, 0.0
     for board_set, plans in board_plans(
         arguments.data,
@@ -90,7 +88,7 @@ def _run(arguments: argparse.Namespace) -> int:
             run_with_bar(
                 plan,
                 arguments.out,
-                workers,
+                arguments.jobs,
                 board_set.name,
                 train=not arguments.no_train,
                 on_estimate=partial(_tell_time, board_set.name, plan, arguments.jobs),
@@ -118,7 +116,7 @@ def _run(arguments: argparse.Namespace) -> int:
     return status
 
 
-def _tell_time(name: str, plan: "Plan", jobs: int, seconds: dict[str, float]) -> None:
+def _tell_time(name: str, plan: "Plan", jobs: int | None, seconds: dict[str, float]) -> None:
     tell(f"{name}: {intention(plan, jobs, seconds)}")
 
 

@@ -243,7 +243,6 @@ def _run(arguments: argparse.Namespace) -> int:
         comparison_plan,
         summarize,
     )
-    from torch_geometric_tactile.experiments.run_plan import Workers
     from torch_geometric_tactile.reports._compare import write_comparison
     from torch_geometric_tactile.visualization._style import new_figure
 
@@ -261,7 +260,6 @@ def _run(arguments: argparse.Namespace) -> int:
         accelerator=arguments.accelerator,
         threads=arguments.threads,
     )
-    workers = Workers(arguments.jobs, arguments.backend, arguments.scheduler)
     source = data_source(
         arguments.data,
         layout=arguments.layout,
@@ -274,14 +272,13 @@ def _run(arguments: argparse.Namespace) -> int:
     )
     plan = comparison_plan(source, settings, name=_name(arguments.data))
     _check_save(arguments, [cell.experiment for cell in plan.table.cells])
-    jobs = 1 if arguments.scheduler is not None else arguments.jobs
     finished = run_with_bar(
         plan,
         arguments.out,
-        workers,
+        arguments.jobs,
         plan.table.name,
         train=not arguments.no_train,
-        on_estimate=lambda seconds: tell(intention(plan, jobs, seconds), arguments.json),
+        on_estimate=lambda seconds: tell(intention(plan, arguments.jobs, seconds), arguments.json),
         on_model=lambda run: tell(_row(run), arguments.json),
     )
     comparison = summarize(finished)

@@ -77,7 +77,6 @@ def _run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.experiments._run_experiment import run_experiment
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
-    from torch_geometric_tactile.experiments.run_plan import Workers
     from torch_geometric_tactile.papers import _grasp_report as grasp
     from torch_geometric_tactile.papers._grasp_table import grasp_table
     from torch_geometric_tactile.visualization._style import new_figure
@@ -89,8 +88,7 @@ def _run(arguments: argparse.Namespace) -> int:
     print(printable(table.data.caption), flush=True)
     plan = make_plan(table, settings)
     out = Path(arguments.out)
-    workers = Workers(arguments.jobs)
-    finished = run_with_bar(plan, arguments.out, workers, "Train and judge", "model")
+    finished = run_with_bar(plan, arguments.out, arguments.jobs, "Train and judge", "model")
     if finished.failed:
         return exit_status(finished)
     main = next(

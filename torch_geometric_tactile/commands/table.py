@@ -78,7 +78,6 @@ examples:
   tactile table p5 --root letters --epochs 20 --protocols press --jobs 2
                                                          tests on unseen presses
   tactile table sparsh-p1 --root sparsh --jobs 2         the published recordings, by episode
-  tactile table p1-table2 --root sim --stride 20 --backend dask --scheduler tcp://host:8786
 
 Each finished run (a model, a seed, a protocol) is a file in DIR/runs: the same command resumes
 an interrupted one, and tables with the same DIR share their runs. Nothing is selected on the test
@@ -193,13 +192,11 @@ def run(arguments: argparse.Namespace) -> int:
 def _run(table: "Table", arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
-    from torch_geometric_tactile.experiments.run_plan import Workers
     from torch_geometric_tactile.papers.write_table import write_table
     from torch_geometric_tactile.visualization._style import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
     table.select(arguments.only)  # a wrong pattern is found before the data is read
-    workers = Workers(arguments.jobs, arguments.backend, arguments.scheduler)
     settings = Settings(
         seeds=arguments.seeds,
         epochs=arguments.epochs,
@@ -217,7 +214,7 @@ def _run(table: "Table", arguments: argparse.Namespace) -> int:
     train = not arguments.no_train
     try:
         finished = run_with_bar(
-            plan, arguments.out, workers, table.name, only=arguments.only, train=train
+            plan, arguments.out, arguments.jobs, table.name, only=arguments.only, train=train
         )
     except KeyboardInterrupt as stop:
         more = "; --no-train writes the table of those" if str(stop) else ""

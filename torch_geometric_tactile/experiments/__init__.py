@@ -1,5 +1,8 @@
 r"""Experiments as values, and what runs and compares them. Needs the extra ``train``."""
 
+from typing import TYPE_CHECKING
+
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.experiments.advice import advice, recommended
 from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source
 from torch_geometric_tactile.experiments.comparison import (
@@ -19,7 +22,7 @@ from torch_geometric_tactile.experiments.differences import (
 )
 from torch_geometric_tactile.experiments.plan import Plan, Settings, make_plan
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import PlanRun, Workers, run_plan
+from torch_geometric_tactile.experiments.run_plan import PlanRun, run_plan
 from torch_geometric_tactile.experiments.source import DataFacts, DataSource
 from torch_geometric_tactile.experiments.studies import Confusion, Study, Trained
 from torch_geometric_tactile.experiments.tables import (
@@ -52,7 +55,6 @@ __all__ = [
     "Table",
     "TableProtocol",
     "Trained",
-    "Workers",
     "advice",
     "cell_config",
     "compare",
@@ -68,3 +70,6 @@ __all__ = [
     "summarize",
     "table_of",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = removed_names(__name__)

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from torch_geometric_tactile._parallel import KEPT_MEMORY, end_with
+from torch_geometric_tactile._parallel import KEPT_MEMORY
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._memory import PeakMemory
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
@@ -28,11 +28,10 @@ _SIGKILL = -9
 _mine = threading.local()  # a worker of a cluster may run several jobs in threads
 
 
-def run_safely(experiment: Experiment, parent: int | None = None) -> dict[str, Any]:
+def run_safely(experiment: Experiment) -> dict[str, Any]:
     r"""Runs an experiment and returns its result, or :obj:`{"error": ...}` if it failed: in a
     process of its own if its memory is to be measured, and otherwise here.
     """
-    end_with(parent)
     return run_in_process(experiment) if experiment.measure_memory else run_here(experiment)
 
 

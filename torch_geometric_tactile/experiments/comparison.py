@@ -22,7 +22,7 @@ from torch_geometric_tactile.experiments._scores import LEAST_PAIRS
 from torch_geometric_tactile.experiments.compared_windows import of_frames
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.plan import Plan, Settings, list_experiments
-from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, Workers, run_plan
+from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, run_plan
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 
@@ -276,7 +276,7 @@ def compare(
     source: DataSource,
     settings: ComparisonSettings | None = None,
     out: PathLike = "comparison",
-    workers: Workers | None = None,
+    jobs: int | None = None,
     *,
     name: str = "comparison",
     selection: Mapping[str, Any] | None = None,
@@ -289,13 +289,13 @@ def compare(
         source (DataSource): The samples (see :func:`data_source`).
         settings (ComparisonSettings, optional): What is compared, and how.
         out (str or PathLike): Folder of the runs.
-        workers (Workers, optional): Where they are run; one after the other here if left out.
+        jobs (int, optional): Number of runs at a time, as of :func:`run_plan`.
         name (str): Name of its files.
         selection (Mapping, optional): Arguments of the data set that only choose among the samples.
         on_progress (callable, optional): Called with each run that ended.
     """
     plan = comparison_plan(source, settings, name=name, selection=selection)
-    return summarize(run_plan(plan, out, workers, on_progress=on_progress))
+    return summarize(run_plan(plan, out, jobs, on_progress=on_progress))
 
 
 def summarize(run: PlanRun) -> Comparison:

@@ -1,6 +1,5 @@
 r"""Running a plan: on many processes, finished experiments kept."""
 
-import os
 import signal
 import threading
 import time
@@ -8,16 +7,14 @@ from collections import Counter
 from collections.abc import Callable, Container, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
 import torch
 
-from torch_geometric_tactile._checks import need
-from torch_geometric_tactile._parallel import Backend, check_backend, kept_memory, run_parallel
+from torch_geometric_tactile._parallel import kept_memory, run_parallel
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._experiment import Experiment
@@ -32,30 +29,6 @@ _PROBE_EPOCHS = 3
 _SQUARE = ("rbf_svm", "signal_svm")  # their time grows with the square of the samples
 # Called with each run that ended, how many ended so far, and how many are to be run.
 OnProgress = Callable[[Experiment, int, int], None]
-
-
-@dataclass(frozen=True)
-class Workers:
-    r"""Where the experiments of a plan are run.
-
-    Args:
-        jobs (int): How many runs at a time.
-        backend (str): :obj:`"loky"` (processes of this machine), :obj:`"dask"` or :obj:`"ray"`.
-        scheduler (str, optional): Address of a running cluster of Dask or Ray. Its machines must
-            have this package, and the recordings under the same path.
-
-    Raises:
-        ImportError: If the package of the backend is missing.
-        ValueError: If :obj:`jobs` is below one, there is no such backend, or it takes no scheduler.
-    """
-
-    jobs: int = 1
-    backend: Backend = "loky"
-    scheduler: str | None = None
-
-    def __post_init__(self) -> None:
-        need(self.jobs >= 1, "'jobs' must be at least 1", self.jobs)
-        check_backend(self.backend, self.scheduler)
 
 
 class PlanRun(NamedTuple):
@@ -81,7 +54,7 @@ class PlanRun(NamedTuple):
 def run_plan(
     plan: Plan,
     out: PathLike = "tables",
-    workers: Workers | None = None,
+    jobs: int | None = None,
     *,
     only: Sequence[str] | None = None,
     train: bool = True,
@@ -98,7 +71,9 @@ def run_plan(
     Args:
         plan (Plan): What is to be run.
         out (str or PathLike): Folder of the results.
-        workers (Workers, optional): Where; one after the other on this machine if left out.
+        jobs (int, optional): Number of runs at a time; that of :func:`joblib.parallel_config`, or
+            else one, if left out. Its backend is obeyed as well, such as that of a Dask cluster,
+            whose machines must have this package, and the recordings under the same path.
         only (sequence of str, optional): Train only experiments with names like these patterns.
         train (bool): Whether to train what is missing; otherwise the result is of what is there.
         on_progress (callable, optional): Called with each run that ended, how many ended so far,
@@ -113,9 +88,9 @@ def run_plan(
     Raises:
         KeyboardInterrupt: On Ctrl-C; the message tells how many runs are kept.
         OSError: If a process was killed, or a file cannot be written.
-        ValueError: If a pattern fits no experiment, or a file of a finished run is damaged.
+        ValueError: If a pattern fits no experiment, a file of a finished run is damaged, or
+            :obj:`jobs` is below one.
     """
-    workers = workers or Workers()
     chosen = {cell.experiment for cell in plan.table.select(only)}
     experiments = plan.experiments
     store = RunStore(Path(out) / "runs")
@@ -132,7 +107,7 @@ def run_plan(
             seconds = _estimate_seconds([e for e in todo if e.choice is not None])
             on_estimate(seconds)
             todo.sort(key=lambda experiment: seconds.get(experiment.name, 0.0))
-        with _noticed_stop() as stopped, closing(_run(todo, workers)) as running:
+        with _noticed_stop() as stopped, closing(_run(todo, jobs)) as running:
             for ended, (experiment, result) in enumerate(running, 1):
                 if "error" in result:
                     if stopped.is_set():
@@ -269,26 +244,18 @@ def _count(experiments: Iterable[Experiment], codes: Container[str]) -> int:
 
 
 def _run(
-    todo: Sequence[Experiment], workers: Workers
+    todo: Sequence[Experiment], jobs: int | None
 ) -> Generator[tuple[Experiment, dict[str, Any]], None, None]:
     if not todo:
         return
-    # On this machine a worker looks whether this process is there; a cluster sees to that itself.
-    work = partial(_numbered, parent=os.getpid() if workers.backend == "loky" else None)
-    items = list(enumerate(todo))
     try:
-        with (
-            kept_memory(),
-            closing(
-                run_parallel(work, items, workers.jobs, workers.backend, workers.scheduler)
-            ) as running,
-        ):
+        with kept_memory(), closing(run_parallel(_numbered, enumerate(todo), jobs)) as running:
             for number, result in running:
                 yield todo[number], result
     finally:
         close_process()  # with one job it is ours
 
 
-def _numbered(item: tuple[int, Experiment], parent: int | None) -> tuple[int, dict[str, Any]]:
+def _numbered(item: tuple[int, Experiment]) -> tuple[int, dict[str, Any]]:
     number, experiment = item
-    return number, run_safely(experiment, parent)
+    return number, run_safely(experiment)

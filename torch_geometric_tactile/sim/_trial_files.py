@@ -1,18 +1,16 @@
 r"""Many simulated trials, each in a file of its own, on many processes; finished ones are kept."""
 
 import json
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path, remove_leftovers
-from torch_geometric_tactile._parallel import end_with, run_parallel
+from torch_geometric_tactile._parallel import run_parallel
 from torch_geometric_tactile.io import read_hdf5_head
 
 SUMMARY = "simulation.json"
@@ -74,8 +72,7 @@ def run_trials(
         else:
             missing.append(trial)
     try:
-        work = partial(_simulated, parent=os.getpid())
-        with closing(run_parallel(work, missing, jobs)) as results:
+        with closing(run_parallel(_simulate, missing, jobs)) as results:
             for report in results:
                 reports.append(report)
                 yield report
@@ -87,8 +84,7 @@ def run_trials(
         write_summary(out, sum_up(reports))
 
 
-def _simulated(trial: SimulatedTrial[_Report], parent: int) -> _Report:
-    end_with(parent)
+def _simulate(trial: SimulatedTrial[_Report]) -> _Report:
     return trial.simulate()
 
 
