@@ -186,7 +186,10 @@ def test_given_parts_are_one_split(tmp_path):
     [
         ({"models": ("svm",)}, "'models' must be some of taxel_net"),
         ({"models": ()}, r"'models' must be some of .* \(got none\)"),
-        ({"by": "object"}, r"'by' must be one of \['trial', 'group', 'frame', 'given'\]"),
+        (
+            {"by": "object"},
+            r"'by' must be one of \['trial', 'group', 'session', 'frame', 'given'\]",
+        ),
         ({"metric": "f1"}, "'metric' must be 'accuracy', 'balanced_accuracy' or 'mae'"),
         ({"folds": 1}, "'folds' must be at least 2"),
         ({"epochs": 0}, "'epochs' must be at least 1"),

@@ -50,6 +50,19 @@ def test_cuts_of_the_training_part_hold_out_other_trials_each(tmp_path):
     assert len(choice_cuts(one, 20)[2]) == 4  # trials of each class
 
 
+def test_no_session_is_in_two_parts(tmp_path):
+    session = np.repeat(np.arange(18) // 3 % 3, 4)
+    samples = dataset(tmp_path, num_trials=18, session=session)
+    protocol = compared_protocol(samples, "session", 5)
+    assert protocol.folds == 3
+    fit, val, train, test = (
+        set(part.session.tolist())
+        for part in choice_parts(experiment(tmp_path / "a.npz", protocol=protocol))
+    )
+    assert [len(part) for part in (fit, val, train, test)] == [1, 1, 2, 1]
+    assert fit | val | test == {0, 1, 2}
+
+
 def test_given_parts_bring_their_own(tmp_path):
     touches(tmp_path / "a.npz", part=GIVEN)
     parts = choice_parts(experiment(tmp_path / "a.npz", protocol=Protocol("given")))

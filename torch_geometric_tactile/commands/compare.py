@@ -134,7 +134,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     training.add_argument(
         "--by",
-        choices=("trial", "group", "frame", "given"),
+        choices=("trial", "group", "session", "frame", "given"),
         help="what a split keeps together (default: trial, or frame without trials); given: the "
         "parts of the data set",
     )

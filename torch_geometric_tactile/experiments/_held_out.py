@@ -32,8 +32,8 @@ class Parts(NamedTuple):
 def balanced_protocol(
     dataset: StaticDataset, by: str, folds: int = _FOLDS, *, quiet: bool = False
 ) -> Protocol:
-    r"""Returns folds by frame, trial or group, with every class in every fold where that is
-    possible.
+    r"""Returns folds by frame, trial, group or session, with every class in every fold where that
+    is possible.
     """
     count = _num_units(dataset, by)
     need(count >= 2, f"'dataset' must have at least 2 {by}s to be split by {by}", count)
@@ -114,7 +114,7 @@ def _check_cut(dataset: StaticDataset, by: str) -> None:
             "windows are split one by one: those of one trial are on both sides, and the scores "
             "are too high for a new trial"
         )
-    if by in ("group", "given"):
+    if by in ("group", "session", "given"):
         _check_one_part(dataset.dataset, "part" if by == "given" else by)
 
 

@@ -28,7 +28,7 @@ from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 
 _CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
 _NUMBER_METRICS = ("mae", "rmse", "r2")
-_UNITS = ("trial", "group", "frame", "given")
+_UNITS = ("trial", "group", "session", "frame", "given")
 _CHOOSE_ON = 0.8  # of the training part
 
 
@@ -41,8 +41,8 @@ class ComparisonSettings:
             of a network, or what returns an estimator of scikit-learn); all of ours that have a
             place in the data if left out.
         by (str, optional): What stays together in a split: :obj:`"trial"`, :obj:`"group"`,
-            :obj:`"frame"` (nothing), or :obj:`"given"`. If left out, the trial; without trials the
-            frame, and a warning is logged.
+            :obj:`"session"`, :obj:`"frame"` (nothing), or :obj:`"given"`. If left out, the trial;
+            without trials the frame, and a warning is logged.
         folds (int): Number of folds: each is tested on once a seed.
         seeds (int): How often the folds are drawn.
         metric (str, optional): What models are chosen by and compared by: :obj:`"accuracy"` (of
