@@ -9,7 +9,7 @@ TESTS = OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n au
 SPHINX = OMP_NUM_THREADS=1 $(VENV)/bin/python -m sphinx -W --keep-going -j auto -d docs/build/doctrees
 
 demo: $(VENV)/demo
-	$(VENV)/bin/tactile demo --seeds 2 $(if $(DATA),--root "$(DATA)")
+	$(VENV)/bin/tactile demo $(if $(DATA),--root "$(DATA)")
 
 test: $(VENV)/installed
 	$(TESTS) -m "not full"

@@ -19,7 +19,7 @@ from torch_geometric_tactile.commands import VERBS
 
 _EXAMPLES = """\
 examples:
-  tactile demo                                   train and compare models on real grasps
+  tactile demo                                   compare models on real grasps
   tactile inspect recording.h5                   summarise and plot a recording
   tactile compare touches.npz --grid 28x50       find the best model for your data
   tactile fit --config grasp_gcn_df              train one model

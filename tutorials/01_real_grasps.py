@@ -232,7 +232,7 @@ assert palm_side(BEST)[1, 1] > 0.7 * palm_side(BEST)[1].sum()
 #
 # Two networks on the official test, trained with Lightning on raw readings and on those that were best above, with two seeds each.
 # `GraspGCN` is a graph convolution over the two nearest electrodes, the GCN-DF of a published paper; `TaxelNet` is ours and knows
-# directions on the skin. `tactile demo` trains them for 8 and 10 epochs with a schedule; here it is 5, to be short.
+# directions on the skin. `tactile table bts3` trains them for 8 and 10 epochs with a schedule; here it is 5, to be short.
 #
 # `TactileDataModule` fits the scaling on the training part. The `Predictor` takes raw readings, as a robot has them.
 

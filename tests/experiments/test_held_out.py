@@ -63,6 +63,13 @@ def test_no_session_is_in_two_parts(tmp_path):
     assert fit | val | test == {0, 1, 2}
 
 
+def test_two_folds_of_three_sessions_leave_none_to_choose_on(tmp_path):
+    session = np.repeat(np.arange(12) // 2 % 3, 4)
+    samples = dataset(tmp_path, session=session)
+    with pytest.raises(ValueError, match=r"'folds' must be at least 3 for 3 sessions.* \(got 2\)"):
+        compared_protocol(samples, "session", 2)
+
+
 def test_given_parts_bring_their_own(tmp_path):
     touches(tmp_path / "a.npz", part=GIVEN)
     parts = choice_parts(experiment(tmp_path / "a.npz", protocol=Protocol("given")))

@@ -288,9 +288,9 @@ def export() -> Job:
 def demo() -> Job:
     """Runs the whole demo: generated data, one seed, one epoch."""
     from torch_geometric_tactile.commands import demo as verb
-    from torch_geometric_tactile.papers import _grasp_table as grasp_table
+    from torch_geometric_tactile.experiments import _demo
 
-    grasp_table._GENERATED = {"num_samples": 120, "num_test": 60, "num_objects": 6}
+    _demo._NUM_GENERATED = {"num_samples": 120, "num_test": 60, "num_objects": 6}
     given = ["--generated", "--seeds", "1", "--folds", "2", "--epochs", "1", "--jobs", "1"]
     parser = argparse.ArgumentParser()
     verb.add_arguments(parser)
@@ -303,11 +303,10 @@ def demo() -> Job:
         for path in folder.glob("report/runs/*.json"):
             content = json.loads(path.read_text(encoding="utf-8"))
             made[path.name] = content["result"]["predictions"]
-        for path in folder.glob("report/metrics.json"):
-            made[path.name] = json.loads(path.read_text(encoding="utf-8"))["results"]
-        for path in folder.glob("report/*.ckpt"):
-            weights = torch.load(path, weights_only=True)["state_dict"].values()
-            made[path.name] = sum(value.double().sum().item() for value in weights)
+        for path in folder.glob("report/comparisons.json"):
+            comparisons = json.loads(path.read_text(encoding="utf-8"))
+            models = [model for comparison in comparisons for model in comparison["models"]]
+            made[path.name] = [model["scores"] for model in models]
         made |= {path.name: path.read_bytes() for path in folder.glob("report/*.png")}
         return made
 

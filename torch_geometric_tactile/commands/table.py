@@ -50,7 +50,7 @@ tables:
   p5-digits   the same on real images: the handwritten digits of scikit-learn
   p5-mnist    the same on MNIST, 70,000 images, which is downloaded
   p5-arrays   letters on arrays of any layout, such as hexagonal or thinned: graph models and CNNs
-  bts3        grasp stability on real grasps: the runs of 'tactile demo'
+  bts3        grasp stability on real grasps, by what is held out
   sparsh-p1   P1's 36 models on public recordings of a real hand with 368 taxels, by object
               (Sparsh-skin, which you fetch yourself: the error for no files says how)
   sparsh-p2   P2's 18 models on the same

@@ -83,6 +83,11 @@ def compared_protocol(dataset: StaticDataset, by: str | None, folds: int) -> Pro
             f"'dataset' must have at least {_LEAST} {by}s, to train, to choose and to test on "
             f"(got {count}){hint}"
         )
+    need(
+        count > _LEAST or folds >= _LEAST,
+        f"'folds' must be at least 3 for 3 {by}s, so that 2 are left to train and to choose on",
+        folds,
+    )
     _check_cut(dataset, by)
     return balanced_protocol(dataset, by, folds)
 

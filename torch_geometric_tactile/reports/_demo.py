@@ -1,0 +1,253 @@
+r"""The report of ``tactile demo``: one table of what is held out, pictures, and a conclusion."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import torch
+from sklearn.metrics import confusion_matrix
+from torch import Tensor
+from torch_geometric.transforms import Compose
+
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments._compared_models import FLOOR
+from torch_geometric_tactile.experiments._demo import (
+    COMMON_MODE,
+    OFFICIAL_TEST,
+    RANDOM_GRASPS,
+    RAW,
+)
+from torch_geometric_tactile.experiments.advice import advice, recommended, to_dict
+from torch_geometric_tactile.experiments.comparison import Comparison, Summary
+from torch_geometric_tactile.experiments.predictions import Predictions
+from torch_geometric_tactile.reports.html import ReportPicture, ReportTable, write_report
+from torch_geometric_tactile.sensors import layout_sectors
+from torch_geometric_tactile.transforms import CommonMode, ZScore, fit_transform
+from torch_geometric_tactile.visualization import (
+    plot_confusion,
+    plot_grasps,
+    plot_protocols,
+    save_figure,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Comparisons by the preparation of the readings and by what is held out.
+DemoComparisons = Mapping[str, Mapping[str, Comparison]]
+
+_FINGERS = ("index finger", "middle finger", "thumb")
+_CAPTION = (
+    "Mean ± standard deviation over the splits. The first three columns split "
+    "the training set: random grasps, objects that no training grasp is of, and one of the three "
+    "recording sessions (palm poses). The official test has other objects in other sessions. "
+    "Common mode: the mean over each finger's electrodes is subtracted in every reading. Settings "
+    "were chosen on a part of each training part; networks are trained for {epochs} epochs."
+)
+
+
+def demo_rows(comparisons: DemoComparisons) -> tuple[list[str], list[list[str]]]:
+    r"""Returns the header and the rows of the table: accuracies in percent, a row for each
+    preparation and model. The row of the recommended model begins with :obj:`*`.
+    """
+    columns = list(next(iter(comparisons.values())))
+    rows = []
+    for readings, by_held_out in comparisons.items():
+        for result in by_held_out[OFFICIAL_TEST].results:
+            name = result.model.name
+            is_main = (readings, name) == (COMMON_MODE, main_model(comparisons))
+            scores = [by_held_out[column].of(name).scores["accuracy"] for column in columns]
+            rows.append([f"{'*' if is_main else ''}{name}", readings, *map(_percent, scores)])
+    return ["model", "readings", *columns], rows
+
+
+def main_model(comparisons: DemoComparisons) -> str:
+    r"""Returns the model that the comparison on the official test recommends for readings without
+    their common mode, or the best one if it recommends none.
+    """
+    comparison = comparisons[COMMON_MODE][OFFICIAL_TEST]
+    result = recommended(comparison) or comparison.best
+    assert result is not None
+    return result.model.name
+
+
+def demo_conclusion(comparisons: DemoComparisons) -> str:
+    r"""Returns the result of the demo in one paragraph."""
+    name = main_model(comparisons)
+
+    def percent(readings: str, held_out: str, model: str = name) -> str:
+        return f"{100 * comparisons[readings][held_out].of(model).scores['accuracy'].mean:.1f} %"
+
+    data = comparisons[COMMON_MODE][OFFICIAL_TEST].run.plan.data
+    generated = data.kind == "generated"
+    texts = [
+        "The data is generated: the numbers show that everything runs, no more."
+        if generated
+        else "",
+        "A robot hand holds an object between three sensor fingertips; from one reading, a model "
+        "predicts whether the object will slip.",
+        f"On raw readings, {name} is right in {percent(RAW, RANDOM_GRASPS)} of random grasps, of "
+        f"objects and sessions that it was trained on, and in {percent(RAW, OFFICIAL_TEST)} of "
+        "the official test, where both are new.",
+        "" if generated else "Between sessions, the readings of whole fingers shift.",
+        "With the mean of each finger subtracted and the index finger left out, it is right in "
+        f"{percent(COMMON_MODE, OFFICIAL_TEST)} of the official test; always giving the more "
+        f"frequent answer is right in {percent(COMMON_MODE, OFFICIAL_TEST, FLOOR)}.",
+        "A score holds only for what was held out: hold out what will be new on your robot.",
+    ]
+    return " ".join(filter(None, texts))
+
+
+def write_demo(comparisons: DemoComparisons, out: PathLike, seconds: float) -> list[Path]:
+    r"""Writes :obj:`report.html`, its pictures and :obj:`comparisons.json`, and returns the paths
+    of the report and of the JSON file.
+    """
+    out = Path(out)
+    main = comparisons[COMMON_MODE][OFFICIAL_TEST]
+    data = main.run.plan.data
+    header, rows = demo_rows(comparisons)
+    content = [
+        {"readings": readings, "held_out": held_out, **to_dict(comparison)}
+        for readings, by_held_out in comparisons.items()
+        for held_out, comparison in by_held_out.items()
+    ]
+    with atomic_path(out / "comparisons.json") as temporary:
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    experiments = main.run.plan.experiments
+    epochs = max(experiment.epochs for experiment in experiments)
+    caption = _CAPTION.format(epochs=epochs)
+    write_report(
+        out / "report.html",
+        title="Will it slip? Grasp stability from touch",
+        verdict=demo_conclusion(comparisons),
+        notice=data.caption,
+        is_warning=data.kind == "generated",
+        facts=_facts(comparisons, seconds),
+        tables=[ReportTable("Accuracy in % by what is held out", caption, header, rows)],
+        pictures=_pictures(comparisons, out),
+    )
+    return [out / "report.html", out / "comparisons.json"]
+
+
+def _percent(score: Summary) -> str:
+    spread = "" if score.sd != score.sd else f" ± {100 * score.sd:.1f}"
+    return f"{100 * score.mean:.1f}{spread}"
+
+
+def _facts(comparisons: DemoComparisons, seconds: float) -> list[tuple[str, str]]:
+    main = comparisons[COMMON_MODE][OFFICIAL_TEST]
+    train, test = _parts(main)
+    machine = next(result["machine"] for _, result in main.run.results)
+    models = "; ".join(f"{r.model.name}: {r.model.title}" for r in main.results)
+    return [
+        (
+            "Data",
+            f"{len(train):,} grasps of {_num_objects(train)} objects to train, {len(test):,} "
+            f"grasps of {_num_objects(test)} other objects in the official test",
+        ),
+        ("Task", "will the object slip, from one reading of 3 fingers x 24 electrodes"),
+        ("Models", models),
+        (
+            "Splits",
+            ", ".join(f"{held_out} {c.num_splits}" for held_out, c in comparisons[RAW].items()),
+        ),
+        ("Seeds", ", ".join(map(str, range(comparisons[RAW][RANDOM_GRASPS].run.plan.seeds)))),
+        *(
+            (f"Verdict, {held_out}", advice(comparison))
+            for held_out, comparison in comparisons[COMMON_MODE].items()
+        ),
+        ("Machine", machine),
+        ("Time", f"{seconds:.0f} s"),
+    ]
+
+
+def _parts(comparison: Comparison) -> tuple[StaticDataset, StaticDataset]:
+    first = comparison.run.plan.experiments[0]
+    return first.data.parts(first.protocol, first.seed, first.fold)
+
+
+def _num_objects(dataset: StaticDataset) -> int:
+    group = dataset.column("group")
+    return 0 if group is None else len(group.unique())
+
+
+def _pictures(comparisons: DemoComparisons, out: Path) -> list[ReportPicture]:
+    train, _ = _parts(comparisons[RAW][OFFICIAL_TEST])
+    grasps, place = _example_grasps(train)
+    name = main_model(comparisons)
+    figures: dict[str, tuple[Figure, str, str]] = {
+        "protocols": (
+            plot_protocols(_accuracies(comparisons), chance=0.5),
+            "Accuracy by what is held out",
+            "Means over the splits in %; bars are standard deviations, the dashed line is 50 %.",
+        ),
+        "grasps": (
+            plot_grasps(
+                train.layout,
+                grasps,
+                finger_names=list(_FINGERS),
+                edge_index=layout_sectors(train.layout).edge_index,
+            ),
+            "Electrodes of the three fingers",
+            f"A stable and a slipping grasp of one object in one session ({place}): the grasp of "
+            "each outcome that is nearest to the mean of its kind. Readings less the common mode "
+            "of each finger, with one scale for its electrodes. Lines are the edges of TaxelNet.",
+        ),
+        "confusion": (
+            plot_confusion(
+                _confusion(comparisons[COMMON_MODE][OFFICIAL_TEST], name),
+                train.class_names,
+                f"Official test, {name}, seed 0, {COMMON_MODE}",
+            ),
+            "Confusion matrix",
+            "Rows are what happened, columns what the model predicted.",
+        ),
+    }
+    pictures = []
+    for file_name, (figure, title, caption) in figures.items():
+        save_figure(figure, out / f"{file_name}.png")
+        pictures.append(ReportPicture(out / f"{file_name}.png", title, caption))
+    return pictures
+
+
+def _accuracies(
+    comparisons: DemoComparisons,
+) -> dict[str, dict[str, dict[str, tuple[float, float]]]]:
+    # Mean and standard deviation by model, held-out part and preparation.
+    accuracies: dict[str, dict[str, dict[str, tuple[float, float]]]] = {}
+    for readings, by_held_out in comparisons.items():
+        for held_out, comparison in by_held_out.items():
+            for result in comparison.results:
+                if result.model.name != FLOOR:
+                    of_model = accuracies.setdefault(result.model.name, {})
+                    of_model.setdefault(held_out, {})[readings] = result.scores["accuracy"]
+    return accuracies
+
+
+def _confusion(comparison: Comparison, model: str) -> list[list[int]]:
+    result = next(result for e, result in comparison.run.results if e.name == model)
+    predictions = Predictions.from_dict(result["predictions"])
+    matrix: list[list[int]] = confusion_matrix(
+        predictions.y, predictions.prediction, labels=[0, 1]
+    ).tolist()
+    return matrix
+
+
+def _example_grasps(dataset: StaticDataset) -> tuple[dict[str, Tensor], str]:
+    r"""Returns a stable and a slipping grasp of the object and session that has most of both."""
+    data = fit_transform(Compose([CommonMode(), ZScore(per="channel")]), dataset)
+    place = data.group * len(dataset.session_names) + data.session
+    counts = torch.stack(
+        [torch.bincount(place[data.y == label], minlength=int(place.max()) + 1) for label in (0, 1)]
+    )
+    best = int(counts.min(dim=0).values.argmax())
+    grasps = {}
+    for label, name in enumerate(dataset.class_names):
+        x = data.x[(place == best) & (data.y == label)]
+        grasps[name] = x[(x - x.mean(0)).square().sum((1, 2)).argmin()]
+    group, session = divmod(best, len(dataset.session_names))
+    session_name = dataset.session_names[session].replace("_", " ")
+    return grasps, f"object '{dataset.group_names[group]}', {session_name}"
