@@ -5,16 +5,17 @@ from typing import Any
 
 _PACKAGE = "torch_geometric_tactile."
 
-# What to do now, by a name below the package, or by a command with its option. Each has a row in
-# docs/migration.md.
 _ALARMS = (
-    "tutorial 8 counts alarms in a few lines of NumPy; benchmarks/early_slip_alarms.py in the "
+    "tutorial 8 counts alarms in a few lines of NumPy; studies/early_slip_alarms.py in the "
     "repository has the code."
 )
 _ALARM_PICTURE = (
-    "tutorial 8 draws alarms with matplotlib; benchmarks/early_slip_pictures.py in the repository "
-    "has the code."
+    "tutorial 8 draws alarms with matplotlib; studies/early_slip_pictures.py in the repository has "
+    "the code."
 )
+
+# What to do now, by a name below the package, or by a command with its option. Each has a row in
+# docs/migration.md.
 REPLACEMENTS: dict[str, str] = {
     "papers.LeadTimes": _ALARMS,
     "papers.SlipScores": _ALARMS,

@@ -1,7 +1,7 @@
 r"""Writes the page, the numbers and the picture of early slip from the finished runs.
 
 Examples:
-    python benchmarks/early_slip_report.py --runs runs
+    PYTHONPATH=benchmarks python studies/early_slip_report.py --runs runs
 """
 
 import sys
