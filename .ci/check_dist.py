@@ -19,6 +19,7 @@ NEEDED = (
     "sensors/layouts/biotac_sp.json",
 )
 PACKAGE = "torch_geometric_tactile"
+REPOSITORY_ONLY = ("tests", "benchmarks", "studies", "docs", "tutorials", "build")
 
 
 def problems(folder):
@@ -40,7 +41,7 @@ def problems(folder):
         for name in sorted({*modules, *(f"{PACKAGE}/{name}" for name in NEEDED)} - names):
             yield f"{kind} lacks {name}"
         for name in sorted(names):
-            if name.split("/")[0] in ("tests", "benchmarks", "docs", "tutorials", "build"):
+            if name.split("/")[0] in REPOSITORY_ONLY:
                 yield f"{kind} must not have {name}"
     version = re.search(r"^Version: (.*)$", page, re.MULTILINE)[1]
     for link in re.findall(r"https://raw\.githubusercontent\.com/[^)\"]*", page):

@@ -5,6 +5,15 @@ from typing import Any
 
 _PACKAGE = "torch_geometric_tactile."
 
+_ALARMS = (
+    "tutorial 8 counts alarms in a few lines of NumPy; studies/early_slip_alarms.py in the "
+    "repository has the code."
+)
+_ALARM_PICTURE = (
+    "tutorial 8 draws alarms with matplotlib; studies/early_slip_pictures.py in the repository has "
+    "the code."
+)
+
 # What to do now, by a name below the package, or by a command with its option. Each has a row in
 # docs/migration.md.
 _CLUSTER = (
@@ -22,6 +31,15 @@ REPLACEMENTS: dict[str, str] = {
     "tactile compare --scheduler": _CLUSTER,
     "tactile table --backend": _CLUSTER,
     "tactile table --scheduler": _CLUSTER,
+REPLACEMENTS: dict[str, str] = {
+    "papers.LeadTimes": _ALARMS,
+    "papers.SlipScores": _ALARMS,
+    "papers.SlipSummary": _ALARMS,
+    "papers.alarm_threshold": _ALARMS,
+    "papers.lead_times": _ALARMS,
+    "papers.slip_summary": _ALARMS,
+    "visualization.AlarmCurves": _ALARM_PICTURE,
+    "visualization.plot_early_slip": _ALARM_PICTURE,
 }
 
 

@@ -40,7 +40,7 @@ class EFleshSlip(PublishedFiles):
         The sequences were recorded in three runs of **one label each**: 86 slip, 34 hold, 17 slip.
         What drifts tells the run, and with it the label: in random folds by sequence, a forest that
         sees nothing but the *first* frame, where nothing slips yet, is right in 98.8 % of them (5
-        folds, 3 seeds; ``benchmarks/split_traps.py``). ``Protocol("given")`` (:obj:`part`) trains
+        folds, 3 seeds; ``studies/split_traps.py``). ``Protocol("given")`` (:obj:`part`) trains
         on the first run of slip and the first half of the holds, and tests on the rest, which no
         training sequence shares its run of slip with; there the first frame alone has 50.0 %, and
         a forest on mean and deviation of the channels, less the first ten frames, 98.0 % (34 test

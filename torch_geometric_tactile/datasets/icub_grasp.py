@@ -42,7 +42,7 @@ class ICubGrasp(PlacedFiles):
         This data set tests formats and pipelines; **it does not rank models.** A random forest that
         sees nothing but the *first* frame of a trial tells the object in 100.0 % of the trials,
         from the encoders alone in 99.2 %, from the taxels alone in 99.3 % (203 trials, 10 classes,
-        5 folds by trial, stratified, 3 seeds; ``benchmarks/split_traps.py``). The trials of an
+        5 folds by trial, stratified, 3 seeds; ``studies/split_traps.py``). The trials of an
         object are too much alike: most joints start within a degree of each other, and some fingers
         touch already. Frames of a trial belong on one side of a split, and even that asks nothing.
 

@@ -52,7 +52,7 @@ class PressureMat(PublishedFiles):
         Frames of one file are nearly the same frame, and what is new at use is the *person*: hold
         out :obj:`group`. In five random folds of frames a forest tells 99.9 % of the postures; for
         new persons 85.6 % of the postures and 98.2 % of the sides (experiment I, every eighth
-        frame, thirteen folds, one seed; ``benchmarks/split_traps.py``).
+        frame, thirteen folds, one seed; ``studies/split_traps.py``).
 
     .. list-table:: STATS
         :header-rows: 1

@@ -1,14 +1,9 @@
 r"""The tables of five papers, their published numbers and their studies. Needs the extras ``train``
 and ``viz``."""
 
-from torch_geometric_tactile.papers.early_slip import (
-    LeadTimes,
-    SlipScores,
-    SlipSummary,
-    alarm_threshold,
-    lead_times,
-    slip_summary,
-)
+from typing import TYPE_CHECKING
+
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.papers.frame_studies import DeadRows, FrameTime
 from torch_geometric_tactile.papers.layer_studies import FeatureEmbedding, FeatureMaps, LayerProbes
 from torch_geometric_tactile.papers.load_table import load_table, table_names
@@ -21,14 +16,11 @@ __all__ = [
     "FeatureMaps",
     "FrameTime",
     "LayerProbes",
-    "LeadTimes",
-    "SlipScores",
-    "SlipSummary",
     "TrainingHistory",
-    "alarm_threshold",
-    "lead_times",
     "load_table",
-    "slip_summary",
     "table_names",
     "write_table",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = removed_names(__name__)

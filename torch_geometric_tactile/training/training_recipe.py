@@ -24,7 +24,7 @@ def training_recipe(num_samples: int) -> TrainingRecipe:
     r"""Returns how to train :class:`~torch_geometric_tactile.nn.models.TaxelNet`,
     :class:`~torch_geometric_tactile.nn.models.PosedTaxelNet` and
     :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet` on so many samples. It is the
-    recipe of :obj:`benchmarks/default_model.py`, chosen on validation parts of single frames.
+    recipe of :obj:`studies/default_model.py`, chosen on validation parts of single frames.
 
     A batch has a twenty-fourth of the samples, within limits; training has about 1,500 steps, but
     at least 15 and at most 60 epochs. The rate falls to zero, so that the last weights are taken

@@ -2,10 +2,12 @@ r"""Plots of layouts, readings and results. Needs the extra ``viz`` when a funct
 when this package is imported.
 """
 
+from typing import TYPE_CHECKING
+
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.visualization.bigs_grasp import plot_bigs_grasps
 from torch_geometric_tactile.visualization.comparison import ComparisonPanel, plot_comparison
 from torch_geometric_tactile.visualization.curves import plot_curves
-from torch_geometric_tactile.visualization.early_slip import AlarmCurves, plot_early_slip
 from torch_geometric_tactile.visualization.embedding import plot_embedding
 from torch_geometric_tactile.visualization.feature_maps import (
     plot_feature_maps,
@@ -28,7 +30,6 @@ from torch_geometric_tactile.visualization.recording import plot_recording
 from torch_geometric_tactile.visualization.training_history import LearningCurves, plot_training
 
 __all__ = [
-    "AlarmCurves",
     "ComparisonPanel",
     "LearningCurves",
     "layout_plane",
@@ -37,7 +38,6 @@ __all__ = [
     "plot_comparison",
     "plot_confusion",
     "plot_curves",
-    "plot_early_slip",
     "plot_embedding",
     "plot_feature_maps",
     "plot_grasps",
@@ -55,3 +55,6 @@ __all__ = [
     "save_figure",
     "theme",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = removed_names(__name__)

@@ -8,7 +8,7 @@ the correlation of both pressure maps over the taxels, the error of the total fo
 times one stiffness, fitted on the sphere), and the time of a step.
 
 Examples:
-    python benchmarks/mujoco_tactile.py
+    PYTHONPATH=benchmarks python studies/mujoco_tactile.py
 """
 
 import time

@@ -6,7 +6,7 @@ also tells how much the fingers of simulated and of real grasps agree.
 
 Examples:
     tactile simulate --objects bigs --out bigs --seed 0
-    python benchmarks/simulated_grasps.py bigs --real BioTacSP
+    PYTHONPATH=benchmarks python studies/simulated_grasps.py bigs --real BioTacSP
 """
 
 import sys

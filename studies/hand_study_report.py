@@ -2,7 +2,7 @@ r"""Writes the tables, the numbers and the pictures of the study of the simulate
 (see hand_study.py). What is above the marker of the page stays as it is.
 
 Examples:
-    python benchmarks/hand_study_report.py --runs runs
+    PYTHONPATH=benchmarks python studies/hand_study_report.py --runs runs
 """
 
 import platform
@@ -18,7 +18,7 @@ from shared import parse, write, write_json
 
 import torch_geometric_tactile
 
-MARK = "<!-- below: written by benchmarks/hand_study_report.py -->\n"
+MARK = "<!-- below: written by studies/hand_study_report.py -->\n"
 TITLES = {
     "posed": "`PosedTaxelNet`",
     "open": "`PosedTaxelNet`, open hand",

@@ -9,8 +9,8 @@ Examples:
       --seconds 5 --preset ci --seed 0
     tactile simulate --out shapes240 --objects shapes --num-objects 40 --trials 3 --spread wide \\
       --seconds 5 --preset ci --seed 0 --hand allegro_uskin_240
-    python benchmarks/hand_study.py --shapes shapes --shapes240 shapes240 --runs runs
-    python benchmarks/hand_study_report.py --runs runs
+    PYTHONPATH=benchmarks python studies/hand_study.py --shapes shapes --shapes240 shapes240 --runs runs
+    PYTHONPATH=benchmarks python studies/hand_study_report.py --runs runs
 """
 
 import json

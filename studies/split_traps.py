@@ -2,9 +2,9 @@ r"""What a random forest makes of the traps of real data sets.
 
 ::
 
-    python benchmarks/split_traps.py icub FOLDER
-    python benchmarks/split_traps.py eflesh FOLDER
-    python benchmarks/split_traps.py mat FOLDER
+    PYTHONPATH=benchmarks python studies/split_traps.py icub FOLDER
+    PYTHONPATH=benchmarks python studies/split_traps.py eflesh FOLDER
+    PYTHONPATH=benchmarks python studies/split_traps.py mat FOLDER
 
 * ``icub``, the first and the last frame of a trial: the object, from the encoders alone, from the
   taxels alone, and from both. Five folds by trial, stratified by object.

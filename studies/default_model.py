@@ -9,8 +9,8 @@ what its defaults were chosen on.
   read. The folder of the CSV files is an argument.
 
 Examples:
-    python benchmarks/default_model.py digits images event
-    python benchmarks/default_model.py bts3 --root data/biotacsp --models svm taxel_net
+    PYTHONPATH=benchmarks python studies/default_model.py digits images event
+    PYTHONPATH=benchmarks python studies/default_model.py bts3 --root data/biotacsp --models svm taxel_net
 """
 
 import argparse

@@ -7,8 +7,8 @@ labels themselves. Every run is a file, so that a benchmark that was stopped goe
 is made here if its folder is missing: `tactile simulate`.
 
 Examples:
-    python benchmarks/few_labels.py --data shared/data --out few_labels
-    python benchmarks/few_labels.py --data shared/data --out few_labels --sets digits bts3 --draws 2
+    PYTHONPATH=benchmarks python studies/few_labels.py --data shared/data --out few_labels
+    PYTHONPATH=benchmarks python studies/few_labels.py --data shared/data --out few_labels --sets digits bts3 --draws 2
 """
 
 import json

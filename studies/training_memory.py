@@ -2,7 +2,7 @@ r"""What a training step of P2's models keeps in memory: weights, gradients and 
 which do not depend on the batch, and the activations that the backward pass needs, which do.
 
 Examples:
-    python benchmarks/training_memory.py --batch 32
+    PYTHONPATH=benchmarks python studies/training_memory.py --batch 32
 """
 
 import sys

@@ -7,8 +7,8 @@ is a file in the folder of runs, so that a run that was stopped goes on.
 
 Examples:
     tactile simulate --objects bigs --out bigs --seed 0
-    python benchmarks/early_slip.py --root bigs --runs runs
-    python benchmarks/early_slip_report.py --runs runs
+    PYTHONPATH=benchmarks python studies/early_slip.py --root bigs --runs runs
+    PYTHONPATH=benchmarks python studies/early_slip_report.py --runs runs
 """
 
 import sys

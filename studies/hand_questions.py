@@ -8,7 +8,7 @@ Examples:
     tactile simulate --out paper8 --trials 50 --spread wide --seconds 5 --preset ci --seed 1
     tactile simulate --out shapes --objects shapes --num-objects 40 --trials 15 --spread wide \\
       --seconds 5 --preset ci
-    python benchmarks/hand_questions.py --paper8 paper8 --shapes shapes --out answers.jsonl
+    PYTHONPATH=benchmarks python studies/hand_questions.py --paper8 paper8 --shapes shapes --out answers.jsonl
 """
 
 import copy

@@ -2,8 +2,8 @@ r"""Puts a table that `tactile table` wrote into a page of results: below one of
 headings, or as the whole page. Its numbers go beside the page, its pictures to the images.
 
 Examples:
-    python benchmarks/result_page.py --table tables/p4.md --page docs/results/p4.md
-    python benchmarks/result_page.py --table tables/p3-k.md --page docs/results/p3.md \
+    PYTHONPATH=benchmarks python studies/result_page.py --table tables/p4.md --page docs/results/p4.md
+    PYTHONPATH=benchmarks python studies/result_page.py --table tables/p3-k.md --page docs/results/p3.md \
         --section "Figure 6"
 """
 

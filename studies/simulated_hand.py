@@ -6,7 +6,7 @@ Nothing here is a result on a real hand. Models and training are fixed beforehan
 Examples:
     tactile simulate --out data/paper8 --objects paper8 --jobs 2
     tactile simulate --out data/control8 --objects control8 --jobs 2
-    python benchmarks/simulated_hand.py --paper8 data/paper8 --control8 data/control8
+    PYTHONPATH=benchmarks python studies/simulated_hand.py --paper8 data/paper8 --control8 data/control8
 """
 
 import argparse
@@ -36,7 +36,7 @@ _INPUTS = ("joints", "tactile", "both")
 _MODELS = ("FNN", "random forest")
 _FRACTIONS = (0.7, 0.0, 0.3)
 _EPOCHS = 30
-_BY_HAND = "<!-- below: written by hand, kept by benchmarks/simulated_hand.py -->"
+_BY_HAND = "<!-- below: written by hand, kept by studies/simulated_hand.py -->"
 
 
 OPTIONS = {
@@ -192,7 +192,7 @@ def main(argv: list[str] | None = None) -> int:
         "object), *by frame* random frames of the same trials. Each sample is one frame, every "
         f"{arguments.stride}th frame, with readings scaled by the training part. The FNN has two "
         f"hidden layers (256, 64) and {_EPOCHS} epochs, the forest 100 trees; neither was tuned. "
-        f"Written by `benchmarks/simulated_hand.py` ({machine}).",
+        f"Written by `studies/simulated_hand.py` ({machine}).",
         "",
         "## Which of eight objects (chance 12.5)",
         "",

@@ -7,7 +7,7 @@ The networks are trained by `tactile fit`, which goes on from its last checkpoin
         --data.val 0.2 --data.test 0
 
 Examples:
-    python benchmarks/letter_epochs.py --runs runs
+    PYTHONPATH=benchmarks python studies/letter_epochs.py --runs runs
 """
 
 import csv

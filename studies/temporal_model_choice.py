@@ -6,8 +6,8 @@ and falls in all classes. Accuracy is that of a validation part; there is no tes
 are trained by training_recipe, with the rate given for each.
 
 Examples:
-    python benchmarks/temporal_model_choice.py
-    python benchmarks/temporal_model_choice.py --layout 8x8 --models temporal gcn --seeds 0
+    PYTHONPATH=benchmarks python studies/temporal_model_choice.py
+    PYTHONPATH=benchmarks python studies/temporal_model_choice.py --layout 8x8 --models temporal gcn --seeds 0
 """
 
 import time

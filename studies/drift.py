@@ -2,7 +2,7 @@ r"""What is left of a model where the session, the run, the mattress or the whol
 
 ::
 
-    python benchmarks/drift.py --data DIR --out drift.json
+    PYTHONPATH=benchmarks python studies/drift.py --data DIR --out drift.json
 
 DIR has a folder for each data set: BioTacSP, PressureMat, EFleshSlip.
 

@@ -4,8 +4,8 @@ Of experiment I of the pressure mat data, 64 x 32 pressures of a frame are poole
 eighth frame is taken. One person is held out in turn, thirteen in all.
 
 Examples:
-    python benchmarks/pressure_mat.py --data shared/data --out mat
-    python benchmarks/pressure_mat.py --data shared/data --out mat --models forest,svm_rbf
+    PYTHONPATH=benchmarks python studies/pressure_mat.py --data shared/data --out mat
+    PYTHONPATH=benchmarks python studies/pressure_mat.py --data shared/data --out mat --models forest,svm_rbf
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 r"""Writes the page, the numbers and the picture of early slip from the finished runs.
 
 Examples:
-    python benchmarks/early_slip_report.py --runs runs
+    PYTHONPATH=benchmarks python studies/early_slip_report.py --runs runs
 """
 
 import sys
@@ -10,16 +10,12 @@ from pathlib import Path
 
 import numpy as np
 from early_slip import PROTOCOLS, WITHIN
+from early_slip_alarms import SlipScores, alarm_threshold, lead_times, slip_summary
+from early_slip_pictures import AlarmCurves, plot_early_slip
 from scipy.stats import t
 from shared import parse, table, write_json
 
-from torch_geometric_tactile.papers import (
-    SlipScores,
-    alarm_threshold,
-    lead_times,
-    slip_summary,
-)
-from torch_geometric_tactile.visualization import AlarmCurves, plot_early_slip, save_figure
+from torch_geometric_tactile.visualization import save_figure
 
 FALSE_ALARMS = 0.02
 SECONDS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0)
