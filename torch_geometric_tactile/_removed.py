@@ -7,7 +7,11 @@ _PACKAGE = "torch_geometric_tactile."
 
 # What to do now, by a name below the package, or by a command with its option. Each has a row in
 # docs/migration.md.
-REPLACEMENTS: dict[str, str] = {}
+_OWN_ESTIMATOR = "write a short estimator around the network (docs/compare.md), or use skorch"
+REPLACEMENTS: dict[str, str] = {
+    "training.NetworkClassifier": _OWN_ESTIMATOR,
+    "training.NetworkRegressor": _OWN_ESTIMATOR,
+}
 
 
 def removal_message(name: str) -> str | None:
