@@ -10,6 +10,7 @@ _PACKAGE = "torch_geometric_tactile."
 _OWN_ESTIMATOR = "write a short estimator around the network (docs/compare.md), or use skorch"
 REPLACEMENTS: dict[str, str] = {
     "io.append_hdf5": "write frames with McapWriter, and convert the file with write_hdf5",
+    "loader.DistributedBlockSampler": "use BlockSampler in one process; Lightning shares samples",
     "training.NetworkClassifier": _OWN_ESTIMATOR,
     "training.NetworkRegressor": _OWN_ESTIMATOR,
 }
