@@ -13,6 +13,7 @@ REPLACEMENTS: dict[str, str] = {
     "loader.DistributedBlockSampler": "use BlockSampler in one process; Lightning shares samples",
     "training.NetworkClassifier": _OWN_ESTIMATOR,
     "training.NetworkRegressor": _OWN_ESTIMATOR,
+    "training.TactileClassifier": "use TactileModule, the same class",
 }
 
 

@@ -12,7 +12,7 @@ from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.nn import TaxelNet
 from torch_geometric_tactile.papers._grasp_report import write_grasp_report
 from torch_geometric_tactile.papers._grasp_table import grasp_table
-from torch_geometric_tactile.training import TactileClassifier
+from torch_geometric_tactile.training import TactileModule
 
 PICTURES = ("confusion.png", "grasps.png", "protocols.png", "roc.png")
 SHORT = ["demo", "--generated", "--seeds", "2", "--folds", "2", "--epochs", "1", "--jobs", "1"]
@@ -116,7 +116,7 @@ def test_demo_keeps_the_model_that_it_judged(report):
     )
     assert content["checkpoint"]["accuracy"] == record["accuracy"]
     path = out / "grasp_common_mode.ckpt"
-    classifier = TactileClassifier.load_from_checkpoint(path, weights_only=True)
+    classifier = TactileModule.load_from_checkpoint(path, weights_only=True)
     assert classifier.layout.name == "biotac_sp"
     assert isinstance(classifier.model, TaxelNet)
 

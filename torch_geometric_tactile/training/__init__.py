@@ -18,11 +18,7 @@ from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.config import config_names, find_config, load_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import classification_metrics, regression_metrics
-from torch_geometric_tactile.training.module import (
-    TactileClassifier,
-    TactileModule,
-    classifier_from_config,
-)
+from torch_geometric_tactile.training.module import TactileModule, classifier_from_config
 from torch_geometric_tactile.training.one_cycle import OneCycle
 from torch_geometric_tactile.training.pretraining import PretrainSettings, PretrainStep, pretrain
 from torch_geometric_tactile.training.quiet import quiet_lightning
@@ -35,7 +31,6 @@ __all__ = [
     "OneCycle",
     "PretrainSettings",
     "PretrainStep",
-    "TactileClassifier",
     "TactileDataModule",
     "TactileModule",
     "TrainingRecipe",
