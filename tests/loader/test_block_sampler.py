@@ -57,7 +57,7 @@ def test_bad_numbers(name):
 
 @pytest.mark.parametrize("make", [lambda frames: frames, lambda frames: Windows(frames, 3)])
 @pytest.mark.parametrize("num_workers", [0, 2])
-def test_loader_shuffles_by_blocks_and_resumes(make, num_workers):
+def test_loader_shuffles_by_blocks(make, num_workers):
     dataset = make(frames_of())
 
     def loader(seed=5):
@@ -69,12 +69,7 @@ def test_loader_shuffles_by_blocks_and_resumes(make, num_workers):
     whole = [batch.number.tolist() for batch in ours]
     assert sorted(number for batch in whole for number in batch) == sorted(dataset.number.tolist())
     assert [batch.number.tolist() for batch in loader()] == whole
-    first = loader()
-    batches = iter(first)
-    seen = [next(batches).number.tolist() for _ in range(4)]
-    other = loader(seed=6)
-    other.load_state_dict(first.state_dict())
-    assert seen + [batch.number.tolist() for batch in other] == whole
+    assert [batch.number.tolist() for batch in loader(seed=6)] != whole
 
 
 def test_shuffle_with_bad_arguments():
