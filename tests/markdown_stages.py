@@ -272,7 +272,7 @@ def _prints(page, count):
     CHECKS[page] = check_prints
 
 
-_prints("docs/time.md", 6)
+_prints("docs/time.md", 5)
 _prints("docs/serial_formats.md", 2)
 
 

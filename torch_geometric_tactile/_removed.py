@@ -5,39 +5,44 @@ from typing import Any
 
 _PACKAGE = "torch_geometric_tactile."
 
-_ALARMS = (
-    "tutorial 8 counts alarms in a few lines of NumPy; studies/early_slip_alarms.py in the "
-    "repository has the code."
-)
-_ALARM_PICTURE = (
-    "tutorial 8 draws alarms with matplotlib; studies/early_slip_pictures.py in the repository has "
-    "the code."
-)
-
-# What to do now, by a name below the package, or by a command with its option. Each has a row in
-# docs/migration.md.
 _CLUSTER = (
     "leave it out, and surround the call with joblib.parallel_config(backend=...); "
     "docs/experiments.md has an example with Dask"
 )
+_ALARMS = (
+    "tutorial 8 counts alarms in a few lines of NumPy; studies/early_slip_alarms.py in the "
+    "repository has the code"
+)
+_ALARM_PICTURE = (
+    "tutorial 8 draws alarms with matplotlib; studies/early_slip_pictures.py in the repository has "
+    "the code"
+)
+_OWN_ESTIMATOR = "write a short estimator around the network (docs/compare.md), or use skorch"
+
+# What to do now, by a name below the package, or by a command with its option. Each has a row in
+# docs/migration.md.
 REPLACEMENTS: dict[str, str] = {
     "experiments.Workers": (
         "give the number of jobs alone, run_plan(plan, out, jobs=2); for a cluster, surround the "
         "call with joblib.parallel_config(backend=...)"
     ),
-    "tactile board --backend": _CLUSTER,
-    "tactile board --scheduler": _CLUSTER,
-    "tactile compare --backend": _CLUSTER,
-    "tactile compare --scheduler": _CLUSTER,
-    "tactile table --backend": _CLUSTER,
-    "tactile table --scheduler": _CLUSTER,
-REPLACEMENTS: dict[str, str] = {
+    "io.append_hdf5": "write frames with McapWriter, and convert the file with write_hdf5",
+    "loader.DistributedBlockSampler": "use BlockSampler in one process; Lightning shares samples",
     "papers.LeadTimes": _ALARMS,
     "papers.SlipScores": _ALARMS,
     "papers.SlipSummary": _ALARMS,
     "papers.alarm_threshold": _ALARMS,
     "papers.lead_times": _ALARMS,
     "papers.slip_summary": _ALARMS,
+    "tactile board --backend": _CLUSTER,
+    "tactile board --scheduler": _CLUSTER,
+    "tactile compare --backend": _CLUSTER,
+    "tactile compare --scheduler": _CLUSTER,
+    "tactile table --backend": _CLUSTER,
+    "tactile table --scheduler": _CLUSTER,
+    "training.NetworkClassifier": _OWN_ESTIMATOR,
+    "training.NetworkRegressor": _OWN_ESTIMATOR,
+    "training.TactileClassifier": "use TactileModule, the same class",
     "visualization.AlarmCurves": _ALARM_PICTURE,
     "visualization.plot_early_slip": _ALARM_PICTURE,
 }

@@ -243,7 +243,7 @@ import lightning
 
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.nn import GraspGCN, TaxelNet
-from torch_geometric_tactile.training import TactileClassifier, TactileDataModule, quiet_lightning
+from torch_geometric_tactile.training import TactileDataModule, TactileModule, quiet_lightning
 from torch_geometric_tactile.transforms import KNNGraph
 
 graphs = BioTacSP(split="all", transform=KNNGraph(k=2))
@@ -252,7 +252,7 @@ graphs = BioTacSP(split="all", transform=KNNGraph(k=2))
 def official_score(model, optimizer, transform):
     """Trains on all training grasps; returns the accuracy on the official test."""
     data = TactileDataModule(graphs, split=Protocol("given"), transform=transform, batch_size=256)
-    classifier = TactileClassifier(model, optimizer)
+    classifier = TactileModule(model, optimizer)
     with quiet_lightning():
         trainer = lightning.Trainer(max_epochs=5, accelerator="cpu", barebones=True)
         trainer.fit(classifier, data)

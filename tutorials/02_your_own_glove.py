@@ -167,7 +167,7 @@ assert losses[-1] < losses[0]
 # ## 5. Train with Lightning, on two splits
 #
 # `TactileDataModule` splits the data set, fits the scaling on the training part and loads batches;
-# `TactileClassifier` is the training step. `TaxelNet` is [the model to take
+# `TactileModule` is the training step. `TaxelNet` is [the model to take
 # first](../docs/models.md). With three folds every frame is tested on once, by a model that was not
 # trained on it.
 #
@@ -180,14 +180,14 @@ from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.nn import TaxelNet
-from torch_geometric_tactile.training import TactileClassifier, TactileDataModule, quiet_lightning
+from torch_geometric_tactile.training import TactileDataModule, TactileModule, quiet_lightning
 from torch_geometric_tactile.transforms import FillMissing, Tare, ZScore
 
 
 def train(transform, split, fold):
     lightning.seed_everything(fold, verbose=False)
     module = TactileDataModule(raw, split=split, fold=fold, transform=transform, batch_size=32)
-    classifier = TactileClassifier(TaxelNet(layout, raw.num_classes, in_channels=1))
+    classifier = TactileModule(TaxelNet(layout, raw.num_classes, in_channels=1))
     quiet = {"enable_progress_bar": False, "enable_model_summary": False, "logger": False}
     with quiet_lightning():  # without its notes and warnings
         trainer = lightning.Trainer(max_epochs=10, enable_checkpointing=False, **quiet)

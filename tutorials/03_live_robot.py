@@ -44,7 +44,7 @@ from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.nn import TaxelNet
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.training import TactileClassifier, TactileDataModule
+from torch_geometric_tactile.training import TactileDataModule, TactileModule
 from torch_geometric_tactile.transforms import FillMissing, Tare, ZScore
 
 rows = {"palm": 10, "thumb": 3, "index": 4, "middle": 4, "ring": 4, "little": 3}
@@ -59,7 +59,7 @@ lightning.seed_everything(0, verbose=False)
 scale = Compose([Tare("trial", seconds=0.3), ZScore(per="channel"), FillMissing()])
 pens = Protocol("group", leave_one_out=True)
 module = TactileDataModule(dataset, split=pens, fold=2, transform=scale, batch_size=32)
-classifier = TactileClassifier(TaxelNet(layout, dataset.num_classes, in_channels=1))
+classifier = TactileModule(TaxelNet(layout, dataset.num_classes, in_channels=1))
 trainer = lightning.Trainer(
     max_epochs=10,
     logger=False,

@@ -9,9 +9,8 @@ pytest.importorskip("h5py", reason="needs the extra 'io'")
 import h5py
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import append_hdf5, read_hdf5, read_hdf5_head, write_hdf5
+from torch_geometric_tactile.io import read_hdf5, read_hdf5_head, write_hdf5
 
-pytestmark = pytest.mark.filterwarnings("ignore:append_hdf5 is deprecated")
 TEN = 10 * np.ones((1, 4, 3))
 
 
@@ -41,10 +40,9 @@ def make(tmp_path):
 
 
 def refuses(path, message):
-    for call in (read_hdf5, lambda p: append_hdf5(Recording([9.0], TEN), p)):
-        with pytest.raises(ValueError, match=message) as caught:
-            call(path)
-        assert f"'{path}'" in str(caught.value)
+    with pytest.raises(ValueError, match=message) as caught:
+        read_hdf5(path)
+    assert f"'{path}'" in str(caught.value)
 
 
 def link(target):

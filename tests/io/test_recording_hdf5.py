@@ -1,4 +1,3 @@
-import itertools
 import subprocess
 import sys
 import zlib
@@ -11,14 +10,8 @@ pytest.importorskip("h5py", reason="needs the extra 'io'")
 import h5py
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import _hdf5_file as hdf5_file
-from torch_geometric_tactile.io import append_hdf5, read_hdf5, write_hdf5
+from torch_geometric_tactile.io import read_hdf5, write_hdf5
 from torch_geometric_tactile.io._recording_schema import recording_to_arrays, recording_to_texts
-
-
-def append(recording, path):
-    with pytest.warns(DeprecationWarning, match="append_hdf5 is deprecated: write frames with Mca"):
-        append_hdf5(recording, path)
 
 
 def test_hdf5_round_trip_of_everything(full, assert_same, tmp_path):
@@ -65,48 +58,6 @@ def test_hdf5_names_by_hand(tmp_path):
     assert (tmp_path / "a.h5").read_bytes()[8] == 3  # superblock with a checksum
 
 
-@pytest.mark.parametrize("cuts", [[0, 20], [0, 1, 13, 20], [0, 0, 20, 20]])
-def test_append_in_parts_is_the_whole(full, assert_same, cuts, tmp_path):
-    path = tmp_path / "a.h5"
-    path.with_name(".a.h5.1.tmp").write_bytes(b"of a writer that was killed")
-    for start, stop in itertools.pairwise(cuts):
-        append(full.select(slice(start, stop)), path)
-    assert_same(read_hdf5(path), full)
-    assert [entry.name for entry in tmp_path.iterdir()] == ["a.h5"]
-    before = path.read_bytes()
-    append(full.select(slice(20, 20)), path)
-    assert path.read_bytes() == before
-
-
-def test_append_to_a_file_that_another_one_appends_to_is_refused(full, tmp_path):
-    fcntl = pytest.importorskip("fcntl")
-    path = tmp_path / "a.h5"
-    write_hdf5(full.select(slice(0, 9)), path)
-    with path.open("rb+") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        with pytest.raises(BlockingIOError, match=r"a.h5' is locked by another process"):
-            append(full.select(slice(9, 20)), path)
-    append(full.select(slice(9, 20)), path)
-    assert read_hdf5(path).num_frames == 20
-
-
-def test_append_to_a_file_that_was_replaced_just_now_reads_the_new_one(
-    full, assert_same, monkeypatch, tmp_path
-):
-    path = tmp_path / "a.h5"
-    write_hdf5(full.select(slice(0, 5)), path)
-    lock, others = hdf5_file.hold_file, [full.select(slice(5, 9))]
-
-    def late(handle, path):
-        while others:
-            append(others.pop(), path)  # a second process that was faster
-        return lock(handle, path)
-
-    monkeypatch.setattr(hdf5_file, "hold_file", late)
-    append(full.select(slice(9, 20)), path)
-    assert_same(read_hdf5(path), full)
-
-
 def test_frames_in_a_block_of_a_compressed_file(tmp_path):
     path = tmp_path / "a.h5"
     arrays = {"wide": np.zeros((3, 40_000)), "some": np.zeros((3, 1000)), "few": np.zeros((3, 2))}
@@ -131,12 +82,10 @@ def write_version_1(recording, path):
             file.attrs[name] = text
 
 
-def test_version_1_is_read_and_appended_to(full, assert_same, tmp_path):
+def test_version_1_is_read(full, assert_same, tmp_path):
     path = tmp_path / "a.h5"
     write_version_1(full.select(slice(0, 9)), path)
     assert_same(read_hdf5(path), full.select(slice(0, 9)))
-    append(full.select(slice(9, 20)), path)
-    assert_same(read_hdf5(path), full)
 
 
 def test_version_1_with_rows_of_an_interrupted_append_is_read_without_them(
@@ -149,74 +98,19 @@ def test_version_1_with_rows_of_an_interrupted_append_is_read_without_them(
         file["tactile"].resize(13, axis=0)
         file["tactile"][10:13] = 99.0
     assert_same(read_hdf5(path), full.select(slice(0, 10)))
-    append(full.select(slice(10, 20)), path)
-    assert_same(read_hdf5(path), full)
 
 
-def test_append_of_longer_texts(tmp_path):
-    path = tmp_path / "a.h5"
+def test_texts_of_different_lengths(tmp_path):
     texts = ["a", "b" * 40, "ü" * 500, "", "e"]
-    for i, text in enumerate(texts):
-        append(Recording([i / 10], [[[1.0]]], privileged={"word": [text]}), path)
-    assert read_hdf5(path).privileged["word"].tolist() == texts
+    time, tactile = np.arange(5) / 10, np.ones((5, 1, 1))
+    write_hdf5(Recording(time, tactile, privileged={"word": texts}), tmp_path / "a.h5")
+    assert read_hdf5(tmp_path / "a.h5").privileged["word"].tolist() == texts
 
 
 def test_metadata_of_any_length(tmp_path):
     rec = Recording([0.5], [[[7.0]]], meta={"note": "ü" * 200_000, "nul": "a\0b"})
     write_hdf5(rec, tmp_path / "a.h5")
     assert read_hdf5(tmp_path / "a.h5").meta == rec.meta
-    append(Recording([0.6], [[[8.0]]]), tmp_path / "a.h5")
-    assert read_hdf5(tmp_path / "a.h5").meta == rec.meta
-
-
-def test_append_keeps_label_and_metadata_of_the_file(full, tmp_path):
-    path = tmp_path / "a.h5"
-    append(full.select(slice(0, 10)), path)
-    later = full.select(slice(10, 20))
-    append(
-        Recording(
-            later.time,
-            later.tactile,
-            later.joint,
-            privileged=later.privileged,
-            extra=later.extra,
-        ),
-        path,
-    )
-    assert read_hdf5(path).meta == full.meta
-    assert read_hdf5(path).label == full.label
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"time": [0.2, 0.3]}, r"'time' must go on after 0.2 s, .*a.h5' \(got 0.2 s\)"),
-        ({"tactile": np.zeros((2, 3, 2))}, r"'tactile' must have frames of shape \(2, 2\).*\(3, 2"),
-        ({"joint": np.zeros((2, 2))}, r"'joint' must have frames of shape \(1,\), .*\(2,\)"),
-        ({"joint": None}, r"'recording' must hold \['joint', .*\(got \['privileged/p'"),
-        ({"privileged": {}}, r"'recording' must hold .*'privileged/p'"),
-        ({"extra": {"p": [1, 2]}}, r"'recording' must hold .*\(got \['extra/p', 'joint'"),
-        ({"privileged": {"p": [0.5, 1]}}, r"'privileged/p' must be of type int64.*got float64"),
-        ({"privileged": {"p": ["a", "b"]}}, r"'privileged/p' must be of type int64.*got <U1"),
-        ({"label": "box"}, r"'label' must be 'cup', as .* \(got 'box'\)"),
-        ({"meta": {"unit": "newton"}}, r"'unit' must be 'count', as .* \(got 'newton'\)"),
-    ],
-)
-def test_append_refuses_what_does_not_go_on(changed, message, tmp_path):
-    good = {
-        "time": [0.1, 0.2],
-        "tactile": np.zeros((2, 2, 2)),
-        "joint": np.zeros((2, 1)),
-        "label": "cup",
-        "meta": {"unit": "count"},
-        "privileged": {"p": [1, 2]},
-    }
-    path = tmp_path / "a.h5"
-    append(Recording(**good), path)
-    before = path.read_bytes()
-    with pytest.raises(ValueError, match=message):
-        append(Recording(**{**good, "time": [0.3, 0.4], **changed}), path)
-    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize("content", [b"", b"time,taxel_0_x\n", b"\x89HDF\r\n\x1a\n"])
@@ -232,9 +126,8 @@ def test_hdf5_cut(full, share, tmp_path):
     write_hdf5(full, path)
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    for call in (lambda: read_hdf5(path), lambda: append(full, path)):
-        with pytest.raises(ValueError, match=r"a.h5' cannot be read as HDF5, is it truncated"):
-            call()
+    with pytest.raises(ValueError, match=r"a.h5' cannot be read as HDF5, is it truncated"):
+        read_hdf5(path)
 
 
 def edit(path, change):
@@ -298,7 +191,6 @@ def test_hdf5_names_the_missing_extra(full, monkeypatch, tmp_path):
     for call in (
         lambda: write_hdf5(full, tmp_path / "b.h5"),
         lambda: read_hdf5(tmp_path / "a.h5"),
-        lambda: append(full, tmp_path / "b.h5"),
     ):
         with pytest.raises(ImportError, match=r'pip install "torch-geometric-tactile\[io\]"'):
             call()

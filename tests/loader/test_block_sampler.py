@@ -5,12 +5,7 @@ import torch
 from torch.utils.data import DistributedSampler, RandomSampler
 
 from torch_geometric_tactile.data import StaticDataset, Windows
-from torch_geometric_tactile.loader import (
-    BlockSampler,
-    DistributedBlockSampler,
-    StaticLoader,
-    static_loader,
-)
+from torch_geometric_tactile.loader import BlockSampler, StaticLoader, static_loader
 from torch_geometric_tactile.loader._memory_limit import exceeds_memory, memory_limit
 from torch_geometric_tactile.sensors import grid
 
@@ -62,7 +57,7 @@ def test_bad_numbers(name):
 
 @pytest.mark.parametrize("make", [lambda frames: frames, lambda frames: Windows(frames, 3)])
 @pytest.mark.parametrize("num_workers", [0, 2])
-def test_loader_shuffles_by_blocks_and_resumes(make, num_workers):
+def test_loader_shuffles_by_blocks(make, num_workers):
     dataset = make(frames_of())
 
     def loader(seed=5):
@@ -74,12 +69,7 @@ def test_loader_shuffles_by_blocks_and_resumes(make, num_workers):
     whole = [batch.number.tolist() for batch in ours]
     assert sorted(number for batch in whole for number in batch) == sorted(dataset.number.tolist())
     assert [batch.number.tolist() for batch in loader()] == whole
-    first = loader()
-    batches = iter(first)
-    seen = [next(batches).number.tolist() for _ in range(4)]
-    other = loader(seed=6)
-    other.load_state_dict(first.state_dict())
-    assert seen + [batch.number.tolist() for batch in other] == whole
+    assert [batch.number.tolist() for batch in loader(seed=6)] != whole
 
 
 def test_shuffle_with_bad_arguments():
@@ -148,61 +138,3 @@ def test_lightning_gives_each_process_its_samples():
         again = utilities._update_dataloader(loader, sampler)
         numbers += [i for batch in again for i in batch.number.tolist()]
     assert sorted(numbers) == list(range(1000))
-
-
-def pieces(size, ranks=2, **kwargs):
-    return [DistributedBlockSampler(range(size), ranks, rank, **kwargs) for rank in range(ranks)]
-
-
-@pytest.mark.parametrize(("size", "ranks"), [(96, 2), (97, 2), (98, 3), (5, 2), (1, 3), (0, 2)])
-def test_processes_share_the_samples(size, ranks):
-    samplers = pieces(size, ranks, block_size=8, num_blocks=3)
-    drawn = [list(sampler) for sampler in samplers]
-    assert {len(one) for one in drawn} == {len(sampler) for sampler in samplers}
-    assert {i for one in drawn for i in one} == set(range(size))
-    assert sum(map(len, drawn)) < size + ranks
-    left = [i for sampler in pieces(size, ranks, drop_last=True) for i in sampler]
-    assert len(left) == len(set(left)) == size // ranks * ranks
-
-
-def test_each_process_reads_whole_blocks_in_a_new_order_every_epoch():
-    samplers = pieces(96, block_size=8, num_blocks=3)
-    orders = []
-    for epoch in (0, 1, 0):
-        for sampler in samplers:
-            sampler.set_epoch(epoch)
-        orders.append([list(sampler) for sampler in samplers])
-    assert orders[0] == orders[2] != orders[1]
-    for first, second in orders:
-        assert not {i // 8 for i in first} & {i // 8 for i in second}
-        for start in (0, 24):
-            assert len({i // 8 for i in first[start : start + 24]}) == 3
-            assert first[start : start + 24] != sorted(first[start : start + 24])
-    assert {tuple(order[0]) for order in orders} != {
-        tuple(pieces(96, block_size=8, num_blocks=3, seed=1)[0])
-    }
-
-
-def test_bad_pieces():
-    with pytest.raises(ValueError, match="'block_size' must be at least 1"):
-        DistributedBlockSampler(range(9), 2, 0, block_size=0)
-    with pytest.raises(ValueError, match="rank"):
-        DistributedBlockSampler(range(9), 2, 2)
-
-
-@pytest.mark.parametrize("num_workers", [0, 2])
-def test_shared_loader_resumes(num_workers):
-    dataset = frames_of()
-
-    def loader():
-        sampler = DistributedBlockSampler(dataset, 2, 1, seed=3, block_size=64, num_blocks=2)
-        sampler.set_epoch(4)
-        return StaticLoader(dataset, 64, sampler=sampler, keyed=True, num_workers=num_workers)
-
-    first = loader()
-    whole = [batch.number.tolist() for batch in first]
-    batches = iter(first)
-    seen = [next(batches).number.tolist() for _ in range(3)]
-    other = loader()
-    other.load_state_dict(first.state_dict())
-    assert seen + [batch.number.tolist() for batch in other] == whole

@@ -1,4 +1,4 @@
-r"""Epochs that are resumed in their middle, and transforms that draw by the batch alone."""
+r"""Transforms that draw by the batch alone."""
 
 import random
 
@@ -41,80 +41,14 @@ def trials(batches):
 
 
 @pytest.mark.parametrize("workers", [0, 1])
-@pytest.mark.parametrize("num_batches", [1, 3])
-def test_resumed_epoch_has_the_batches_that_were_left(num_batches, workers):
-    seeds(0)
-    first = loader(Draws())
-    list(first)
-    batches = iter(first)
-    for _ in range(num_batches):
-        next(batches)
-    state = first.state_dict()
-    assert state["num_batches"] == num_batches
-    left = list(batches)
-
-    seeds(1)
-    other = loader(Draws(), num_workers=workers)
-    other.load_state_dict(state)
-    before = torch.get_rng_state()
-    found = list(other)
-    assert torch.get_rng_state().equal(before)
-    assert trials(found) == trials(left)
-    for a, b in zip(found, left, strict=True):
-        assert a.drawn.equal(b.drawn)
-    assert other.state_dict()["num_batches"] == 4
-    assert trials(other) != trials(left)  # a new epoch
-    assert sorted(i for batch in trials(other) for i in batch) == list(range(10))
-
-
-def test_state_in_the_middle_of_a_resumed_epoch():
-    seeds(0)
-    first = loader()
-    batches = iter(first)
-    next(batches)
-    other = loader()
-    other.load_state_dict(first.state_dict())
-    expected = next(batches), next(batches)
-    assert next(iter(other)).trial.equal(expected[0].trial)
-    third = loader()
-    third.load_state_dict(other.state_dict())
-    assert next(iter(third)).trial.equal(expected[1].trial)
-
-
-def test_resumed_order_of_a_generator():
-    def own(seed):
-        return loader(generator=torch.Generator().manual_seed(seed))
-
-    first = own(3)
-    batches = iter(first)
-    next(batches)
-    other = own(8)
-    other.load_state_dict(first.state_dict())
-    assert trials(other) == trials(batches)
-    assert trials(other) == trials(first)  # and the next epoch, from the same generator
-
-
-@pytest.mark.parametrize("mark", [{}, {"num_batches": 2, "ended": True}])
-def test_epoch_that_had_ended_is_followed_by_a_new_one(mark):
-    seeds(0)
-    first = loader()
-    list(first)
-    other = loader()
-    other.load_state_dict(first.state_dict() | mark)
-    before = torch.get_rng_state()
-    iter(other)  # draws nothing
-    assert torch.get_rng_state().equal(before)
-    expected = trials(first)
-    torch.set_rng_state(before)
-    assert trials(other) == expected
-
-
-def test_state_before_the_first_epoch():
-    first = loader()
-    assert first.state_dict() == {"num_batches": 0}
-    other = loader()
-    other.load_state_dict(first.state_dict())
-    assert len(list(other)) == 4
+def test_an_iterator_without_batches_draws_no_random_number(workers):
+    batches = loader(num_workers=workers, persistent_workers=workers > 0)
+    for _ in range(2):
+        before = torch.get_rng_state()
+        iter(batches)
+        assert torch.get_rng_state().equal(before)
+        assert len(list(batches)) == 4
+        assert not torch.get_rng_state().equal(before)
 
 
 def test_what_transforms_draw_does_not_depend_on_workers():
@@ -159,16 +93,3 @@ def test_last_index_tells_the_samples_of_a_batch():
             assert expected.x.equal(batch.x)
     single = StaticLoader(FakeTactileDataset(3), batch_size=None)
     assert [single.last_index for _ in single] == [[0], [1], [2]]
-
-
-@pytest.mark.parametrize(
-    ("state", "match"),
-    [
-        ({}, r"'num_batches' of the state of a loader must be a number from 0 \(got None\)"),
-        ({"num_batches": -1}, r"number from 0 \(got -1\)"),
-        ({"num_batches": 2}, r"the random states must be those of PyTorch.*got KeyError"),
-    ],
-)
-def test_state_that_is_something_else_is_an_error(state, match):
-    with pytest.raises(ValueError, match=match):
-        loader().load_state_dict(state)

@@ -12,7 +12,7 @@ from torch_geometric.transforms import Compose
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.data import apply_transform
 from torch_geometric_tactile.nn import TactileGCN
-from torch_geometric_tactile.training import TactileClassifier, TactileDataModule
+from torch_geometric_tactile.training import TactileDataModule, TactileModule
 from torch_geometric_tactile.transforms import DropTaxels, KNNGraph, ZScore
 
 
@@ -31,7 +31,7 @@ def trained(labelled, model, tmp_path, **kwargs):
     data = TactileDataModule(
         labelled("multiclass", **kwargs), transform=Compose([ZScore(), ZScore(attr="joint")])
     )
-    classifier = TactileClassifier(model, num_classes=3)
+    classifier = TactileModule(model, num_classes=3)
     trainer = L.Trainer(
         max_epochs=1,
         accelerator="cpu",

@@ -48,7 +48,7 @@ def writers() -> Iterator[Writer]:
 
 
 def recordings():
-    """Returns a short recording, and a longer one that goes on from it."""
+    """Returns a short recording and a longer one."""
     from torch_geometric_tactile.data import Recording
 
     draw = np.random.default_rng(0)
@@ -75,9 +75,6 @@ def recording_writers() -> Iterator[Writer]:
 
     old, new = recordings()
 
-    def joined(path):
-        return readings(io.read_hdf5(path))
-
     yield Writer("npz", ".npz", io.write_npz, lambda p: readings(io.read_npz(p)), old, new)
     yield Writer(
         "wide CSV", ".csv", io.write_wide_csv, lambda p: readings(io.read_wide_csv(p)), old, new
@@ -101,8 +98,7 @@ def recording_writers() -> Iterator[Writer]:
         import h5py  # noqa: F401
     except ImportError:
         return
-    yield Writer("write_hdf5", ".h5", io.write_hdf5, joined, old, new)
-    yield Writer("append_hdf5", ".h5", io.append_hdf5, joined, old, new)
+    yield Writer("write_hdf5", ".h5", io.write_hdf5, lambda p: readings(io.read_hdf5(p)), old, new)
 
 
 def torch_writers() -> Iterator[Writer]:

@@ -187,8 +187,8 @@ def fit() -> Job:
     from torch_geometric_tactile.nn.models import GraspGCN
     from torch_geometric_tactile.training import (
         AtomicCheckpointIO,
-        TactileClassifier,
         TactileDataModule,
+        TactileModule,
     )
     from torch_geometric_tactile.transforms import KNNGraph
 
@@ -208,9 +208,7 @@ def fit() -> Job:
             enable_model_summary=False,
             plugins=[AtomicCheckpointIO()],
             callbacks=[saved],
-        ).fit(
-            TactileClassifier(GraspGCN()), datamodule=TactileDataModule(train, test, batch_size=16)
-        )
+        ).fit(TactileModule(GraspGCN()), datamodule=TactileDataModule(train, test, batch_size=16))
 
     def read(folder):
         return {

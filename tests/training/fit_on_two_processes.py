@@ -16,15 +16,14 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import lightning as L
 
 from torch_geometric_tactile.data import Protocol, StaticDataset, Windows
-from torch_geometric_tactile.loader import StaticLoader
+from torch_geometric_tactile.loader import StaticLoader, static_loader
 from torch_geometric_tactile.nn.models import GraspLSTM
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.training import TactileDataModule, TactileModule, data_module
+from torch_geometric_tactile.training import TactileDataModule, TactileModule
 from torch_geometric_tactile.transforms import ZScore
 
 LENGTH, HOP = 8, 2
 EPOCHS = 3
-BLOCK = 256  # of the sampler
 
 
 def moving_windows(num_trials: int = 40, num_frames: int = 120) -> Windows:
@@ -92,21 +91,21 @@ def trainer(*callbacks: L.Callback, **arguments: object) -> L.Trainer:
 
 
 def main() -> None:
-    """Trains in a random order, by blocks, and with a loader that was given."""
+    """Trains on data in memory, on data larger than memory, and with a loader that was given."""
     warnings.simplefilter("ignore")
     windows = moving_windows()
     found = {}
-    for name in ("random", "blocks", "given"):
+    for name in ("random", "larger than memory", "given"):
         seen, trained, parts = Seen(), module(), data(windows)
         on_two = trainer(seen, strategy="ddp", devices=2, num_sanity_val_steps=0)
-        data_module.exceeds_memory = lambda part, name=name: name == "blocks"
+        static_loader.exceeds_memory = lambda data, name=name: name == "larger than memory"
         if name == "given":
             loader = StaticLoader(windows, 128, shuffle="blocks", keyed=True)
             on_two.fit(trained, loader)
         else:
             on_two.fit(trained, datamodule=parts)
         found[name] = seen.told(trained)
-        if name == "blocks":
+        if name == "larger than memory":
             (metrics,) = on_two.test(trained, parts, verbose=False)
             found[name]["accuracy"] = metrics["test/accuracy"]
     rank = on_two.global_rank

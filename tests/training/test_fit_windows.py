@@ -12,8 +12,6 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 from training import fit_on_two_processes as two
 
 from torch_geometric_tactile.data import split_frames
-from torch_geometric_tactile.loader import DistributedBlockSampler
-from torch_geometric_tactile.training import data_module
 
 SCRIPT = Path(two.__file__)
 # What other tests, or a cluster, may have set.
@@ -69,7 +67,7 @@ def told(tmp_path_factory):
     return [json.loads((folder / f"rank{rank}.json").read_text()) for rank in range(2)]
 
 
-@pytest.mark.parametrize("name", ["random", "blocks", "given"])
+@pytest.mark.parametrize("name", ["random", "larger than memory", "given"])
 def test_two_processes_see_every_window_once_an_epoch(told, name):
     windows = two.moving_windows()
     wanted = windows.number.tolist()
@@ -89,47 +87,11 @@ def test_two_processes_see_every_window_once_an_epoch(told, name):
     assert first[0] != first[1]
 
 
-@pytest.mark.parametrize("name", ["random", "blocks", "given"])
+@pytest.mark.parametrize("name", ["random", "larger than memory", "given"])
 def test_two_processes_train_one_model(told, name):
     first, second = (rank[name] for rank in told)
     assert first["weights"] == second["weights"]
     for rank in (first, second):
         losses = [sum(epoch) / len(epoch) for epoch in rank["loss"]]
         assert losses[-1] < 0.9 * losses[0]
-    assert name != "blocks" or first["accuracy"] == second["accuracy"] > 0.9
-
-
-def test_two_processes_read_their_own_blocks_where_data_exceeds_memory(told):
-    parts = two.data(two.moving_windows())
-    parts.setup()
-    place = {number: i for i, number in enumerate(parts.part("train").number.tolist())}
-    blocks = -(-len(place) // two.BLOCK)
-    for rank in told:
-        touched = {
-            name: [len({place[i] // two.BLOCK for i in epoch}) for epoch in rank[name]["train"]]
-            for name in ("random", "blocks")
-        }
-        assert touched["random"] == [blocks] * two.EPOCHS
-        assert max(touched["blocks"]) <= blocks // 2 + 1 < blocks
-
-
-@pytest.mark.parametrize(
-    ("arguments", "exceeds", "shared"),
-    [
-        ({"strategy": "ddp", "devices": 2}, True, True),
-        ({"strategy": "ddp", "devices": 2}, False, False),
-        ({"strategy": "ddp", "devices": 2, "use_distributed_sampler": False}, True, False),
-        ({"strategy": "ddp", "devices": 1}, True, False),
-        ({"devices": 1}, True, False),
-    ],
-)
-def test_sampler_of_several_processes(monkeypatch, arguments, exceeds, shared):
-    monkeypatch.setattr(data_module, "exceeds_memory", lambda part: exceeds)
-    monkeypatch.setenv("PL_GLOBAL_SEED", "7")
-    parts = two.data(two.moving_windows(20))
-    parts.setup()
-    parts.trainer = two.trainer(**arguments)
-    sampler = parts.train_dataloader().sampler
-    assert isinstance(sampler, DistributedBlockSampler) is shared
-    assert not shared or (sampler.num_replicas, sampler.rank, sampler.seed) == (2, 0, 7)
-    assert not isinstance(parts.val_dataloader().sampler, DistributedBlockSampler)
+    assert name != "larger than memory" or first["accuracy"] == second["accuracy"] > 0.9

@@ -13,8 +13,8 @@ from torch_geometric_tactile.nn.models import GraspGCN
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.training import (
     AtomicCheckpointIO,
-    TactileClassifier,
     TactileDataModule,
+    TactileModule,
     classifier_from_config,
 )
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, ZScore
@@ -58,7 +58,7 @@ def test_classifier_learns_generated_grasps(tmp_path):
 def test_checkpoint_is_plain_data_and_builds_the_classifier_again(tmp_path):
     classifier, data, path = trained(tmp_path)
     torch.load(path, weights_only=True)
-    again = TactileClassifier.load_from_checkpoint(path, weights_only=True)
+    again = TactileModule.load_from_checkpoint(path, weights_only=True)
     batch = next(iter(data.test_dataloader()))
     torch.testing.assert_close(again.eval()(batch), classifier.eval()(batch), rtol=0, atol=0)
     assert again.layout.matches(data.layout)
@@ -78,7 +78,7 @@ def test_checkpoint_of_another_layout_is_refused(tmp_path):
     data = TactileDataModule(
         fake(layout=biotac()), fake("test", layout=biotac()), transform=ZScore(), batch_size=32
     )
-    classifier = TactileClassifier(GraspGCN(19))
+    classifier = TactileModule(GraspGCN(19))
     with pytest.raises(ValueError, match=r"layout 'biotac' with 19 taxels.*'biotac_sp' with 24"):
         trainer(tmp_path).test(classifier, data, ckpt_path=path)
 
@@ -107,7 +107,7 @@ def test_checkpoint_is_kept_when_writing_the_next_one_fails(tmp_path, monkeypatc
 
 
 def test_classifier_steps_its_scheduler(tmp_path):
-    classifier = TactileClassifier(
+    classifier = TactileModule(
         GraspGCN(),
         optimizer=partial(torch.optim.Adam, lr=0.1),
         lr_scheduler=partial(torch.optim.lr_scheduler.CosineAnnealingLR, T_max=2),
@@ -119,7 +119,7 @@ def test_classifier_steps_its_scheduler(tmp_path):
 
 
 def test_the_loss_of_a_validation_batch_is_that_of_all_processes(monkeypatch):
-    classifier = TactileClassifier(GraspGCN())
+    classifier = TactileModule(GraspGCN())
     logged = {}
     monkeypatch.setattr(
         classifier, "log", lambda name, value, **options: logged.update({name: options})

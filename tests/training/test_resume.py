@@ -1,4 +1,4 @@
-r"""Killed at any batch and resumed from the newest checkpoint is the training that went through."""
+"""Killed and resumed at the end of an epoch, a training ends with the same weights."""
 
 import random
 
@@ -67,12 +67,11 @@ def data_of(**kwargs):
     )
 
 
-def weights(folder, resume=None, *, seed=4, killed=None, workers=0, saved=None, **settings):
+def weights(folder, resume=None, *, seed=4, callback=None, workers=0, saved=None, **settings):
     """The weights after a training whose checkpoints are in a folder."""
     L.seed_everything(seed, verbose=False)
     callbacks = [ModelCheckpoint(folder, "{step}", save_last=True, save_top_k=-1, **(saved or {}))]
-    if killed is not None:
-        callbacks.append(Kill(killed))
+    callbacks += [] if callback is None else [callback]
     settings = {"max_epochs": EPOCHS, "enable_checkpointing": True, **settings}
     trainer = quiet_trainer(callbacks=callbacks, **settings)
     module = TactileModule(
@@ -90,66 +89,84 @@ def assert_same(found, expected):
 
 @pytest.fixture(scope="module")
 def through(tmp_path_factory):
-    """The weights of trainings that were never stopped, and their checkpoints by their steps."""
-    found = {}
-    for name, saved in (("epoch", {}), ("step", STEP)):
-        folder = tmp_path_factory.mktemp(name)
-        found[name] = folder, weights(folder, saved=saved)
-    return found
-
-
-@pytest.mark.parametrize("step", [1, 3, 4, 5, 8, 11])
-def test_resumed_at_any_step(through, tmp_path, step):
-    folder, expected = through["step"]
-    found = weights(tmp_path, folder / f"step={step}.ckpt", seed=99, saved=STEP)
-    assert_same(found, expected)
+    """The weights of a training that was never stopped, and its checkpoints by their steps."""
+    folder = tmp_path_factory.mktemp("through")
+    return folder, weights(folder)
 
 
 @pytest.mark.parametrize("epoch", [1, 2, 3])
 def test_resumed_after_an_epoch(through, tmp_path, epoch):
-    folder, expected = through["epoch"]
+    folder, expected = through
     found = weights(tmp_path, folder / f"step={epoch * BATCHES}.ckpt", seed=99)
     assert_same(found, expected)
-    assert_same(through["step"][1], expected)  # writing checkpoints draws no random number
+
+
+def test_writing_checkpoints_draws_no_random_number(through, tmp_path):
+    assert_same(weights(tmp_path, saved=STEP), through[1])
 
 
 def test_killed_twice(through, tmp_path):
-    saved = {"every_n_train_steps": 2}
     newest = None
-    for seed, killed in ((4, 3), (98, 9)):
+    for seed, killed in ((4, 5), (98, 9)):
         with pytest.raises(KilledError):
-            weights(tmp_path, newest, seed=seed, killed=killed, saved=saved)
+            weights(tmp_path, newest, seed=seed, callback=Kill(killed))
         newest = tmp_path / "last.ckpt"
     assert torch.load(newest, weights_only=True)["global_step"] == 8
-    assert_same(weights(tmp_path, newest, seed=99, saved=saved), through["step"][1])
+    assert_same(weights(tmp_path, newest, seed=99), through[1])
 
 
-@pytest.mark.parametrize(("saved", "killed"), [({}, 5), (STEP, 6)])
-def test_resumed_with_a_worker_is_what_it_is_without(through, tmp_path, saved, killed):
+def test_resumed_with_a_worker_is_what_it_is_without(through, tmp_path):
     with pytest.raises(KilledError):
-        weights(tmp_path, killed=killed, workers=1, saved=saved)
-    newest = tmp_path / "last.ckpt"
-    found = weights(tmp_path, newest, seed=99, workers=1, saved=saved)
-    assert_same(found, through["epoch"][1])
+        weights(tmp_path, callback=Kill(5), workers=1)
+    assert_same(weights(tmp_path, tmp_path / "last.ckpt", seed=99, workers=1), through[1])
 
 
 @pytest.mark.parametrize(
-    ("settings", "saved", "steps"),
+    ("settings", "step"),
     [
-        ({"max_epochs": -1, "max_steps": 11}, STEP, (3, 8)),
-        ({"max_epochs": -1, "max_steps": 11}, {}, (4,)),
-        ({"limit_train_batches": 3}, STEP, (2, 3)),
-        ({"val_check_interval": 0.5}, {}, (2, 4)),
-        ({"check_val_every_n_epoch": 2}, {}, (8,)),
-        ({"accumulate_grad_batches": 2}, STEP, (1, 2)),
+        ({"max_epochs": -1, "max_steps": 11}, 4),
+        ({"limit_train_batches": 3}, 3),
+        ({"val_check_interval": 0.5}, 4),
+        ({"check_val_every_n_epoch": 2}, 8),
+        ({"accumulate_grad_batches": 2}, 2),
     ],
 )
-def test_resumed_under_other_settings_of_the_trainer(tmp_path, settings, saved, steps):
-    expected = weights(tmp_path, saved=saved, **settings)
-    for step in steps:
-        checkpoint = tmp_path / f"step={step}.ckpt"
-        found = weights(tmp_path / "again", checkpoint, seed=99, saved=saved, **settings)
-        assert_same(found, expected)
+def test_resumed_under_other_settings_of_the_trainer(tmp_path, settings, step):
+    expected = weights(tmp_path, **settings)
+    found = weights(tmp_path / "again", tmp_path / f"step={step}.ckpt", seed=99, **settings)
+    assert_same(found, expected)
+
+
+class Seen(L.Callback):
+    """Lists the samples of each batch."""
+
+    def __init__(self):
+        self.batches = []
+
+    def on_train_batch_start(self, trainer, module, batch, *args):
+        self.batches.append(batch.joint[:, 0].tolist())
+
+
+def test_resumed_in_the_middle_of_an_epoch_draws_as_many_batches_as_were_left(tmp_path):
+    weights(tmp_path, saved=STEP)
+    seen = Seen()
+    with pytest.warns(UserWarning, match="resuming from a checkpoint that ended before the epoch"):
+        weights(tmp_path / "again", tmp_path / "step=1.ckpt", callback=seen)
+    assert [len(batch) for batch in seen.batches] == [12] * 11
+    for batches in (seen.batches[:3], seen.batches[3:7], seen.batches[7:]):  # none comes twice
+        assert len({value for batch in batches for value in batch}) == sum(map(len, batches))
+    assert torch.load(tmp_path / "again" / "last.ckpt", weights_only=True)["global_step"] == 12
+
+
+def test_checkpoint_with_the_state_of_a_loader_is_resumed(tmp_path):
+    # Version 0.2.1 wrote such states. Lightning reads them if 'max_steps' is given.
+    settings = {"max_epochs": -1, "max_steps": 11}
+    expected = weights(tmp_path, **settings)
+    checkpoint = torch.load(tmp_path / "step=4.ckpt", weights_only=True)
+    loaders = [{"num_batches": 4, "start": checkpoint["random_states"], "generator": None}]
+    checkpoint["loops"]["fit_loop"]["state_dict"]["combined_loader"] = loaders
+    torch.save(checkpoint, tmp_path / "old.ckpt")
+    assert_same(weights(tmp_path / "again", tmp_path / "old.ckpt", **settings), expected)
 
 
 def test_numbers_of_a_training_that_goes_through_are_those_before(tmp_path):
@@ -164,7 +181,7 @@ def test_numbers_of_a_training_that_goes_through_are_those_before(tmp_path):
 
 
 def test_checkpoint_without_random_states_is_resumed(through, tmp_path):
-    folder, expected = through["epoch"]
+    folder, expected = through
     checkpoint = torch.load(folder / f"step={BATCHES}.ckpt", weights_only=True)
     del checkpoint["random_states"]
     torch.save(checkpoint, tmp_path / "old.ckpt")
@@ -173,7 +190,7 @@ def test_checkpoint_without_random_states_is_resumed(through, tmp_path):
 
 
 def test_random_states_that_were_changed_are_an_error(through, tmp_path):
-    folder, _ = through["epoch"]
+    folder, _ = through
     checkpoint = torch.load(folder / "last.ckpt", weights_only=True)
     checkpoint["random_states"]["torch"] = torch.zeros(3, dtype=torch.uint8)
     torch.save(checkpoint, tmp_path / "odd.ckpt")
@@ -189,7 +206,7 @@ def test_validating_a_checkpoint_leaves_the_random_states_alone(through):
         trainer.validate(module, data_of(), ckpt_path=checkpoint, verbose=False)
         return torch.rand(2)
 
-    assert drawn(through["epoch"][0] / "last.ckpt").equal(drawn(None))
+    assert drawn(through[0] / "last.ckpt").equal(drawn(None))
 
 
 def test_command_line_goes_on_as_if_never_stopped(tmp_path, monkeypatch):
@@ -214,25 +231,17 @@ def test_command_line_goes_on_as_if_never_stopped(tmp_path, monkeypatch):
             "logger": False,
             "enable_progress_bar": False,
             "enable_model_summary": False,
-            "callbacks": [
-                {
-                    "class_path": "lightning.pytorch.callbacks.ModelCheckpoint",
-                    "init_args": {"filename": "{step}", "save_top_k": -1, **STEP},
-                }
-            ],
         },
     }
     (tmp_path / "fit.yaml").write_text(yaml.safe_dump(config))
 
-    def fit(folder, *more):
+    def fit(folder, epochs, *more):
         args = ["fit", "--config", "fit.yaml", "--trainer.default_root_dir", folder]
-        TactileCLI([*args, "--trainer.max_epochs", "2", *more])
-        return tmp_path / folder / "checkpoints"
+        TactileCLI([*args, "--trainer.max_epochs", epochs, *more])
+        return tmp_path / folder / "checkpoints" / "last.ckpt"
 
-    whole = fit("whole")
-    again = fit("again", "--seed_everything", "99", "--ckpt_path", str(whole / "step=3.ckpt"))
-    found, expected = (
-        torch.load(folder / "last.ckpt", weights_only=True)["state_dict"]
-        for folder in (again, whole)
-    )
+    whole = fit("whole", "2")
+    begun = fit("begun", "1")
+    again = fit("again", "2", "--seed_everything", "99", "--ckpt_path", str(begun))
+    found, expected = (torch.load(path, weights_only=True)["state_dict"] for path in (again, whole))
     assert_same(found, expected)

@@ -12,7 +12,7 @@ from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.reports._predictions import write_samples
-from torch_geometric_tactile.training import TactileClassifier, TactileDataModule
+from torch_geometric_tactile.training import TactileDataModule, TactileModule
 from torch_geometric_tactile.training.metrics import classification_metrics
 
 NAMES = ("hard", "heavy", "slippery")
@@ -27,7 +27,7 @@ def trained(labelled, model, task, tmp_path, **kwargs):
     data = TactileDataModule(
         labelled(task, **kwargs), labelled(task, seed=1, **kwargs), val=0.2, batch_size=16
     )
-    classifier = TactileClassifier(model, optimizer=lambda p: torch.optim.Adam(p, 0.1), task=task)
+    classifier = TactileModule(model, optimizer=lambda p: torch.optim.Adam(p, 0.1), task=task)
     fitter = trainer(tmp_path)
     fitter.fit(classifier, datamodule=data)
     return classifier, data, dict(fitter.callback_metrics)
@@ -52,7 +52,7 @@ def test_classifier_learns_and_logs_what_a_table_would_say(task, labelled, joint
 
 
 def test_multilabel_loss_is_the_binary_cross_entropy(labelled, joint_model):
-    classifier = TactileClassifier(joint_model(), task="multilabel")
+    classifier = TactileModule(joint_model(), task="multilabel")
     logits, y = torch.tensor([[0.0, 2.0]]), torch.tensor([[1, 0]])
     expected = (math.log(2) + math.log(1 + math.exp(2))) / 2
     assert float(classifier.loss(logits, y)) == pytest.approx(expected)
@@ -62,7 +62,7 @@ def test_multilabel_loss_is_the_binary_cross_entropy(labelled, joint_model):
 
 
 def test_batches_of_both_kinds_reach_the_model(labelled, joint_model):
-    dataset, classifier = labelled(), TactileClassifier(joint_model(), task="multilabel")
+    dataset, classifier = labelled(), TactileModule(joint_model(), task="multilabel")
     static = dataset.batch([0, 1, 2])
     batch = Batch.from_data_list([dataset[0], dataset[1], dataset[2]])
     torch.testing.assert_close(classifier(batch), classifier(static))
@@ -111,9 +111,9 @@ def test_class_missing_in_the_test_part_breaks_nothing(labelled, joint_model, tm
 def test_checkpoint_keeps_the_arguments(tmp_path):
     given = {"task": "multilabel", "num_classes": 6, "class_weights": (1, 2, 3, 4, 5, 6)}
     fitter = trainer(tmp_path)
-    fitter.strategy.connect(TactileClassifier(torch.nn.Identity(), **given))
+    fitter.strategy.connect(TactileModule(torch.nn.Identity(), **given))
     fitter.save_checkpoint(tmp_path / "new.ckpt")
-    again = TactileClassifier.load_from_checkpoint(tmp_path / "new.ckpt", model=torch.nn.Identity())
+    again = TactileModule.load_from_checkpoint(tmp_path / "new.ckpt", model=torch.nn.Identity())
     assert (again.task, again.num_classes) == ("multilabel", 6)
     assert again.class_weight.tolist() == [1, 2, 3, 4, 5, 6]
     assert again.arguments() == {
@@ -128,17 +128,17 @@ def test_checkpoint_keeps_the_arguments(tmp_path):
 
 def test_bad_input_is_named(labelled, joint_model):
     with pytest.raises(ValueError, match=r"'task' must be one of .* \(got 'binary'\)"):
-        TactileClassifier(joint_model(), task="binary")
+        TactileModule(joint_model(), task="binary")
     batch = labelled().batch([0, 1])
     del batch.edge_attr
     match = (
         r"the model needs 'edge_attr' \(the batch has \[.*'joint'.*\): add GeometricEdgeAttr\(\)"
     )
     with pytest.raises(ValueError, match=match):
-        TactileClassifier(joint_model())(batch)
+        TactileModule(joint_model())(batch)
     batch = labelled().batch([0, 1])
     match = r"'y' must have shape \(2,\) for task='multiclass' \(got \(2, 3\)\); is it task='multil"
     with pytest.raises(ValueError, match=match):
-        TactileClassifier(joint_model()).training_step(batch, 0)
+        TactileModule(joint_model()).training_step(batch, 0)
     with pytest.raises(ValueError, match=r"'y' must have shape \(2, 5\) for task='multilabel'"):
-        TactileClassifier(joint_model(5), task="multilabel").validation_step(batch, 0)
+        TactileModule(joint_model(5), task="multilabel").validation_step(batch, 0)

@@ -30,7 +30,7 @@ from torch_geometric_tactile.training._silent_training import silent_training
 from torch_geometric_tactile.training._threshold import choose_threshold
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
+from torch_geometric_tactile.training.module import TactileModule, classifier_from_config
 from torch_geometric_tactile.training.one_cycle import OneCycle
 from torch_geometric_tactile.transforms import KNNGraph
 
@@ -123,7 +123,7 @@ def member_seed(seed: int, member: int) -> int:
 
 
 def _answers(
-    said: Sequence[Outputs], classifier: TactileClassifier, scale: "TargetScale | None"
+    said: Sequence[Outputs], classifier: TactileModule, scale: "TargetScale | None"
 ) -> tuple[np.ndarray, np.ndarray]:
     # What several networks say on average: the scores, and what is predicted by them.
     if scale is not None:
@@ -141,7 +141,7 @@ def _loss(said: Outputs) -> float:
     return float(F.cross_entropy(said.logits, said.y))
 
 
-def _trained(classifier: TactileClassifier, data: TactileDataModule, seed: int) -> Trained:
+def _trained(classifier: TactileModule, data: TactileDataModule, seed: int) -> Trained:
     model = classifier.model.eval().cpu()
     train, test = (data.peek(part, len(part)) for part in (data.part("train"), data.part("test")))
     return Trained(model, train, test, data.class_names, data.layout, seed)
@@ -154,7 +154,7 @@ def fit_classifier(
     settings: dict[str, Any],
     epochs: int,
     *callbacks: L.Callback,
-) -> TactileClassifier:
+) -> TactileModule:
     r"""Trains the classifier of a configuration; nothing is shown, logged or kept."""
     L.seed_everything(seed, verbose=False)
     # jsonargparse writes into the configuration.
@@ -178,7 +178,7 @@ def warm_up(accelerator: str) -> None:
     r"""Trains a tiny model once in a process."""
     # What is loaded at a process's first training is not to count as memory or time of a model.
     batch = StaticData(x=torch.zeros(2, 1, 2), y=torch.tensor([0, 1]), edge_index=_NO_EDGES)
-    classifier = TactileClassifier(_Linear())
+    classifier = TactileModule(_Linear())
     with silent_training():
         trainer = _trainer({"accelerator": accelerator}, max_epochs=1)
         batches: Any = [batch]

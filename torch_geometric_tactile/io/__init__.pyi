@@ -25,7 +25,7 @@ from .mcap_recovery import RepairReport, repair_mcap
 from .named_csv import read_named_csv
 from .pressure_mat_zip import MatFile, pressure_mat_hash, read_pressure_mat_zip
 from .recording_files import read_recording, recording_format, write_recording
-from .recording_hdf5 import append_hdf5, read_hdf5, read_hdf5_head, write_hdf5
+from .recording_hdf5 import read_hdf5, read_hdf5_head, write_hdf5
 from .recording_mcap import McapWriter, write_mcap
 from .recording_npz import read_npz, write_npz
 from .samples_npz import read_samples_npz
@@ -61,7 +61,6 @@ __all__ = [
     "TextRowsDecoder",
     "XelaFrame",
     "add_to_lerobot",
-    "append_hdf5",
     "decoder_of",
     "encode_letter_array",
     "encode_packet",

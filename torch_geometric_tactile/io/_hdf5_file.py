@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile._files import hold_file, is_held
+from torch_geometric_tactile._files import is_held
 
 CHECKSUMMED = ("v110", "v110")  # the oldest HDF5 with checksums in all structures
 _INSTALL = 'pip install "torch-geometric-tactile[io]"'
@@ -34,13 +34,13 @@ def require_h5py() -> Any:
 
 
 @contextmanager
-def opened(path: Path, in_memory: bool = False) -> Iterator[Any]:
-    r"""Opens a file to be read, in memory if this process has locked it."""
+def opened(path: Path) -> Iterator[Any]:
+    r"""Opens a file to be read."""
     h5py = require_h5py()
     journal = _journal(path)
     try:
-        image = _image(path, journal) if in_memory or journal is not None else None
-        with h5py.File(image or path, "r", libver=CHECKSUMMED) as file:
+        image = path if journal is None else _image(path, *journal)
+        with h5py.File(image, "r", libver=CHECKSUMMED) as file:
             yield file
     except BlockingIOError as error:
         raise is_held(path) from error
@@ -52,23 +52,6 @@ def opened(path: Path, in_memory: bool = False) -> Iterator[Any]:
             f"'{path}' cannot be read as HDF5, is it truncated or damaged? {error}; copy or record "
             "it again"
         ) from error
-
-
-@contextmanager
-def held(path: Path) -> Iterator[None]:
-    r"""Locks a file that is read and then replaced, against others that do the same."""
-    while True:
-        handle = os.open(path, os.O_RDWR | getattr(os, "O_BINARY", 0))
-        try:
-            release = hold_file(handle, path)
-            try:
-                if os.path.samestat(os.fstat(handle), path.stat()):
-                    yield
-                    return
-            finally:
-                release()  # also where it was replaced by a new file meanwhile
-        finally:
-            os.close(handle)
 
 
 def _journal(path: Path) -> tuple[bytes, int] | None:
@@ -92,9 +75,8 @@ def _journal(path: Path) -> tuple[bytes, int] | None:
     return (journal, size) if zlib.crc32(journal) == journal_sum else None
 
 
-def _image(path: Path, journal: tuple[bytes, int] | None) -> io.BytesIO:
+def _image(path: Path, changes: bytes, size: int) -> io.BytesIO:
     content = bytearray(path.read_bytes())
-    changes, size = journal or (b"", len(content))
     position = 0
     while position < len(changes):
         where, count = _ENTRY.unpack_from(changes, position)

@@ -20,10 +20,8 @@ used.
 
 import io
 import json
-import warnings
 import zlib
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,7 +44,6 @@ from torch_geometric_tactile.io._hdf5_file import (
     as_stored,
     as_texts,
     create_dataset,
-    held,
     opened,
     read_rows,
     require_h5py,
@@ -109,10 +106,10 @@ def write_hdf5(recording: Recording, path: PathLike) -> None:
 
 
 def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
-    r"""Reads a recording from an HDF5 file. Frames of an append that was interrupted are left out.
+    r"""Reads a recording from an HDF5 file.
 
     Args:
-        path (str or PathLike): A file as :meth:`write_hdf5` or :meth:`append_hdf5` writes it.
+        path (str or PathLike): A file as :meth:`write_hdf5` writes it.
         max_bytes (int, optional): The most that the arrays may take in memory. If left out, 1 GiB
             or a hundred times the size of the file, whichever is more.
 
@@ -141,7 +138,7 @@ def read_hdf5_head(path: PathLike) -> Recording:
     r"""Reads the metadata of a recording in an HDF5 file, without its frames.
 
     Args:
-        path (str or PathLike): A file as :meth:`write_hdf5` or :meth:`append_hdf5` writes it.
+        path (str or PathLike): A file as :meth:`write_hdf5` writes it.
 
     Returns:
         Recording: One without frames, with label, metadata and the shapes of a frame.
@@ -163,63 +160,6 @@ def read_hdf5_head(path: PathLike) -> Recording:
     path = hdf5_file(_h5py_needed(path))
     with opened(path) as file:
         return _checked(path, file).head
-
-
-def append_hdf5(recording: Recording, path: PathLike) -> None:
-    r"""Appends frames to an HDF5 file, which is created if missing.
-
-    .. deprecated:: 0.2.1
-        HDF5 is written once. What grows frame by frame is MCAP
-        (:class:`~torch_geometric_tactile.io.McapWriter`), which :func:`write_hdf5` converts at the
-        end. Until it is removed, this function reads the file and writes all of it anew, whole or
-        not at all: each call takes as long as all frames before it.
-
-    Args:
-        recording (Recording): The frames. Label and metadata of the file stay as they are.
-        path (str or PathLike): The file.
-
-    Raises:
-        ImportError: If h5py is missing.
-        BlockingIOError: If another process writes the file.
-        OSError: If the disk is full. The file keeps the frames that it has.
-        ValueError: If the file cannot be read, or the frames do not go on from it: an earlier
-            time, other shapes, another label or unit.
-
-    Examples:
-        >>> import tempfile
-        >>> import warnings
-        >>> warnings.simplefilter("ignore", DeprecationWarning)
-        >>> frames = [Recording(time=[t], tactile=np.ones((1, 4, 3))) for t in (0.0, 0.01, 0.02)]
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     for frame in frames:
-        ...         append_hdf5(frame, f"{folder}/grasp.h5")
-        ...     read_hdf5(f"{folder}/grasp.h5").num_frames
-        3
-    """
-    warnings.warn(
-        "append_hdf5 is deprecated: write frames with McapWriter, which survives a crash, and "
-        "convert them at the end, write_hdf5(read_mcap('a.mcap'), 'a.h5')",
-        DeprecationWarning,
-        stacklevel=2,
-    )
-    path = _h5py_needed(path)
-    if not path.exists():
-        write_hdf5(recording, path)
-        return
-    with held(hdf5_file(path)):
-        with opened(path, in_memory=True) as file:
-            before = _read(path, _checked(path, file), max_bytes=2**63)
-        there, added = recording_to_arrays(before), recording_to_arrays(recording)
-        _check_continues(path, before, recording, there, added)
-        if recording.num_frames:
-            joined = {
-                name: np.concatenate(
-                    [array, added[name]], dtype=None if array.dtype.kind == "U" else array.dtype
-                )
-                for name, array in there.items()
-            }
-            both = replace(before, annotations=[*before.annotations, *recording.annotations])
-            write_hdf5(recording_from_fields(path, joined, recording_to_texts(both)), path)
 
 
 def _h5py_needed(path: PathLike) -> Path:
@@ -287,48 +227,6 @@ def _read(path: Path, content: _Content, max_bytes: int | None) -> Recording:
         _check_frames(path, stored, checksums[:num_frames])
     arrays = {name: as_texts(array) for name, array in stored.items()}
     return recording_from_fields(path, arrays, content.texts)
-
-
-def _check_continues(
-    path: Path,
-    before: Recording,
-    recording: Recording,
-    there: Mapping[str, np.ndarray],
-    arrays: Mapping[str, np.ndarray],
-) -> None:
-    if arrays.keys() != there.keys():
-        raise ValueError(
-            f"'recording' must hold {sorted(there)}, as '{path}' does (got {sorted(arrays)})"
-        )
-    for name, array in arrays.items():
-        shape, dtype = there[name].shape[1:], there[name].dtype
-        if array.shape[1:] != shape:
-            raise ValueError(
-                f"'{name}' must have frames of shape {shape}, as '{path}' has "
-                f"(got {array.shape[1:]})"
-            )
-        text = dtype.kind == "U"
-        if text != (array.dtype.kind == "U") or not (
-            text or np.can_cast(array.dtype, dtype, "same_kind")
-        ):
-            raise ValueError(
-                f"'{name}' must be of type {'text' if text else dtype}, as '{path}' has "
-                f"(got {array.dtype})"
-            )
-    if recording.label is not None and recording.label != before.label:
-        raise ValueError(
-            f"'label' must be {before.label!r}, as '{path}' has (got {recording.label!r})"
-        )
-    unit, expected = recording.meta.get("unit"), before.meta.get("unit")
-    if unit is not None and unit != expected:
-        raise ValueError(f"'unit' must be {expected!r}, as '{path}' has (got {unit!r})")
-    if before.num_frames and recording.num_frames:
-        last = float(before.time[-1])
-        if recording.time[0] <= last:
-            raise ValueError(
-                f"'time' must go on after {last} s, the last frame of '{path}' "
-                f"(got {float(recording.time[0])} s)"
-            )
 
 
 def _head_checksum(

@@ -1,8 +1,7 @@
-r"""The order of a loader's batches, and what is drawn while one is cut."""
+r"""The batches of a sampler with a seed for each, and the samples of a batch in one piece."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
-from itertools import islice
 from typing import Any, NamedTuple
 
 import torch
@@ -10,7 +9,7 @@ from torch.utils.data import Dataset
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.data._batches import static_batch, static_parts
-from torch_geometric_tactile.loader._random_states import RandomStates, kept_rng, mixed, seeded_rng
+from torch_geometric_tactile.loader._random_states import mixed, seeded_rng
 
 
 class KeyedIndex(NamedTuple):
@@ -20,11 +19,9 @@ class KeyedIndex(NamedTuple):
     seed: int | None
 
 
-class EpochOrder:
-    r"""The batches of a sampler, numbered, from any batch on.
-
-    The random states at the start of an epoch tell its order; they are what :meth:`state_dict`
-    keeps.
+class KeyedBatches:
+    r"""The batches of a sampler, each with a seed that follows from its number and from the random
+    state at the start of the epoch.
     """
 
     def __init__(
@@ -33,74 +30,23 @@ class EpochOrder:
         self.sampler = sampler
         self.generator = generator
         self.keyed = keyed
-        self.skipped = 0  # batches of this epoch that are left out
-        self.ended = False  # whether the epoch that was loaded has none left
         self.indices: dict[int, Any] = {}  # of batches that were asked for and not yielded yet
-        self._start: tuple[RandomStates, torch.Tensor | None] | None = None
-        self._resumed: tuple[RandomStates, torch.Tensor | None] | None = None
-
-    @property
-    def resumes(self) -> bool:
-        r"""Whether the next epoch is one that was begun before."""
-        return self._resumed is not None
 
     def __len__(self) -> int:
         return len(self.sampler)  # type: ignore[arg-type]
 
     def __iter__(self) -> Iterator[KeyedIndex]:
-        # From here on only with the first batch: a loader with workers makes an iterator more.
-        resumed, self._resumed = self._resumed, None
         self.indices.clear()
-        if resumed is None:
-            self.skipped = 0
-            self._start = RandomStates.now(), self._own_state()
-            batches = iter(self.sampler)
-        else:
-            self._start = resumed
-            with kept_rng():
-                resumed[0].restore()
-                if self.generator is not None and resumed[1] is not None:
-                    self.generator.set_state(resumed[1])
-                batches = iter(self.sampler)
-                for _ in islice(batches, self.skipped):  # the first makes a sampler draw its order
-                    pass
         seed = self._seed() if self.keyed else None
-        for number, index in enumerate(batches, self.skipped):
+        for number, index in enumerate(self.sampler):
             self.indices[number] = index
             yield KeyedIndex(index, None if seed is None else mixed(seed, number))
 
-    def _own_state(self) -> torch.Tensor | None:
-        return None if self.generator is None else self.generator.get_state()
-
     def _seed(self) -> int:
         # Looked at, not drawn: the numbers that follow stay as they were.
-        assert self._start is not None
-        states, own = self._start
-        generator = torch.Generator()
-        generator.set_state(states.torch if own is None else own)
+        own, generator = self.generator, torch.Generator()
+        generator.set_state(torch.get_rng_state() if own is None else own.get_state())
         return int(torch.empty((), dtype=torch.int64).random_(generator=generator))
-
-    def state_dict(self, num_batches: int) -> dict[str, Any]:
-        r"""Returns where the epoch is, as plain values and tensors."""
-        if self._start is None:
-            return {"num_batches": 0}
-        states, own = self._start
-        return {"num_batches": num_batches, "start": states.to_dict(), "generator": own}
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        r"""Lets the next epoch be one that was begun before, without the batches that it had."""
-        num_batches = state_dict.get("num_batches")
-        if not isinstance(num_batches, int) or num_batches < 0:
-            raise ValueError(
-                "'num_batches' of the state of a loader must be a number from 0 (got "
-                f"{num_batches})"
-            )
-        ended = hasattr(self.sampler, "__len__") and num_batches >= len(self)
-        self.ended = ended or bool(state_dict.get("ended"))
-        self.skipped = num_batches
-        if num_batches and not self.ended:
-            start = RandomStates.from_dict(state_dict.get("start", {}))
-            self._resumed = start, state_dict.get("generator")
 
 
 class CutBatches(Dataset):

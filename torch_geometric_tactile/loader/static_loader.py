@@ -2,8 +2,7 @@ r"""Whole batches cut from one tensor."""
 
 import copy
 import logging
-from collections.abc import Iterator, Mapping
-from contextlib import nullcontext
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, Literal
 
@@ -15,9 +14,8 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._batches import check_joinable, static_batch, static_parts
 from torch_geometric_tactile.data.apply_transform import stack_like
-from torch_geometric_tactile.loader._keyed_batches import CutBatches, EpochOrder
+from torch_geometric_tactile.loader._keyed_batches import CutBatches, KeyedBatches
 from torch_geometric_tactile.loader._memory_limit import exceeds_memory
-from torch_geometric_tactile.loader._random_states import kept_rng
 from torch_geometric_tactile.loader.block_sampler import BlockSampler
 
 _logger = logging.getLogger(__name__)
@@ -50,10 +48,6 @@ class StaticLoader(DataLoader):
     :class:`~torch_geometric.data.Data` object for each sample. Shuffling, workers, pinned memory,
     samplers and distributed sampling are those of :class:`torch.utils.data.DataLoader`.
 
-    :meth:`state_dict` tells in which order and how far the samples were read, and
-    :meth:`load_state_dict` lets another loader of the same data go on there, as Lightning does with
-    a checkpoint from the middle of an epoch.
-
     Args:
         dataset (StaticDataset): The data set; or a :class:`~torch.utils.data.Subset` of one, such
             as the parts of :func:`~torch.utils.data.random_split`, or a
@@ -67,8 +61,8 @@ class StaticLoader(DataLoader):
             :obj:`sampler`). With :obj:`True`, it is by blocks where the data set is in a
             memory-mapped file that is larger than memory; a warning is logged then, once.
         keyed (bool): Whether what random transforms draw follows from the epoch and the number of
-            the batch alone. Then it does not depend on workers, draws nothing from the global
-            random states, and is the same in an epoch that is resumed in its middle.
+            the batch alone. Then it does not depend on workers, and draws nothing from the global
+            random states.
         **kwargs: Further arguments of :class:`torch.utils.data.DataLoader`, but :obj:`collate_fn`.
 
     Raises:
@@ -105,8 +99,7 @@ class StaticLoader(DataLoader):
         )
         self.keyed = keyed
         self._sampler_name = "sampler" if self.batch_sampler is None else "batch_sampler"
-        self._order = EpochOrder(getattr(self, self._sampler_name), self.generator, keyed)
-        self._num_yielded = 0
+        self._batches = KeyedBatches(getattr(self, self._sampler_name), self.generator, keyed)
         self._last_index: Any = None
 
     @property
@@ -116,52 +109,22 @@ class StaticLoader(DataLoader):
         return torch.as_tensor(index, dtype=torch.long).view(-1).tolist()
 
     def __iter__(self) -> Any:
-        if self._order.ended:
-            self._order.ended = False
-            return self._once_asked()
-        resumes = self._order.resumes
-        if self._iterator is not None and not resumes:
+        # Random numbers are drawn with the first batch, not before: where Lightning resumes at the
+        # end of an epoch, it may make an iterator that it does not use.
+        if self._iterator is not None:
             # Workers that stay draw no seed again: without this, orders would depend on them.
             torch.empty((), dtype=torch.int64).random_(generator=self.generator)
-        with kept_rng() if resumes else nullcontext():
-            self._num_yielded = self._order.skipped if resumes else 0
-            batches = super().__iter__()
-        return self._counted(batches)
-
-    def _once_asked(self) -> Iterator[StaticData]:
-        # After an epoch that had ended, Lightning may make one iterator more than it uses, which
-        # must not draw a random number.
-        yield from self
-
-    def _counted(self, batches: Iterator[StaticData]) -> Iterator[StaticData]:
-        for batch in batches:
-            self._last_index = self._order.indices.pop(self._num_yielded, None)
-            self._num_yielded += 1
+        for number, batch in enumerate(super().__iter__()):
+            self._last_index = self._batches.indices.pop(number, None)
             yield batch
 
     def _get_iterator(self) -> Any:
         # Not public, as the names in `__dict__`, which PyTorch does not let anyone set: a copy that
-        # cuts each batch in one piece, by what the order of the epoch says.
+        # cuts each batch in one piece, by its indices and its seed.
         loader = copy.copy(self)
         loader.__dict__["dataset"] = CutBatches(self.dataset)
-        loader.__dict__[self._sampler_name] = self._order
+        loader.__dict__[self._sampler_name] = self._batches
         return DataLoader._get_iterator(loader)
-
-    def state_dict(self) -> dict[str, Any]:
-        r"""Returns the order of the epoch and how many of its batches were yielded, as plain values
-        and tensors. The global random states are not part of it.
-        """
-        return self._order.state_dict(self._num_yielded)
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        r"""Lets the next epoch be the one that :meth:`state_dict` tells of, without the batches
-        that were yielded; after an epoch that had come to its end, it is a new one.
-
-        Args:
-            state_dict (Mapping): What :meth:`state_dict` returned; with :obj:`ended`, if the epoch
-                was to have no further batch.
-        """
-        self._order.load_state_dict(state_dict)
 
 
 def _has_sampler(kwargs: Mapping[str, Any]) -> bool:

@@ -11,17 +11,14 @@ except ImportError as error:
         name=error.name,
     ) from error
 
+from typing import TYPE_CHECKING
+
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.config import config_names, find_config, load_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import classification_metrics, regression_metrics
-from torch_geometric_tactile.training.module import (
-    TactileClassifier,
-    TactileModule,
-    classifier_from_config,
-)
-from torch_geometric_tactile.training.network_classifier import NetworkClassifier
-from torch_geometric_tactile.training.network_regressor import NetworkRegressor
+from torch_geometric_tactile.training.module import TactileModule, classifier_from_config
 from torch_geometric_tactile.training.one_cycle import OneCycle
 from torch_geometric_tactile.training.pretraining import PretrainSettings, PretrainStep, pretrain
 from torch_geometric_tactile.training.quiet import quiet_lightning
@@ -31,12 +28,9 @@ from torch_geometric_tactile.training.training_recipe import TrainingRecipe, tra
 __all__ = [
     "AtomicCheckpointIO",
     "DataSizes",
-    "NetworkClassifier",
-    "NetworkRegressor",
     "OneCycle",
     "PretrainSettings",
     "PretrainStep",
-    "TactileClassifier",
     "TactileDataModule",
     "TactileModule",
     "TrainingRecipe",
@@ -51,3 +45,6 @@ __all__ = [
     "regression_metrics",
     "training_recipe",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = removed_names(__name__)

@@ -24,12 +24,8 @@ class CheckpointedModule(L.LightningModule):
     r"""A module that decides by a threshold, and whose checkpoints carry the layout of the sensor
     and what a predictor needs, and are read without running what is in them.
 
-    They keep the states of the sources of random numbers as well. Resumed from a checkpoint of the
-    end of an epoch, or of a step (:obj:`ModelCheckpoint(every_n_train_steps=)`), weights are those
-    of the training that was never stopped, bit by bit on a CPU. For a step this asks for loaders
-    that can go on in the middle of an epoch, such as those of
-    :class:`~torch_geometric_tactile.training.TactileDataModule`; with workers, for
-    :class:`~torch_geometric_tactile.loader.StaticLoader` with :obj:`keyed=True`.
+    They keep the states of the sources of random numbers as well: resumed from a checkpoint of the
+    end of an epoch, weights are those of the training that was never stopped, bit by bit on a CPU.
     """
 
     model: nn.Module
@@ -104,7 +100,10 @@ class CheckpointedModule(L.LightningModule):
                 raise ValueError(
                     f"'{self.trainer.ckpt_path}' cannot be resumed: {error}; train again"
                 ) from error
-        _mark_ended(checkpoint.get("loops", {}).get("fit_loop", {}))
+        # Up to version 0.2.1, checkpoints held states of our loaders, which no longer take any.
+        fit_loop = checkpoint.get("loops", {}).get("fit_loop", {})
+        loaders = fit_loop.get("state_dict", {}).get("combined_loader", [])
+        loaders[:] = [state for state in loaders if "num_batches" not in state]
         if self.trainer.strategy.restore_checkpoint_after_setup:  # then training starts next
             self._restore_random_states()
 
@@ -191,13 +190,6 @@ class CheckpointedModule(L.LightningModule):
         if self.task == "regression":
             return logits
         return logits.sigmoid() if self.task == "multilabel" else logits.softmax(dim=-1)
-
-
-def _mark_ended(fit_loop: dict[str, Any]) -> None:
-    # With `limit_train_batches` a loader cannot tell by itself that its epoch has ended.
-    if fit_loop.get("epoch_loop.batch_progress", {}).get("is_last_batch"):
-        for state in fit_loop.get("state_dict", {}).get("combined_loader", ()):
-            state["ended"] = True
 
 
 def _warn_of_scaling(checkpoint: Mapping[str, Any]) -> None:

@@ -9,7 +9,7 @@ from torch_geometric.data import Data
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.training._finite import BatchCheck
-from torch_geometric_tactile.training.module import TactileClassifier
+from torch_geometric_tactile.training.module import TactileModule
 
 
 class Outputs(NamedTuple):
@@ -28,7 +28,7 @@ class Outputs(NamedTuple):
 
 
 def collect_predictions(
-    classifier: TactileClassifier,
+    classifier: TactileModule,
     batches: Iterable[Data],
     device: torch.device | str | None = None,
 ) -> Outputs:

@@ -1,7 +1,6 @@
 r"""The parts of a data set that training, validation and test see."""
 
 import copy
-import os
 from typing import Any, Literal, NoReturn
 
 import lightning as L
@@ -12,8 +11,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
 from torch_geometric_tactile.data._batches import check_same_names
 from torch_geometric_tactile.data._transform_rules import flat
-from torch_geometric_tactile.loader import DistributedBlockSampler, StaticLoader
-from torch_geometric_tactile.loader._memory_limit import exceeds_memory
+from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.loader._random_states import kept_rng
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
@@ -286,12 +284,10 @@ class TactileDataModule(L.LightningDataModule):
         part = copy.copy(self._parts[name])
         steps = [step for step in (part.transform, self.transform, last) if step is not None]
         part.transform = Compose(steps) if steps else None
-        sampler = _shared_blocks(self.trainer, part) if shuffle else None
         return StaticLoader(  # by keyword, so that Lightning can build it again with its sampler
             part,
             batch_size=self.batch_size,
-            shuffle=shuffle and sampler is None,
-            sampler=sampler,
+            shuffle=shuffle,
             keyed=True,
             num_workers=self.num_workers,
             persistent_workers=self.num_workers > 0,
@@ -319,20 +315,6 @@ def _val_part(
             f"(got '{split.describe()}')"
         )
     return split.val or 0.0
-
-
-def _shared_blocks(
-    trainer: L.Trainer | None, part: StaticDataset
-) -> DistributedBlockSampler | None:
-    # In place of what Lightning takes for several processes, which draws in a full random order.
-    processes = None if trainer is None else trainer.distributed_sampler_kwargs
-    if trainer is None or not processes or processes["num_replicas"] == 1:
-        return None
-    # Not public: whether the trainer was told to leave samplers as they are.
-    if not trainer._accelerator_connector.use_distributed_sampler or not exceeds_memory(part):
-        return None
-    seed = int(os.environ.get("PL_GLOBAL_SEED", 0))  # as Lightning's
-    return DistributedBlockSampler(part, **processes, seed=seed)
 
 
 def _spread(size: int, count: int) -> Tensor:

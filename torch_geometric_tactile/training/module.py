@@ -310,10 +310,6 @@ class TactileModule(CheckpointedModule):
         metrics.reset()
 
 
-#: Another name of :class:`TactileModule`, for classes and labels.
-TactileClassifier = TactileModule
-
-
 def classifier_from_config(
     config: Mapping[str, Any], data: TactileDataModule | DataSizes | None = None
 ) -> TactileModule:
