@@ -14,7 +14,6 @@ from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.source import DataSource
-from torch_geometric_tactile.training import TactileModule
 from torch_geometric_tactile.training.config import load_config
 
 KNN = {"class_path": "torch_geometric_tactile.transforms.KNNGraph", "init_args": {"k": 2}}
@@ -137,16 +136,6 @@ def test_training_part_without_a_class_keeps_the_places_of_the_others():
         [0.2, 0.1, 0.8],
         [0.5, 0.1, 0.5],
     ]
-
-
-def test_checkpoint_is_of_the_model_that_was_judged(tmp_path):
-    experiment = generated(load_config("grasp_gcn_df")["model"], epochs=1, batch_size=64)
-    result = run_experiment(experiment, checkpoint=tmp_path / "model.ckpt")
-    assert result["predictions"] == run_experiment(experiment)["predictions"]
-    classifier = TactileModule.load_from_checkpoint(tmp_path / "model.ckpt", weights_only=True)
-    assert classifier.layout.name == "biotac_sp"
-    with pytest.raises(ValueError, match="'checkpoint' must be None for scikit-learn"):
-        run_experiment(generated(SVM), checkpoint=tmp_path / "svm.ckpt")
 
 
 def test_further_arguments_of_the_trainer_are_passed_on():

@@ -252,12 +252,6 @@ def test_missing_readings_are_filled(tmp_path):
         assert result["metrics"]["accuracy"] > 0.5
 
 
-def test_no_checkpoint_of_a_choice(tmp_path):
-    touches(tmp_path / "a.npz")
-    with pytest.raises(ValueError, match="'checkpoint' must be None for an experiment with a ch"):
-        run_experiment(experiment(tmp_path / "a.npz", FNN), checkpoint=tmp_path / "c.ckpt")
-
-
 def test_choice_is_part_of_the_identity(tmp_path):
     touches(tmp_path / "a.npz")
     one = experiment(tmp_path / "a.npz")

@@ -5,7 +5,6 @@ import math
 import time
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import lightning as L
@@ -17,7 +16,6 @@ from torch.utils.data import DataLoader
 from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform, Compose
 
-from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._experiment import Experiment, Fitted
@@ -28,7 +26,6 @@ from torch_geometric_tactile.training._collected_metrics import predicted_classe
 from torch_geometric_tactile.training._predictions import Outputs, collect_predictions
 from torch_geometric_tactile.training._silent_training import silent_training
 from torch_geometric_tactile.training._threshold import choose_threshold
-from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileModule, classifier_from_config
 from torch_geometric_tactile.training.one_cycle import OneCycle
@@ -45,7 +42,6 @@ def fit_network(
     train: StaticDataset,
     test: StaticDataset,
     val: StaticDataset | None = None,
-    checkpoint: PathLike | None = None,
     studies: Sequence[Study] = (),
 ) -> Fitted:
     r"""Trains a network, or as many as :obj:`experiment.choice` has members, and returns what they
@@ -93,8 +89,6 @@ def fit_network(
             classifier.decision_threshold = choose_threshold(
                 seen.probability[:, 1].numpy(), seen.y.numpy(), experiment.threshold
             )
-        if checkpoint is not None:
-            classifier.trainer.save_checkpoint(Path(checkpoint), weights_only=False)
         start = time.perf_counter()
         said.append(collect_predictions(classifier, data.test_dataloader(), device))
         predicting += time.perf_counter() - start
@@ -166,7 +160,7 @@ def fit_classifier(
 
 
 def _trainer(settings: dict[str, Any], **arguments: Any) -> L.Trainer:
-    arguments = {**settings, **arguments, "devices": 1, "plugins": [AtomicCheckpointIO()]}
+    arguments = {**settings, **arguments, "devices": 1}
     if set(settings) <= _PLAIN:  # logging would take a tenth of the time of small models
         return L.Trainer(barebones=True, **arguments)
     off = ("logger", "enable_checkpointing", "enable_progress_bar", "enable_model_summary")

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._estimators import fit_estimator
@@ -59,7 +58,7 @@ class _Tried:
         self.losses.append(fitted.loss)
 
 
-def run_experiment(experiment: Experiment, checkpoint: PathLike | None = None) -> dict[str, Any]:
+def run_experiment(experiment: Experiment) -> dict[str, Any]:
     r"""Trains a model and tests it once, at the end; nothing is chosen by the test part.
 
     With :obj:`experiment.choice`, its settings are tried on validation parts, and the one that is
@@ -75,7 +74,7 @@ def run_experiment(experiment: Experiment, checkpoint: PathLike | None = None) -
     threads = torch.get_num_threads()
     torch.set_num_threads(experiment.threads)
     try:
-        result = _run(experiment, checkpoint)
+        result = _run(experiment)
     finally:
         torch.set_num_threads(threads)
     return {
@@ -85,11 +84,8 @@ def run_experiment(experiment: Experiment, checkpoint: PathLike | None = None) -
     }
 
 
-def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
+def _run(experiment: Experiment) -> dict[str, Any]:
     choice = experiment.choice
-    kind = "scikit-learn" if experiment.is_estimator else "an experiment with a choice"
-    if checkpoint is not None and (experiment.is_estimator or choice is not None):
-        raise ValueError(f"'checkpoint' must be None for {kind} (got '{checkpoint}')")
     if choice is not None and experiment.studies:
         raise ValueError("'studies' must be empty for an experiment with a choice")
     val = None
@@ -102,7 +98,7 @@ def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
     else:
         train, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
     studies = _build_studies(experiment)
-    fitted = fit(experiment, train, test, val, checkpoint, studies)
+    fitted = fit(experiment, train, test, val, studies)
     predicted = _judge(experiment, fitted, test)
     return {
         "metrics": _metrics(experiment, fitted, predicted),
@@ -127,7 +123,6 @@ def fit(
     train: StaticDataset,
     test: StaticDataset,
     val: StaticDataset | None = None,
-    checkpoint: PathLike | None = None,
     studies: Sequence[Study] = (),
 ) -> Fitted:
     r"""Trains a model on one part and returns what it says of another. A threshold is chosen on
@@ -135,7 +130,7 @@ def fit(
     """
     if experiment.is_estimator:
         return fit_estimator(experiment, train, test, val)
-    return fit_network(experiment, train, test, val, checkpoint, studies)
+    return fit_network(experiment, train, test, val, studies)
 
 
 def _choose(

@@ -36,11 +36,6 @@ class Predictions:
     trial: np.ndarray | None = None
     index: np.ndarray | None = None
 
-    @property
-    def positive_score(self) -> np.ndarray:
-        r"""One number a sample :math:`(S,)`, higher where class 1 of two is expected."""
-        return self.score if self.score.ndim == 1 else self.score[:, 1]
-
     def select(self, mask: np.ndarray) -> Self:
         r"""Returns the predictions of some of the samples.
 
