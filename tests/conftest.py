@@ -54,8 +54,6 @@ FULL = (
     "commands/test_compare.py::test_all_models_run",
     "commands/test_compare.py::test_stopped_run",
     "commands/test_export.py::test_the_page_runs",
-    "commands/test_pretrain.py::test_encoder_joins_a_comparison",
-    "commands/test_pretrain.py::test_stopped_pretraining",
     "commands/test_record_replay.py::test_port_whose_bytes",
     "commands/test_record_replay.py::test_server_whose",
     "commands/test_record_replay.py::test_signals_end",

@@ -7,7 +7,24 @@ _PACKAGE = "torch_geometric_tactile."
 
 # What to do now, by a name below the package, or by a command with its option. Each has a row in
 # docs/migration.md.
-REPLACEMENTS: dict[str, str] = {}
+_PRETRAINING = (
+    "with few labels, compare 'descriptors_forest' and 'descriptors_svm', which were as accurate"
+)
+REPLACEMENTS: dict[str, str] = {
+    "nn.TaxelEncoder": "use TaxelNet",
+    "nn.models.TaxelEncoder": "use TaxelNet",
+    "predictor.PretrainedEncoder": _PRETRAINING,
+    "tactile compare --encoder": _PRETRAINING,
+    "tactile pretrain": _PRETRAINING,
+    "training.PretrainSettings": _PRETRAINING,
+    "training.PretrainStep": _PRETRAINING,
+    "training.pretrain": _PRETRAINING,
+}
+
+# Files of removed features.
+LAST_READER = "version 0.2.1 is the last version that reads it"
+ENCODER_KEY = "torch_geometric_tactile.encoder"
+ENCODER_CLASSES = ("TaxelEncoder", "TunedEncoder", "EncoderScale")
 
 
 def removal_message(name: str) -> str | None:

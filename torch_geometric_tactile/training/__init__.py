@@ -1,5 +1,7 @@
 r"""Training and evaluation with Lightning; needs the extra ``train``."""
 
+from typing import TYPE_CHECKING
+
 try:
     import jsonargparse  # noqa: F401
     import lightning  # noqa: F401
@@ -11,6 +13,7 @@ except ImportError as error:
         name=error.name,
     ) from error
 
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.config import config_names, find_config, load_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
@@ -23,7 +26,6 @@ from torch_geometric_tactile.training.module import (
 from torch_geometric_tactile.training.network_classifier import NetworkClassifier
 from torch_geometric_tactile.training.network_regressor import NetworkRegressor
 from torch_geometric_tactile.training.one_cycle import OneCycle
-from torch_geometric_tactile.training.pretraining import PretrainSettings, PretrainStep, pretrain
 from torch_geometric_tactile.training.quiet import quiet_lightning
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
@@ -34,8 +36,6 @@ __all__ = [
     "NetworkClassifier",
     "NetworkRegressor",
     "OneCycle",
-    "PretrainSettings",
-    "PretrainStep",
     "TactileClassifier",
     "TactileDataModule",
     "TactileModule",
@@ -46,8 +46,10 @@ __all__ = [
     "fill_sizes",
     "find_config",
     "load_config",
-    "pretrain",
     "quiet_lightning",
     "regression_metrics",
     "training_recipe",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = removed_names(__name__)
