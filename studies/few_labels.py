@@ -71,7 +71,7 @@ def bts3(data: Path, made: Path) -> Samples:
 
 def letters(data: Path, made: Path) -> Samples:
     """Simulated letters, 30 presses each; a press is held out."""
-    folder = simulated(made / "letters", "--objects", "letters", "--presses", "30")
+    folder = _simulated(made / "letters", "--objects", "letters", "--presses", "30")
     x, y = [], []
     for number, letter in enumerate(sorted(path.name for path in folder.glob("[A-Z]"))):
         for path in sorted((folder / letter).glob("*.npy")):
@@ -86,7 +86,7 @@ def hand(data: Path, made: Path) -> Samples:
     from torch_geometric_tactile.io import read_recording
 
     options = ("--objects", "twenty", "--preset", "ci", "--trials", "8")
-    folder = simulated(made / "hand", *options)
+    folder = _simulated(made / "hand", *options)
     x, y, unit = [], [], []
     for number, path in enumerate(sorted(folder.glob("*.h5"))):
         recording = read_recording(path)
@@ -125,7 +125,7 @@ SETS: dict[str, Callable[[Path, Path], Samples]] = {
 }
 
 
-def simulated(folder: Path, *options: str) -> Path:
+def _simulated(folder: Path, *options: str) -> Path:
     if not (folder / "simulation.json").is_file():
         command = [sys.executable, "-m", "torch_geometric_tactile", "simulate", "--out"]
         subprocess.run([*command, str(folder), "--seed", "0", *options], check=True)
@@ -137,12 +137,12 @@ def drawn(samples: Samples, labels: int, draw: int) -> tuple[np.ndarray, np.ndar
 
     A third of the units is tested: of each class, if a unit has one."""
     rng = np.random.default_rng(draw)
-    is_tested = held_out(samples, rng)
-    chosen = labelled(samples, ~is_tested, labels, rng)
+    is_tested = _held_out(samples, rng)
+    chosen = _labelled(samples, ~is_tested, labels, rng)
     return chosen, rng.permutation(np.flatnonzero(is_tested))[:_MOST_TESTED]
 
 
-def held_out(samples: Samples, rng: np.random.Generator) -> np.ndarray:
+def _held_out(samples: Samples, rng: np.random.Generator) -> np.ndarray:
     """Returns which samples are of a unit that is tested (S,)."""
     units = np.unique(samples.unit)
     of_one_class = all(len({*samples.y[samples.unit == u]}) == 1 for u in units)
@@ -155,7 +155,7 @@ def held_out(samples: Samples, rng: np.random.Generator) -> np.ndarray:
     return is_tested
 
 
-def labelled(
+def _labelled(
     samples: Samples, may_be: np.ndarray, labels: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Returns so many samples of each class, from as many units as there are."""
@@ -176,13 +176,13 @@ def compared(name: str, samples: Samples, draw: int, options: Any) -> dict[str, 
     path = options.out / f"{name}_{options.labels}_{draw}.npz"
     layout = options.out / f"{name}.json"
     samples.layout.save(layout)
-    write_samples(samples, train, test, path)
+    _write_samples(samples, train, test, path)
     models = tuple(options.models.split(",")) if options.models else None
     settings = ComparisonSettings(models=models, by="given", members=options.members)
-    return accuracies(path, layout, settings, options.out / path.stem)
+    return _accuracies(path, layout, settings, options.out / path.stem)
 
 
-def write_samples(samples: Samples, train: np.ndarray, test: np.ndarray, path: Path) -> None:
+def _write_samples(samples: Samples, train: np.ndarray, test: np.ndarray, path: Path) -> None:
     """Writes a file of samples with a training and a test part."""
     rows = np.concatenate([train, test])
     with atomic_path(path) as temporary, temporary.open("wb") as file:
@@ -195,31 +195,21 @@ def write_samples(samples: Samples, train: np.ndarray, test: np.ndarray, path: P
         )
 
 
-def accuracies(
-    path: Path, layout: Path, settings: ComparisonSettings, out: Path, as_given: bool = False
+def _accuracies(
+    path: Path, layout: Path, settings: ComparisonSettings, out: Path
 ) -> dict[str, float]:
-    """Compares models on a file of samples, with their first settings if nothing is to be chosen;
-    returns the accuracy of each in percent."""
+    """Compares models on a file of samples and returns the accuracy of each in percent."""
     plan = comparison_plan(data_source(path, layout=str(layout)), settings, name=path.stem)
-    if as_given:
-        runs = [replace(e, choice=_first_setting(e.choice)) for e in plan.experiments]
-    else:
-        runs = [replace(e, choice=_validated(e.choice)) for e in plan.experiments]
+    runs = [replace(e, choice=_validated(e.choice)) for e in plan.experiments]
     plan = replace(plan, experiments=tuple(runs))
     finished = run_plan(plan, out)
     for run, reason in finished.failed.items():
         print(f"failed: {run}: {reason}", flush=True)
     comparison = summarize(finished)
     scores = {r.model.name: 100 * r.scores["accuracy"].mean for r in comparison.results}
-    if as_given:
-        return scores
     choices = {r.model.name: r.chosen[0] for r in comparison.results if r.model.name != "constant"}
     best = max(choices, key=lambda name: choices[name]["validation"][choices[name]["number"]])
     return {**scores, "chosen": scores[best]}
-
-
-def _first_setting(choice: Any) -> Any:
-    return replace(choice, settings=choice.settings[:1])
 
 
 def _validated(choice: Any) -> Any:

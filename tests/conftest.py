@@ -57,8 +57,6 @@ FULL = (
     "commands/test_demo.py::test_report",
     "commands/test_demo.py::test_scores",
     "commands/test_export.py::test_the_page_runs",
-    "commands/test_pretrain.py::test_encoder_joins_a_comparison",
-    "commands/test_pretrain.py::test_stopped_pretraining",
     "commands/test_record_replay.py::test_port_whose_bytes",
     "commands/test_record_replay.py::test_server_whose",
     "commands/test_record_replay.py::test_signals_end",

@@ -10,7 +10,6 @@ from torch_geometric_tactile.nn import (
     GraspLSTM,
     PosedTaxelNet,
     SmallCNN,
-    TaxelEncoder,
     TaxelNet,
 )
 from torch_geometric_tactile.nn.models.bmf_cnn import _FUSIONS
@@ -32,7 +31,6 @@ POSED_NETS = {
     "pressure": {"in_channels": 1},
     "other": {"in_channels": 2, "posed": False},
 }
-ENCODERS = {"whole": {}, "joined": {"max_taxels": 6}}
 GRASP_GCNS = {
     "data": {"fusion": "data"},
     "feature": {"fusion": "feature"},
@@ -50,11 +48,6 @@ def taxel_net(name="pooled", **more):
 def posed_net(name="posed", **more):
     sizes = {"num_strongest": 6, "widths": (5, 7), "hidden_channels": 4}
     return seeded(PosedTaxelNet, GRID, 3, **{**sizes, **POSED_NETS[name], **more})
-
-
-def encoder(name="joined", **more):
-    sizes = {"hidden_channels": 6, "num_layers": 1, "embedding_channels": 5}
-    return seeded(TaxelEncoder, GRID, 3, **{**sizes, **ENCODERS[name], **more})
 
 
 def bmf_cnn(fusion="bilinear(C1)+C3", layout=LETTERS, **more):
@@ -76,7 +69,6 @@ MODELS = {
     **{f"taxel_{name}": lambda name=name: taxel_net(name) for name in TAXEL_NETS},
     **{f"temporal_{n}": lambda n=n: temporal_nets.small(n) for n in temporal_nets.MODELS},
     **{f"posed_{name}": lambda name=name: posed_net(name) for name in POSED_NETS},
-    **{f"encoder_{name}": lambda name=name: encoder(name) for name in ENCODERS},
     **{f"bmf_{fusion}": lambda fusion=fusion: bmf_cnn(fusion) for fusion in _FUSIONS},
     **{f"gcn_{n}": lambda n=n: seeded(GraspGCN, 11, **GRASP_GCNS[n]) for n in GRASP_GCNS},
     **{

@@ -17,6 +17,9 @@ _ALARM_PICTURE = (
     "tutorial 8 draws alarms with matplotlib; studies/early_slip_pictures.py in the repository has "
     "the code"
 )
+_PRETRAINING = (
+    "with few labels, compare 'descriptors_forest' and 'descriptors_svm', which were as accurate"
+)
 _OWN_ESTIMATOR = "write a short estimator around the network (docs/compare.md), or use skorch"
 
 # What to do now, by a name below the package, or by a command with its option. Each has a row in
@@ -28,24 +31,37 @@ REPLACEMENTS: dict[str, str] = {
     ),
     "io.append_hdf5": "write frames with McapWriter, and convert the file with write_hdf5",
     "loader.DistributedBlockSampler": "use BlockSampler in one process; Lightning shares samples",
+    "nn.TaxelEncoder": "use TaxelNet",
+    "nn.models.TaxelEncoder": "use TaxelNet",
     "papers.LeadTimes": _ALARMS,
     "papers.SlipScores": _ALARMS,
     "papers.SlipSummary": _ALARMS,
     "papers.alarm_threshold": _ALARMS,
     "papers.lead_times": _ALARMS,
     "papers.slip_summary": _ALARMS,
+    "predictor.PretrainedEncoder": _PRETRAINING,
     "tactile board --backend": _CLUSTER,
     "tactile board --scheduler": _CLUSTER,
     "tactile compare --backend": _CLUSTER,
+    "tactile compare --encoder": _PRETRAINING,
     "tactile compare --scheduler": _CLUSTER,
+    "tactile pretrain": _PRETRAINING,
     "tactile table --backend": _CLUSTER,
     "tactile table --scheduler": _CLUSTER,
     "training.NetworkClassifier": _OWN_ESTIMATOR,
     "training.NetworkRegressor": _OWN_ESTIMATOR,
     "training.TactileClassifier": "use TactileModule, the same class",
+    "training.PretrainSettings": _PRETRAINING,
+    "training.PretrainStep": _PRETRAINING,
+    "training.pretrain": _PRETRAINING,
     "visualization.AlarmCurves": _ALARM_PICTURE,
     "visualization.plot_early_slip": _ALARM_PICTURE,
 }
+
+# Files of removed features.
+LAST_READER = "version 0.2.1 is the last version that reads it"
+ENCODER_KEY = "torch_geometric_tactile.encoder"
+ENCODER_CLASSES = ("TaxelEncoder", "TunedEncoder", "EncoderScale")
 
 
 def removal_message(name: str) -> str | None:

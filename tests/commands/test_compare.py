@@ -34,14 +34,6 @@ def run(folder, *options):
     return main(["compare", str(folder / "a.npz"), *QUICK, "--out", str(folder / "out"), *options])
 
 
-def encoder(folder, rest):
-    """The option of an encoder that was pretrained on the same samples, for a moment."""
-    path = str(folder / "skin.encoder")
-    options = ["--grid", "3x4", "--rest", str(rest), "--steps", "2", "--out", path]
-    assert main(["pretrain", str(folder / "a.npz"), *options]) == 0
-    return ["--encoder", path]
-
-
 def results(folder):
     """What was found in each run, without the times that it took."""
     found = {}
@@ -166,7 +158,7 @@ def test_all_models_run_on_missing_readings_and_names(tmp_path, capsys):
     names = np.array(["mug", "ball", "box"])[content["y"]]
     touches(tmp_path / "a.npz", x=x, y=names)
     options = ["--folds", "2", "--epochs", "1", "--rest", "1", "--members", "1"]
-    assert run(tmp_path, *options, *encoder(tmp_path, 1)) == 0
+    assert run(tmp_path, *options) == 0
     found = json.loads((tmp_path / "out" / "a.json").read_text())
     assert found["data"]["class_names"] == ["ball", "box", "mug"]
     without = {"posed_taxel_net", "bmf_cnn", *OF_FRAMES}
@@ -190,15 +182,14 @@ def test_all_models_run_on_windows(tmp_path, capsys):
     x = content["x"].copy()
     x[::7, 1, 1] = np.nan
     motions(tmp_path / "a.npz", num_trials=18, x=x)
-    cut = ["--window", "10", "--hop", "5", "--rest", "3", "--folds", "2", *encoder(tmp_path, 3)]
-    capsys.readouterr()
+    cut = ["--window", "10", "--hop", "5", "--rest", "3", "--folds", "2"]
     assert run(tmp_path, *cut, "--epochs", "9") == 0
     said = capsys.readouterr()
     assert said.out.startswith("126 samples of 10 frames, 18 trials; 2 folds by trial")
     assert not said.err
     found = json.loads((tmp_path / "out" / "a.json").read_text())
     scores = {model["name"]: model["scores"]["accuracy"]["mean"] for model in found["models"]}
-    without = {"posed_taxel_net", "posed_forest", "posed_ridge", "bmf_cnn", "encoder_tuned"}
+    without = {"posed_taxel_net", "posed_forest", "posed_ridge", "bmf_cnn"}
     assert list(scores) == [name for name in compare.MODELS if name not in without]
     assert scores["temporal"] > scores["constant"] + 0.2
     assert found["data"]["num_frames"] == 10

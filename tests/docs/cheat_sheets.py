@@ -326,7 +326,6 @@ MODELS = {
     "TaxelNet": "ours: the default for one frame, on any layout",
     "PosedTaxelNet": "ours: taxels placed by joint angles, metric answers",
     "TemporalTaxelNet": "ours: the default for windows and streams",
-    "TaxelEncoder": "ours: pretrained without labels",
     "SmallCNN": "a plain CNN to compare with",
     "TactileGCN": "P1, P2 (methods T, E, A and X, I, II)",
     "MTGCN": "P1 (MT-GCN)",

@@ -32,7 +32,6 @@ from torch_geometric_tactile.transforms import Resample, fit_transform
 
 OF_FRAMES = {"temporal", "grasp_gcn", "lstm", "svm_signal"}
 POSED = {"posed_taxel_net", "posed_forest", "posed_ridge"}
-ENCODED = {"encoder_forest", "encoder_svm", "encoder_tuned"}  # with an encoder only
 LAYOUT = grid(3, 4, 0.005)
 
 
@@ -55,7 +54,7 @@ def names(found):
 def test_windows_of_a_file_are_compared(tmp_path):
     found = plan(tmp_path, FrameCut(window=12))
     assert (found.facts.num_samples, found.facts.num_frames) == (12 * 3, 12)
-    assert names(found) == {model.name for model in MODELS} - POSED - ENCODED - {"bmf_cnn"}
+    assert names(found) == {model.name for model in MODELS} - POSED - {"bmf_cnn"}
     assert found.protocols[0].protocol.describe() == "5 folds by trial, stratified by y"
     frames = StaticDataset.from_arrays(**arrays(motions(tmp_path / "a.npz")), layout=LAYOUT)
     assert found.data.load().data.x.equal(Windows(frames, 12, 12).data.x)

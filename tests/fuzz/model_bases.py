@@ -103,18 +103,6 @@ def estimator(folder: Path) -> None:
         estimator_predictor(pipeline, samples).save(folder / f"{name}.predictor")
 
 
-def encoder(folder: Path) -> None:
-    from torch_geometric_tactile.nn import TaxelEncoder
-    from torch_geometric_tactile.predictor import PretrainedEncoder
-
-    torch.manual_seed(0)
-    layout = grid(2, 2, pitch=0.01)
-    sizes = {"hidden_channels": 3, "num_layers": 1, "embedding_channels": 2}
-    model = TaxelEncoder(layout, 1, in_channels=2, **sizes)
-    told = {"num_trials": 5, "source": "day1", "rest": None}
-    PretrainedEncoder(model, layout, told).save(folder / "a.encoder")
-
-
 def processed(folder: Path) -> None:
     from torch_geometric_tactile.data._processed_file import save_static
 

@@ -299,20 +299,6 @@ def urdf(path: Path) -> Any:
     return plain(HandKinematics.from_urdf(path).to_dict())
 
 
-def encoder(path: Path) -> Any:
-    """What it answers, what it was trained on, and its weights."""
-    from torch_geometric_tactile.predictor import PretrainedEncoder
-
-    found = PretrainedEncoder.load(path)
-    frames = torch.arange(8.0).view(1, 4, 2) / 7
-    return {
-        "answer": plain(found.embed(frames)),
-        "text": found.describe(),
-        "layout": plain(found.layout.to_dict()),
-        "model": state(found.model),
-    }
-
-
 def predictor(path: Path) -> Any:
     """What it answers, what it is, and its weights."""
     from torch_geometric_tactile.reports._run_data import open_predictor

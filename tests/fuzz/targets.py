@@ -419,7 +419,6 @@ TARGETS: Sequence[Target] = (
     Target(
         "predictor of an estimator", model_bases.estimator, readers.predictor, _predictor, weight=3
     ),
-    Target("encoder", model_bases.encoder, readers.encoder, _predictor, weight=3),
     Target("checkpoint: predictor", model_bases.checkpoint, readers.predictor, _torch, weight=5),
     Target("checkpoint: module", model_bases.checkpoint, readers.checkpoint, _torch, weight=4),
     Target("processed file", model_bases.processed, readers.processed, _torch, weight=5),

@@ -35,7 +35,6 @@ from torch_geometric_tactile.nn.models import (
     SmallCNN,
     TactileFNN,
     TactileGCN,
-    TaxelEncoder,
     TaxelNet,
     TemporalTaxelNet,
 )
@@ -179,11 +178,6 @@ PAIRS = {  # a data set, a model, and transforms
             T.RandomInversion(p=0.0),
             T.RandomTimeShift(0),
         ],
-    ),
-    "taxel_encoder": lambda: (
-        dataset(),
-        TaxelEncoder(LAYOUT, 3, max_taxels=6, hidden_channels=5),
-        [T.ZScore(scale_per="channel")],
     ),
     "posed_taxel_net": lambda: (
         dataset(),

@@ -21,7 +21,6 @@ from torch_geometric_tactile.nn.models import (
     PosedTaxelNet,
     SmallCNN,
     TactileFNN,
-    TaxelEncoder,
     TaxelNet,
     TemporalTaxelNet,
 )
@@ -322,7 +321,6 @@ MODELS = {
     "posed": lambda: PosedTaxelNet(small_models.LAYOUT, 3, num_strongest=5),
     "posed_open": lambda: PosedTaxelNet(small_models.LAYOUT, 3, posed=False, widths=(4, 2)),
     "small_cnn": lambda: SmallCNN(small_models.LAYOUT, 3, widths=(4, 4), hidden_channels=5),
-    "encoder": lambda: TaxelEncoder(small_models.LAYOUT, 3, max_taxels=6, hidden_channels=5),
     "taxel": lambda: TaxelNet(small_models.LAYOUT, 3, direct_channels=2, max_taxels=6),
     "taxel_described": lambda: TaxelNet(small_models.LAYOUT, 3, descriptor_channels=4),
     "taxel_joint": lambda: TaxelNet(small_models.LAYOUT, 3, conv="self", num_joints=2),

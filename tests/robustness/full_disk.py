@@ -106,8 +106,7 @@ def torch_writers() -> Iterator[Writer]:
     from torch_geometric_tactile import Predictor
     from torch_geometric_tactile.data import StaticData
     from torch_geometric_tactile.data._processed_file import read_processed, save_static
-    from torch_geometric_tactile.nn import TactileFNN, TaxelEncoder
-    from torch_geometric_tactile.predictor import PretrainedEncoder
+    from torch_geometric_tactile.nn import TactileFNN
     from torch_geometric_tactile.sensors import grid
 
     def samples(count):
@@ -142,19 +141,6 @@ def torch_writers() -> Iterator[Writer]:
         predictor(4000),
     )
 
-    def encoder(width):
-        torch.manual_seed(0)
-        layout = grid(2, 2, pitch=0.01)
-        return PretrainedEncoder(TaxelEncoder(layout, 1, hidden_channels=width), layout)
-
-    yield Writer(
-        "encoder",
-        ".encoder",
-        lambda content, path: content.save(path),
-        lambda path: PretrainedEncoder.load(path).model.hidden_channels,
-        encoder(4),
-        encoder(96),
-    )
     try:
         import onnxruntime  # noqa: F401
         import onnxscript  # noqa: F401

@@ -151,7 +151,6 @@ def test_error_of_a_model_with_edges_stays_as_it_is(labelled):
 PLAIN_MODELS = {
     "own": Linear,
     "TaxelNet": lambda: nn.TaxelNet(PAD, 3, in_channels=2),
-    "TaxelEncoder": lambda: nn.TaxelEncoder(PAD, 3, in_channels=2),
     "PosedTaxelNet": lambda: nn.PosedTaxelNet(PAD, 3, in_channels=2, posed=False),
     "TemporalTaxelNet": lambda: nn.TemporalTaxelNet(PAD, 3),
     "SmallCNN": lambda: nn.SmallCNN(PAD, 3, in_channels=2),

@@ -23,7 +23,6 @@ _VERBS: tuple[str, ...] = (
     "table",
     "compare",
     "board",
-    "pretrain",
     "calibrate",
     "fit",
     "validate",

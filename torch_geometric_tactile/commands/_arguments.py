@@ -54,16 +54,6 @@ def seconds(text: str) -> float:
     return number
 
 
-def minutes(text: str) -> float:
-    r"""Reads a duration in minutes: a positive number, at most a day."""
-    number = _plain_number(text)
-    if not 0 < number <= 1440:
-        raise argparse.ArgumentTypeError(
-            f"must be a positive number of minutes up to 1440 (got {text[:40]!r})"
-        )
-    return number
-
-
 def trial_seconds(text: str) -> float:
     r"""Reads the length of a simulated trial in seconds, from one second to an hour."""
     number = _plain_number(text)

@@ -29,25 +29,6 @@ def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
         raise ValueError(text) from error
 
 
-def add_grid(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the option for the shape of a planar array."""
-    parser.add_argument(
-        "--grid", metavar="ROWSxCOLS", help="the taxels form a planar array, such as 28x50"
-    )
-
-
-def add_init(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the option for arguments of a data set."""
-    parser.add_argument(
-        "--init",
-        metavar="KEY=VALUE",
-        nargs="+",
-        action="extend",
-        default=[],
-        help="arguments of the data set, such as root=DIR or target=label; may be repeated",
-    )
-
-
 def add_rest(group: Any) -> None:
     r"""Adds the option for frames at rest."""
     group.add_argument(

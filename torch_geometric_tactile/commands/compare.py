@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from torch_geometric_tactile.commands._arguments import positive, small_count
 from torch_geometric_tactile.commands._runs import (
-    add_grid,
-    add_init,
     add_rest,
     add_workers,
     exit_status,
@@ -42,9 +40,6 @@ MODELS = {
     "forest": "random forest on the readings",
     "descriptors_svm": "support vector machine on descriptors of the layout",
     "descriptors_forest": "extra trees on descriptors of the layout and readings",
-    "encoder_forest": "extra trees on a pretrained encoder, descriptors and readings +",
-    "encoder_svm": "support vector machine on a pretrained encoder and descriptors +",
-    "encoder_tuned": "a pretrained encoder, trained further with the labels +",
     "posed_forest": "random forest on force, centre, normal and count per patch",
     "posed_ridge": "ridge regression on the same",
     "constant": "the most frequent class, or the mean",
@@ -69,7 +64,6 @@ models:
 {chr(10).join(f"  {name:18} {title}" for name, title in MODELS.items())}
   * only for samples of several frames (--window, --trials); the three 'posed' models are only
     for single frames
-  + only with --encoder FILE, which 'tactile pretrain' writes; 'encoder_tuned' for single frames
   Your own, by its import path: the class of a network, which gets those of num_classes, layout,
   num_taxels, in_channels, ... that it has as arguments, or what returns a scikit-learn estimator.
 """
@@ -97,8 +91,6 @@ examples:
                                                          samples, for predict, live and export
   tactile compare touches.npz --grid 8x8 --no-train --save svm.predictor --model svm_rbf
                                                          another one, from finished runs
-  tactile compare touches.npz --grid 8x8 --encoder skin.encoder
-                                                         with an encoder of 'tactile pretrain'
   tactile compare touches.npz --grid 8x8 --epochs 5 --folds 2
                                                          a first look
 
@@ -116,21 +108,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LAYOUT",
         help="positions of the taxels: a stock layout or a layout file",
     )
-    add_grid(parser)
+    parser.add_argument(
+        "--grid", metavar="ROWSxCOLS", help="the taxels form a planar array, such as 28x50"
+    )
     parser.add_argument(
         "--task",
         choices=("multiclass", "regression"),
         help="kind of y (default: multiclass for names and whole numbers)",
     )
-    add_init(parser)
+    parser.add_argument(
+        "--init",
+        metavar="KEY=VALUE",
+        nargs="+",
+        action="extend",
+        default=[],
+        help="arguments of the data set, such as root=DIR or target=label; may be repeated",
+    )
     training = parser.add_argument_group("models and splits")
     training.add_argument(
         "--models", metavar="NAME,NAME", help="models to compare (default: all that fit the data)"
-    )
-    training.add_argument(
-        "--encoder",
-        metavar="FILE",
-        help="an encoder of this sensor, of 'tactile pretrain': adds the models that begin with it",
     )
     training.add_argument(
         "--by",
@@ -256,7 +252,6 @@ def _run(arguments: argparse.Namespace) -> int:
         epochs=arguments.epochs,
         members=arguments.members,
         tare=None if arguments.rest is None else {"key": "trial", "first": arguments.rest},
-        encoder=arguments.encoder,
         accelerator=arguments.accelerator,
         threads=arguments.threads,
     )

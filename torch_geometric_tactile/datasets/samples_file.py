@@ -45,7 +45,6 @@ class SamplesFile(StaticDataset):
         time_axis (int, optional): The dimension of :obj:`x` that is time, counted from the samples,
             which are 0, where samples are windows that are already cut; they have
             :obj:`num_frames` then.
-        labelled (bool): Whether there must be labels; without, those of the file are not read.
         transform (callable, optional): Applied at every access.
 
     Raises:
@@ -72,7 +71,6 @@ class SamplesFile(StaticDataset):
         pitch: float = _PITCH,
         task: Literal["auto", "multiclass", "regression"] = "auto",
         time_axis: int | None = None,
-        labelled: bool = True,
         transform: Transform | None = None,
     ) -> None:
         need(task in _TASKS, f"'task' must be one of {list(_TASKS)} (got '{task}')")
@@ -80,9 +78,7 @@ class SamplesFile(StaticDataset):
             raise ValueError(f"only one of 'layout' and 'grid' may be given (got '{grid}' too)")
         self.path = str(path)
         self.task = task
-        content = read_samples_npz(path, labelled=labelled)
-        if not labelled:
-            content.pop("y", None)
+        content = read_samples_npz(path)
         try:
             size = None if grid is None else _grid_size(grid)
             self.layout = _layout(content, layout, size, pitch)
@@ -104,8 +100,7 @@ class SamplesFile(StaticDataset):
         if "time" in content:
             columns["time"] = content["time"].astype(np.float64)
         given, count = content.get("class_names"), len(content["x"])
-        if "y" in content:
-            columns["y"], names["class"] = _target(content["y"], self.task, given, self.path)
+        columns["y"], names["class"] = _target(content["y"], self.task, given, self.path)
         for key in ("trial", "group", "session", "set"):
             if key in content:
                 names[key], columns[key] = _numbered(key, content[key])

@@ -15,8 +15,6 @@ from torch_geometric_tactile.experiments._compared_task import (
     lacks_a_large_map,
     lacks_a_map,
     lacks_a_pose,
-    lacks_an_encoder,
-    lacks_an_encoder_of_frames,
     lacks_frames,
     lacks_many_frames,
 )
@@ -24,7 +22,6 @@ from torch_geometric_tactile.experiments.tables import Cell
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
-_ENCODERS = "torch_geometric_tactile.experiments._encoder_models."
 _MOST_SVM_SAMPLES = 10_000
 _Tried = Sequence[dict[str, Any]]
 _Arguments = dict[str, Any]
@@ -62,7 +59,6 @@ class _Network(ComparedModel):
     room: str = _MODELS
     lr: float | None = None  # that of the recipe if left out
     is_posed: bool = False
-    is_encoder: bool = False
 
     def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
         recipe = task.recipe
@@ -81,11 +77,7 @@ class _Network(ComparedModel):
             section["label_smoothing"] = recipe.label_smoothing
         if task.metric == "balanced_accuracy":
             section["class_weights"] = "balanced"
-        transform = task.transform(
-            scaled=not (self.is_posed or self.is_encoder),
-            posed=self.is_posed,
-            encoded=self.is_encoder,
-        )
+        transform = task.transform(scaled=not self.is_posed, posed=self.is_posed)
         config = {
             "model": section,
             "data": {"transform": transform, "batch_size": recipe.batch_size},
@@ -99,10 +91,9 @@ class _Estimator(ComparedModel):
     room: str = _BASELINES
     sums_patches: bool = False  # of readings that are neither scaled nor filled
     centred: bool = True
-    is_encoder: bool = False  # which scales itself
 
     def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
-        scaled = not (self.sums_patches or self.is_encoder)
+        scaled = not self.sums_patches
         form = {"scaled": scaled, "filled": scaled, "centred": self.centred}
         form["posed"] = self.sums_patches and task.posed
         path = f"{self.room}{self.class_name}"
@@ -157,9 +148,6 @@ _DESCRIBED_LEAVES: _Tried = [
     {"normalized": True},
     {"normalized": True, "rooted": True},
     {"normalized": True, "rooted": True, "balanced": False},
-]
-_ENCODED = [
-    {"C": c, "with_readings": readings} for readings in (False, True) for c in (10.0, 1.0, 100.0)
 ]
 _RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT = [{}, _decay(0.1, dropout=0.5)]
@@ -299,37 +287,6 @@ MODELS: tuple[ComparedModel, ...] = (
         "descriptor_forest",
         _DESCRIBED_LEAVES,
         centred=False,
-    ),
-    _Estimator(
-        "encoder_forest",
-        "extra trees on a pretrained encoder, descriptors and readings",
-        "encoder_forest",
-        _LEAVES,
-        lambda task: {**(task.encoder or {})},
-        room=_ENCODERS,
-        is_encoder=True,
-        lacks=lacks_an_encoder,
-    ),
-    _Estimator(
-        "encoder_svm",
-        "support vector machine on a pretrained encoder and descriptors",
-        "encoder_svm",
-        _ENCODED,
-        lambda task: {**(task.encoder or {}), "most_samples": _MOST_SVM_SAMPLES},
-        room=_ENCODERS,
-        is_encoder=True,
-        lacks=lacks_an_encoder,
-    ),
-    _Network(
-        "encoder_tuned",
-        "a pretrained encoder, trained further with the labels",
-        "TunedEncoder",
-        arguments=lambda task: {**(task.encoder or {})},
-        is_graph=True,
-        lr=1e-3,
-        room=_ENCODERS,
-        is_encoder=True,
-        lacks=lacks_an_encoder_of_frames,
     ),
     _Estimator(
         "posed_forest",

@@ -1,7 +1,7 @@
 r"""What the models of a comparison have to do."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
@@ -9,13 +9,11 @@ from typing import Any
 import torch
 
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments._encoder_models import encoder_arguments
 from torch_geometric_tactile.experiments._experiment import Choice
 from torch_geometric_tactile.nn.models.bmf_cnn import LEAST_SIZE
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
 
-_ENCODERS = "torch_geometric_tactile.experiments._encoder_models."
 _TRANSFORMS = "torch_geometric_tactile.transforms."
 # To train on. With more, an average of networks gains little, and one validation part has to do
 # for them. Estimators are tried on several, which may hold out few trials or persons each.
@@ -42,7 +40,6 @@ class ComparedTask:
     members: int | None = 1
     num_frames: int | None = None
     num_channels: int = 1
-    encoder: dict[str, str] | None = None
 
     @classmethod
     def of(
@@ -51,16 +48,11 @@ class ComparedTask:
         metric: str,
         part: float,
         num_frames: int | None = None,
-        encoder: str | None = None,
-        rest: Mapping[str, Any] | None = None,
         **more: Any,
     ) -> "ComparedTask":
-        r"""Returns the task of a data set, of whose frames a rest may have been subtracted."""
+        r"""Returns the task of a data set."""
         num_train = max(1, round(part * len(dataset)))
         width = dataset.batch(torch.tensor([0])).x.shape[-1]
-        if encoder is not None:
-            num_channels = width // (num_frames or 1)
-            more["encoder"] = encoder_arguments(encoder, dataset.layout, num_channels, rest)
         return cls(
             dataset.layout,
             metric,
@@ -118,15 +110,12 @@ class ComparedTask:
         scaled: bool = True,
         posed: bool = False,
         filled: bool = True,
-        encoded: bool = False,
         rooted: bool = False,
         normalized: bool = False,
         centred: bool = True,
     ) -> dict[str, Any]:
         r"""Returns what every batch goes through, as plain data."""
         steps = [] if self.tare is None else [_step("Tare", self.tare)]
-        if encoded:
-            steps.append({"class_path": f"{_ENCODERS}EncoderScale", "init_args": self.encoder})
         if rooted:
             steps.append(_step("SquareRoot"))
         if normalized:
@@ -185,16 +174,6 @@ def lacks_a_pose(task: ComparedTask) -> str:
     return lacks_a_frame(task) or (
         "" if task.posed else "the taxels are not placed by joint angles"
     )
-
-
-def lacks_an_encoder(task: ComparedTask) -> str:
-    r"""Tells what a model lacks in the data, if anything."""
-    return "" if task.encoder is not None else "no encoder is given ('encoder')"
-
-
-def lacks_an_encoder_of_frames(task: ComparedTask) -> str:
-    r"""Tells what a model lacks in the data, if anything."""
-    return lacks_an_encoder(task) or lacks_a_frame(task)
 
 
 def lacks_a_map(task: ComparedTask) -> str:

@@ -54,8 +54,6 @@ class ComparisonSettings:
         tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, such
             as :obj:`{"key": "trial", "first": 10}`, where each trial begins at rest. Of windows,
             the frames are tared before these are cut.
-        encoder (str, optional): The file of a pretrained encoder of the same sensor, which adds
-            the models that begin with it.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
         threads (int): Threads of each run.
 
@@ -71,7 +69,6 @@ class ComparisonSettings:
     epochs: int | None = None
     members: int | None = None
     tare: Mapping[str, Any] | None = None
-    encoder: str | None = None
     accelerator: str = "cpu"
     threads: int = 1
 
@@ -254,8 +251,6 @@ def comparison_plan(
         epochs=settings.epochs,
         tare=tare,
         members=settings.members,
-        encoder=settings.encoder,
-        rest=settings.tare,
     )
     models = chosen_models(settings.models, task)
     held_out = "given" if protocol.by == "given" else f"by {protocol.by}"

@@ -32,9 +32,7 @@ _TEXTS = ("y", "trial", "group", "session", "set", "class_names", "part")
 _logger = logging.getLogger(__name__)
 
 
-def read_samples_npz(
-    path: PathLike, allow_large: bool = False, *, labelled: bool = True
-) -> dict[str, np.ndarray]:
+def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.ndarray]:
     r"""Reads the arrays of an npz file with labelled samples. Sizes are checked before memory is
     taken, every array is compared with its checksum, and nothing is unpickled.
 
@@ -49,7 +47,6 @@ def read_samples_npz(
         path (str or PathLike): The file.
         allow_large (bool): Whether to read a file whose arrays take more than 1 GiB and more than
             200 times its own size, as a hostile one does.
-        labelled (bool): Whether there must be labels.
 
     Returns:
         dict: The arrays by their names here, such as :obj:`"x"`.
@@ -75,23 +72,20 @@ def read_samples_npz(
         for name in shapes:
             if name in _BY_NAME:
                 found.setdefault(_BY_NAME[name], []).append(name)
-        problem = _problem(found, shapes, ("x", "y") if labelled else ("x",))
+        problem = _problem(found, shapes)
         content = {}
         if not problem:
             content = {key: arrays.read(names[0]) for key, names in found.items()}
             problem = next(filter(None, map(_kind_problem, content, content.values())), "")
-    kind = "labelled samples" if labelled else "samples"
-    need(not problem, f"'{path}' must hold {kind}: {problem}")
+    need(not problem, f"'{path}' must hold labelled samples: {problem}")
     unknown = sorted(set(shapes) - set(_BY_NAME))
     if unknown:
         _logger.warning("'%s': not used: %s", path, short_list(unknown, 10, quoted, rest=""))
     return content
 
 
-def _problem(
-    found: dict[str, list[str]], shapes: dict[str, tuple[int, ...]], needed: tuple[str, ...]
-) -> str:
-    for key in needed:
+def _problem(found: dict[str, list[str]], shapes: dict[str, tuple[int, ...]]) -> str:
+    for key in ("x", "y"):
         if key not in found:
             names = short_list(sorted(shapes), 10, quoted, rest="") if shapes else "no arrays"
             hint = " (a recording is not a data set: give its folder)" if "format" in shapes else ""

@@ -4,6 +4,9 @@ All classes are also here by their plain names, as in :obj:`from torch_geometric
 MTGCN, StaticGCNConv`.
 """
 
+from typing import TYPE_CHECKING
+
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.nn import conv, models, pool
 from torch_geometric_tactile.nn.conv import *  # noqa: F403
 from torch_geometric_tactile.nn.models import *  # noqa: F403
@@ -14,3 +17,6 @@ __all__: list[str] = []
 __all__ += conv.__all__
 __all__ += pool.__all__
 __all__ += models.__all__
+
+if not TYPE_CHECKING:
+    __getattr__ = removed_names(__name__)

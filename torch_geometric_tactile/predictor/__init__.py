@@ -1,6 +1,9 @@
 r"""Predictors: a trained model and the preparation of its readings in one file. Does not need the
 extra ``train``."""
 
+from typing import TYPE_CHECKING
+
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.predictor.average_model import AverageModel
 from torch_geometric_tactile.predictor.classes import transform_classes
 from torch_geometric_tactile.predictor.content import (
@@ -15,7 +18,6 @@ from torch_geometric_tactile.predictor.export_onnx import Exported, export_onnx
 from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.predictor.predictor import Predictor
-from torch_geometric_tactile.predictor.pretrained_encoder import PretrainedEncoder
 
 __all__ = [
     "AverageModel",
@@ -24,7 +26,6 @@ __all__ = [
     "MeasuredScore",
     "MissingOwnError",
     "Predictor",
-    "PretrainedEncoder",
     "build_model",
     "checkpoint_entry",
     "estimator_predictor",
@@ -33,3 +34,6 @@ __all__ = [
     "model_entry",
     "transform_classes",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = removed_names(__name__)

@@ -12,6 +12,7 @@ from torch.nn import Module
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._removed import ENCODER_KEY, LAST_READER
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._torch_file import read_torch_file
@@ -234,6 +235,7 @@ def load(
         raise ValueError(f"'{path}' is a checkpoint: read it with Predictor.from_checkpoint")
     with explained(f"'{path}' is no predictor that can be read here"):
         tensors, texts, has_checksum = read_tensors(path)
+        need(ENCODER_KEY not in texts, f"it is a pretrained encoder: {LAST_READER}")
         need(_KEY in texts, "it is not a file of Predictor.save")
         header = json.loads(texts[_KEY])
         if not has_checksum and header.get("format") != _OLD_FORMATS[0]:

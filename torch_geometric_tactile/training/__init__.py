@@ -1,5 +1,7 @@
 r"""Training and evaluation with Lightning; needs the extra ``train``."""
 
+from typing import TYPE_CHECKING
+
 try:
     import jsonargparse  # noqa: F401
     import lightning  # noqa: F401
@@ -11,7 +13,6 @@ except ImportError as error:
         name=error.name,
     ) from error
 
-from typing import TYPE_CHECKING
 
 from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
@@ -20,7 +21,6 @@ from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import classification_metrics, regression_metrics
 from torch_geometric_tactile.training.module import TactileModule, classifier_from_config
 from torch_geometric_tactile.training.one_cycle import OneCycle
-from torch_geometric_tactile.training.pretraining import PretrainSettings, PretrainStep, pretrain
 from torch_geometric_tactile.training.quiet import quiet_lightning
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
@@ -29,8 +29,6 @@ __all__ = [
     "AtomicCheckpointIO",
     "DataSizes",
     "OneCycle",
-    "PretrainSettings",
-    "PretrainStep",
     "TactileDataModule",
     "TactileModule",
     "TrainingRecipe",
@@ -40,7 +38,6 @@ __all__ = [
     "fill_sizes",
     "find_config",
     "load_config",
-    "pretrain",
     "quiet_lightning",
     "regression_metrics",
     "training_recipe",

@@ -17,7 +17,6 @@ from torch_geometric_tactile.nn import (
     SmallCNN,
     TactileFNN,
     TactileGCN,
-    TaxelEncoder,
     TaxelNet,
     TemporalTaxelNet,
 )
@@ -35,7 +34,6 @@ CLASSES = [
     SmallCNN,
     TactileFNN,
     TactileGCN,
-    TaxelEncoder,
     TaxelNet,
     TemporalTaxelNet,
 ]
@@ -139,7 +137,6 @@ def test_model_layout_bad(cls):
         MTCNN: "image map",
         PosedTaxelNet: "places",
         SmallCNN: "image map",
-        TaxelEncoder: "places",
         TaxelNet: "neighbours",
         TemporalTaxelNet: "neighbours",
     }

@@ -9,7 +9,6 @@ from torch_geometric_tactile.nn.models import (
     GraspLSTM,
     PosedTaxelNet,
     TactileGCN,
-    TaxelEncoder,
     TaxelNet,
     TemporalTaxelNet,
 )
@@ -85,12 +84,6 @@ def test_onnx_ms_cnn(tmp_path, shared):
 
 def test_onnx_taxel_net(tmp_path):
     model = TaxelNet(LAYOUT, 3, max_taxels=6, widths=(4,), hidden_channels=5)
-    assert_onnx_equals(model, tmp_path / "model.onnx", LAYOUT.edge_index("original"), 12)
-
-
-@pytest.mark.parametrize("max_taxels", [6, 12])
-def test_onnx_taxel_encoder(tmp_path, max_taxels):
-    model = TaxelEncoder(LAYOUT, 3, max_taxels=max_taxels, hidden_channels=5)
     assert_onnx_equals(model, tmp_path / "model.onnx", LAYOUT.edge_index("original"), 12)
 
 

@@ -1,5 +1,8 @@
 r"""The models of the papers, and general models to start with."""
 
+from typing import TYPE_CHECKING
+
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.nn.models.bmf_cnn import BMFCNN
 from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
@@ -16,7 +19,6 @@ from torch_geometric_tactile.nn.models.small_cnn import SmallCNN
 from torch_geometric_tactile.nn.models.tactile_fnn import TactileFNN
 from torch_geometric_tactile.nn.models.tactile_gcn import TactileGCN
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
-from torch_geometric_tactile.nn.models.taxel_encoder import TaxelEncoder
 from torch_geometric_tactile.nn.models.taxel_net import TaxelNet
 from torch_geometric_tactile.nn.models.temporal_taxel_net import TemporalTaxelNet
 from torch_geometric_tactile.nn.models.thread import Thread
@@ -38,8 +40,10 @@ __all__ = [
     "TactileFNN",
     "TactileGCN",
     "TactileModel",
-    "TaxelEncoder",
     "TaxelNet",
     "TemporalTaxelNet",
     "Thread",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = removed_names(__name__)
