@@ -26,7 +26,7 @@ EXTRAS = {  # modules of extras that the blocks of a page need
     "docs/lerobot.md": ("pyarrow",),
     "docs/live.md": ("serial", "websockets", "mcap"),
     "docs/metrics.md": ("lightning",),
-    "docs/models.md": ("lightning", "cv2", "huggingface_hub"),
+    "docs/models.md": ("lightning", "cv2"),
     "docs/predictor.md": ("lightning", "onnxruntime", "onnxscript"),
     "docs/recordings.md": ("h5py", "matplotlib"),
     "docs/results/hand_study.md": ("mujoco",),

@@ -110,14 +110,6 @@ def processed(folder: Path) -> None:
     save_static(data, names, folder / "a.pt", {"class": "Small"}, ["a.txt=1"])
 
 
-def hub(folder: Path) -> None:
-    from torch_geometric_tactile.nn import TactileFNN
-
-    torch.manual_seed(0)
-    TactileFNN(4, 2, widths=(3,), pools=(1,)).save_pretrained(folder)
-    (folder / "README.md").unlink(missing_ok=True)
-
-
 def config(folder: Path) -> None:
     content = {
         "seed_everything": 0,

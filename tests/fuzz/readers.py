@@ -337,13 +337,6 @@ def processed(path: Path) -> Any:
     }
 
 
-def hub(path: Path) -> Any:
-    """The folder of a model that holds the file."""
-    from torch_geometric_tactile.nn import TactileFNN
-
-    return state(TactileFNN.from_pretrained(path.parent))
-
-
 def config(path: Path) -> Any:
     from torch_geometric_tactile.training._given_arguments import read_config
     from torch_geometric_tactile.training.config import load_config

@@ -422,17 +422,6 @@ TARGETS: Sequence[Target] = (
     Target("checkpoint: predictor", model_bases.checkpoint, readers.predictor, _torch, weight=5),
     Target("checkpoint: module", model_bases.checkpoint, readers.checkpoint, _torch, weight=4),
     Target("processed file", model_bases.processed, readers.processed, _torch, weight=5),
-    Target("model folder: weights", model_bases.hub, readers.hub, _torch, weight=3, suffix=".pth"),
-    Target(
-        "model folder: configuration",
-        model_bases.hub,
-        readers.hub,
-        _json,
-        tree_oracles.json_tree,
-        2,
-        tree=True,
-        suffix=".json",
-    ),
     Target(
         "configuration",
         model_bases.config,

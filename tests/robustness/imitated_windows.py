@@ -141,12 +141,6 @@ def checkpoint(folder):
     TactileModule.load_from_checkpoint(folder / "a.ckpt")
 
 
-def folder_of_a_model(folder):
-    from fuzz import model_bases
-
-    model_bases.hub(folder)
-
-
 def run_store(folder):
     from fuzz import model_bases
 
@@ -197,7 +191,6 @@ WRITERS = {
     "predictor": predictor,
     "processed": processed,
     "checkpoint": checkpoint,
-    "model folder": folder_of_a_model,
     "run": run_store,
     "mcap lock": mcap_lock,
     "record": recorder,

@@ -246,7 +246,7 @@ class Describer:
     def model(self, model: Module) -> dict[str, Any]:
         r"""Describes a model, without its weights."""
         kind = type(model).__name__
-        arguments = getattr(model, "_hub_arguments", None)
+        arguments = getattr(model, "init_arguments", None)
         if model_classes().get(kind) is not type(model) or arguments is None:
             return _describe_own(model)
         mark = len(self.tensors)

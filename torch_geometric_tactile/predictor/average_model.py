@@ -61,7 +61,7 @@ class AverageModel(Module):
             if value is not None and (not isinstance(value, Tensor) or value.dim() > 1):
                 raise ValueError(f"'{name}' must be a number of each output (got {value!r:.80})")
             self.register_buffer(f"_{name}", value, persistent=False)
-        self._hub_arguments = {
+        self.init_arguments = {
             "models": list(models),
             "numbers": self.numbers,
             "center": center,

@@ -52,7 +52,7 @@ class EstimatorModel(Module):
             raise ValueError(f"the first step must be one of {', '.join(FEATURES)} (got {name!r})")
         self.features = FEATURES[name](**first)
         self.rows = Chain(steps[1:], ROWS)
-        self._hub_arguments = {"steps": [dict(step) for step in steps]}  # what a file keeps
+        self.init_arguments = {"steps": [dict(step) for step in steps]}  # what a file keeps
 
     @classmethod
     def of(cls, estimator: Any, num_classes: int | None = None, **samples: Any) -> Self:
@@ -94,4 +94,4 @@ class EstimatorModel(Module):
 
     def extra_repr(self) -> str:
         r"""Returns the names of the steps."""
-        return ", ".join(step["step"] for step in self._hub_arguments["steps"])
+        return ", ".join(step["step"] for step in self.init_arguments["steps"])

@@ -14,6 +14,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
 from torch_geometric_tactile.predictor import content
+from torch_geometric_tactile.predictor._hub import predictor_file, push_predictor
 from torch_geometric_tactile.predictor._network import Network, Task
 from torch_geometric_tactile.predictor._preparation import Preparation, shared_by_frames, tared
 from torch_geometric_tactile.predictor._readings import ArrayLike, shape_of
@@ -224,6 +225,98 @@ class Predictor:
             path (str or PathLike): The file.
         """
         content.save(self.preparation, self.network, path)
+
+    @classmethod
+    def from_pretrained(
+        cls,
+        path_or_repo_id: PathLike,
+        *,
+        revision: str | None = None,
+        token: str | bool | None = None,
+        cache_dir: PathLike | None = None,
+        local_files_only: bool = False,
+        force_download: bool = False,
+        model: Module | None = None,
+        transforms: Sequence[Transform] | None = None,
+    ) -> Self:
+        r"""Reads a predictor from a repository of the Hugging Face Hub, or from a folder or a file.
+        The downloaded file is read as in :meth:`load`: nothing in it runs.
+
+        Args:
+            path_or_repo_id (str or PathLike): The name of the repository, such as
+                :obj:`"user/slip"`, the path of a file, or a folder with :obj:`model.predictor`.
+            revision (str, optional): The branch, tag or commit; :obj:`"main"` if left out.
+            token (str or bool, optional): The access token; :obj:`False` for none, and the stored
+                one if left out.
+            cache_dir (str or PathLike, optional): The folder of downloaded files; that of
+                :obj:`huggingface_hub` if left out.
+            local_files_only (bool): Whether to use downloaded files only, without a connection.
+            force_download (bool): Whether to download the file again.
+            model (torch.nn.Module, optional): As of :meth:`load`.
+            transforms (sequence of callable, optional): As of :meth:`load`.
+
+        Raises:
+            ConnectionError: If the hub cannot be reached and the file was not downloaded before.
+            FileNotFoundError: If there is no such repository, revision or file, or the token may
+                not read it.
+            ImportError: If :obj:`huggingface_hub` is missing, which folders and files do not need.
+            PermissionError: If the terms of use of the repository are not accepted.
+            ValueError: If the name is not that of a repository, or as :meth:`load`.
+
+        Examples:
+            >>> Predictor.from_pretrained("user/slip")  # doctest: +SKIP
+        """
+        path = predictor_file(
+            path_or_repo_id,
+            revision=revision,
+            token=token,
+            cache_dir=cache_dir,
+            local_files_only=local_files_only,
+            force_download=force_download,
+        )
+        return cls.load(path, model, transforms)
+
+    def push_to_hub(
+        self,
+        repo_id: str,
+        *,
+        token: str | bool | None = None,
+        private: bool | None = None,
+        commit_message: str = "Upload predictor",
+        revision: str | None = None,
+    ) -> str:
+        r"""Uploads the predictor to a repository of the Hugging Face Hub, which is created if it
+        does not exist, and returns the URL of the commit. The repository gets the file of
+        :meth:`save` as :obj:`model.predictor`, and a model card (:obj:`README.md`) with task,
+        classes, sensor and score; files of these names are replaced.
+
+        Args:
+            repo_id (str): The name of the repository, such as :obj:`"user/slip"`.
+            token (str or bool, optional): The access token, which may write; the stored one if left
+                out.
+            private (bool, optional): Whether a new repository is private; the default of the
+                account if left out.
+            commit_message (str): The message of the commit.
+            revision (str, optional): The branch, which is created if it does not exist;
+                :obj:`"main"` if left out.
+
+        Raises:
+            ConnectionError: If the hub cannot be reached.
+            ImportError: If :obj:`huggingface_hub` is missing.
+            PermissionError: If the token may not write to the repository.
+            ValueError: If the name is not that of a repository, or the model cannot be saved.
+
+        Examples:
+            >>> predictor.push_to_hub("user/slip", private=True)  # doctest: +SKIP
+        """
+        return push_predictor(
+            self,
+            repo_id,
+            token=token,
+            private=private,
+            commit_message=commit_message,
+            revision=revision,
+        )
 
     @property
     def layout(self) -> TaxelLayout:

@@ -47,7 +47,7 @@ def parameters(function):
 
 def test_all_models_are_checked():
     named = [getattr(nn.models, name) for name in nn.models.__all__]
-    models = [c for c in named if issubclass(c, nn.models._hub.TactileHubMixin)]
+    models = [c for c in named if issubclass(c, nn.models._base_model.BaseModel)]
     assert set(models) == {*CLASSES, nn.TactileModel}
 
 

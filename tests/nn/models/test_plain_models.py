@@ -79,11 +79,3 @@ def test_plain_model_seed_and_reset(model):
             assert not torch.equal(value, before[name]), name
         if name.endswith(("num_batches_tracked", "running_mean")):
             assert not value.any(), name
-
-
-def test_plain_model_hub(model, tmp_path):
-    pytest.importorskip("huggingface_hub", reason="needs the extra 'hub'")
-    model.save_pretrained(tmp_path)
-    again, data = type(model).from_pretrained(tmp_path), given(model, 9)
-    assert str(again) == str(model)
-    assert torch.equal(again(**data), model(**data))

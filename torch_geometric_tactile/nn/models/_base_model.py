@@ -1,23 +1,42 @@
 r"""What all models share."""
 
-from typing import Any
+from inspect import Parameter, signature
+from typing import Any, Self
 
 from torch import Tensor
 from torch.nn import Module
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._taxels import portable_layout
 
 
-class BaseModel(Module, TactileHubMixin):
-    r"""A model with the inputs of all models, in their order, that is saved and loaded as all are.
+class BaseModel(Module):
+    r"""A model with the inputs of all models, in their order.
 
     A subclass defines :meth:`_logits` with the inputs that it takes, or :meth:`forward` if it takes
-    more than all.
+    more than all. :attr:`init_arguments` holds the arguments of its constructor, in their order,
+    from which the file of a :class:`~torch_geometric_tactile.predictor.Predictor` builds it again.
     """
 
     num_joints: int = 0
+    init_arguments: dict[str, Any]
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        r"""Keeps the arguments."""
+        self = object.__new__(cls)
+        bound = signature(cls.__init__).bind_partial(self, *args, **kwargs)
+        bound.apply_defaults()
+        arguments = dict(list(bound.arguments.items())[1:])
+        for parameter in bound.signature.parameters.values():
+            if parameter.kind is Parameter.VAR_KEYWORD:
+                arguments.update(arguments.pop(parameter.name))
+            elif parameter.kind is Parameter.VAR_POSITIONAL and not arguments[parameter.name]:
+                del arguments[parameter.name]
+        if "layout" in arguments:
+            arguments["layout"] = portable_layout(arguments["layout"])
+        self.init_arguments = arguments
+        return self
 
     @property
     def modalities(self) -> tuple[str, ...]:

@@ -1,0 +1,196 @@
+r"""Predictors in repositories of the Hugging Face Hub."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from torch_geometric_tactile._texts import printable
+from torch_geometric_tactile._typing import PathLike
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.predictor.predictor import Predictor
+
+#: The name of a predictor's file in a repository or a folder.
+PREDICTOR_FILE = "model.predictor"
+_CARD = """---
+library_name: torch-geometric-tactile
+tags:
+- tactile
+- robotics
+---
+
+# {name}
+
+A predictor of the readings of a tactile sensor.
+
+{table}
+
+```python
+from torch_geometric_tactile import Predictor
+
+predictor = Predictor.from_pretrained("{repo_id}")
+probabilities = predictor(reading)
+```
+"""
+
+
+def push_predictor(
+    predictor: "Predictor",
+    repo_id: str,
+    *,
+    token: str | bool | None,
+    private: bool | None,
+    commit_message: str,
+    revision: str | None,
+) -> str:
+    r"""Uploads the file of a predictor and its model card, and returns the URL of the commit."""
+    api = _client(token)
+    from huggingface_hub import CommitOperationAdd
+
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / PREDICTOR_FILE
+        predictor.save(path)
+        with _explained(repo_id, api.endpoint, revision):
+            # A name without an account is one of the token's account. Some tokens may write only.
+            if "/" not in repo_id or not api.repo_exists(repo_id):
+                repo_id = api.create_repo(repo_id, private=private, exist_ok=True).repo_id
+            if revision is not None:
+                api.create_branch(repo_id, branch=revision, exist_ok=True)
+            card = model_card(predictor, repo_id).encode()
+            commit = api.create_commit(
+                repo_id,
+                [CommitOperationAdd(PREDICTOR_FILE, path), CommitOperationAdd("README.md", card)],
+                commit_message=commit_message,
+                revision=revision,
+            )
+    return str(commit.commit_url)
+
+
+def predictor_file(
+    path_or_repo_id: PathLike,
+    *,
+    revision: str | None,
+    token: str | bool | None,
+    cache_dir: PathLike | None,
+    local_files_only: bool,
+    force_download: bool,
+) -> Path:
+    r"""Returns the path of a predictor's file, which is downloaded from a repository unless the
+    path of the file or of its folder is given.
+    """
+    path = Path(path_or_repo_id)
+    if path.is_dir():
+        path = path / PREDICTOR_FILE
+        if not path.is_file():
+            raise FileNotFoundError(
+                f"there is no '{PREDICTOR_FILE}' in the folder '{path.parent}': write it with "
+                "Predictor.save"
+            )
+        return path
+    if path.is_file() or isinstance(path_or_repo_id, os.PathLike):
+        return path
+    api = _client(token)
+    with _explained(path_or_repo_id, api.endpoint, revision, local_files_only):
+        return Path(
+            api.hf_hub_download(
+                path_or_repo_id,
+                PREDICTOR_FILE,
+                revision=revision,
+                cache_dir=cache_dir,
+                local_files_only=local_files_only,
+                force_download=force_download,
+            )
+        )
+
+
+def model_card(predictor: "Predictor", repo_id: str) -> str:
+    r"""Returns the text of the model card: task, classes, sensor, score and how to load it."""
+    layout, channels = predictor.layout, predictor.preparation.num_channels
+    sensor = f"layout {layout.name}, {layout.num_taxels} taxels"
+    rows = {
+        "task": predictor.task,
+        "classes": ", ".join(predictor.class_names),
+        "sensor": sensor if channels is None else f"{sensor} of {channels} channels",
+        "model": type(predictor.model).__name__,
+        "score": "" if predictor.score is None else str(predictor.score),
+    }
+    lines = ["| | |", "|---|---|"]
+    lines += [f"| {key} | {_cell(text)} |" for key, text in rows.items() if text]
+    return _CARD.format(name=repo_id.rpartition("/")[2], table="\n".join(lines), repo_id=repo_id)
+
+
+def _cell(text: str) -> str:
+    # A name must not end the cell or its row.
+    return printable(text).replace("|", r"\|")
+
+
+def _client(token: str | bool | None) -> Any:
+    try:
+        from huggingface_hub import HfApi
+    except ImportError as error:
+        raise ImportError(
+            "sharing predictors needs 'huggingface_hub': "
+            'pip install "torch-geometric-tactile[hub]"'
+        ) from error
+    # The package itself reads the variable only when it is imported.
+    endpoint = os.environ.get("HF_ENDPOINT", "").rstrip("/") or None
+    return HfApi(endpoint, token, library_name="torch-geometric-tactile")
+
+
+@contextmanager
+def _explained(
+    repo_id: str, endpoint: str, revision: str | None, local_files_only: bool = False
+) -> Iterator[None]:
+    r"""Turns the errors of the client into errors that name the repository and what to do."""
+    from huggingface_hub import errors
+
+    name = f"'{repo_id}' at {endpoint}"
+    try:
+        yield
+    except errors.HFValidationError as error:
+        raise ValueError(
+            f"there is no file or folder '{repo_id}', and a repository has a name such as "
+            "'user/slip'"
+        ) from error
+    except errors.GatedRepoError as error:
+        raise PermissionError(
+            f"{name} has terms of use: accept them on its page, and give your 'token'"
+        ) from error
+    except errors.RepositoryNotFoundError as error:
+        raise FileNotFoundError(
+            f"there is no repository {name}, or it is private: check the name, and give a 'token' "
+            "that may read it"
+        ) from error
+    except errors.RevisionNotFoundError as error:
+        raise FileNotFoundError(f"{name} has no revision '{revision}'") from error
+    except errors.RemoteEntryNotFoundError as error:
+        raise FileNotFoundError(
+            f"{name} has no file '{PREDICTOR_FILE}': upload it with Predictor.push_to_hub"
+        ) from error
+    except errors.LocalEntryNotFoundError as error:
+        if local_files_only:
+            raise FileNotFoundError(
+                f"{name} is not in the cache: download it once without 'local_files_only'"
+            ) from error
+        raise ConnectionError(
+            f"{name} cannot be reached and is not in the cache: check the connection"
+        ) from error
+    except errors.HfHubHTTPError as error:
+        reason = " ".join(str(error).split())
+        if error.response.status_code in (401, 403):
+            raise PermissionError(
+                f"the token is not accepted for {name}: give a 'token' that may read it, or write "
+                f"to it for a push ({reason})"
+            ) from error
+        raise OSError(f"{name} answers with an error: {reason}") from error
+    except (ImportError, OSError):
+        raise
+    except Exception as error:  # those of HTTP, whose package depends on the version of the client
+        if isinstance(error, ValueError) and error.__cause__ is None:
+            raise
+        raise ConnectionError(
+            f"{name} cannot be reached: check the connection ({error.__cause__ or error})"
+        ) from error
