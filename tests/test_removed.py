@@ -10,6 +10,7 @@ import torch_geometric_tactile
 from torch_geometric_tactile import _removed
 from torch_geometric_tactile._removed import REPLACEMENTS, removed_names
 from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.nn import GraspGCN
 
 MIGRATION = Path(__file__).parents[1] / "docs" / "migration.md"
 NAMES = [name for name in REPLACEMENTS if not name.startswith("tactile ")]
@@ -26,6 +27,13 @@ def test_removed_name_is_an_error_that_says_what_to_do(name):
     with pytest.raises(ImportError, match=message):
         exec(f"from {module.__name__} import {attribute}")
     assert attribute not in dir(module)
+
+
+@pytest.mark.parametrize("method", ["from_pretrained", "save_pretrained", "push_to_hub"])
+def test_removed_method_of_models_is_an_error_that_says_what_to_do(method):
+    for model in (GraspGCN, GraspGCN()):
+        with pytest.raises(AttributeError, match=r"removed in version 0\.3\.0: .*Predictor\.save"):
+            getattr(model, method)("folder")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -1,7 +1,7 @@
 r"""What all models share."""
 
 from inspect import Parameter, signature
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 from torch import Tensor
 from torch.nn import Module
@@ -9,6 +9,15 @@ from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models._taxels import portable_layout
+
+
+def _raise_for_hub_method(*args: Any, **kwargs: Any) -> NoReturn:
+    # Until version 0.4.0, as the names in `_removed.py`.
+    raise AttributeError(
+        "'save_pretrained', 'from_pretrained' and 'push_to_hub' of models were removed in version "
+        "0.3.0: save the model with its layout and scaling, by Predictor.save or "
+        "Predictor.push_to_hub"
+    )
 
 
 class BaseModel(Module):
@@ -21,6 +30,8 @@ class BaseModel(Module):
 
     num_joints: int = 0
     init_arguments: dict[str, Any]
+
+    from_pretrained = save_pretrained = push_to_hub = staticmethod(_raise_for_hub_method)
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         r"""Keeps the arguments."""
