@@ -112,12 +112,13 @@ def _run(arguments: argparse.Namespace) -> int:
     header, rows = demo_rows(comparisons)
     print(f"\nAccuracy in %\n{tabulate(rows, header, disable_numparse=True)}\n")
     verdict = advice(comparisons[COMMON_MODE][OFFICIAL_TEST])
+    has_recommendation = any(row[0].startswith("*") for row in rows)
     texts = [
-        f"* recommended on the {OFFICIAL_TEST}",
+        f"* recommended on the {OFFICIAL_TEST}" if has_recommendation else "",
         demo_conclusion(comparisons),
         f"Verdict of 'tactile compare' on the {OFFICIAL_TEST}: {verdict}",
     ]
-    print(*map(printable, texts), sep="\n\n", end="\n\n")
+    print(*map(printable, filter(None, texts)), sep="\n\n", end="\n\n")
     for path in paths:
         print(printable(f"wrote {path}"))
     return 0

@@ -45,22 +45,24 @@ _CAPTION = (
     "the training set: random grasps, objects that no training grasp is of, and one of the three "
     "recording sessions (palm poses). The official test has other objects in other sessions. "
     "Common mode: the mean over each finger's electrodes is subtracted in every reading. Settings "
-    "were chosen on a part of each training part; networks are trained for {epochs} epochs."
+    "were chosen on a part of each training part; networks are trained for {epochs} epochs. The row "
+    "in bold is the model that is recommended on the official test."
 )
 
 
 def demo_rows(comparisons: DemoComparisons) -> tuple[list[str], list[list[str]]]:
     r"""Returns the header and the rows of the table: accuracies in percent, a row for each
-    preparation and model. The row of the recommended model begins with :obj:`*`.
+    preparation and model. The row of the recommended model, if there is one, begins with :obj:`*`.
     """
     columns = list(next(iter(comparisons.values())))
+    best = recommended(comparisons[COMMON_MODE][OFFICIAL_TEST])
     rows = []
     for readings, by_held_out in comparisons.items():
         for result in by_held_out[OFFICIAL_TEST].results:
             name = result.model.name
-            is_main = (readings, name) == (COMMON_MODE, main_model(comparisons))
+            is_best = readings == COMMON_MODE and best is not None and best.model.name == name
             scores = [by_held_out[column].of(name).scores["accuracy"] for column in columns]
-            rows.append([f"{'*' if is_main else ''}{name}", readings, *map(_percent, scores)])
+            rows.append([f"{'*' if is_best else ''}{name}", readings, *map(_percent, scores)])
     return ["model", "readings", *columns], rows
 
 
