@@ -78,8 +78,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    import time
-
     from tabulate import tabulate
 
     from torch_geometric_tactile._texts import printable
@@ -95,7 +93,6 @@ def _run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.visualization._style import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
-    start = time.perf_counter()
     source = demo_data(arguments.root, arguments.generated)
     print(printable(source.caption), flush=True)
     comparisons: dict[str, dict[str, Comparison]] = {}
@@ -107,8 +104,7 @@ def _run(arguments: argparse.Namespace) -> int:
         if plan_run.failed:
             return exit_status(plan_run)
         comparisons.setdefault(readings, {})[held_out] = summarize(plan_run)
-    seconds = time.perf_counter() - start
-    paths = write_demo(comparisons, arguments.out, seconds)
+    paths = write_demo(comparisons, arguments.out)
     header, rows = demo_rows(comparisons)
     print(f"\nAccuracy in %\n{tabulate(rows, header, disable_numparse=True)}\n")
     verdict = advice(comparisons[COMMON_MODE][OFFICIAL_TEST])
