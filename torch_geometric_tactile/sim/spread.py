@@ -10,7 +10,6 @@ from torch_geometric_tactile._checks import need
 _THIRD = 0.4307272992954576  # two thirds of a normal variable lie beyond this many deviations
 _OPEN = 0.625  # how much of the spread of the closed hand the open hand has
 _LAZIEST = 0.6  # the most that a lazy finger closes
-_NUM_PLACEMENTS = 9
 
 
 @dataclass(frozen=True)
