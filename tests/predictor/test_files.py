@@ -411,16 +411,18 @@ def test_a_state_that_is_no_tensor_is_refused(tmp_path):
     assert not (tmp_path / "a").exists()
 
 
-@pytest.mark.parametrize("key", ["num_channels", "num_joints"])
+@pytest.mark.parametrize(("key", "least"), [("num_channels", 1), ("num_joints", 0)])
 @pytest.mark.parametrize("number", [[0], "3", 1.5, True, -1, 100_001])
-def test_a_header_with_other_than_numbers_of_channels(path, key, number):
+def test_a_header_with_other_than_numbers_of_channels(path, key, least, number):
     preparation, network = content.load(path)
     header, tensors = content.describe_predictor(preparation, network)
     weights = network.model.state_dict()
-    for most in (0, 100_000, None):
-        content.build_predictor({**header, key: most}, tensors, weights)
-    with pytest.raises(ValueError, match=f"its '{key}' must be a number up to 100000 or null"):
-        content.build_predictor({**header, key: number}, tensors, weights)
+    for allowed in (least, 100_000, None):
+        content.build_predictor({**header, key: allowed}, tensors, weights)
+    message = f"its '{key}' must be a number from {least} to 100000 or null"
+    for refused in (number, least - 1):
+        with pytest.raises(ValueError, match=message):
+            content.build_predictor({**header, key: refused}, tensors, weights)
 
 
 @pytest.mark.parametrize("threshold", [0.0, 1.0])

@@ -176,11 +176,12 @@ def build_predictor(
     ]
     window = header.get("window")  # older formats have none
     num_channels, num_joints = header["num_channels"], header["num_joints"]
-    for key in ("num_channels", "num_joints"):
+    for key, least in (("num_channels", 1), ("num_joints", 0)):
         number = header[key]
-        if number is not None and (type(number) is not int or not 0 <= number <= _MOST):
+        if number is not None and (type(number) is not int or not least <= number <= _MOST):
             raise ValueError(
-                f"its '{key}' must be a number up to {_MOST} or null (got {str(number)[:80]})"
+                f"its '{key}' must be a number from {least} to {_MOST} or null (got "
+                f"{str(number)[:80]})"
             )
     preparation = Preparation(
         layout,
