@@ -36,6 +36,7 @@ NEEDS_EXTRA = tuple(
         "reports._analysis",
         "reports._board",
         "reports._compare",
+        "reports._demo",
         "reports._simulation",
         "visualization._shown_figure",  # a class of matplotlib; `visualization._style` imports it
     )
