@@ -22,8 +22,8 @@ RAW, COMMON_MODE = "raw, all fingers", "common mode, middle + thumb"
 
 
 class HeldOut(NamedTuple):
-    r"""What the test samples of a comparison are: its name, :obj:`by` of
-    :class:`ComparisonSettings`, and the part of the data set that is split.
+    r"""A kind of test samples: its name, :obj:`by` of :class:`ComparisonSettings`, and the part of
+    the data set that is split.
     """
 
     name: str
