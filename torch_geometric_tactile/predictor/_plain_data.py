@@ -38,7 +38,7 @@ def _describe_own(value: Any) -> dict[str, Any]:
     return {"own": kind, "text": repr(value) if is_told else kind}
 
 
-def _check_kept(name: Any) -> None:
+def _check_not_removed(name: Any) -> None:
     r"""Checks that a class was not removed with the pretrained encoders."""
     need(name not in ENCODER_CLASSES, f"{name} was removed: {LAST_READER}")
 
@@ -82,7 +82,7 @@ class Builder:
             with torch.random.fork_rng(devices=[]):  # some layers draw weights when they are copied
                 return copy.deepcopy(given)
         if "own" in described:
-            _check_kept(described["own"])
+            _check_not_removed(described["own"])
             raise MissingOwnError(
                 f"'model' must be given: the file has the weights of a {described['own']}, which "
                 "is not built by name",
@@ -101,7 +101,7 @@ class Builder:
         for i, transform in enumerate(self._own):
             if all(described.get(key) == value for key, value in _describe_own(transform).items()):
                 return self._own.pop(i)
-        _check_kept(described["own"])
+        _check_not_removed(described["own"])
         given = [_describe_own(transform)["text"] for transform in self._own]
         raise MissingOwnError(
             f"'transforms' must hold the transform of your own '{described.get('text')}', which is "
@@ -111,7 +111,7 @@ class Builder:
 
     def _object(self, described: Any, classes: Mapping[str, type], what: str) -> Any:
         name = described.get("class")
-        _check_kept(name)
+        _check_not_removed(name)
         if name not in classes:
             raise ValueError(
                 f"there is no {what} '{name}' in this version; known are {', '.join(classes)}"

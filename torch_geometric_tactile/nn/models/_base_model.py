@@ -1,6 +1,5 @@
 r"""What all models share."""
 
-from inspect import Parameter, signature
 from typing import Any, NoReturn, Self
 
 from torch import Tensor
@@ -8,6 +7,7 @@ from torch.nn import Module
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.data._fingerprint import constructor_arguments
 from torch_geometric_tactile.nn.models._taxels import portable_layout
 
 
@@ -36,14 +36,7 @@ class BaseModel(Module):
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         r"""Keeps the arguments."""
         self = object.__new__(cls)
-        bound = signature(cls.__init__).bind_partial(self, *args, **kwargs)
-        bound.apply_defaults()
-        arguments = dict(list(bound.arguments.items())[1:])
-        for parameter in bound.signature.parameters.values():
-            if parameter.kind is Parameter.VAR_KEYWORD:
-                arguments.update(arguments.pop(parameter.name))
-            elif parameter.kind is Parameter.VAR_POSITIONAL and not arguments[parameter.name]:
-                del arguments[parameter.name]
+        arguments = constructor_arguments(cls, args, kwargs)
         if "layout" in arguments:
             arguments["layout"] = portable_layout(arguments["layout"])
         self.init_arguments = arguments
