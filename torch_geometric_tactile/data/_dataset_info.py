@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data.frame_info import FrameInfo, Rate, joined_rate, measure_rate
+from torch_geometric_tactile.data.frame_info import FrameInfo, Rate, gaps_in, joined_rate, measure_rate
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.data.static_dataset import StaticDataset
@@ -83,12 +83,14 @@ def dataset_info(
     Raises:
         ValueError: If its trials have several rates.
     """
-    trials, rows = _trials(dataset), _rows(dataset)
-    if trials is None or not len(rows):
+    trials = _trials(dataset)
+    if trials is None or not len(dataset):
         return info
+    if dataset._indices is None and info.selected_rate is None:
+        return _measured(dataset, trials, np.arange(len(trials.start)), info, with_rate)
+    rows = _rows(dataset)
     of_row = trials.of_rows(rows)
-    if with_rate and trials.time is not None and None in (info.rate, info.max_gap):
-        info = _measured(dataset, trials, np.unique(of_row), info)
+    info = _measured(dataset, trials, np.unique(of_row), info, with_rate)
     steps = _steps(trials, rows, of_row, info)
     within = np.diff(of_row) == 0
     stride = _most_common(steps[within])
@@ -119,10 +121,15 @@ def selected_frames(
     Raises:
         ValueError: If they are at no regular distances, such as drawn ones.
     """
-    trials, rows = _trials(dataset), _rows(dataset)
+    trials = _trials(dataset)
     info = info if max_gap is None else info.changed(max_gap=max_gap)
     if trials is None or trials.time is None or info.max_gap is None:
-        return SelectedFrames(info, np.zeros(max(len(rows) - 1, 0), bool))
+        return SelectedFrames(info, np.zeros(max(len(dataset) - 1, 0), bool))
+    if dataset._indices is None and info.selected_rate is None:
+        is_gap = gaps_in(trials.time, info.max_gap)
+        is_gap[trials.start[1:] - 1] = False
+        return SelectedFrames(info, is_gap)
+    rows = _rows(dataset)
     of_row = trials.of_rows(rows)
     within = np.diff(of_row) == 0
     steps = _steps(trials, rows, of_row, info)
@@ -159,9 +166,14 @@ def _rows(dataset: "StaticDataset") -> np.ndarray:
 
 
 def _measured(
-    dataset: "StaticDataset", trials: StoredTrials, chosen: np.ndarray, info: FrameInfo
+    dataset: "StaticDataset",
+    trials: StoredTrials,
+    chosen: np.ndarray,
+    info: FrameInfo,
+    with_rate: bool,
 ) -> FrameInfo:
-    assert trials.time is not None
+    if not with_rate or trials.time is None or None not in (info.rate, info.max_gap):
+        return info
     measured: dict[int, Rate] = dataset.__dict__["_stored_trials"][2]
     for i in chosen.tolist():
         if i not in measured:

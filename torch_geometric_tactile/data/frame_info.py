@@ -107,8 +107,13 @@ def part_numbers(time: np.ndarray, max_gap: float) -> np.ndarray:
         >>> part_numbers(np.array([0.0, 0.1, 5.0, 5.1]), max_gap=0.5)
         array([0, 0, 1, 1])
     """
-    is_gap = np.diff(time) > max_gap * (1 + _ROUNDING)
-    return np.concatenate([np.zeros(min(len(time), 1), np.int64), np.cumsum(is_gap)])
+    first = np.zeros(min(len(time), 1), np.int64)
+    return np.concatenate([first, np.cumsum(gaps_in(time, max_gap))])
+
+
+def gaps_in(time: np.ndarray, max_gap: float) -> np.ndarray:
+    r"""Returns whether there is a gap between each frame and the next :math:`(T - 1,)`."""
+    return np.asarray(np.diff(time) > max_gap * (1 + _ROUNDING))
 
 
 def gaps_of(time: np.ndarray, max_gap: float | None = None) -> np.ndarray:
@@ -126,7 +131,7 @@ def gaps_of(time: np.ndarray, max_gap: float | None = None) -> np.ndarray:
         array([2])
     """
     limit = measure_rate(time).max_gap if max_gap is None else max_gap
-    return np.flatnonzero(np.diff(time) > limit * (1 + _ROUNDING))
+    return np.flatnonzero(gaps_in(time, limit))
 
 
 @dataclass(frozen=True)

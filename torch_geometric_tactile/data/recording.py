@@ -259,19 +259,14 @@ class Recording:
             },
             rate,
         )
-        kinds = {
-            kind: {name: signals[f"{kind}/{name}"] for name in getattr(self, kind)}
-            for kind in ("privileged", "extra")
-        }
-        meta = {**self.meta, "rate": rate}
         return replace(
             self,
             time=time,
             tactile=signals["tactile"],
             joint=signals.get("joint"),
-            meta=meta,
-            annotations=self.annotations,
-            **kinds,
+            meta={**self.meta, "rate": rate},
+            privileged={name: signals[f"privileged/{name}"] for name in self.privileged},
+            extra={name: signals[f"extra/{name}"] for name in self.extra},
         )
 
     def check(self, layout: "TaxelLayout") -> None:
