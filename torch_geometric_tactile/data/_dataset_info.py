@@ -7,7 +7,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data.frame_info import FrameInfo, Rate, gaps_in, joined_rate, measure_rate
+from torch_geometric_tactile.data.frame_info import (
+    FrameInfo,
+    Rate,
+    gaps_in,
+    joined_rate,
+    measure_rate,
+)
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.data.static_dataset import StaticDataset
@@ -75,9 +81,7 @@ class SelectedFrames(NamedTuple):
     is_gap: np.ndarray
 
 
-def dataset_info(
-    dataset: "StaticDataset", info: FrameInfo, *, with_rate: bool = True
-) -> FrameInfo:
+def dataset_info(dataset: "StaticDataset", info: FrameInfo, *, with_rate: bool = True) -> FrameInfo:
     r"""Returns what is known of the frames of a data set, with its rate, largest gap and stride.
 
     Raises:

@@ -70,12 +70,12 @@ def _float_values(
         out = _lines(old, flat, times)
     else:  # the integral of the lines, over each new frame within the part
         steps = np.diff(old)[:, None]
-        area = np.concatenate([np.zeros((1, flat.shape[1])), np.cumsum(
-            0.5 * steps * (flat[1:] + flat[:-1]), axis=0
-        )])
+        area = np.concatenate(
+            [np.zeros((1, flat.shape[1])), np.cumsum(0.5 * steps * (flat[1:] + flat[:-1]), axis=0)]
+        )
         low = np.maximum(times - width / 2, old[0])
         high = np.minimum(times + width / 2, old[-1])
-        out = (_integral(old, flat, area, high) - _integral(old, flat, area, low))
+        out = _integral(old, flat, area, high) - _integral(old, flat, area, low)
         out /= (high - low)[:, None]
     out[missing[nearest]] = np.nan
     return out.reshape(len(times), *values.shape[1:]).astype(values.dtype)
@@ -88,9 +88,7 @@ def _lines(old: np.ndarray, flat: np.ndarray, times: np.ndarray) -> np.ndarray:
     return np.asarray(flat[before] + share * (flat[after] - flat[before]))
 
 
-def _integral(
-    old: np.ndarray, flat: np.ndarray, area: np.ndarray, times: np.ndarray
-) -> np.ndarray:
+def _integral(old: np.ndarray, flat: np.ndarray, area: np.ndarray, times: np.ndarray) -> np.ndarray:
     before = np.searchsorted(old, times, side="right").clip(1, len(old) - 1) - 1
     value = _lines(old, flat, times)
     part = 0.5 * (times - old[before])[:, None] * (flat[before] + value)

@@ -211,15 +211,20 @@ class FrameInfo:
         """
         return replace(self, **changes)
 
-    def rate_differs(self, rate: float | None) -> bool:
-        r"""Returns whether a rate is known and is not the own one, within the tolerance.
+    def rate_differs(self, rate: float | None, tolerance: float = 0.0) -> bool:
+        r"""Returns whether frames at another rate cannot be used: it is not :obj:`rate`, or it is
+        below :obj:`selected_rate`, at which frames of any faster recording are selected.
 
         Args:
-            rate (float, optional): Frames per second.
+            rate (float, optional): Frames per second; :obj:`None` if it is not known.
+            tolerance (float): Relative deviation that is accepted, if it is above the own one.
         """
         if rate is None or self.rate is None or not math.isfinite(rate):
             return False
-        return not abs(rate - self.rate) <= self.tolerance * self.rate
+        tolerance = max(tolerance, self.tolerance)
+        if self.selected_rate is not None:
+            return rate < (1 - tolerance) * self.selected_rate
+        return not abs(rate - self.rate) <= tolerance * self.rate
 
     def require(self, other: Self, where: str, *, with_rate: bool = True) -> None:
         r"""Checks that other frames were made as these were. Their columns may be in another order,
@@ -238,11 +243,13 @@ class FrameInfo:
                 f"{where} must have readings in {self.unit}, as the model was trained on (got "
                 f"{other.unit}): convert them, or train on recordings in {other.unit}"
             )
-        if with_rate and self.rate_differs(other.rate):
+        if with_rate and self.rate_differs(other.rate, other.tolerance):
+            least = "" if self.selected_rate is None else "at least "
+            rate = self.rate if self.selected_rate is None else self.selected_rate
             raise ValueError(
-                f"{where} must have {self.rate:.4g} frames per second, as the model was trained on "
-                f"(got {other.rate:.4g}): resample it to {self.rate:.4g}, with --resample, "
-                "resample=True or Recording.resample"
+                f"{where} must have {least}{rate:.4g} frames per second, as the model was trained "
+                f"on (got {other.rate:.4g}): resample it, with --resample, resample=True or "
+                f"Recording.resample({rate:.4g})"
             )
 
     def selected_frames(self, time: np.ndarray | None, count: int) -> np.ndarray:
@@ -344,9 +351,7 @@ class FrameInfo:
 MAX_RATE_RATIO = 1.25
 
 
-def joined_rate(
-    rates: Mapping[int, float], names: Sequence[str]
-) -> tuple[float | None, float]:
+def joined_rate(rates: Mapping[int, float], names: Sequence[str]) -> tuple[float | None, float]:
     r"""Returns the median of some rates and the relative tolerance, 0.05 or their spread if that is
     larger.
 

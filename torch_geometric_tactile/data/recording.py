@@ -19,7 +19,7 @@ from torch_geometric_tactile.data._recording_arrays import (
 )
 from torch_geometric_tactile.data._resampled import resampled_values
 from torch_geometric_tactile.data.annotation import Annotation
-from torch_geometric_tactile.data.frame_info import FrameInfo, gaps_of, measure_rate
+from torch_geometric_tactile.data.frame_info import RATE_TOLERANCE, FrameInfo, gaps_of, measure_rate
 
 if TYPE_CHECKING:  # a live robot has recordings without torch
     from torch_geometric_tactile.sensors import TaxelLayout
@@ -191,6 +191,8 @@ class Recording:
         known = math.isfinite(measured.rate)
         return FrameInfo(
             rate=measured.rate if known else None,
+            # Of few frames that jitter, a rate is less certain.
+            tolerance=max(RATE_TOLERANCE, 0.5 / max(self.num_frames - 1, 1)),
             max_gap=measured.max_gap if known else None,
             unit=self.meta.get("unit"),
             columns=column_names(self),

@@ -146,6 +146,7 @@ class TrialFrames(RawFiles):
             selected_rate=self.rate,
             unit=unit,
             columns={key: names for key, names in columns.items() if names},
+            rest=float(self.tare) if isinstance(self.tare, int | float) else None,
         )
 
     def _tare(self) -> None:
