@@ -134,6 +134,20 @@ def gaps_of(time: np.ndarray, max_gap: float | None = None) -> np.ndarray:
     return np.flatnonzero(gaps_in(time, limit))
 
 
+def is_gap(seconds: float, max_gap: float) -> bool:
+    r"""Returns whether there is a gap between two frames.
+
+    Args:
+        seconds (float): From the one to the other.
+        max_gap (float): The largest distance in seconds that is no gap.
+
+    Examples:
+        >>> is_gap(0.05, max_gap=0.05), is_gap(0.06, max_gap=0.05)
+        (False, True)
+    """
+    return seconds > max_gap * (1 + _ROUNDING)
+
+
 @dataclass(frozen=True)
 class FrameInfo:
     r"""How frames were made: what a recording, a data set, a predictor and a live stream must
