@@ -1,6 +1,7 @@
 from . import splits
 from .annotation import Annotation
 from .apply_transform import apply_transform
+from .contact_rule import NO_CONTACT, ContactRule
 from .frame_info import FrameInfo, gaps_of, measure_rate, part_numbers
 from .frame_ring import FrameRing
 from .frames import join_frames, split_frames
@@ -16,8 +17,10 @@ from .trials import Trials
 from .windows import Windows
 
 __all__ = [
+    "NO_CONTACT",
     "UNITS",
     "Annotation",
+    "ContactRule",
     "Fold",
     "FrameInfo",
     "FrameRing",

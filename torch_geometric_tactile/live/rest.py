@@ -3,16 +3,21 @@ r"""The readings of a sensor at rest."""
 import logging
 import math
 import threading
-import warnings
 from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile.data._rest_noise import (
+    NUM_BLOCKS,
+    distance_ratio,
+    mean_reading,
+    movement_and_noise,
+    trusted_noise,
+)
 from torch_geometric_tactile.data.live_frame import LiveFrame
 
-_BLOCKS = 5  # in which a rest is cut to tell movement from noise
 _MOST = 20_000  # frames that are kept
 _logger = logging.getLogger(__name__)
 
@@ -110,7 +115,7 @@ class Rest:
             if not 0 < number < math.inf:
                 raise ValueError(f"'{name}' must be positive and finite (got {number})")
         self.seconds = seconds
-        self.min_frames = max(int(min_frames), 2 * _BLOCKS)
+        self.min_frames = max(int(min_frames), 2 * NUM_BLOCKS)
         self.max_movement = max_movement
         self.max_drift = max_drift
         self.on_event = on_event
@@ -232,7 +237,7 @@ class Rest:
     def _finish(self, time: float) -> bool:
         pending, self._pending = self._pending, []
         tactile = np.stack([frame.tactile for frame in pending]).astype(np.float32)
-        movement, noise = _movement(tactile)
+        movement, noise = movement_and_noise(tactile)
         worst = float(np.nanmax(movement, initial=0.0))
         if worst > self.max_movement:
             moved = np.flatnonzero((movement > self.max_movement).any(axis=1))
@@ -247,7 +252,7 @@ class Rest:
             joint = np.stack([np.asarray(frame.joint, np.float32) for frame in pending])
         # Copied by `stack`; a source may use its arrays again.
         self._frames = RestFrames(tactile, np.array([frame.time for frame in pending]), joint)
-        self._value, self._noise = _mean(tactile.astype(np.float64)), noise
+        self._value, self._noise = mean_reading(tactile.astype(np.float64)), noise
         self._recent.clear()
         self._warned = False
         self.reason = ""
@@ -285,11 +290,11 @@ class Rest:
             if len(self._recent) < (self._recent.maxlen or 0):
                 return none
             recent = np.stack(self._recent)
-            movement, _ = _movement(recent)
+            movement, _ = movement_and_noise(recent)
             if np.nanmax(movement, initial=0.0) > self.max_movement:
                 return none
-            away = np.abs(_mean(recent.astype(np.float64)) - self._value)
-            distance = _ratio(away, _trusted(self._noise))
+            away = np.abs(mean_reading(recent.astype(np.float64)) - self._value)
+            distance = distance_ratio(away, trusted_noise(self._noise))
             taxels = np.flatnonzero((distance > self.max_drift).any(axis=1))
             amount = float(np.nanmax(distance, initial=0.0))
             if len(taxels) and not self._warned:
@@ -331,49 +336,6 @@ class _Sum:
         self._number = len(self.frames)
         with np.errstate(invalid="ignore"):  # a taxel without any reading is NaN
             return self._total / self._count
-
-
-def _movement(tactile: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    # Of each signal (N, C): the range of the means of the parts in units of the noise, and the
-    # noise, the median of the deviations within the parts.
-    parts = np.array_split(tactile.astype(np.float64), _BLOCKS)
-    means = np.stack([_mean(part) for part in parts])
-    deviations = np.stack([_deviation(part) for part in parts])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of taxels that are missing throughout
-        # A touch in one part makes this part loud, not the others.
-        noise = np.minimum(
-            np.sqrt(np.nanmean(deviations**2, axis=0)), 2 * np.nanmedian(deviations, axis=0)
-        )
-        spread = np.nanmax(means, axis=0) - np.nanmin(means, axis=0)
-    return _ratio(spread, _trusted(noise)), noise
-
-
-def _mean(values: np.ndarray) -> np.ndarray:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        mean: np.ndarray = np.nanmean(values, axis=0)
-    return mean
-
-
-def _deviation(values: np.ndarray) -> np.ndarray:
-    count = np.maximum((~np.isnan(values)).sum(axis=0) - 1, 1)
-    square = np.nansum((values - _mean(values)) ** 2, axis=0)
-    deviation: np.ndarray = np.sqrt(square / count)
-    return deviation
-
-
-def _trusted(noise: np.ndarray) -> np.ndarray:
-    # Readings are whole numbers: a quiet signal may be one that just does not tip over. So none is
-    # taken to be quieter than the signals of its channel together.
-    usual = np.sqrt(_mean(noise**2))
-    return np.fmax(noise, usual)
-
-
-def _ratio(distance: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = distance / noise
-    return np.where(distance == 0, 0.0, ratio)
 
 
 def _worst(ratio: np.ndarray) -> int:

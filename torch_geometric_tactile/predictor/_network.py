@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn import Module
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data import NO_CONTACT, StaticData
 from torch_geometric_tactile.nn.models._inputs import needed_inputs
 from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 
@@ -94,20 +94,31 @@ class Network:
             )
         return list(self.class_names) or [str(i) for i in range(num_outputs)]
 
-    def labels(self, probability: Tensor) -> list[list[str]]:
+    def labels(self, probability: Tensor, lacks_contact: Tensor | None = None) -> list[list[str]]:
         r"""Returns the predicted class of each frame, the most probable one or by the
         :obj:`threshold`, or all its labels with a probability above one half; none for a frame
-        whose probabilities are NaN.
+        whose probabilities are NaN, but :obj:`"no contact"` for one that lacks contact.
 
         Args:
             probability (torch.Tensor): The probabilities :math:`(C,)` or :math:`(B, C)`.
+            lacks_contact (torch.Tensor, optional): Which frames lack contact, as
+                :meth:`Predictor.lacks_contact` returns it :math:`(B,)`; none if left out.
 
         Raises:
-            ValueError: If :obj:`task` is :obj:`"regression"`, or there is a threshold and are not
-                two classes.
+            ValueError: If :obj:`task` is :obj:`"regression"`, whose frames have no other label than
+                :obj:`"no contact"`, and :obj:`lacks_contact` is left out, or there is a threshold
+                and are not two classes.
         """
-        need(self.task != "regression", "a regression has no labels (task='regression')")
         rows = probability.view(-1, probability.size(-1)).cpu()
+        if lacks_contact is not None:
+            free = lacks_contact.view(-1).tolist()
+            need(len(free) == len(rows), f"'lacks_contact' must have {len(rows)} rows", len(free))
+            none: list[list[str]] = [[]] * len(rows)
+            labels = none if self.task == "regression" else self.labels(rows)
+            return [
+                [NO_CONTACT] if is_free else row for is_free, row in zip(free, labels, strict=True)
+            ]
+        need(self.task != "regression", "a regression has no labels (task='regression')")
         names = self.names(rows.size(1))
         if self.task == "multilabel":
             return [[names[i] for i in (row > 0.5).nonzero().view(-1).tolist()] for row in rows]

@@ -4,22 +4,27 @@ import copy
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch_geometric.transforms import Compose
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data import (
+    ContactRule,
     FrameInfo,
     Recording,
     StaticData,
     StaticDataset,
     apply_transform,
+    split_frames,
 )
 from torch_geometric_tactile.data._column_order import in_column_order
 from torch_geometric_tactile.data._dataset_info import joined_info
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._transform_rules import flat
+from torch_geometric_tactile.data.contact_rule import windows_lacking_contact
 from torch_geometric_tactile.predictor._computed_once import access, apply_once, is_computed_once
 from torch_geometric_tactile.predictor._readings import (
     ArrayLike,
@@ -53,6 +58,7 @@ class Preparation:
         frame_transform: Transform | None = None,
         read_options: Mapping[str, Any] | None = None,
         info: FrameInfo | None = None,
+        contact: ContactRule | None = None,
     ) -> None:
         self.info = FrameInfo() if info is None else info
         self.read_options = checked_options(read_options or {})
@@ -62,6 +68,7 @@ class Preparation:
         self.transform = copy.deepcopy(transform)
         self.num_channels = num_channels
         self.num_joints = num_joints
+        self.contact = contact
         self.window = window
         self.frame_transform = copy.deepcopy(frame_transform)
         self.dtype = torch.float
@@ -82,6 +89,71 @@ class Preparation:
         self.last_parts = parts[len(of_frames) :]
         if not self.frame_parts:  # what they change may be what later parts read
             self.constant, self.last_parts = apply_once(self.constant, self.last_parts)
+
+    @property
+    def contact(self) -> ContactRule | None:
+        r"""What tells frames and windows without contact, :obj:`None` if nothing does."""
+        return self._contact
+
+    @contact.setter
+    def contact(self, rule: ContactRule | None) -> None:
+        if rule is not None:
+            need(isinstance(rule, ContactRule), "'contact' must be a ContactRule or None", rule)
+            given = None if rule.rest is None else rule.rest.shape
+            channels = self.num_channels or "num_channels"
+            if given is not None and (
+                given[0] != self.layout.num_taxels or self.num_channels not in (None, given[1])
+            ):
+                raise ValueError(
+                    f"'rest' of the contact rule must have shape ({self.layout.num_taxels}, "
+                    f"{channels}), as the readings (got {given})"
+                )
+        self._contact = rule
+
+    def lacks_contact(self, reading: ArrayLike) -> Tensor:
+        r"""Returns which frames or windows lack contact, by the rule :obj:`contact`; none of them
+        without one.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): As for a call.
+
+        Shapes:
+            - **output:** :math:`(B,)`
+
+        Raises:
+            ValueError: If the rule has no readings at rest, or those have another shape.
+        """
+        x = as_numbers("reading", reading, torch.float, None)
+        x = x.unsqueeze(0) if x.dim() == 2 else x
+        if self.contact is None:
+            return torch.zeros(len(x), dtype=torch.bool)
+        num_frames = self._num_frames(x)
+        frames = split_frames(x, num_frames).transpose(1, 2).flatten(0, 1)  # (B * T, N, C)
+        start = num_frames * np.arange(len(x))
+        tactile = frames.cpu().numpy()
+        out = windows_lacking_contact(self.contact, tactile, start, start + num_frames)
+        return torch.from_numpy(out)
+
+    def windows_lacking_contact(self, recording: Recording, last: Tensor) -> Tensor:
+        r"""Returns which windows of a recording lack contact, by the rule :obj:`contact`.
+
+        Args:
+            recording (Recording): What :meth:`matched` returned.
+            last (torch.Tensor): The last frame of each window :math:`(W,)`.
+
+        Shapes:
+            - **output:** :math:`(W,)`
+        """
+        assert self.window is not None
+        if self.contact is None:
+            return torch.zeros(len(last), dtype=torch.bool)
+        index = self.info.selected_frames(recording.time, recording.num_frames)
+        stop = np.searchsorted(index, last.cpu().numpy()) + 1
+        start = np.maximum(stop - self.window.length, 0)
+        if self.window.ragged == "pad":  # one window of all frames, however many
+            start = np.zeros_like(stop)
+        tactile = recording.tactile[index]
+        return torch.from_numpy(windows_lacking_contact(self.contact, tactile, start, stop))
 
     @property
     def parts(self) -> list[Any]:
@@ -356,6 +428,7 @@ class Preparation:
             "frames": self.info.changed(columns=self.columns).to_dict(),
             "needs_rate": self.needs_rate,
             "rest": {"transform": repr(parts[0])} if parts else None,
+            "contact": None if self.contact is None else self.contact.to_dict(),
         }
 
     def to(self, device: torch.device, dtype: torch.dtype) -> None:
@@ -384,6 +457,7 @@ def tared(preparation: Preparation) -> Preparation:
         window=preparation.window,
         read_options=preparation.read_options,
         info=preparation.info,
+        contact=preparation.contact,
     )
 
 
@@ -408,6 +482,7 @@ def with_shared(preparation: Preparation, **shared: Tensor) -> Preparation:
         frame_transform=preparation.frame_transform,
         read_options=preparation.read_options,
         info=preparation.info,
+        contact=preparation.contact,
     )
 
 

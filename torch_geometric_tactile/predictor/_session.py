@@ -1,15 +1,17 @@
 r"""What is measured of a recording session before its readings are predicted."""
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.data import Recording, StaticData
+from torch_geometric_tactile.data import Recording, StaticData, split_frames
 from torch_geometric_tactile.predictor._readings import ArrayLike
 from torch_geometric_tactile.transforms import FittedTransform, Tare, fit_parts, fitted_parts
 
@@ -86,11 +88,24 @@ class Session:
             time (torch.Tensor or numpy.ndarray, optional): Time of each in seconds :math:`(B,)`,
                 where :class:`~torch_geometric_tactile.transforms.Tare` needs it.
 
+        Without such a transform, or with a tare of all readings, they are also the readings at
+        rest of :attr:`Predictor.contact`.
+
         Raises:
             ValueError: If no transform measures sessions, or as for a call.
         """
         self._require_parts()
         preparation = self._preparation
+        if preparation.contact is not None and (self.is_of_rest or not self.parts):
+            data = preparation.data(reading, joint, -1)
+            x = split_frames(data.x, data.get("num_frames", 1))  # (B, N, T, C)
+            self._measure_contact(x.transpose(1, 2).flatten(0, 1).cpu().numpy())
+        return self._adapt(reading, joint, time)
+
+    def _adapt(self, reading: ArrayLike, joint: ArrayLike | None, time: ArrayLike | None) -> int:
+        preparation = self._preparation
+        if not self.parts:
+            return 0
         take = preparation.frames if preparation.measures_frames else preparation.data
         data = take(reading, joint, -1)
         if time is not None:
@@ -106,8 +121,8 @@ class Session:
         Args:
             recording (Recording): The recording, or its first seconds.
             rest (float, optional): How many seconds it begins with at rest; a
-                :class:`~torch_geometric_tactile.transforms.Tare` measures all of their frames, in
-                place of as many as in training.
+                :class:`~torch_geometric_tactile.transforms.Tare` and :attr:`Predictor.contact`
+                measure all of their frames, in place of as many as in training.
             resample (bool): Whether to resample a recording of another rate.
 
         Raises:
@@ -117,19 +132,41 @@ class Session:
         if rest is not None:
             num_frames = int((recording.time < recording.time[:1] + rest).sum())
             return self.measure_rest(recording.select(slice(num_frames)))
+        self._measure_contact(recording.tactile[recording.time < self._end_of_rest(recording)])
         return self._adapt_matched(recording)
+
+    def _end_of_rest(self, recording: Recording) -> float:
+        # As long as the tare measures the rest; without one, nobody knows when it ends.
+        if self.is_of_rest:
+            return math.inf
+        seconds = self.rest_seconds() if any(isinstance(p, Tare) for p in self.parts) else None
+        contact = self._preparation.contact
+        if seconds is None and contact is not None and not contact.is_measured:
+            raise ValueError(
+                "'rest' must be given: the contact rule compares readings with those of the first "
+                "seconds, in which nothing touches the sensor (got None)"
+            )
+        return -math.inf if seconds is None else float(recording.time[0]) + seconds
+
+    def _measure_contact(self, frames: np.ndarray) -> None:
+        preparation = self._preparation
+        if preparation.contact is not None and len(frames):
+            preparation.contact = preparation.contact.measured(frames)
 
     def measure_rest(self, recording: Recording) -> int:
         r"""Measures a new recording session by a recording at rest, with frames as those of the
         training: a tare takes all of them, not as many as in training.
         """
+        self._measure_contact(recording.tactile)
         with _all_at_rest(self.parts):
             return self._adapt_matched(recording)
 
     def _adapt_matched(self, recording: Recording) -> int:
         preparation = self._preparation
         if preparation.window is None or preparation.measures_frames:
-            return self.adapt(recording.tactile, recording.joint, recording.time)
+            return self._adapt(recording.tactile, recording.joint, recording.time)
+        if not self.parts:
+            return 0
         return self.adapt_windows(preparation.matched_windows(recording)[0])
 
     def rest_seconds(self) -> float | None:
@@ -185,7 +222,8 @@ class Session:
         return number
 
     def _require_parts(self) -> None:
-        need(self.parts, "no transform of this predictor measures sessions: there is no need")
+        measures = self.parts or self._preparation.contact is not None
+        need(measures, "no transform of this predictor measures sessions: there is no need")
 
     def give(self, center: Tensor, scale: Tensor | None = None) -> None:
         r"""Sets what was measured elsewhere, in place of all sessions before.

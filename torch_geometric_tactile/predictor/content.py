@@ -14,7 +14,7 @@ from torch_geometric_tactile import __version__
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._removed import ENCODER_KEY, LAST_READER
 from torch_geometric_tactile._typing import PathLike, Transform
-from torch_geometric_tactile.data import FrameInfo, StaticData, StaticDataset
+from torch_geometric_tactile.data import ContactRule, FrameInfo, StaticData, StaticDataset
 from torch_geometric_tactile.data._torch_file import read_torch_file
 from torch_geometric_tactile.predictor._network import TASKS, Network
 from torch_geometric_tactile.predictor._plain_data import Builder, Describer, load_weights
@@ -58,6 +58,7 @@ def describe_predictor(
     }
     header["read_options"] = preparation.read_options
     header["frames"] = preparation.info.to_dict()
+    header["contact"] = None if preparation.contact is None else preparation.contact.to_dict()
     header["window"] = None if preparation.window is None else preparation.window.to_dict()
     for key in _TRANSFORMS:
         transform = getattr(preparation, key)
@@ -176,6 +177,7 @@ def build_predictor(
         None if header.get(key) is None else builder.transform(header[key]) for key in _TRANSFORMS
     ]
     window = header.get("window")  # older formats have none
+    contact = header.get("contact")  # files before this rule have none
     num_channels, num_joints = header["num_channels"], header["num_joints"]
     for key, least in (("num_channels", 1), ("num_joints", 0)):
         number = header[key]
@@ -195,6 +197,7 @@ def build_predictor(
         frame_transform=parts[0],
         read_options=header.get("read_options"),  # older files have none
         info=_frame_info(header),
+        contact=None if contact is None else ContactRule.from_dict(contact),
     )
     for part in preparation.fitted:
         fitted = part.center if part.attr == "joint" and num_joints else None

@@ -70,6 +70,7 @@ def export_onnx(
     program = _program(graph)
     program.ir_version = min(program.ir_version, 10)  # read by every runtime that we support
     checked = _copy(predictor)
+    checked.contact = None  # which readers of the file apply, not the graph
     checked.preparation.info = FrameInfo()  # the frames of a window are those that a graph gets
     metadata = _describe(predictor, graph, unit)
     metadata["parity"] = None

@@ -12,7 +12,13 @@ from torch.nn import Module
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Transform
-from torch_geometric_tactile.data import FrameInfo, Recording, StaticData, StaticDataset
+from torch_geometric_tactile.data import (
+    ContactRule,
+    FrameInfo,
+    Recording,
+    StaticData,
+    StaticDataset,
+)
 from torch_geometric_tactile.predictor import content
 from torch_geometric_tactile.predictor._hub import predictor_file, push_predictor
 from torch_geometric_tactile.predictor._network import Network, Task
@@ -90,6 +96,11 @@ class Predictor:
         info (FrameInfo, optional): How the frames of the training were made: unit, order of
             columns, rate and thinning, with which those of recordings are compared. A predictor of
             a data set has that of the data set.
+        contact (ContactRule, optional): What tells frames without contact, whose answer is NaN and
+            whose label is :obj:`"no contact"`. Its readings at rest are its own, or those that
+            :meth:`adapt` or :meth:`adapt_recording` measured last. The attribute can be set. A
+            window lacks contact if none of its frames has contact: it is answered as long as it has
+            seen a touch.
 
     A model that was trained on :class:`~torch_geometric_tactile.data.Windows` or
     :class:`~torch_geometric_tactile.data.Trials` takes windows of raw frames, as these cut them; of
@@ -132,10 +143,18 @@ class Predictor:
         num_joints: int | None = None,
         threshold: float | None = None,
         info: FrameInfo | None = None,
+        contact: ContactRule | None = None,
     ) -> None:
         shared = shared_by_frames(layout, adjacency)
         preparation = Preparation(
-            layout, shared, pre_transform, transform, num_channels, num_joints, info=info
+            layout,
+            shared,
+            pre_transform,
+            transform,
+            num_channels,
+            num_joints,
+            info=info,
+            contact=contact,
         )
         self._join(preparation, Network(copy.deepcopy(model), class_names, task, threshold))
 
@@ -383,6 +402,7 @@ class Predictor:
     task = _Attribute[Task]("network")
     threshold = _Attribute[float | None]("network")
     score = _Attribute[MeasuredScore | None]("network")
+    contact = _Attribute[ContactRule | None]("preparation")
 
     logits = _method_of("network", Network.logits)
     probability = _method_of("network", Network.probability)
@@ -406,6 +426,8 @@ class Predictor:
         r"""Returns the probabilities of the classes or labels."""
         with torch.inference_mode():
             out = self.probability(self.logits(self.prepare(reading, joint, session)))
+        if self.contact is not None:
+            out = _without_answer(out, self.preparation.lacks_contact(reading))
         return out[0] if len(shape_of(reading)) == 2 else out
 
     def with_tare(self) -> Self:
@@ -436,16 +458,48 @@ class Predictor:
             ValueError: If it has other taxels, channels, joints or names of columns, another unit
                 or rate, or too few frames for a window.
         """
+        preparation = self.preparation
         if self.window is not None:
-            return self.of_windows(self.windows(recording, resample=resample)[0], batch_size)
+            recording = preparation.matched(recording, resample=resample)
+            windows, last = preparation.matched_windows(recording)
+            out = self.of_windows(windows, batch_size)
+            if self.contact is None:
+                return out
+            return _without_answer(out, preparation.windows_lacking_contact(recording, last))
         _check_size(batch_size)
-        recording = self.preparation.matched(recording)
+        recording = preparation.matched(recording)
         starts = range(0, max(recording.num_frames, 1), batch_size)
         chunks = [recording.select(slice(start, start + batch_size)) for start in starts]
         return torch.cat([self(chunk.tactile, chunk.joint) for chunk in chunks])
 
+    def lacks_contact(self, reading: ArrayLike | Recording, *, resample: bool = False) -> Tensor:
+        r"""Returns which frames lack contact, by :attr:`contact`, or of a model of windows which
+        windows, whose frames all do. Their probabilities are NaN; :meth:`labels` calls them
+        :obj:`"no contact"`. Without a rule, none does.
+
+        Args:
+            reading (Recording or torch.Tensor or numpy.ndarray): A recording, or readings as for a
+                call.
+            resample (bool): As of :meth:`recording`.
+
+        Shapes:
+            - **output:** :math:`(T,)` for frames, :math:`(W,)` for windows
+
+        Raises:
+            ValueError: If the rule has no readings at rest, or as for a call.
+        """
+        preparation = self.preparation
+        if not isinstance(reading, Recording):
+            return preparation.lacks_contact(reading)
+        recording = preparation.matched(reading, resample=resample)
+        if self.window is None:
+            return preparation.lacks_contact(recording.tactile)
+        last = preparation.matched_windows(recording)[1]
+        return preparation.windows_lacking_contact(recording, last)
+
     def of_windows(self, windows: StaticData, batch_size: int = 256) -> Tensor:
-        r"""Returns the probabilities of windows :math:`(W, C)`.
+        r"""Returns the probabilities of windows :math:`(W, C)`, also of those without contact:
+        their raw readings are not known here.
 
         Args:
             windows (StaticData): What :meth:`windows` returned.
@@ -469,6 +523,18 @@ class Predictor:
             f"{type(self).__name__}({type(self.model).__name__}, '{self.layout.name}', "
             f"classes={list(self.class_names)}, task='{self.task}')"
         )
+
+
+def _without_answer(probability: Tensor, lacks_contact: Tensor) -> Tensor:
+    r"""Returns probabilities, NaN in rows without contact: no number that a program could take
+    for an answer.
+
+    Shapes:
+        - **probability:** :math:`(B, C)`
+        - **lacks_contact:** :math:`(B,)`
+    """
+    rows = lacks_contact.to(probability.device).unsqueeze(1)
+    return probability.masked_fill(rows, torch.nan)
 
 
 def _check_size(size: int) -> None:

@@ -1,0 +1,348 @@
+r"""Whether anything touches a sensor."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self
+
+import numpy as np
+
+from torch_geometric_tactile.data._rest_noise import (
+    NUM_BLOCKS,
+    mean_reading,
+    movement_and_noise,
+    trusted_noise,
+)
+
+#: The label of a frame or window without contact.
+NO_CONTACT = "no contact"
+#: The standard deviation of what rounding to whole numbers takes away, for sensors that count.
+_ROUNDING_NOISE = 1 / math.sqrt(12)
+_MAX_TAXELS = 10**7
+_LARGEST = 1e30  # of numbers in a file, whose squares are finite
+
+
+@dataclass(frozen=True)
+class ContactRule:
+    r"""Tells whether anything touches the sensor, so that a model trained on touch is not asked
+    about frames without any: they are labelled :obj:`"no contact"`.
+
+    A taxel is touched if one of its channels differs from its reading at rest by more than the
+    threshold. There is contact if enough taxels are touched. The threshold is a number in the unit
+    of the readings, or is derived from the noise at rest of each taxel and channel:
+
+    .. math::
+        |x - x_\text{rest}| > k \, \max(\sigma, \sigma_\text{channel}, \sigma_\text{rounding})
+
+    with the deviation :math:`\sigma` of the signal, :math:`\sigma_\text{channel}` of all signals of
+    its channel together, since a second of frames tells little about one quiet signal, and
+    :math:`1/\sqrt{12}` for the rounding of readings that are whole numbers.
+
+    Normal noise passes :math:`6 \sigma` once in 500 million readings, or once an hour in a hand
+    with 1152 signals at 100 Hz; a touch is mostly a hundred times the noise. The second taxel
+    excludes a single one that jumps or drifts. A rest that drifts during minutes is passed sooner
+    or later: measure it anew, or give a larger threshold.
+
+    A missing reading (NaN) is not touched, nor is a taxel without a reading at rest. A frame
+    without any reading has no contact and does not lack it: :meth:`lacks_contact` is :obj:`False`,
+    and the label remains empty.
+
+    Args:
+        threshold (float, optional): The largest difference from rest that is no touch, in the unit
+            of the readings; derived from the noise at rest if left out.
+        min_taxels (int): The number of touched taxels that make a contact. Of a sensor with fewer
+            taxels, all of them.
+        num_deviations (float): The factor :math:`k` of a derived threshold.
+        rest (numpy.ndarray, optional): Readings at rest :math:`(N, C)`; see :meth:`measured`.
+        noise (numpy.ndarray, optional): Standard deviations at rest :math:`(N, C)`.
+
+    Raises:
+        ValueError: If an argument is out of range or of another shape; on a call, if there is no
+            rest, or no noise where the threshold is derived from it.
+
+    Examples:
+        >>> rng = np.random.default_rng(0)
+        >>> rule = ContactRule().measured(rng.normal(100.0, 1.0, (50, 4, 3)))
+        >>> frame = np.full((4, 3), 100.0)
+        >>> bool(rule.is_contact(frame))
+        False
+        >>> frame[:2, 2] = 150.0
+        >>> bool(rule.is_contact(frame))
+        True
+    """
+
+    threshold: float | None = None
+    min_taxels: int = 2
+    num_deviations: float = 6.0
+    rest: np.ndarray | None = field(default=None, repr=False, compare=False)
+    noise: np.ndarray | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in ("threshold", "num_deviations"):
+            value = getattr(self, name)
+            if name == "threshold" and value is None:
+                continue
+            is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            if not is_number or not 0 < value <= _LARGEST:
+                raise ValueError(
+                    f"'{name}' must be a positive number up to {_LARGEST:g} (got {str(value)[:80]})"
+                )
+            object.__setattr__(self, name, float(value))
+        if type(self.min_taxels) is not int or not 1 <= self.min_taxels <= _MAX_TAXELS:
+            raise ValueError(f"'min_taxels' must be at least 1 (got {str(self.min_taxels)[:80]})")
+        for name in ("rest", "noise"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _checked_array(name, getattr(self, name)))
+        if self.noise is not None and (self.rest is None or self.rest.shape != self.noise.shape):
+            raise ValueError(
+                f"'noise' must have the shape of 'rest', "
+                f"{None if self.rest is None else self.rest.shape} (got {self.noise.shape})"
+            )
+
+    @property
+    def is_measured(self) -> bool:
+        r"""Whether the rule has all that it needs of the rest."""
+        return self.rest is not None and (self.threshold is not None or self.noise is not None)
+
+    def measured(self, tactile: np.ndarray) -> Self:
+        r"""Returns the rule with mean and noise of some frames at rest.
+
+        Args:
+            tactile (numpy.ndarray): Readings while nothing touches the sensor :math:`(T, N, C)`.
+
+        Raises:
+            ValueError: If there are too few frames, or the threshold is to be derived from readings
+                that never change.
+        """
+        frames = _finite(tactile)
+        if frames.ndim != 3 or len(frames) == 0:
+            raise ValueError(
+                "frames at rest must have shape (num_frames, num_taxels, num_channels), at least "
+                f"one of them (got {frames.shape})"
+            )
+        rest = mean_reading(frames)
+        if self.threshold is not None:
+            return replace(self, rest=rest, noise=None)
+        if len(frames) < 2 * NUM_BLOCKS:
+            raise ValueError(
+                f"the noise at rest must be measured on at least {2 * NUM_BLOCKS} frames (got "
+                f"{len(frames)}): give more of them, or a 'threshold' in the unit of the readings"
+            )
+        noise = trusted_noise(movement_and_noise(frames)[1])
+        if not np.nanmax(noise, initial=0.0) > 0:
+            raise ValueError(
+                "the readings at rest must change, for a threshold that is derived from their "
+                f"noise (got {len(frames)} equal frames): give a 'threshold' in their unit"
+            )
+        if (np.isnan(frames) | (frames == np.round(frames))).all():
+            noise = np.maximum(noise, _ROUNDING_NOISE)
+        return replace(self, rest=rest, noise=noise)
+
+    def with_rest(self, rest: np.ndarray) -> Self:
+        r"""Returns the rule with other readings at rest, and the noise that it has.
+
+        Args:
+            rest (numpy.ndarray): Readings at rest :math:`(N, C)`.
+        """
+        return replace(self, rest=rest)
+
+    def touched(self, tactile: np.ndarray) -> np.ndarray:
+        r"""Returns which taxels are touched.
+
+        Args:
+            tactile (numpy.ndarray): Readings :math:`(N, C)`, or of many frames
+                :math:`(\ldots, N, C)`.
+
+        Shapes:
+            - **output:** :math:`(\ldots, N)`
+        """
+        return self._touched(self._difference(tactile))
+
+    def is_contact(self, tactile: np.ndarray) -> np.ndarray:
+        r"""Returns whether enough taxels are touched.
+
+        Args:
+            tactile (numpy.ndarray): Readings :math:`(N, C)`, or of many frames
+                :math:`(\ldots, N, C)`.
+
+        Shapes:
+            - **output:** :math:`(\ldots)`
+        """
+        return self._is_contact(self._difference(tactile))
+
+    def lacks_contact(self, tactile: np.ndarray) -> np.ndarray:
+        r"""Returns whether there are readings, and too few taxels are touched. It is what labels
+        are decided by: a frame without any reading is not called free of contact.
+
+        Args:
+            tactile (numpy.ndarray): Readings :math:`(N, C)`, or of many frames
+                :math:`(\ldots, N, C)`.
+
+        Shapes:
+            - **output:** :math:`(\ldots)`
+        """
+        difference = self._difference(tactile)
+        has_readings = ~np.isnan(difference).all(axis=(-2, -1))
+        return np.asarray(has_readings & ~self._is_contact(difference))
+
+    def _difference(self, tactile: np.ndarray) -> np.ndarray:
+        if self.rest is None:
+            raise ValueError(
+                "the contact rule must have the readings at rest (got none): call "
+                "'adapt_recording' with rest=SECONDS, or 'measured' of the rule with frames while "
+                "nothing touches the sensor"
+            )
+        values = _finite(tactile)
+        if values.shape[-2:] != self.rest.shape:
+            raise ValueError(
+                f"a frame must have shape {self.rest.shape}, as the rest of the contact "
+                f"rule (got {values.shape[-2:]})"
+            )
+        return np.asarray(np.abs(values - self.rest))
+
+    def _touched(self, difference: np.ndarray) -> np.ndarray:
+        limit: float | np.ndarray
+        if self.threshold is not None:
+            limit = self.threshold
+        elif self.noise is not None:
+            limit = self.num_deviations * self.noise
+        else:
+            raise ValueError(
+                "'threshold' of the contact rule must be given: its readings at rest have no noise "
+                "(got None)"
+            )
+        return np.asarray((difference > limit).any(axis=-1))  # NaN is not above
+
+    def _is_contact(self, difference: np.ndarray) -> np.ndarray:
+        least = min(self.min_taxels, difference.shape[-2])
+        return np.asarray(self._touched(difference).sum(axis=-1) >= least)
+
+    def to_dict(self) -> dict[str, Any]:
+        r"""Returns the arguments as JSON values; missing readings as :obj:`None`."""
+        content: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
+        for name in ("rest", "noise"):
+            value = content[name]
+            if value is not None:
+                rows = value.tolist()
+                content[name] = [[None if x != x else x for x in row] for row in rows]
+        return content
+
+    @classmethod
+    def from_dict(cls, content: Any) -> Self:
+        r"""Builds it from what :meth:`to_dict` returns.
+
+        Args:
+            content (Mapping): The arguments.
+
+        Raises:
+            ValueError: If an argument is missing, unknown or out of range.
+        """
+        names = {each.name for each in fields(cls)}
+        if not isinstance(content, Mapping) or set(content) != names:
+            raise ValueError(f"'contact' must have {sorted(names)} (got {str(content)[:80]})")
+        arrays = {
+            name: None if content[name] is None else _array_of_rows(name, content[name])
+            for name in ("rest", "noise")
+        }
+        return cls(**{**content, **arrays})
+
+
+def _finite(tactile: np.ndarray) -> np.ndarray:
+    # In single precision first, as recordings and live frames are, so that all agree.
+    values = np.asarray(tactile, np.float32).astype(np.float64)
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _checked_array(name: str, value: Any) -> np.ndarray:
+    array = np.array(value, np.float64)
+    least = -_LARGEST if name == "rest" else 0.0
+    is_valid = np.isnan(array) | ((array >= least) & (array <= _LARGEST))
+    if array.ndim != 2 or 0 in array.shape or not is_valid.all():
+        numbers = "numbers" if name == "rest" else "numbers that are not negative"
+        raise ValueError(
+            f"'{name}' must be {numbers} or NaN, of shape (num_taxels, num_channels) (got "
+            f"{array.shape}, {' '.join(str(array).split())[:60]})"
+        )
+    array.setflags(write=False)
+    return array
+
+
+def _array_of_rows(name: str, rows: Any) -> np.ndarray:
+    r"""Returns an array of lists from a file, in which :obj:`None` stands for NaN."""
+    is_valid = isinstance(rows, list) and all(
+        isinstance(row, list)
+        and len(row) == len(rows[0])
+        and all(x is None or (type(x) in (int, float) and abs(x) <= _LARGEST) for x in row)
+        for row in rows
+    )
+    if not is_valid:
+        raise ValueError(
+            f"'{name}' must be lists of numbers or null, one for each taxel (got {str(rows)[:80]})"
+        )
+    return np.array([[math.nan if x is None else x for x in row] for row in rows], np.float64)
+
+
+class ContactWindow:
+    r"""Tells of frames that come one by one whether the window that ends with the newest one lacks
+    contact: no frame of it has contact, and one has readings.
+
+    Args:
+        length (int): Number of frames of a window.
+
+    Examples:
+        >>> rule = ContactRule(threshold=1.0, rest=np.zeros((4, 1)))
+        >>> window, touch = ContactWindow(2), np.full((4, 1), 5.0)
+        >>> [window.push(rule, frame) for frame in (touch, 0 * touch, 0 * touch)]
+        [False, False, True]
+    """
+
+    def __init__(self, length: int) -> None:
+        self.length = length
+        self.reset()
+
+    def reset(self) -> None:
+        r"""Forgets all frames."""
+        self._number = 0
+        self._last_contact = self._last_free = -1
+
+    def push(self, rule: ContactRule, tactile: np.ndarray) -> bool:
+        r"""Takes the next frame, and returns whether the window lacks contact.
+
+        Args:
+            rule (ContactRule): The rule.
+            tactile (numpy.ndarray): Readings :math:`(N, C)`.
+        """
+        self._number += 1
+        if rule.lacks_contact(tactile):
+            self._last_free = self._number
+        elif rule.is_contact(tactile):
+            self._last_contact = self._number
+        start = max(self._number - self.length, 0)
+        return self._last_contact <= start and self._last_free > start
+
+
+def windows_lacking_contact(
+    rule: ContactRule, tactile: np.ndarray, start: np.ndarray, stop: np.ndarray
+) -> np.ndarray:
+    r"""Returns which windows of a recording lack contact, as :class:`ContactWindow`.
+
+    Args:
+        rule (ContactRule): The rule.
+        tactile (numpy.ndarray): The frames that windows are cut from :math:`(T, N, C)`.
+        start (numpy.ndarray): The first frame of each window :math:`(W,)`.
+        stop (numpy.ndarray): The frame behind the last of each window :math:`(W,)`.
+
+    Shapes:
+        - **output:** :math:`(W,)`
+
+    Examples:
+        >>> rule = ContactRule(threshold=1.0, rest=np.zeros((4, 1)))
+        >>> frames = np.zeros((3, 4, 1))
+        >>> frames[0] = 5.0
+        >>> windows_lacking_contact(rule, frames, np.array([0, 1]), np.array([2, 3]))
+        array([False,  True])
+    """
+    counts = np.stack([rule.is_contact(tactile), rule.lacks_contact(tactile)]).astype(np.int64)
+    total = np.concatenate([np.zeros((2, 1), np.int64), np.cumsum(counts, axis=1)], axis=1)
+    num_contacts, num_free = total[:, stop] - total[:, start]
+    return np.asarray((num_contacts == 0) & (num_free > 0))
