@@ -3,7 +3,10 @@ r"""Types of arguments that several verbs share."""
 import argparse
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.data import ContactRule
 
 _MOST = 1_000_000
 
@@ -113,6 +116,34 @@ def rest(text: str) -> str | float | None:
             f"must be a phase, 'none', or seconds above 0 and up to 3600 (got {text[:40]!r})"
         )
     return number
+
+
+def _threshold(text: str) -> float:
+    number = _plain_number(text)
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(
+            "must be a positive number in the unit of the readings, or nothing, at the end of the "
+            f"command or before another option (got {text[:40]!r})"
+        )
+    return number
+
+
+#: Settings of the option that asks for the label "no contact".
+CONTACT: dict[str, Any] = {
+    "metavar": "THRESHOLD",
+    "nargs": "?",
+    "type": _threshold,
+    "const": math.nan,  # derived from the noise at rest
+}
+
+
+def contact_rule(given: float | None) -> "ContactRule | None":
+    r"""Returns the rule that the option asks for; :obj:`None` if it does not."""
+    from torch_geometric_tactile.data.contact_rule import ContactRule
+
+    if given is None:
+        return None
+    return ContactRule(threshold=None if math.isnan(given) else given)
 
 
 def add_run_data(parser: argparse.ArgumentParser) -> None:

@@ -5,7 +5,14 @@ import webbrowser
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.commands._arguments import LABELS, SOURCE, port, seconds
+from torch_geometric_tactile.commands._arguments import (
+    CONTACT,
+    LABELS,
+    SOURCE,
+    contact_rule,
+    port,
+    seconds,
+)
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Judge, LiveSession, Status
@@ -16,8 +23,8 @@ DESCRIPTION = """\
 Reads a sensor, runs a model on its frames, and shows the state on one line: frames per
 second, lost frames, the prediction and its latency. All frames are recorded; the model and
 the viewer always get the newest frame, so they never lag. A model trained on tared readings
-waits until the sensor has been still for a second (--rest). A lost port or connection is
-reopened. What was recorded is kept, however the command ends.
+waits until the sensor has been still for a second (--rest), and so does --contact. A lost
+port or connection is reopened. What was recorded is kept, however the command ends.
 
 Keys: t measures the reading at rest again, r starts and stops recording, m marks this moment
 in the recording, 1 to 9 begin and end an annotation (--labels) in it, q or Ctrl-C quits.
@@ -29,6 +36,8 @@ examples:
   tactile live ws://127.0.0.1:5000 --model slip.onnx --record grasp.mcap
                                                  an exported model: needs no PyTorch
   tactile live grasp.h5 --model grasp.predictor  a recording, replayed as if live
+  tactile live serial:/dev/ttyACM0?protocol=anyskin --model slip.onnx --contact
+                                                 "no contact" while nothing is touched
   tactile live sim: --record grasp.mcap --labels open,slip,hold
                                                  key 2 begins a slip, and ends it
   tactile live sim: --view                       the simulated hand
@@ -73,6 +82,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="subtract the reading at rest, for a model trained on tared recordings",
     )
     model.add_argument(
+        "--contact",
+        **CONTACT,
+        help='say "no contact" while no two taxels differ from their reading at rest by more than '
+        "THRESHOLD, in the unit of the readings (default: 6 times their noise at rest)",
+    )
+    model.add_argument(
         "--rest",
         metavar="SECONDS",
         type=seconds,
@@ -102,6 +117,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError("'--label' must come with '--record FILE' (got no file)")
     if arguments.tare and arguments.model is None:
         raise ValueError("'--tare' must come with '--model FILE' (got no model)")
+    if arguments.contact is not None and arguments.model is None:
+        raise ValueError("'--contact' must come with '--model FILE' (got no model)")
     session = _session(arguments)
     with StatusLine() as line:
 
@@ -145,7 +162,8 @@ def _session(arguments: argparse.Namespace) -> "LiveSession":
 
     source = open_source(arguments.source)
     rest = Rest(arguments.rest)
-    judge = None if arguments.model is None else Judge(arguments.model, rest)
+    rule = contact_rule(arguments.contact)
+    judge = None if arguments.model is None else Judge(arguments.model, rest, contact=rule)
     return LiveSession(
         source,
         judge=judge,

@@ -5,7 +5,12 @@ import sys
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.commands._arguments import add_run_data, seconds
+from torch_geometric_tactile.commands._arguments import (
+    CONTACT,
+    add_run_data,
+    contact_rule,
+    seconds,
+)
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
 if TYPE_CHECKING:
@@ -34,6 +39,8 @@ examples:
   tactile predict last.ckpt --config grasp_gcn_df --root data/BioTacSP
   tactile predict glove.predictor day2/*.h5 --rest 0.5
                                                  a model with a tare: half a second at rest
+  tactile predict grasp.predictor day2/*.h5 --rest 0.5 --contact
+                                                 "no contact" where nothing is touched
   tactile predict glove.predictor glove.csv --tactile 'pad_.*' --joint 'bend_.*'
                                                  a CSV file whose columns it does not know
   tactile predict last.ckpt --save grasp.predictor
@@ -80,8 +87,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rest",
         type=seconds,
         metavar="SECONDS",
-        help="for models with a tare, also beside --adapt: measure only the first SECONDS of each "
-        "recording, in which nothing is touched",
+        help="for models with a tare, also beside --adapt, and for --contact: measure only the "
+        "first SECONDS of each recording, in which nothing is touched",
+    )
+    parser.add_argument(
+        "--contact",
+        **CONTACT,
+        help='write "no contact" for frames and windows in which no two taxels differ from their '
+        "reading at rest by more than THRESHOLD, in the unit of the readings (default: 6 times "
+        "their noise at rest); their probabilities are nan. --save keeps the rule",
     )
     parser.add_argument(
         "--resample",
@@ -103,6 +117,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(
             "'--root' must be left out where recordings are given: it is for the test part"
         )
+    is_saved = arguments.save is not None
+    if arguments.contact is not None and not (arguments.recordings or is_saved):
+        raise ValueError(
+            "'--contact' must be left out without recordings and '--save': the samples of a test "
+            "part may be relative to rest already, and their scores are those of all frames"
+        )
     for name in ("adapt", "rest", "resample"):
         if getattr(arguments, name) and not arguments.recordings:
             raise ValueError(
@@ -116,6 +136,9 @@ def run(arguments: argparse.Namespace) -> int:
             "is read as its configuration says"
         )
     predictor = run_data.open_predictor(arguments.model, arguments.config)
+    rule = contact_rule(arguments.contact)
+    if rule is not None:
+        predictor.contact = rule
     if predictor.score is not None:
         print(printable(f"{arguments.model} was chosen for {predictor.score}"), flush=True)
     if arguments.adapt and arguments.rest is None and predictor.measures_rest:

@@ -60,12 +60,22 @@ class FrameGate:
             self._compare(frame.info)
         tactile, joint = frame.tactile, frame.joint
         if self._places:
-            if "tactile" in self._places:
-                flat = np.ascontiguousarray(tactile).reshape(-1)
-                tactile = flat[self._places["tactile"]].reshape(tactile.shape)
+            tactile = self.ordered_readings(tactile)
             if "joint" in self._places and joint is not None:
                 joint = np.asarray(joint)[self._places["joint"]]
         return tactile, joint
+
+    def ordered_readings(self, tactile: np.ndarray) -> np.ndarray:
+        r"""Returns readings of frames like the last one in the order of the training.
+
+        Shapes:
+            - **tactile:** :math:`(\ldots, N, C)`
+            - **output:** the same
+        """
+        if "tactile" not in self._places:
+            return tactile
+        flat = np.ascontiguousarray(tactile).reshape(*tactile.shape[:-2], -1)
+        return flat[..., self._places["tactile"]].reshape(tactile.shape)
 
     def _compare(self, info: FrameInfo | None) -> None:
         self._compared = info

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data.contact_rule import NO_CONTACT, ContactRule, ContactWindow
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live._frame_gate import FrameGate, frame_info
 from torch_geometric_tactile.live.onnx_judge import OnnxModel
-from torch_geometric_tactile.live.rest import Rest
+from torch_geometric_tactile.live.rest import Rest, RestFrames
 from torch_geometric_tactile.live.subscription import Subscription
 
 if TYPE_CHECKING:
@@ -30,7 +31,8 @@ class Judgement:
         received (int): When its last byte was read, on the monotonic clock in nanoseconds.
         finished (int): When the answer was there, likewise.
         probability (numpy.ndarray): Probabilities of the classes or labels :math:`(K,)`; for a
-            regression the numbers themselves. NaN if a reading is missing that the model needs.
+            regression the numbers themselves. NaN if a reading is missing that the model needs, or
+            without contact.
         class_names (tuple of str): Names of the classes, labels or numbers.
         task (str): As of :class:`~torch_geometric_tactile.Predictor`.
         latency (Mapping of str to float): Seconds by part: :obj:`"wait"` (from the last byte to
@@ -38,6 +40,7 @@ class Judgement:
             the answer. A graph in ONNX does most of what prepares a frame within the model.
         threshold (float, optional): Of two classes, the probability of the second above which it is
             the label; one half if left out.
+        lacks_contact (bool): Whether nothing touches the sensor, by the contact rule of the judge.
 
     Examples:
         >>> answer = np.array([0.2, 0.8])
@@ -55,12 +58,15 @@ class Judgement:
     task: str
     latency: Mapping[str, float]
     threshold: float | None = None
+    lacks_contact: bool = False
 
     @property
     def label(self) -> str:
-        r"""The predicted class, or all labels above one half joined by semicolons; empty if there
-        is no answer, and for a regression.
+        r"""The predicted class, or all labels above one half joined by semicolons;
+        :obj:`"no contact"` without contact; empty if there is no answer, and for a regression.
         """
+        if self.lacks_contact:
+            return NO_CONTACT
         if self.task == "regression" or np.isnan(self.probability).any():
             return ""
         if self.task == "multilabel":
@@ -86,7 +92,8 @@ class Judge:
 
     A model whose readings are measured session by session
     (:class:`~torch_geometric_tactile.transforms.Tare`) needs a rest. Frames then go to the
-    :class:`Rest` first, and there are answers from its end on.
+    :class:`Rest` first, and there are answers from its end on. So do they for a contact rule, which
+    is measured anew by each rest.
 
     Args:
         model (Predictor or str or PathLike): A predictor, its file, or a file in ONNX that
@@ -95,6 +102,13 @@ class Judge:
             :math:`(N, C)`.
         max_lost (int, optional): How many frames in a row may be lost within a window, by their
             numbers. If left out, times decide, or none may where the training had no times.
+        contact (ContactRule, optional): What tells frames without contact, whose label is
+            :obj:`"no contact"` and whose probabilities are NaN; a window lacks contact if all of
+            its frames do. That of the model if left out.
+
+    Attributes:
+        relative (bool): Whether frames come relative to :obj:`rest`, as a session with
+            :obj:`tare=True` gives them.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -120,11 +134,15 @@ class Judge:
         rest: Rest | np.ndarray | None = None,
         *,
         max_lost: int | None = None,
+        contact: ContactRule | None = None,
     ) -> None:
         is_path = isinstance(model, str | os.PathLike)
         is_onnx = is_path and os.fspath(model).endswith(".onnx")  # type: ignore[arg-type]
         self._model: Any = OnnxModel(model) if is_onnx else _PredictorModel(model)  # type: ignore[arg-type]
         self.info: Mapping[str, Any] = self._model.info
+        if contact is not None:
+            self._model.contact = contact
+        self.relative = False
         self.frame_info = frame_info(self.info)
         with_rate = bool(self.info.get("needs_rate", self._model.length > 1))
         self._gate = FrameGate(self.frame_info, with_rate, max_lost)
@@ -140,6 +158,24 @@ class Judge:
                 f"'rest' must be given: the model measures each session, by "
                 f"{self.info['rest']['transform']} (got None)"
             )
+        rule = self.contact
+        if rule is not None and not rule.is_measured and self.rest is None:
+            raise ValueError(
+                "'rest' must be a Rest, since the contact rule compares readings with those at "
+                "rest: give one, a rule that was measured, or its threshold and the readings at "
+                f"rest (got {'None' if rest is None else 'readings without their noise'})"
+            )
+
+    @property
+    def contact(self) -> ContactRule | None:
+        r"""What tells frames without contact; :obj:`None` if nothing does."""
+        rule: ContactRule | None = self._model.contact
+        return rule
+
+    @property
+    def measures_rest(self) -> bool:
+        r"""Whether the model or the contact rule is measured by the rest."""
+        return self.info["rest"] is not None or self.contact is not None
 
     @property
     def length(self) -> int:
@@ -215,6 +251,7 @@ class Judge:
             self.info["task"],
             latency,
             self.info["threshold"],
+            self._model.contact is not None and self._model.lacks_contact,
         )
 
     def follow(self, subscription: Iterable[LiveFrame]) -> Iterator[Judgement]:
@@ -264,17 +301,24 @@ class Judge:
 
     def _is_measured(self, frame: LiveFrame) -> bool:
         rest = self.rest
-        if rest is None or self.info["rest"] is None:
+        if rest is None or not self.measures_rest:
             return True
         if not rest.ready and not rest.add(frame):
             return False
         frames = rest.frames
         if rest.number != self._rest_number and frames is not None:
-            self._model.measure(frames.tactile, frames.time, frames.joint)
+            self._measure(frames)
             self._rest_number = rest.number
             self._model.reset()
             # The last frame of the rest is the first that is judged with it.
         return True
+
+    def _measure(self, frames: RestFrames) -> None:
+        if not self.relative:
+            self._model.measure(frames.tactile, frames.time, frames.joint)
+        elif self.contact is not None:  # the session subtracts the rest, in the order of its source
+            rule = self.contact.measured(self._gate.ordered_readings(frames.tactile))
+            self._model.contact = rule.with_rest(0 * np.asarray(rule.rest))
 
     def _names(self, count: int) -> tuple[str, ...]:
         if len(self._class_names) != count:
@@ -305,6 +349,8 @@ class _PredictorModel:
         facts = {**predictor.network.facts(), **predictor.preparation.facts()}
         self.info: dict[str, Any] = {**facts, "unit": None}
         self._ring: Any = None
+        self._contacts = ContactWindow(self.length)
+        self.lacks_contact = False
         self.model_ns = 0
 
     @property
@@ -320,14 +366,25 @@ class _PredictorModel:
 
     def reset(self) -> None:
         r"""Forgets all frames, not the rest."""
+        self._contacts.reset()
         if self._ring is not None:
             self._ring.clear()
+
+    @property
+    def contact(self) -> ContactRule | None:
+        r"""As of :class:`OnnxModel`."""
+        rule: ContactRule | None = self._predictor.contact
+        return rule
+
+    @contact.setter
+    def contact(self, rule: ContactRule | None) -> None:
+        self._predictor.contact = rule
 
     def measure(self, frames: np.ndarray, time: np.ndarray, joint: np.ndarray | None) -> None:
         r"""As of :class:`OnnxModel`."""
         from torch_geometric_tactile.data import Recording
 
-        if self.info["rest"] is None:
+        if self.info["rest"] is None and self.contact is None:
             return
         session = self._predictor.preparation.session
         session.measure_rest(Recording(time=time, tactile=frames, joint=joint))
@@ -343,12 +400,16 @@ class _PredictorModel:
         session = self._predictor.preparation.session
         if session.parts:
             session.give(torch.tensor(center), None if scale is None else torch.tensor(scale))
+        if self.contact is not None and center.shape[-1:] == (self.info["num_channels"],):
+            self.contact = self.contact.with_rest(center)
 
     def add(self, tactile: np.ndarray, joint: np.ndarray | None, wanted: bool = True) -> Any:
         r"""As of :class:`OnnxModel`."""
         import torch
 
-        predictor = self._predictor
+        predictor, rule = self._predictor, self.contact
+        if rule is not None:
+            self.lacks_contact = self._contacts.push(rule, tactile)
         with torch.inference_mode():
             data = predictor.prepare_frame(tactile, joint)
             if predictor.window is not None:
@@ -362,7 +423,7 @@ class _PredictorModel:
             ready = perf_counter_ns()
             out = predictor.probability(predictor.logits(data))[0].cpu().float().numpy()
         self.model_ns = perf_counter_ns() - ready
-        return out
+        return np.full_like(out, np.nan) if rule is not None and self.lacks_contact else out
 
     def _frame_ring(self, x: Any) -> Any:
         from torch_geometric_tactile.data import FrameRing

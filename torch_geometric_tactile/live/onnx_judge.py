@@ -15,6 +15,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._column_order import in_column_order
 from torch_geometric_tactile.data._ring import Ring
+from torch_geometric_tactile.data.contact_rule import ContactRule, ContactWindow
 from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.live._frame_gate import frame_info
 
@@ -35,6 +36,9 @@ class OnnxModel:
             :obj:`"num_taxels"`, :obj:`"num_channels"`, :obj:`"num_joints"`, :obj:`"window"`,
             :obj:`"rest"` and more.
         frame_info (FrameInfo): How the frames of the training were made.
+        contact (ContactRule, optional): What tells frames without contact, as of
+            :class:`~torch_geometric_tactile.Predictor`; that of the file, and can be set.
+        lacks_contact (bool): Whether the last frame or window lacks contact: its answer is NaN.
         inputs (dict): The shape of each input of the graph by name; :obj:`outputs` likewise.
         prepare_ns (int): How long preparing the last answer took in nanoseconds.
         model_ns (int): How long computing the last answer took.
@@ -77,6 +81,8 @@ class OnnxModel:
         self.inputs = {node.name: node.shape for node in self._session.get_inputs()}
         self.outputs = {node.name: node.shape for node in self._session.get_outputs()}
         self.frame_info = frame_info(self.info)
+        self.contact = contact_rule(self.info)
+        self.lacks_contact = False
         window = self.info["window"]
         self._length = 1 if window is None else int(window["length"])
         states = [name for name in self.inputs if name.startswith("state_")]
@@ -84,6 +90,7 @@ class OnnxModel:
         self._is_windowed = self._length > 1 and not states
         self._outputs = ["probability", *(f"next_{name}" for name in states)]
         self._rest: dict[str, np.ndarray] = {}
+        self._contacts = ContactWindow(self._length)
         num_taxels = self.info["num_taxels"]
         self._frames, self._joints = (
             Ring(np.zeros((2 * self._length, *size), np.float32))
@@ -104,11 +111,12 @@ class OnnxModel:
     def reset(self) -> None:
         r"""Forgets all frames, not the rest."""
         self._frames.count = self._joints.count = 0
+        self._contacts.reset()
         for name, state in self._states.items():
             self._states[name] = np.zeros_like(state)
 
     def measure(self, frames: np.ndarray, time: np.ndarray, joint: np.ndarray | None) -> None:
-        r"""Measures the session by some frames at rest.
+        r"""Measures the session by some frames at rest, for the model and for :attr:`contact`.
 
         Args:
             frames (numpy.ndarray): The frames :math:`(T, N, C)`.
@@ -116,8 +124,11 @@ class OnnxModel:
             joint (numpy.ndarray, optional): Joint angles :math:`(T, J)`.
 
         Raises:
-            ValueError: If there are fewer frames than in a window, where these are measured.
+            ValueError: If there are fewer frames than in a window, where these are measured, or as
+                :meth:`ContactRule.measured <torch_geometric_tactile.data.ContactRule>`.
         """
+        if self.contact is not None:
+            self.contact = self.contact.measured(frames)
         rule = self.info["rest"]
         if rule is None:
             return
@@ -135,7 +146,7 @@ class OnnxModel:
         else:
             windows = np.lib.stride_tricks.sliding_window_view(frames, length, axis=0)[::hop]
             samples = windows.reshape(*windows.shape[:2], -1)
-        self.set_rest(*_session_statistics(samples, rule, length))
+        self._set_session(*_session_statistics(samples, rule, length))
 
     def set_rest(self, center: np.ndarray, scale: np.ndarray | None = None) -> None:
         r"""Sets what was measured of the session.
@@ -147,6 +158,11 @@ class OnnxModel:
         Raises:
             ValueError: If it has another shape, or the scale is missing.
         """
+        if self.contact is not None and center.shape[-1:] == (self.info["num_channels"],):
+            self.contact = self.contact.with_rest(center)
+        self._set_session(center, scale)
+
+    def _set_session(self, center: np.ndarray, scale: np.ndarray | None) -> None:
         rule = self.info["rest"]
         if rule is None:
             return
@@ -162,7 +178,7 @@ class OnnxModel:
 
     def add(self, tactile: np.ndarray, joint: np.ndarray | None, wanted: bool = True) -> Any:
         r"""Takes the next frame, and returns the probabilities :math:`(K,)`, or :obj:`None` if
-        there are not enough frames yet.
+        there are not enough frames yet. They are NaN without contact, if :attr:`contact` is set.
 
         Args:
             tactile (numpy.ndarray): Its readings :math:`(N, C)`.
@@ -171,6 +187,8 @@ class OnnxModel:
         """
         start = perf_counter_ns()
         is_stepped = bool(self._states)
+        if self.contact is not None:
+            self.lacks_contact = self._contacts.push(self.contact, tactile)
         if self._is_windowed:
             self._frames.push(tactile)
             if joint is not None and self.info["num_joints"]:
@@ -186,6 +204,8 @@ class OnnxModel:
         self._states = dict(zip(self._states, states, strict=True))
         self.model_ns = perf_counter_ns() - ready
         self.prepare_ns = ready - start
+        if self.contact is not None and self.lacks_contact:
+            probability = np.full_like(probability, np.nan)
         return probability[0] if wanted and is_full else None
 
     def recording(self, recording: Recording) -> np.ndarray:
@@ -336,4 +356,14 @@ def _read_info(entries: Mapping[str, str], path: str) -> dict[str, Any]:
             raise TypeError("sizes must be whole numbers")
     except (KeyError, TypeError, json.JSONDecodeError) as error:
         raise ValueError(f"the metadata of '{path}' cannot be read ({error!r})") from error
+    try:
+        contact_rule(info)
+    except ValueError as error:
+        raise ValueError(f"the metadata of '{path}' cannot be read ({error})") from error
     return dict(info)
+
+
+def contact_rule(facts: Mapping[str, Any]) -> ContactRule | None:
+    r"""Returns the contact rule of a model; files of older versions have none."""
+    content = facts.get("contact")
+    return None if content is None else ContactRule.from_dict(content)

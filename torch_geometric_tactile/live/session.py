@@ -91,6 +91,8 @@ class LiveSession:
             raise ValueError("'rest' must be given: 'tare' subtracts what it measures (got None)")
         measures = judge is not None and judge.info["rest"] is not None
         need(not tare or not measures, "'tare' must be false: the model itself measures the rest")
+        if judge is not None:
+            judge.relative = tare
         self.stream = Stream(source, taxel_map=taxel_map)
         self.callbacks = list(callbacks)
         self.judged = 0
@@ -98,7 +100,7 @@ class LiveSession:
         self.recorder: Recorder | None = None
         self.viewer: Viewer | None = None
         self._judge, self._layout, self._tares = judge, layout, tare
-        self._rest = rest if tare or measures else None
+        self._rest = rest if tare or (judge is not None and judge.measures_rest) else None
         self._next_drift = 0.0
         sees_all = judge is not None and judge.length > 1
         self._policy: Policy = policy or ("drop_oldest" if sees_all else "newest")

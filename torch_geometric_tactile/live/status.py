@@ -49,6 +49,8 @@ class Status(NamedTuple):
 def _described(judgement: Judgement) -> str:
     r"""Returns a prediction in a few characters, such as :obj:`"slip 93 %"`."""
     probability = judgement.probability
+    if judgement.lacks_contact:
+        return judgement.label
     if np.isnan(probability).any():
         return "no answer (readings are missing)"
     if judgement.task == "regression":

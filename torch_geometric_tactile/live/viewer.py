@@ -263,6 +263,8 @@ def _described(judgement: "Judgement | None") -> dict[str, Any] | None:
 
 
 def _shown_label(judgement: "Judgement") -> str:
+    if judgement.lacks_contact:
+        return judgement.label
     if np.isnan(judgement.probability).any():
         return "no answer"
     if judgement.task == "regression":

@@ -25,7 +25,8 @@ from torch_geometric_tactile.reports._prediction_pictures import PredictionPictu
 
 _BATCH_SIZE = 256
 
-_Rows = Iterator[tuple[list[Any], Tensor]]  # the first cells of a row, and its probabilities
+# The first cells of a row, its probabilities, and whether it lacks contact, if a rule tells it.
+_Rows = Iterator[tuple[list[Any], Tensor, Tensor | None]]
 
 
 def write_recordings(
@@ -63,8 +64,11 @@ def write_recordings(
                 raise ValueError(f"'{path}': {error}{hint}") from error
             if pictures is not None:
                 pictures.add(predictor, path, recording, probability, frames)
-            for i, row in zip(frames, probability, strict=True):
-                yield [cell_text(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row
+            free: Iterable[Tensor | None] = [None] * len(probability)
+            if predictor.contact is not None:
+                free = predictor.lacks_contact(recording)
+            for i, row, is_free in zip(frames, probability, free, strict=True):
+                yield [cell_text(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row, is_free
 
     return _write(predictor, ["recording", "frame", "time"], rows(), out)
 
@@ -80,8 +84,13 @@ def _read(predictor: Predictor, path: PathLike, given: Mapping[str, Any]) -> Rec
 
 
 def _hint(error: str, path: PathLike, rest: float | None = None) -> str:
+    seconds = "SECONDS" if rest is None else f"{rest:.3g}"
+    if re.search("the contact rule (compares|must have)", error):
+        return (
+            f"; add '--rest {seconds}' if nothing touches the sensor in the first {seconds} s of "
+            "each recording"
+        )
     if "call 'adapt'" in error:
-        seconds = "SECONDS" if rest is None else f"{rest:.3g}"
         return f"; 'tactile predict --rest {seconds}' and '--adapt' do so"
     if Path(path).suffix.lower() == ".csv" and re.search(r"must have (the col|\d+ taxels)", error):
         return (
@@ -98,7 +107,7 @@ def write_samples(predictor: Predictor, samples: StaticDataset, out: PathLike) -
         number = itertools.count()
         for logits, _ in predicted(predictor, samples):
             for probability in predictor.probability(logits):
-                yield [next(number)], probability
+                yield [next(number)], probability, None
 
     return _write(predictor, ["index"], rows(), out)
 
@@ -119,12 +128,14 @@ def _write(predictor: Predictor, head: Sequence[str], rows: _Rows, out: PathLike
     count: Counter[str] = Counter()
     with atomic_path(out) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        for cells, probability in rows:
+        for cells, probability, lacks_contact in rows:
+            has_labels = has_labels or lacks_contact is not None
             if not count:
                 names = predictor.names(len(probability))
                 prefix, label = ("p_", ["prediction"]) if has_labels else ("", [])
                 writer.writerow([*head, *label, *(cell_text(f"{prefix}{name}") for name in names)])
-            prediction = ";".join(predictor.labels(probability)[0]) if has_labels else ""
+            labels = predictor.labels(probability, lacks_contact)[0] if has_labels else []
+            prediction = ";".join(labels)
             count[prediction] += 1
             numbers = [f"{value:.6f}" for value in probability.tolist()]
             writer.writerow([*cells, *([cell_text(prediction)] if has_labels else []), *numbers])
