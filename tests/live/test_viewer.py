@@ -182,6 +182,8 @@ def test_notes_come_once_and_to_pages_that_open_later(viewer):
         ("multilabel", "cup;box", [0.75, 0.5625], "cup, box"),
         ("multilabel", "", [0.25, 0.125], "none"),
         ("multiclass", "", [np.nan, 0.25], "no answer"),
+        ("multilabel", "no contact", [np.nan, np.nan], "no contact"),
+        ("regression", "no contact", [np.nan, np.nan], "no contact"),
         ("regression", "", [12.5, -3.0], ""),
     ],
 )
@@ -193,6 +195,7 @@ def test_judgement_is_shown(viewer, task, label, probability, shown):
             task=task,
             class_names=("cup", "box"),
             probability=np.array(probability, np.float32),
+            lacks_contact=label == "no contact",
             received=now - 3_000_000,
             finished=now,
         )

@@ -108,6 +108,7 @@ def say(viewer, label="sponge", probability=(0.7, 0.2, 0.1)):
             task="multiclass",
             class_names=("sponge", "mug", "<b>box</b>"),
             probability=np.array(probability),
+            lacks_contact=False,
             received=now - 2_000_000,
             finished=now,
         )

@@ -129,13 +129,14 @@ class ContactRule:
                 f"{len(frames)}): give more of them, or a 'threshold' in the unit of the readings"
             )
         noise = trusted_noise(movement_and_noise(frames)[1])
+        changes = (np.abs(frames - rest) > 0).any()  # or they may be forces, zero at rest
+        if changes and (np.isnan(frames) | (frames == np.round(frames))).all():
+            noise = np.maximum(noise, _ROUNDING_NOISE)
         if not np.nanmax(noise, initial=0.0) > 0:
             raise ValueError(
-                "the readings at rest must change, for a threshold that is derived from their "
-                f"noise (got {len(frames)} equal frames): give a 'threshold' in their unit"
+                "the readings at rest must have noise, for a threshold that is derived from it "
+                f"(got {len(frames)} frames without any): give a 'threshold' in their unit"
             )
-        if (np.isnan(frames) | (frames == np.round(frames))).all():
-            noise = np.maximum(noise, _ROUNDING_NOISE)
         return replace(self, rest=rest, noise=noise)
 
     def with_rest(self, rest: np.ndarray) -> Self:
