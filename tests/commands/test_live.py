@@ -65,10 +65,22 @@ def test_recording_is_judged_and_recorded(whole, model, tmp_path, capsys):
     assert "exists: give another name" in capsys.readouterr().err
 
 
+def test_frames_without_contact_are_told(whole, model, tmp_path, capsys):
+    source = f"{tmp_path / 'whole.npz'}?speed=2"
+    arguments = ["live", source, "--model", model, "--rest", "0.1", "--policy", "all", "--contact"]
+    for threshold, text in ((["20"], "  no contact  "), (["0.001"], "slip|hold")):
+        assert main([*arguments, *threshold]) == 0
+        assert re.search(text, capsys.readouterr().err)
+    with pytest.raises(SystemExit):
+        main(["live", "--contact", source, "--model", model])
+    assert "must be a positive number in the unit of the readings" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ([WHOLE, "--label", "mug"], "'--label' must come with '--record FILE' (got no file)"),
+        ([WHOLE, "--contact"], "'--contact' must come with '--model FILE' (got no model)"),
         ([WHOLE, "--tare"], "'--tare' must come with '--model FILE' (got no model)"),
         ([WHOLE, "--model", "none.onnx"], "none.onnx"),
         ([WHOLE, "--map", "none.json"], "none.json"),

@@ -8,7 +8,13 @@ from fake_configs import SCALED, fake_config, fake_dataset
 
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.data import Recording, StaticData, Windows
+from torch_geometric_tactile.data import (
+    ContactRule,
+    FrameInfo,
+    Recording,
+    StaticData,
+    Windows,
+)
 from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.nn import TactileFNN
@@ -72,6 +78,43 @@ def test_tables_of_labels_and_of_numbers(folder, task, capsys):
         ]
 
 
+@pytest.mark.parametrize("task", ["multiclass", "multilabel", "regression"])
+def test_frames_without_contact_are_written_as_such(folder, task, capsys):
+    made = predictor(task=task)
+    made.save("b.predictor")
+    tactile = np.zeros((6, 4, 3), np.float32)
+    tactile[3:5, :2, 2] = 30
+    tactile[5, 0, 0] = 11  # one taxel only
+    write_recording(Recording(time=np.arange(6) / 10, tactile=tactile), "c.npz")
+    arguments = ["predict", "b.predictor", "c.npz", "--rest", "0.25"]
+    assert main([*arguments, "--contact", "10"]) == 0
+    assert "no contact 4" in capsys.readouterr().out
+    found = rows("predictions.csv")
+    said = [row.pop("prediction") for row in found]
+    assert [text == "no contact" for text in said] == [True] * 3 + [False] * 2 + [True]
+    names = ["soft", "hard"] if task == "regression" else ["p_soft", "p_hard"]
+    assert [row[names[0]] == "nan" for row in found] == [text == "no contact" for text in said]
+    if task == "regression":
+        assert said[3:5] == ["", ""]
+    # Without the option as ever, and saved with the predictor.
+    assert main(["predict", "b.predictor", "c.npz", "--no-picture"]) == 0
+    before = rows("predictions.csv")
+    assert ("prediction" in before[0]) == (task != "regression")
+    for i in (3, 4):
+        assert {key: before[i][key] for key in names} == {key: found[i][key] for key in names}
+    assert main(["predict", "b.predictor", "--save", "c.predictor", "--contact", "10"]) == 0
+    assert Predictor.load("c.predictor").contact == ContactRule(10.0)
+    arguments[1] = "c.predictor"
+    assert main([*arguments, "--no-picture"]) == 0
+    assert [row["prediction"] for row in rows("predictions.csv")] == said
+
+
+def test_the_error_tells_how_long_the_training_was_at_rest(folder, capsys):
+    predictor(info=FrameInfo(rest=0.4)).save("b.predictor")
+    assert main(["predict", "b.predictor", "trial_0.npz", "--contact"]) == 1
+    assert "add '--rest 0.4' if nothing touches the sensor" in capsys.readouterr().err
+
+
 def test_sessions_of_recordings_are_measured_if_asked_for(folder, capsys):
     scaler = SessionZScore().fit(StaticData(x=X, session=torch.zeros(5)))
     made = predictor(transform=scaler)
@@ -123,6 +166,10 @@ def test_mistakes_are_one_line(folder, capsys):
         ),
         (["a.predictor", "--adapt"], "'--adapt' must be left out without recordings"),
         (["a.predictor", "--rest", "1"], "'--rest' must be left out without recordings"),
+        (["a.predictor", "--contact"], "'--contact' must be left out without recordings and"),
+        (["a.predictor", "trial_0.npz", "--contact"], "add '--rest SECONDS' if nothing touches"),
+        (["a.predictor", "trial_0.npz", "--adapt", "--contact"], "add '--rest SECONDS' if"),
+        (["a.predictor", "trial_0.npz", "--rest", "0.1", "--contact"], "at least 10 frames"),
     ):
         assert main(["predict", *arguments]) == 1
         error = capsys.readouterr().err

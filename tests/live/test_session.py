@@ -1,5 +1,6 @@
 # ruff: noqa: E402
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ for module in ("mcap", "google.protobuf", "zstandard"):
 from live.numbered import SHAPE, NumberedSource, contents
 
 from torch_geometric_tactile import Predictor
-from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data import ContactRule, LiveFrame, Recording
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.live import (
     Callback,
@@ -154,6 +155,39 @@ def test_tare_subtracts_the_rest(predictor):
     np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-4)
 
 
+@pytest.mark.parametrize("tare", [False, True])
+def test_frames_without_contact_are_labelled(predictor, tare, tmp_path):
+    whole = recording(offset=500.0)
+    whole.tactile[80:100, 3:6, 1] += 200
+    noted = Noted()
+    judge = Judge(predictor, Rest(seconds=0.05), contact=ContactRule())
+    source = ReplaySource(whole, speed=4)
+    session = LiveSession(source, judge=judge, tare=tare, policy="all", callbacks=[noted])
+    session.record(tmp_path / "a.mcap")
+    with session:
+        session.run()
+    assert noted.judgements[0].sequence < 80  # from the end of the rest on
+    assert {j.sequence for j in noted.judgements if not j.lacks_contact} == {*range(80, 100)}
+    for each in noted.judgements:
+        assert (each.label == "no contact") == each.lacks_contact
+        assert np.isnan(each.probability).all() == each.lacks_contact
+    assert len(messages(tmp_path / "a.mcap", "tactile.Prediction")) == len(noted.judgements)
+
+
+def test_a_tare_anew_measures_the_contact_rule_anew(predictor):
+    judge = Judge(predictor, Rest(seconds=0.4), contact=ContactRule())
+    whole = recording()
+    whole.tactile[60:] += 500  # another rest
+    said = []
+    for i, tactile in enumerate(whole.tactile):
+        if i == 60:
+            judge.rest.retare()
+        judgement = judge(LiveFrame(i, i / 100, 10**7 * i, None, tactile))
+        said.append(judgement is None or judgement.lacks_contact)
+    assert all(said)
+    assert judge.contact.rest.mean() > 400
+
+
 def test_drift_is_measured_every_quarter_of_a_second(predictor, monkeypatch):
     looked = []
     monkeypatch.setattr(Rest, "drift", lambda self, frame: looked.append(frame.time))
@@ -248,8 +282,9 @@ def judgement(probability, names, task="multiclass"):
         (judgement([0.9, 0.2, 0.7], ["a", "b", "c"], "multilabel"), "a, c"),
         (judgement([0.1, 0.2], ["a", "b"], "multilabel"), "none of the labels"),
         (judgement([1.23456, -2], ["x", "y"], "regression"), "x 1.235 y -2"),
+        (replace(judgement([np.nan], ["x"], "regression"), lacks_contact=True), "no contact"),
     ],
-    ids=["class", "semicolon", "missing", "labels", "no label", "numbers"],
+    ids=["class", "semicolon", "missing", "labels", "no label", "numbers", "no contact"],
 )
 def test_status_is_one_line(said, text):
     health = Health("open", frames=9, rate=100.0, age=0.001)

@@ -10,7 +10,7 @@ from torch.nn import Linear, Module
 
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.baselines import TemperatureScaling, flat_forest, rbf_svm
-from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data import ContactRule, StaticData
 from torch_geometric_tactile.nn import TactileFNN
 from torch_geometric_tactile.predictor import AverageModel, EstimatorModel, content
 from torch_geometric_tactile.predictor._plain_data import _check_state, load_weights
@@ -159,6 +159,7 @@ def changed(path, change):
 
 GONE = object()
 PROBABILITY = "its threshold must be a probability"
+CONTACT = ContactRule(5.0).to_dict()
 HOSTILE = [  # a place in the header of the predictor, what it becomes, and the error
     ("format", 99, "its format must be 3 .got 99"),
     ("format", GONE, "its format must be 3 .got None"),
@@ -186,6 +187,17 @@ HOSTILE = [  # a place in the header of the predictor, what it becomes, and the 
     ("transform", {"class": "Compose", "arguments": {"transforms": [3.0]}}, r"forms \(got 3.0\)"),
     ("transform.state.scale", 1.0, "the state of ZScore"),
     ("transform.state.scale", {"$tensor": "x"}, "it must hold the tensor 'x'"),
+    ("contact", 5, "'contact' must have"),
+    ("contact", [], "'contact' must have"),
+    ("contact", {"threshold": 5.0}, "'contact' must have"),
+    ("contact", {**CONTACT, "more": 1}, "'contact' must have"),
+    ("contact", {**CONTACT, "threshold": "5"}, "'threshold' must be a positive"),
+    ("contact", {**CONTACT, "threshold": 0}, "'threshold' must be a positive"),
+    ("contact", {**CONTACT, "num_deviations": 1e400}, "'num_deviations' must be a positive"),
+    ("contact", {**CONTACT, "min_taxels": -1}, "'min_taxels' must be at least 1"),
+    ("contact", {**CONTACT, "rest": [[0.0] * 3] * 5}, "'rest' of the contact rule must have shape"),
+    ("contact", {**CONTACT, "rest": [[{}]]}, "'rest' must be lists of numbers"),
+    ("contact", {**CONTACT, "noise": [[1.0]]}, "'noise' must have the shape of 'rest'"),
 ]
 HOSTILE_TENSORS = [  # the same of the header of the file: of its first tensor, or of all
     ({"dtype": "OBJECT"}, "must have a dtype"),

@@ -78,6 +78,8 @@ examples:
   tactile compare grasps --layout glove.json --rest 6 \\
       --init target=grasp 'read_options={label: grasp, joint: "bend_.*", unit: count}'
                                                          CSV files with column names of your own
+  tactile compare grasps --layout allegro_uskin --init 'phases=[squeeze, lift, hold]' tare=hover
+                                                         frames with contact only
   tactile compare my_glove.Gloves --init root=DIR --json > comparison.json
   tactile compare touches.npz --grid 8x8 --rest 10       each trial starts with 10 frames at rest
   tactile compare slips.npz --layout biotac --window 50  windows of 50 frames

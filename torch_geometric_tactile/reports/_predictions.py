@@ -132,7 +132,8 @@ def _write(predictor: Predictor, head: Sequence[str], rows: _Rows, out: PathLike
             has_labels = has_labels or lacks_contact is not None
             if not count:
                 names = predictor.names(len(probability))
-                prefix, label = ("p_", ["prediction"]) if has_labels else ("", [])
+                prefix = "" if predictor.task == "regression" else "p_"
+                label = ["prediction"] if has_labels else []
                 writer.writerow([*head, *label, *(cell_text(f"{prefix}{name}") for name in names)])
             labels = predictor.labels(probability, lacks_contact)[0] if has_labels else []
             prediction = ";".join(labels)
