@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from torch_geometric_tactile.data import NO_CONTACT, ContactRule
-from torch_geometric_tactile.data.contact_rule import ContactWindow, windows_lacking_contact
+from torch_geometric_tactile.data._contact_windows import ContactWindow, windows_lacking_contact
 
 NAN = float("nan")
 REST = np.full((3, 2), 100.0)

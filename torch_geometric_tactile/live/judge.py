@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data.contact_rule import NO_CONTACT, ContactRule, ContactWindow
+from torch_geometric_tactile.data._contact_windows import ContactWindow
+from torch_geometric_tactile.data.contact_rule import NO_CONTACT, ContactRule
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live._frame_gate import FrameGate, frame_info
 from torch_geometric_tactile.live.onnx_judge import OnnxModel

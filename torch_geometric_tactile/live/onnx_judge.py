@@ -14,8 +14,9 @@ import numpy as np
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._column_order import in_column_order
+from torch_geometric_tactile.data._contact_windows import ContactWindow
 from torch_geometric_tactile.data._ring import Ring
-from torch_geometric_tactile.data.contact_rule import ContactRule, ContactWindow
+from torch_geometric_tactile.data.contact_rule import ContactRule
 from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.live._frame_gate import frame_info
 
@@ -81,7 +82,7 @@ class OnnxModel:
         self.inputs = {node.name: node.shape for node in self._session.get_inputs()}
         self.outputs = {node.name: node.shape for node in self._session.get_outputs()}
         self.frame_info = frame_info(self.info)
-        self.contact = contact_rule(self.info)
+        self.contact = _contact_rule(self.info)
         self.lacks_contact = False
         window = self.info["window"]
         self._length = 1 if window is None else int(window["length"])
@@ -357,13 +358,13 @@ def _read_info(entries: Mapping[str, str], path: str) -> dict[str, Any]:
     except (KeyError, TypeError, json.JSONDecodeError) as error:
         raise ValueError(f"the metadata of '{path}' cannot be read ({error!r})") from error
     try:
-        contact_rule(info)
+        _contact_rule(info)
     except ValueError as error:
         raise ValueError(f"the metadata of '{path}' cannot be read ({error})") from error
     return dict(info)
 
 
-def contact_rule(facts: Mapping[str, Any]) -> ContactRule | None:
+def _contact_rule(facts: Mapping[str, Any]) -> ContactRule | None:
     r"""Returns the contact rule of a model; files of older versions have none."""
     content = facts.get("contact")
     return None if content is None else ContactRule.from_dict(content)

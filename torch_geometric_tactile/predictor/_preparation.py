@@ -21,10 +21,10 @@ from torch_geometric_tactile.data import (
     split_frames,
 )
 from torch_geometric_tactile.data._column_order import in_column_order
+from torch_geometric_tactile.data._contact_windows import windows_lacking_contact
 from torch_geometric_tactile.data._dataset_info import joined_info
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._transform_rules import flat
-from torch_geometric_tactile.data.contact_rule import windows_lacking_contact
 from torch_geometric_tactile.predictor._computed_once import access, apply_once, is_computed_once
 from torch_geometric_tactile.predictor._readings import (
     ArrayLike,
