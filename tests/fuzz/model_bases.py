@@ -7,7 +7,7 @@ import torch
 import yaml
 from fuzz import readers
 
-from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data import ContactRule, StaticData, StaticDataset
 from torch_geometric_tactile.sensors import grid
 
 
@@ -86,7 +86,10 @@ def predictor(folder: Path) -> None:
     from torch_geometric_tactile.predictor import Predictor
 
     checkpoint(folder)
-    Predictor.from_checkpoint(folder / "a.ckpt").save(folder / "a.predictor")
+    made = Predictor.from_checkpoint(folder / "a.ckpt")
+    draw = torch.Generator().manual_seed(0)
+    made.contact = ContactRule(min_taxels=1).measured(torch.randn(20, 4, 2, generator=draw) - 50)
+    made.save(folder / "a.predictor")
     (folder / "a.ckpt").unlink()
 
 

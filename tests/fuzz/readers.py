@@ -314,6 +314,7 @@ def predictor(path: Path) -> Any:
         "text": repr(found),
         "layout": plain(found.layout.to_dict()),
         "transform": repr(found.transform),
+        "contact": found.contact and plain(found.contact.to_dict()),
         "model": state(found.model),
     }
 
