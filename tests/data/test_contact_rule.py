@@ -258,11 +258,3 @@ def test_windows_that_come_frame_by_frame_are_those_of_the_recording(length):
     ]
     np.testing.assert_array_equal(whole, by_hand)
     assert 0 < whole.sum() < len(whole)
-
-
-def test_a_window_that_is_emptied_forgets_the_touch():
-    window = ContactWindow(3)
-    assert not window.push(rule(), frame(9, 9))
-    assert not window.push(rule(), REST)
-    window.reset()
-    assert window.push(rule(), REST)

@@ -3,6 +3,7 @@
 import copy
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import onnx_predictors as made
@@ -11,9 +12,11 @@ import torch
 
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.data import NO_CONTACT, ContactRule, Recording
+from torch_geometric_tactile.data import NO_CONTACT, ContactRule, FrameInfo, Recording
 from torch_geometric_tactile.io import write_recording
 from torch_geometric_tactile.live import Judge, OnnxModel, Rest
+from torch_geometric_tactile.predictor._network import Network
+from torch_geometric_tactile.predictor._window_cut import WindowCut
 
 pytestmark = pytest.mark.xdist_group("onnx_predictors")  # which makes each file once
 
@@ -170,3 +173,118 @@ def test_the_table_of_predict_says_what_the_predictor_says(name, tmp_path, monke
     ]
     found = np.array([[float(row["p_ball"]), float(row["p_cube"])] for row in rows])
     np.testing.assert_allclose(found, on.numpy(), rtol=0, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_after_a_gap_a_window_has_only_new_frames():
+    still = recording(0).tactile[:NUM_REST]
+    whole = np.concatenate([still, still[:6] + 500, still[:20]])
+    rule = ContactRule().measured(still)
+    judge = Judge(made.predictor("window"), contact=rule)
+    joint = np.zeros((len(whole), 2))
+    frames = made.live_frames(
+        Recording(time=np.arange(len(whole)) / 25, tactile=whole, joint=joint)
+    )
+    judged = {j.sequence: j for j in judge.follow(f for f in frames if not 36 <= f.sequence < 40)}
+    assert [i for i, j in judged.items() if not j.lacks_contact] == [*range(30, 36)]
+    assert min(i for i in judged if i >= 40) == 40 + made.LENGTH - 1
+
+
+@pytest.mark.slow
+def test_the_graph_is_compared_without_the_rule(tmp_path):
+    for extra in ("onnx", "onnxscript", "onnxruntime"):
+        pytest.importorskip(extra, reason="needs the extra 'export'")
+    from torch_geometric_tactile.predictor import export_onnx
+
+    predictor = copy.deepcopy(made.predictor("frame"))
+    predictor.contact = ContactRule(1e9, rest=np.zeros((11, 3)))  # nothing is ever contact
+    assert export_onnx(predictor, tmp_path / "a.onnx").difference < 1e-5
+    assert predictor.contact == ContactRule(1e9)
+
+
+TRIALS = [("error", 90), ("pad", 90), ("pad", 60), ("crop_start", 30), ("crop_end", 40)]
+
+
+@pytest.mark.parametrize(("ragged", "length"), TRIALS)
+@pytest.mark.parametrize("touched", [2, 50, 85, None])
+def test_a_trial_lacks_contact_if_all_that_is_cut_of_it_does(ragged, length, touched):
+    cut = WindowCut(length, 0, ragged)
+    predictor = copy.deepcopy(made.predictor("window"))
+    predictor.preparation.window = cut
+    tactile = np.zeros((90, 11, 3), np.float32)
+    if touched is not None:
+        tactile[touched] = 9
+    predictor.contact = ContactRule(5.0, rest=np.zeros((11, 3)))
+    whole = Recording(time=np.arange(90) / 25, tactile=tactile, joint=np.zeros((90, 2)))
+    frames = range(90)
+    if ragged.startswith("crop"):
+        frames = frames[-length:] if ragged == "crop_start" else frames[:length]
+    assert predictor.lacks_contact(whole).tolist() == [touched not in frames]
+
+
+def test_a_recording_of_another_rate_is_asked_as_it_is_resampled():
+    predictor = copy.deepcopy(made.predictor("window"))
+    predictor.preparation.info = FrameInfo(rate=25.0)
+    predictor.contact = ContactRule(200.0).measured(recording(0).tactile[:NUM_REST])
+    whole = recording(0)
+    fast = replace(whole, time=whole.time / 2)
+    with pytest.raises(ValueError, match="resample it"):
+        predictor.lacks_contact(fast)
+    free = predictor.lacks_contact(fast, resample=True)
+    probability = predictor.recording(fast, resample=True)
+    assert probability[free].isnan().all()
+    expected = predictor.lacks_contact(fast.resample(25.0))
+    assert free.tolist() == expected.tolist()
+    assert 0 < free.sum() < len(free) < 50
+
+
+@pytest.mark.parametrize("name", [*SINGLE, "window"])
+def test_readings_are_asked_as_recordings_are(name):
+    whole = recording(2)
+    *_, free, _, predictor = predicted(name, ContactRule(), whole)
+    x, joint = whole.tactile, whole.joint
+    if name == "window":
+        x, joint = predictor.windows(whole)[0].x, joint[made.LENGTH - 1 :]
+    assert predictor.lacks_contact(x).tolist() == free.tolist()
+    assert predictor(x, joint)[free].isnan().all()
+    assert predictor(x[0], joint[0]).isnan().all() == free[0]
+
+
+def test_the_rule_of_a_predictor_is_checked_and_stays():
+    predictor = copy.deepcopy(made.predictor("frame"))
+    with pytest.raises(ValueError, match="'contact' must be a ContactRule or None"):
+        predictor.contact = 5.0
+    with pytest.raises(ValueError, match=r"'rest' of the contact rule must have shape \(11, 3\)"):
+        predictor.contact = ContactRule(5.0, rest=np.zeros((11, 2)))
+    predictor.contact = ContactRule(5.0)
+    assert predictor.with_tare().contact == ContactRule(5.0)
+    with pytest.raises(ValueError, match="'rest' must be given: the contact rule"):
+        predictor.adapt_recording(recording(0))
+    with pytest.raises(ValueError, match="must have the readings at rest"):
+        predictor.recording(recording(0))
+    assert predictor.adapt(recording(0).tactile[:5], recording(0).joint[:5]) == 0
+    assert predictor.contact.is_measured
+    predictor.contact = None
+    assert not predictor.lacks_contact(recording(0)).any()
+    with pytest.raises(ValueError, match="measures sessions: there is no need"):
+        predictor.adapt(recording(0).tactile[:5], recording(0).joint[:5])
+
+
+def test_a_tare_tells_how_long_the_rest_is():
+    whole = recording(1)
+    predictor = copy.deepcopy(made.predictor("tare"))  # of the first 30 frames
+    predictor.preparation.info = FrameInfo(rate=25.0)
+    predictor.contact = ContactRule(200.0)
+    predictor.adapt_recording(whole)
+    expected = whole.tactile[:30].astype(np.float64).mean(axis=0)
+    np.testing.assert_allclose(predictor.contact.rest, expected)
+
+
+def test_labels_of_regressions_and_of_another_number_of_rows():
+    network = Network(torch.nn.Identity(), ("a", "b"), "regression")
+    numbers = torch.tensor([[1.0, 2.0], [3.0, 4.0]])
+    assert network.labels(numbers, torch.tensor([False, True])) == [[], [NO_CONTACT]]
+    with pytest.raises(ValueError, match="'lacks_contact' must have 2 rows"):
+        network.labels(numbers, torch.tensor([False]))
+    with pytest.raises(ValueError, match="a regression has no labels"):
+        network.labels(numbers)

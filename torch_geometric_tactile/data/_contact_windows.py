@@ -20,11 +20,8 @@ class ContactWindow:
     """
 
     def __init__(self, length: int) -> None:
+        # No reset after a gap: there is no answer before the window is full of new frames.
         self.length = length
-        self.reset()
-
-    def reset(self) -> None:
-        r"""Forgets all frames."""
         self._number = 0
         self._last_contact = self._last_free = -1
 

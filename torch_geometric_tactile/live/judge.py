@@ -367,7 +367,6 @@ class _PredictorModel:
 
     def reset(self) -> None:
         r"""Forgets all frames, not the rest."""
-        self._contacts.reset()
         if self._ring is not None:
             self._ring.clear()
 

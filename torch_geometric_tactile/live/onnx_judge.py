@@ -112,7 +112,6 @@ class OnnxModel:
     def reset(self) -> None:
         r"""Forgets all frames, not the rest."""
         self._frames.count = self._joints.count = 0
-        self._contacts.reset()
         for name, state in self._states.items():
             self._states[name] = np.zeros_like(state)
 
