@@ -54,6 +54,16 @@ def seconds(text: str) -> float:
     return number
 
 
+def hertz(text: str) -> float:
+    r"""Reads a rate in frames per second: a positive number."""
+    number = _plain_number(text)
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(
+            f"must be a positive number of frames per second (got {text[:40]!r})"
+        )
+    return number
+
+
 def trial_seconds(text: str) -> float:
     r"""Reads the length of a simulated trial in seconds, from one second to an hour."""
     number = _plain_number(text)
