@@ -84,7 +84,7 @@ def annotations_within(annotations: Sequence[Annotation], time: np.ndarray) -> l
     tolerance = _tolerance(time)
     earliest, latest = first - tolerance[0], last + tolerance[-1]
     return [
-        Annotation(*(min(max(t, first), last) for t in (start, end)), label)
+        Annotation(min(max(start, first), last), min(max(end, first), last), label)
         for start, end, label in annotations
         if start <= latest and end >= earliest
     ]
