@@ -16,6 +16,7 @@ from torch_geometric_tactile._files import atomic_path, existing_file
 from torch_geometric_tactile._limits import LEROBOT_TASKS
 from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data._recording_arrays import warn_of_rounding
 from torch_geometric_tactile.io._lerobot_steps import FRAME_TIMES, TACTILE, TACTILE_FRAMES
 from torch_geometric_tactile.io._lerobot_tables import (
     is_list,
@@ -307,7 +308,9 @@ def row_values(path: Path, table: Any, name: str, shape: tuple[int, ...]) -> np.
     if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
         raise ValueError(f"'{path}' must hold numbers in '{name}' (got {column.type})")
     values = column.to_numpy(zero_copy_only=False)  # null is NaN
-    return np.asarray(values, dtype=np.float32).reshape(len(table), *shape)
+    single = np.asarray(values, dtype=np.float32)
+    warn_of_rounding(name, values, single)
+    return single.reshape(len(table), *shape)
 
 
 def read_tasks(root: Path) -> dict[int, str]:
