@@ -443,13 +443,15 @@ def test_annotations_and_further_signals_come_back(tmp_path, caplog, every_frame
     ):
         assert_equal(found, recording, start)
     features = json.loads((tmp_path / "set/meta/info.json").read_text())["features"]
-    assert features["observation.extra.pac"] == {"dtype": "float32", "shape": [66], "names": None}
+    names = features["observation.extra.pac"].pop("names")
+    assert (names[0], names[-1]) == ("pac_0_0", "pac_2_21")
+    assert features["observation.extra.pac"] == {"dtype": "float32", "shape": [66]}
     assert features["observation.extra.count"] == {"dtype": "float64", "shape": [1], "names": None}
     (tmp_path / "set/meta/tactile.json").unlink()  # as LeRobot's tools do
     found = read_lerobot(tmp_path / "set")[1]
     assert {name: value.shape[1:] for name, value in found.extra.items()} == {
         "pressure": (3,),
-        "pac": (66,),
+        "pac": (3, 22),
         "count": (),
         "button": (),
         "level": (),

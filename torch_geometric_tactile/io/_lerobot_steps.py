@@ -4,6 +4,7 @@ and their statistics without the readings that are missing.
 
 import logging
 import math
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -44,6 +45,32 @@ def shape_of_names(names: Any) -> tuple[int, int] | None:
         return None
     shape = (len(names) // num_channels, num_channels)
     return shape if names == [*signal_names(*shape)] else None
+
+
+def value_names(name: str, shape: tuple[int, ...]) -> list[str]:
+    r"""Returns the names of the values of a signal of several dimensions.
+
+    Examples:
+        >>> value_names("pac", (1, 3))
+        ['pac_0_0', 'pac_0_1', 'pac_0_2']
+    """
+    return ["_".join([name, *map(str, index)]) for index in np.ndindex(shape)]
+
+
+def shape_of_values(name: str, names: Any, size: int) -> tuple[int, ...]:
+    r"""Returns the shape of a signal whose values have the names of :func:`value_names`, or that of
+    a list.
+
+    Examples:
+        >>> shape_of_values("pac", ["pac_0_0", "pac_0_1", "pac_0_2"], 3)
+        (1, 3)
+    """
+    if isinstance(names, list) and len(names) == size:
+        match = re.fullmatch(r"((?:_[0-9]{1,9}){2,8})", str(names[-1]).removeprefix(name))
+        shape = tuple(int(n) + 1 for n in match[1].split("_")[1:]) if match else ()
+        if math.prod(shape) == size and names == value_names(name, shape):
+            return shape
+    return (size,) if size > 1 else ()
 
 
 class ExtraSignal(NamedTuple):
@@ -114,7 +141,8 @@ def touch_features(
         out[FRAME_TIMES] = feature(rows)
     for name, signal in extra.items():
         size = math.prod(signal.shape)
-        out[EXTRA + name] = feature(size, dtype=signal.stored_dtype)
+        names = value_names(name, signal.shape) if len(signal.shape) > 1 else None
+        out[EXTRA + name] = feature(size, names, dtype=signal.stored_dtype)
         if rows:
             out[f"{EXTRA}{name}_frames"] = feature(rows * size, dtype=signal.stored_dtype)
     return out

@@ -30,6 +30,7 @@ from torch_geometric_tactile.io._lerobot_steps import (
     TACTILE,
     ExtraSignal,
     shape_of_names,
+    shape_of_values,
 )
 from torch_geometric_tactile.io._lerobot_tables import read_numbers, require_pyarrow
 
@@ -235,7 +236,11 @@ def _extra_columns(
             continue  # of another program
         sizes = _sizes(root, features, name, 2)
         if signal is None:
-            signal = ExtraSignal(() if sizes == (1,) else sizes, str(dtype))
+            shape = sizes
+            if len(sizes) == 1:
+                named = feature.get("names")
+                shape = shape_of_values(name.removeprefix(EXTRA), named, sizes[0])
+            signal = ExtraSignal(shape, str(dtype))
         if math.prod(signal.shape) != math.prod(sizes):
             raise ValueError(
                 f"'{name}' of '{root}' must have {math.prod(signal.shape)} values, as its "
