@@ -542,6 +542,7 @@ def burst_times(count=300):
         (np.arange(50) / 10, 30),  # more steps than frames
         (np.arange(500) / 100, 1),  # few steps
         (burst_times(), 30),  # frames that came at once
+        (burst_times(), 200),
         (np.cumsum(np.random.default_rng(0).uniform(0.2, 1.8, 500)) / 100, 30),
         (np.array([0.0]), 30),
         (np.array([0.0, 1.0]), 30),
