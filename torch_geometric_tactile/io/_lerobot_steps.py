@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data import Recording, measure_rate
 from torch_geometric_tactile.io._csv_frames import signal_names
 
 TACTILE, STATE = "observation.tactile", "observation.state"
@@ -22,9 +22,6 @@ FRAME_TIMES = f"{TACTILE_FRAMES}_time"
 INDICES = ("frame_index", "episode_index", "index", "task_index")
 # A step that lies on a frame but for rounding, as of times since 1970, is that frame's.
 _SLACK = 1e-3
-# A gap is longer than so many frames at the usual distance of a recording, which most frames are
-# not beyond. It is no median, since of a live recording most frames may have come in bursts.
-_GAP_FRAMES, _USUAL_QUANTILE = 5, 0.9
 _logger = logging.getLogger(__name__)
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
@@ -178,8 +175,7 @@ def largest_gap(time: np.ndarray, fps: float, max_gap: float | None) -> float:
             frames at the usual distance.
     """
     if max_gap is None:
-        usual = np.quantile(np.diff(time), _USUAL_QUANTILE) if len(time) > 1 else 0.0
-        max_gap = _GAP_FRAMES * float(usual)
+        max_gap = measure_rate(time).max_gap if len(time) > 1 else 0.0
     return max(max_gap, 1 / fps) + _SLACK / fps
 
 
