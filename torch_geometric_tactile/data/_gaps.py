@@ -1,6 +1,7 @@
 r"""Gaps between frames, and the rate that several recordings have in common."""
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -8,7 +9,7 @@ import numpy as np
 RATE_TOLERANCE = 0.05
 #: The part of a gap or of a tick by which clocks in float64 and in nanoseconds differ.
 ROUNDING = 1e-3
-_MAX_RATE_RATIO = 1.25  # of the trials of one data set
+_MAX_RATE_RATIO = 1.25  # of a trial and the next slower one: a larger step is another rate
 
 
 def part_numbers(time: np.ndarray, max_gap: float) -> np.ndarray:
@@ -80,13 +81,15 @@ def joined_rate(rates: Mapping[int, float], names: Sequence[str]) -> tuple[float
     """
     if not rates:
         return None, RATE_TOLERANCE
-    slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
-    if rates[fast] > _MAX_RATE_RATIO * rates[slow]:
-        raise ValueError(
-            f"windows must be cut from recordings of one rate (got {rates[slow]:.4g} frames per "
-            f"second in {names[slow]} and {rates[fast]:.4g} in {names[fast]}): resample them with "
-            f"RecordingFrames(resample={rates[slow]:.4g}) or --resample {rates[slow]:.4g}"
-        )
+    places = sorted(rates, key=rates.__getitem__)
+    for slow, fast in pairwise(places):
+        if rates[fast] > _MAX_RATE_RATIO * rates[slow]:
+            raise ValueError(
+                f"windows must be cut from recordings of one rate (got {rates[slow]:.4g} frames "
+                f"per second in {names[slow]} and {rates[fast]:.4g} in {names[fast]}): resample "
+                f"them with RecordingFrames(resample={rates[slow]:.4g}) or --resample "
+                f"{rates[slow]:.4g}"
+            )
     rate = float(np.median(list(rates.values())))
     spread = max(abs(value - rate) for value in rates.values()) / rate
     return rate, max(RATE_TOLERANCE, 1.01 * spread)
