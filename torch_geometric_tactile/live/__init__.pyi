@@ -4,6 +4,7 @@ from .health import Health, HealthMeter
 from .judge import Judge, Judgement
 from .onnx_judge import OnnxModel
 from .open_source import open_source
+from .outage import Outage
 from .recorder import Recorder
 from .replay_server import ReplayServer
 from .replay_source import ReplaySource
@@ -30,6 +31,7 @@ __all__ = [
     "Judgement",
     "LiveSession",
     "OnnxModel",
+    "Outage",
     "Recorder",
     "ReplayServer",
     "ReplaySource",

@@ -8,13 +8,16 @@ import weakref
 from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import suppress
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, Self
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live._frame_clock import FrameClock
 from torch_geometric_tactile.live.clock_map import ClockMap
 from torch_geometric_tactile.live.health import Health, HealthMeter
+from torch_geometric_tactile.live.outage import Outage
 from torch_geometric_tactile.live.source import Source, SourceEnded
 from torch_geometric_tactile.live.subscription import Subscription
 
@@ -24,8 +27,8 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 _READ = 0.1  # seconds that one read of the source may wait
 _BACK_OFF = (0.1, 2.0)
-_STEP = 1e-6  # between two frames that came at once: times as of 1970 keep it in a double
 _JOIN = 10.0
+_OPEN_OUTAGE = 0.25  # seconds: a busy machine delivers late what came in time
 
 
 class Stream:
@@ -70,8 +73,13 @@ class Stream:
         self._state = "closed"
         self._meter = HealthMeter()
         self._clock = ClockMap(source.clock_period)
-        self._time = -math.inf
+        self._numbers = FrameClock()
+        self._coarse = False  # whether device times repeat
+        self._device_time: float | None = None
+        self._last: LiveFrame | None = None
+        self._outages: list[Outage] = []
         self._since = math.inf
+        self._until = math.inf
         self._subscriptions: tuple[weakref.ref[Subscription], ...] = ()
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -99,7 +107,40 @@ class Stream:
 
     def health(self) -> Health:
         r"""Returns how well it runs, at this moment."""
-        return self._meter.snapshot(self._state, self.source)
+        now = time.perf_counter()
+        lasting = None if self._state == "open" else self.open_outage(now)
+        outages = [*self.outages, *([] if lasting is None else [lasting])]
+        return self._meter.snapshot(self._state, self.source, outages=outages)
+
+    @property
+    def rate(self) -> float | None:
+        r"""Frames per second by their numbers, so that lost frames do not lower it, on the clock of
+        the device: a recording that is replayed at double speed has its own rate. :obj:`None` until
+        a second has passed, and for a source that waits (:attr:`Source.waits`)."""
+        rate = self._numbers.rate
+        if rate is None or self.source.waits:
+            return None
+        return rate / self.source.clock_rate
+
+    @property
+    def outages(self) -> tuple[Outage, ...]:
+        r"""The outages that are over: times between two frames of more than five periods, and at
+        least 50 ms. A source that waits has none."""
+        return tuple(self._outages)
+
+    def open_outage(self, now: float) -> Outage | None:
+        r"""Returns the outage that lasts up to a moment, if there is one: no frame came for a
+        quarter of a second and five periods, and the source has not ended.
+
+        Args:
+            now (float): The moment, as of :func:`time.perf_counter`.
+        """
+        last = self._last
+        if last is None or self._state == "ended" or self.source.waits:
+            return None
+        end = min(now, self._until)
+        is_outage = end - last.time > max(_OPEN_OUTAGE, self._numbers.largest_gap)
+        return Outage(last.time, end) if is_outage else None
 
     def require_frames(self) -> None:
         r"""Does nothing if frames came.
@@ -194,6 +235,7 @@ class Stream:
                 return
             self._over = True
             self.error = error
+            self._until = time.perf_counter()
             self._state = "closed" if self._stop.is_set() or self._state == "closed" else "ended"
             subscriptions = self._subscriptions
         for one in subscriptions:
@@ -205,6 +247,7 @@ class Stream:
         last = time.perf_counter()
         back_off = _BACK_OFF[0]
         while not self._stop.is_set():
+            began = time.perf_counter_ns()
             try:
                 frames = self.source.read(_READ)
             except SourceEnded:
@@ -216,7 +259,7 @@ class Stream:
                 last = time.perf_counter()
                 continue
             if frames:
-                self._deliver(frames)
+                self._deliver(frames, began)
                 self._state = "open"
                 last, back_off = time.perf_counter(), _BACK_OFF[0]
             elif time.perf_counter() - last > self.silent_after and self._state != "silent":
@@ -243,16 +286,22 @@ class Stream:
                 continue
             self._meter.reconnects += 1
             self._clock.reset()
+            self._numbers.reset()
             self._state = "open"
             break
         return back_off
 
-    def _deliver(self, frames: list[LiveFrame]) -> None:
-        if self._time == -math.inf:
-            self._since = time.perf_counter()
-        for frame in frames:
+    def _deliver(self, frames: list[LiveFrame], began: int) -> None:
+        if self._last is None:
+            opened, self._since = self._since, time.perf_counter()
+            times = self._times(frames, began, opened)
+        else:
+            times = self._times(frames, began)
+        for frame, at in zip(frames, times, strict=True):
             self._meter.observe(frame)
-            frame = self._mapped(frame)
+            frame = self._mapped(frame, at)
+            self._note_outage(frame)
+            self._last = frame
             for one in self._subscriptions:
                 if self.source.waits:
                     self._wait_for_room(one)
@@ -267,14 +316,53 @@ class Stream:
                 return
             del subscription
 
-    def _mapped(self, frame: LiveFrame) -> LiveFrame:
-        device, rate = frame.device_time, self.source.clock_rate
-        device = None if device is None or not math.isfinite(rate) else device / rate
-        self._time = max(self._clock.map(device, frame.received), self._time + _STEP)
+    def _note_outage(self, frame: LiveFrame) -> None:
+        last = self._last
+        if last is None or self.source.waits:
+            return
+        if frame.time - last.time > self._numbers.largest_gap:
+            lost = max(0, frame.sequence - last.sequence - 1)
+            self._outages.append(Outage(last.time, frame.time, lost))
+
+    def _times(self, frames: list[LiveFrame], began: int, since: float = -math.inf) -> list[float]:
+        times: list[float] = []
+        for received, group in groupby(frames, key=lambda frame: frame.received):
+            arrived = [*group]
+            if self._has_exact_times(arrived):
+                times += [self._exact_time(frame) for frame in arrived]
+                continue
+            times += self._numbers.times(
+                [frame.sequence for frame in arrived],
+                received * 1e-9,
+                waited=(received - began) * 1e-9,
+                since=since,
+            )
+        return times
+
+    def _has_exact_times(self, frames: list[LiveFrame]) -> bool:
+        if self._coarse or not self.source.exact_clock or not math.isfinite(self.source.clock_rate):
+            return False
+        before = self._device_time
+        for frame in frames:
+            if frame.device_time is None:
+                return False
+            if frame.device_time == before:
+                self._coarse = True
+                return False
+            before = frame.device_time
+        self._device_time = before
+        return True
+
+    def _exact_time(self, frame: LiveFrame) -> float:
+        assert frame.device_time is not None
+        mapped = self._clock.map(frame.device_time / self.source.clock_rate, frame.received)
+        return self._numbers.observe(frame.sequence, mapped)
+
+    def _mapped(self, frame: LiveFrame, at: float) -> LiveFrame:
         tactile = frame.tactile if self.taxel_map is None else self.taxel_map.apply(frame.tactile)
         return LiveFrame(
             frame.sequence,
-            self._time,
+            at,
             frame.received,
             frame.device_time,
             tactile,
