@@ -13,6 +13,7 @@ from torch_geometric_tactile.data.annotation import Annotation
 
 MOST_ANNOTATIONS = 10_000
 OUTSIDE = "none"  # the class of frames outside of all annotations
+GAP = "gap"  # the label of outages, which a recorder writes and which labels no frame
 _LONGEST_LABEL = 255
 
 
@@ -77,11 +78,13 @@ def annotations_within(annotations: Sequence[Annotation], time: np.ndarray) -> l
 def annotation_of_frames(annotations: Sequence[Annotation], time: np.ndarray) -> np.ndarray:
     r"""Returns the label of the annotation that covers each frame, and :obj:`"none"` outside of
     all. An annotation covers its ends; a frame where one ends and the next begins is of the next.
+    One with the label :obj:`"gap"` is an outage, and covers none.
 
     Shapes:
         - **time:** Time of each frame in seconds :math:`(T,)`.
         - **output:** texts :math:`(T,)`
     """
+    annotations = [annotation for annotation in annotations if annotation.label != GAP]
     width = max([len(OUTSIDE), *(len(label) for _, _, label in annotations)])
     labels = np.full(len(time), OUTSIDE, dtype=f"U{width}")
     until = np.full(len(time), -np.inf)

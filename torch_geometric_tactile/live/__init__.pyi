@@ -17,7 +17,7 @@ from .source import Source, SourceEnded
 from .status import Status
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
-from .taxel_map import TaxelMap
+from .taxel_map import TaxelMap, TaxelOrder
 from .viewer import Viewer
 from .xela_source import XelaSource
 
@@ -48,6 +48,7 @@ __all__ = [
     "StreamOverflow",
     "Subscription",
     "TaxelMap",
+    "TaxelOrder",
     "Viewer",
     "XelaSource",
     "list_ports",

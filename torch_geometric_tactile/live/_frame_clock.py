@@ -138,7 +138,8 @@ class FrameClock:
 
     def _is_outage(self, number: int, arrival: float, waited: float) -> bool:
         # Lowers the line where a frame came early, and tells whether it has to begin anew.
-        assert self._line is not None and self._period is not None
+        assert self._line is not None
+        assert self._period is not None
         late = arrival - self._line[1] - self._period * (number - self._line[0])
         gap = self.largest_gap
         if late <= 0:

@@ -22,7 +22,8 @@ from torch_geometric_tactile.live.source import Source, SourceEnded
 from torch_geometric_tactile.live.subscription import Subscription
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.live.taxel_map import TaxelMap
+    from torch_geometric_tactile.live.taxel_map import TaxelMap, TaxelOrder
+    from torch_geometric_tactile.sensors import TaxelLayout
 
 _log = logging.getLogger(__name__)
 _READ = 0.1  # seconds that one read of the source may wait
@@ -44,6 +45,10 @@ class Stream:
         source (Source): The source; the stream opens and closes it.
         taxel_map (TaxelMap, optional): The order of the taxels, from that of the source to that of
             a layout.
+        layout (TaxelLayout or TaxelOrder, optional): The layout that the taxels are wanted in. If
+            the source sends them as they are wired (:attr:`Source.device_order`) and no map is
+            given, the map is that which comes with the package for the sensor and this layout
+            (:meth:`TaxelMap.for_sensor`).
         silent_after (float): After how many seconds without a frame the state is :obj:`"silent"`.
 
     Attributes:
@@ -52,7 +57,8 @@ class Stream:
         error (BaseException, optional): What the source raised, if it failed.
 
     Raises:
-        ValueError: If :obj:`silent_after` is not positive.
+        ValueError: If :obj:`silent_after` is not positive. When it is opened, or at the first
+            frame, if the order of the taxels is not known to be that of :obj:`layout`.
 
     Examples:
         >>> from torch_geometric_tactile.live import ReplaySource, Stream
@@ -62,11 +68,17 @@ class Stream:
     """
 
     def __init__(
-        self, source: Source, *, taxel_map: "TaxelMap | None" = None, silent_after: float = 1.0
+        self,
+        source: Source,
+        *,
+        taxel_map: "TaxelMap | None" = None,
+        layout: "TaxelLayout | TaxelOrder | None" = None,
+        silent_after: float = 1.0,
     ) -> None:
         need(silent_after > 0, "'silent_after' must be positive, in seconds", silent_after)
         self.source = source
         self.taxel_map = taxel_map
+        self._layout = layout if source.device_order and taxel_map is None else None
         self.silent_after = silent_after
         self.anchor = (time.time_ns(), time.perf_counter_ns())
         self.error: BaseException | None = None
@@ -207,7 +219,12 @@ class Stream:
         # Everything that touches the source is called here: it is used by one thread.
         try:
             self.source.open()
+            taxels = self.source.meta.get("taxels")
+            if taxels:
+                self._choose_map(sum(taxels))
         except BaseException as failed:
+            with suppress(Exception):
+                self.source.close()
             self._end(None)
             opened.set_exception(failed)
             return
@@ -293,6 +310,7 @@ class Stream:
 
     def _deliver(self, frames: list[LiveFrame], began: int) -> None:
         if self._last is None:
+            self._choose_map(len(frames[0].tactile))
             opened, self._since = self._since, time.perf_counter()
             times = self._times(frames, began, opened)
         else:
@@ -308,6 +326,15 @@ class Stream:
                 subscription = one()
                 if subscription is not None:
                     self._meter.dropped += subscription.put(frame)
+
+    def _choose_map(self, num_taxels: int) -> None:
+        # Once the sensor is known, and before a frame is delivered.
+        layout, self._layout = self._layout, None
+        if layout is not None:
+            from torch_geometric_tactile.live.taxel_map import TaxelMap
+
+            models = self.source.meta.get("models", ())
+            self.taxel_map = TaxelMap.for_sensor(models, num_taxels, layout)
 
     def _wait_for_room(self, one: "weakref.ref[Subscription]") -> None:
         while not self._stop.is_set():
