@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from torch_geometric_tactile.data import Protocol, Recording
+from torch_geometric_tactile.data import FrameInfo, Protocol, Recording
+from torch_geometric_tactile.data._dataset_info import selected_at_rate
 from torch_geometric_tactile.datasets import RecordingFrames
-from torch_geometric_tactile.datasets._trial_frames import frames_at_rate
 from torch_geometric_tactile.io import write_recording
 from torch_geometric_tactile.sensors import TaxelLayout
 
@@ -47,13 +47,14 @@ def drawn(dataset):
 def test_frames_nearest_in_time_by_hand(rate, expected):
     time = 7.0 + torch.arange(6, dtype=torch.double) / 50
     trial = torch.zeros(6, dtype=torch.long)
-    assert frames_at_rate(time, trial, rate).nonzero().view(-1).tolist() == expected
+    info = FrameInfo(rate=50.0, selected_rate=rate)
+    assert selected_at_rate(time, trial, info).nonzero().view(-1).tolist() == expected
 
 
 def test_clock_starts_with_each_trial_and_heeds_gaps():
     time = torch.tensor([0.0, 0.02, 0.04, 5.0, 5.05, 5.06, 9.0])
     trial = torch.tensor([0, 0, 0, 2, 2, 2, 1])
-    kept = frames_at_rate(time, trial, 25.0)
+    kept = selected_at_rate(time, trial, FrameInfo(rate=50.0, selected_rate=25.0))
     assert kept.tolist() == [True, False, True, True, True, False, True]
 
 

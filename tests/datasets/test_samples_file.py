@@ -111,7 +111,7 @@ def test_columns_may_be_names(tmp_path):
     names = np.array(["b", "b", "a", "a", "c", "c"])
     part = np.array(["train", "train", "val", "val", "test", "test"])
     joint = DRAW.normal(size=6)
-    dataset = samples(tmp_path, trial=names, group=names, session=Y, part=part, joint=joint)
+    dataset = samples(tmp_path, trial=names, group=names, session=part, part=part, joint=joint)
     assert dataset.trial.tolist() == [1, 1, 0, 0, 2, 2]
     assert dataset.group_names == ["a", "b", "c"]
     assert dataset.part.tolist() == [0, 0, 1, 1, 2, 2]

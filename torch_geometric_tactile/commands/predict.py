@@ -83,6 +83,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="for models with a tare, also beside --adapt: measure only the first SECONDS of each "
         "recording, in which nothing is touched",
     )
+    parser.add_argument(
+        "--resample",
+        action="store_true",
+        help="for models of windows: resample recordings of another rate to that of the training",
+    )
     add_run_data(parser)
     add_reading_options(parser)
 
@@ -98,11 +103,11 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(
             "'--root' must be left out where recordings are given: it is for the test part"
         )
-    for name in ("adapt", "rest"):
+    for name in ("adapt", "rest", "resample"):
         if getattr(arguments, name) and not arguments.recordings:
             raise ValueError(
                 f"'--{name}' must be left out without recordings: the sessions of a test part are "
-                "always measured"
+                "always measured, and its frames are those of the data set"
             )
     options = reading_options(arguments)
     if options and not arguments.recordings:
@@ -136,6 +141,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.rest,
             options,
             pictures,
+            arguments.resample,
         )
     else:
         data = run_data.load_data(arguments.model, arguments.config, arguments.root)

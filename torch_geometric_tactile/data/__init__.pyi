@@ -1,6 +1,7 @@
 from . import splits
 from .annotation import Annotation
 from .apply_transform import apply_transform
+from .frame_info import FrameInfo, gaps_of, measure_rate, part_numbers
 from .frame_ring import FrameRing
 from .frames import join_frames, split_frames
 from .image_data import ImageData, StaticImages, image_of
@@ -18,6 +19,7 @@ __all__ = [
     "UNITS",
     "Annotation",
     "Fold",
+    "FrameInfo",
     "FrameRing",
     "ImageData",
     "LiveFrame",
@@ -31,8 +33,11 @@ __all__ = [
     "Trials",
     "Windows",
     "apply_transform",
+    "gaps_of",
     "image_of",
     "join_frames",
+    "measure_rate",
+    "part_numbers",
     "split_frames",
     "splits",
 ]

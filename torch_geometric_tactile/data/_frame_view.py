@@ -14,6 +14,7 @@ from torch_geometric_tactile.data._batches import joined
 from torch_geometric_tactile.data._trial_runs import TrialRuns
 from torch_geometric_tactile.data._window_data import WindowData
 from torch_geometric_tactile.data.apply_transform import apply_transform
+from torch_geometric_tactile.data.frame_info import FrameInfo
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
@@ -93,6 +94,11 @@ class FrameView(StaticDataset):
         if constant:
             runs.require_constant(self.target, value)
         return self.target
+
+    @property
+    def info(self) -> FrameInfo:
+        r"""How the frames that the samples are cut from were made."""
+        return self._info
 
     @property
     def data(self) -> StaticData:

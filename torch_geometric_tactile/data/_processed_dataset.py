@@ -23,6 +23,7 @@ from torch_geometric_tactile.data._processed_file import (
     read_processed,
     save_static,
 )
+from torch_geometric_tactile.data._trial_numbers import with_own_numbers
 from torch_geometric_tactile.data.apply_transform import apply_transform
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -98,7 +99,7 @@ class ProcessedDataset(Dataset):
         return self.root != "???"  # PyG's mark of a missing root
 
     def _build(self) -> tuple[StaticData, dict[str, list[str]]]:
-        data, names = self.__dict__.pop("_source", None) or self.read()
+        data, names = with_own_numbers(*(self.__dict__.pop("_source", None) or self.read()))
         if self.pre_filter is not None:
             kept = [i for i in range(data.num_samples) if self.pre_filter(data.sample(i))]
             need(kept, "'pre_filter' must keep at least one sample (kept none)")

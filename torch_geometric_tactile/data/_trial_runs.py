@@ -1,7 +1,7 @@
 r"""Where each trial of a data set begins and ends."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -44,6 +44,19 @@ class TrialRuns(NamedTuple):
         elif dataset._indices is not None:
             runs._check_rows(dataset._index())
         return runs
+
+    def cut(self, is_gap: Any) -> "TrialRuns":
+        r"""Returns the continuous parts of the trials, each as a trial of its own.
+
+        Shapes:
+            - **is_gap:** Whether something is missing between a frame and the next :math:`(S - 1,)`.
+        """
+        end = self.start + self.length
+        gaps = torch.as_tensor(is_gap).nonzero().view(-1) + 1
+        start = torch.cat([self.start, gaps]).sort().values
+        of = torch.searchsorted(self.start, start, right=True) - 1
+        end = torch.cat([start[1:], end[-1:]])
+        return TrialRuns(self.number[of], start, end - start, self.names)
 
     def name(self, i: int) -> str:
         r"""Returns a text that names a trial."""

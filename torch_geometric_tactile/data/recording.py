@@ -4,7 +4,7 @@ import json
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -17,7 +17,9 @@ from torch_geometric_tactile.data._recording_arrays import (
     checked_rows,
     checked_time,
 )
+from torch_geometric_tactile.data._resampled import resampled_values
 from torch_geometric_tactile.data.annotation import Annotation
+from torch_geometric_tactile.data.frame_info import RATE_TOLERANCE, FrameInfo, gaps_of, measure_rate
 
 if TYPE_CHECKING:  # a live robot has recordings without torch
     from torch_geometric_tactile.sensors import TaxelLayout
@@ -163,8 +165,38 @@ class Recording:
 
     @property
     def rate(self) -> float:
-        r"""Frames per second, from the median distance of frames; NaN with fewer than two."""
-        return 1 / float(np.median(np.diff(self.time))) if self.num_frames > 1 else math.nan
+        r"""Frames per second in the parts without gaps, see
+        :func:`~torch_geometric_tactile.data.measure_rate`; NaN with fewer than two frames.
+        """
+        return measure_rate(self.time).rate
+
+    @property
+    def gaps(self) -> np.ndarray:
+        r"""Start and end in seconds of each time without frames :math:`(G, 2)`: from the last frame
+        before it to the first after it, more than five arrivals apart.
+        """
+        last = gaps_of(self.time)
+        return np.stack([self.time[last], self.time[last + 1]], axis=1)
+
+    @property
+    def info(self) -> FrameInfo:
+        r"""How the frames were made: rate, largest gap, unit and names of columns.
+
+        Raises:
+            ValueError: If :obj:`meta["column_names"]` does not name each column once.
+        """
+        from torch_geometric_tactile.data._column_order import column_names
+
+        measured = measure_rate(self.time)
+        known = math.isfinite(measured.rate)
+        return FrameInfo(
+            rate=measured.rate if known else None,
+            # Of few frames that jitter, a rate is less certain.
+            tolerance=max(RATE_TOLERANCE, 0.5 / max(self.num_frames - 1, 1)),
+            max_gap=measured.max_gap if known else None,
+            unit=self.meta.get("unit"),
+            columns=column_names(self),
+        )
 
     @property
     def missing(self) -> np.ndarray:
@@ -202,6 +234,41 @@ class Recording:
             privileged={name: value[frames] for name, value in self.privileged.items()},
             extra={name: value[frames] for name, value in self.extra.items()},
             annotations=annotations_within(self.annotations, self.time[frames]),
+        )
+
+    def resample(self, rate: float) -> Self:
+        r"""Returns the recording at another rate. Parts between gaps are resampled each on its own,
+        from their first frame on.
+
+        To a lower rate, readings, angles and other floating-point values are averaged over each new
+        frame, which keeps what is faster from coming back as something slow; to a higher rate they
+        are joined by straight lines. Integers, truth values and texts are those of the nearest
+        frame. A reading is missing (NaN) where that of the nearest frame is.
+
+        Args:
+            rate (float): Frames per second.
+
+        Raises:
+            ValueError: If it is not positive, or would make more than 100 million frames.
+        """
+        time, signals = resampled_values(
+            self.time,
+            {
+                "tactile": self.tactile,
+                **({} if self.joint is None else {"joint": self.joint}),
+                **{f"privileged/{name}": value for name, value in self.privileged.items()},
+                **{f"extra/{name}": value for name, value in self.extra.items()},
+            },
+            rate,
+        )
+        return replace(
+            self,
+            time=time,
+            tactile=signals["tactile"],
+            joint=signals.get("joint"),
+            meta={**self.meta, "rate": rate},
+            privileged={name: signals[f"privileged/{name}"] for name in self.privileged},
+            extra={name: signals[f"extra/{name}"] for name in self.extra},
         )
 
     def check(self, layout: "TaxelLayout") -> None:

@@ -10,10 +10,12 @@ from torch import Tensor
 from torch_geometric.data import Data
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
+from torch_geometric_tactile.data._dataset_info import dataset_info
 from torch_geometric_tactile.data._from_arrays import FromArrays
 from torch_geometric_tactile.data._levels import flat_index
 from torch_geometric_tactile.data._processed_dataset import ProcessedDataset
 from torch_geometric_tactile.data.apply_transform import apply_transform, returned, unwritten
+from torch_geometric_tactile.data.frame_info import FrameInfo
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout
 
@@ -166,6 +168,20 @@ class StaticDataset(FromArrays, ProcessedDataset):
     def transforms(self) -> list[Transform | None]:
         r"""All transforms that run at every access, in their order."""
         return [self.transform]
+
+    @property
+    def info(self) -> FrameInfo:
+        r"""How the frames of this selection were made: the rate of their recordings, the largest
+        gap, and how they were thinned, as far as :obj:`time` and :obj:`trial` tell it.
+
+        Raises:
+            ValueError: If the recordings have several rates; the message names two of them.
+        """
+        return dataset_info(self, self._known_info())
+
+    def _known_info(self) -> FrameInfo:
+        # What is known beside the times of the frames.
+        return FrameInfo()
 
     def batch(self, index: Tensor | Sequence[int]) -> StaticData:
         r"""Returns some samples at once, after :obj:`transform`: what :obj:`dataset[i]` is for one.

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Transform
+from torch_geometric_tactile.data._dataset_info import joined_info
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._trial_runs import TrialRuns
 from torch_geometric_tactile.data.static_dataset import StaticDataset
@@ -74,6 +75,7 @@ class Trials(FrameView):
         super().__init__(dataset, target, series, transform, pre_transform)
 
     def _choose(self, runs: TrialRuns) -> dict[str, Any]:
+        self._info = joined_info(self.dataset)
         longest, shortest = int(runs.length.max()), int(runs.length.min())
         if self.ragged == "error" and longest != shortest:
             names = [runs.name(int(i)) for i in (runs.length.argmin(), runs.length.argmax())]

@@ -8,6 +8,7 @@ import torch
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Transform
+from torch_geometric_tactile.data._dataset_info import selected_frames
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._trial_runs import TrialRuns
 from torch_geometric_tactile.data.static_dataset import StaticDataset
@@ -18,7 +19,7 @@ _logger = logging.getLogger(__name__)
 
 class Windows(FrameView):
     r"""The windows of :obj:`length` consecutive frames of a data set, one every :obj:`hop` frames,
-    never across trials.
+    never across trials or gaps in time.
 
     It is a view: windows are cut from the frames when they are asked for, and a memory-mapped data
     set stays where it is. :obj:`x` of a window is :math:`(N, C \cdot T)`, each taxel with all
@@ -31,18 +32,23 @@ class Windows(FrameView):
 
     Args:
         dataset (StaticDataset): The frames, or a selection of them: consecutive ones of a trial in
-            the selection are consecutive in a window.
+            the selection are consecutive in a window, unless more than five of them in a row are
+            left out.
         length (int): Number of frames of a window :math:`T`.
         hop (int): Number of frames from the start of a window to that of the next.
         label (str): Which frame labels a window: its last one (:obj:`"last"`), any of the trial,
             all of which must have one label (:obj:`"trial"`), or the one :obj:`horizon` frames
             after the last (:obj:`"ahead"`). Windows for which that is beyond the end of the trial
-            are left out and counted in :obj:`num_beyond`.
+            or a gap are left out and counted in :obj:`num_beyond`.
         horizon (int): How far ahead the label is, in frames; at least 1 with :obj:`"ahead"`.
         target (str): Name of the attribute that is the label, such as :obj:`"annotation"` of a
             :class:`~torch_geometric_tactile.datasets.RecordingFrames` with that target.
         series (sequence of str): Names of attributes, such as :obj:`"joint"`, of which a window has
             all frames :math:`(B, T, \ldots)`.
+        max_gap (float, optional): The largest distance of two frames of a recording, in seconds,
+            within a window: longer ones end it, as the end of a trial does. If left out, five
+            frames at the rate of the recordings; infinite for data of events, whose frames come
+            when something happens.
         transform (callable, optional): Applied to windows at every access.
         pre_transform (callable, optional): Applied to all windows once, a few at a time. What it
             returns is held in memory.
@@ -51,7 +57,8 @@ class Windows(FrameView):
         TypeError: If :obj:`dataset` is of another kind.
         ValueError: If a number or a name is not one of these, frames belong to no trial, those of a
             trial do not follow each other, their :obj:`time` does not increase (or, without one,
-            they are a selection in another order), or all trials are shorter than a window.
+            they are a selection in another order), the recordings have several rates, the frames
+            are at no regular distances, or all trials are shorter than a window.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -72,6 +79,7 @@ class Windows(FrameView):
         horizon: int = 0,
         target: str = "y",
         series: Sequence[str] = (),
+        max_gap: float | None = None,
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
     ) -> None:
@@ -82,15 +90,25 @@ class Windows(FrameView):
         if (horizon < 1) if label == "ahead" else (horizon != 0):
             needed = "at least 1" if label == "ahead" else "0"
             raise ValueError(f"'horizon' must be {needed} with label='{label}' (got {horizon})")
+        need(max_gap is None or max_gap > 0, "'max_gap' must be positive, in seconds", max_gap)
         self.length = length
+        self.max_gap = max_gap
         self.hop = hop
         self.label = label
         self.horizon = horizon
         #: How many windows were left out, since their label is beyond the end of their trial.
         self.num_beyond = 0
+        #: How many gaps in time end a window, as the end of a trial does.
+        self.num_gaps = 0
         super().__init__(dataset, target, series, transform, pre_transform)
 
     def _choose(self, runs: TrialRuns) -> dict[str, Any]:
+        target = self._label(runs, constant=self.label == "trial")
+        selected = selected_frames(self.dataset, self.dataset.info, self.max_gap)
+        self._info, self.num_gaps = selected.info, int(selected.is_gap.sum())
+        if self.num_gaps:
+            _logger.info("%d gaps in time end windows", self.num_gaps)
+            runs = runs.cut(selected.is_gap)
         self._drop_short(runs, self.length)
         last = (runs.length - self.length).clamp(min=-1)  # the last start within each trial
         count = torch.div(last, self.hop, rounding_mode="floor") + 1
@@ -109,6 +127,6 @@ class Windows(FrameView):
         return {
             "starts": runs.start.repeat_interleave(kept) + self.hop * step,
             "length": self.length,
-            "target": self._label(runs, constant=self.label == "trial"),
+            "target": target,
             "horizon": self.horizon,
         }

@@ -12,7 +12,8 @@ from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data import Protocol, Recording
+from torch_geometric_tactile.data import FrameInfo, Protocol, Recording
+from torch_geometric_tactile.data._dataset_info import dataset_info, selected_at_rate
 from torch_geometric_tactile.datasets._raw_files import RawFiles, file_state
 from torch_geometric_tactile.datasets._recording_tables import RecordingTables, table_paths
 from torch_geometric_tactile.io._folder_tables import TABLES
@@ -31,7 +32,7 @@ class TrialFrames(RawFiles):
 
     pattern: str
     suffixes: Sequence[str] = SUFFIXES
-    _content = "content=5"  # to be raised when the processed file gets other columns
+    _content = "content=6"  # to be raised when the processed file gets other columns
     split: Any
     _indices: Any
     protocol: Protocol
@@ -44,6 +45,7 @@ class TrialFrames(RawFiles):
     sample_seed: int = 0
     tare: float | str | None
     transform: Any
+    _selected_info: FrameInfo | None = None
 
     @property
     def raw_dir(self) -> str:
@@ -127,12 +129,25 @@ class TrialFrames(RawFiles):
             first = (counts.cumsum(0) - counts).repeat_interleave(counts)
             kept &= (torch.arange(len(kept)) - first) % self.stride == 0
         if self.rate is not None:
-            kept &= frames_at_rate(self._data.time, self._data.trial, self.rate)
+            self._selected_info = dataset_info(self, self._known_info())
+            kept &= selected_at_rate(self._data.time, self._data.trial, self._selected_info)
         if self.phases is not None:
             kept &= self._in_phases(self.phases)
         if self._data.y.is_floating_point():  # what has no target cannot be learned from
             kept &= self._data.y.view(len(kept), -1).isfinite().all(dim=1)
         return kept
+
+    def _known_info(self) -> FrameInfo:
+        if self._selected_info is not None:  # of all trials, by which frames were selected
+            return self._selected_info.changed(stride=1)
+        (unit,) = self._names.get("unit") or (None,)
+        columns = {key: self._names.get(f"{key}_columns") for key in ("tactile", "joint")}
+        return FrameInfo(
+            selected_rate=self.rate,
+            unit=unit,
+            columns={key: names for key, names in columns.items() if names},
+            rest=float(self.tare) if isinstance(self.tare, int | float) else None,
+        )
 
     def _tare(self) -> None:
         # Rest readings are measured on all frames, and subtracted before any other transform.
@@ -215,35 +230,6 @@ class TrialFrames(RawFiles):
         r"""How many taxels have no reading, summed over the frames of this selection."""
         blocks = torch.as_tensor(self.indices()).split(_FRAMES_PER_BLOCK)
         return sum(int(self._data.x[block].isnan().any(dim=-1).sum()) for block in blocks)
-
-
-def frames_at_rate(time: Tensor, trial: Tensor, rate: float) -> Tensor:
-    r"""Tells which frames are the nearest ones in time to the ticks of a clock that starts with the
-    first frame of each trial.
-
-    Examples:
-        >>> time = torch.tensor([0.0, 0.02, 0.04, 0.06, 0.08, 0.1])
-        >>> frames_at_rate(time, torch.zeros(6, dtype=torch.long), 30.0).nonzero().view(-1)
-        tensor([0, 2, 3, 5])
-
-    Shapes:
-        - **time:** Time of each frame in seconds, not falling in a trial :math:`(S,)`.
-        - **trial:** Trial of each frame, those of one trial in a row :math:`(S,)`.
-        - **output:** booleans :math:`(S,)`
-    """
-    kept = torch.zeros(len(time), dtype=torch.bool)
-    for rows in _rows(trial):
-        ticking = time[rows].double().numpy()
-        # The last tick is that of the last frame, also where a number is a hair too small.
-        count = int((ticking[-1] - ticking[0]) * rate + 1e-6) + 1
-        ticks = ticking[0] + np.arange(count) / rate
-        after = np.searchsorted(ticking, ticks).clip(1, max(len(ticking) - 1, 1))
-        if len(ticking) > 1:
-            is_before = ticks - ticking[after - 1] <= ticking[after] - ticks
-            kept[rows.start + torch.from_numpy(after - is_before)] = True
-        else:
-            kept[rows] = True
-    return kept
 
 
 def drawn_frames(

@@ -256,6 +256,8 @@ class RecordingFrames(TrialFrames):
         names, labels = frame_labels(trials, self._labels, target)
         for trial in reversed(trials):
             names |= {f"{key}_columns": own for key, own in trial.columns.items()}
+        unit = trials[0].meta.get("unit", self.unit)
+        names["unit"] = [] if unit is None else [unit]
         data = StaticData(x=x, **labels)
         if self.adjacency is not None:
             data.edge_index = self.layout.edge_index(self.adjacency)

@@ -8,9 +8,9 @@ import torch
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
-from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data import FrameInfo, StaticData, measure_rate
 from torch_geometric_tactile.datasets._placed_files import PlacedFiles, frames_of_trials
-from torch_geometric_tactile.datasets._trial_frames import check_choice, frames_at_rate
+from torch_geometric_tactile.datasets._trial_frames import check_choice
 from torch_geometric_tactile.io import read_sparsh_skin
 from torch_geometric_tactile.sensors import allegro_uskin_368
 
@@ -133,6 +133,7 @@ class SparshSkin(PlacedFiles):
         self.layout = allegro_uskin_368()
         self.layout.edge_index(adjacency)  # an unknown one is an error before any file is read
         self.rate = rate
+        self._recorded_rate: float | None = None
         self.tare = tare
         self.adjacency = adjacency
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
@@ -176,14 +177,24 @@ class SparshSkin(PlacedFiles):
             **frames_of_trials([len(rows) for rows in stacked["time"]], y=group, group=group),
         )
         names = [f"{path.parent.name}/{path.name}" for path in episodes]
-        return data, {"class": objects, "group": objects, "trial": names}
+        known = {"class": objects, "group": objects, "trial": names}
+        if self._recorded_rate is not None:
+            known["recorded_rate"] = [repr(self._recorded_rate)]
+        return data, known
 
     def _kept(self, time: np.ndarray) -> np.ndarray:
         # Which frames of an episode are samples (T,).
         if self.rate is None:
             return np.ones(len(time), dtype=bool)
-        one = torch.zeros(len(time), dtype=torch.long)
-        return frames_at_rate(torch.from_numpy(time), one, self.rate).numpy()
+        self._recorded_rate = measure_rate(time).rate
+        info = FrameInfo(rate=self._recorded_rate, selected_rate=self.rate)
+        kept = np.zeros(len(time), dtype=bool)
+        kept[info.selected_frames(time, len(time))] = True
+        return kept
+
+    def _known_info(self) -> FrameInfo:
+        (rate,) = self._names.get("recorded_rate") or (None,)
+        return FrameInfo(rate=None if rate is None else float(rate), selected_rate=self.rate)
 
     def _rest(self, folder: Path) -> np.ndarray:
         # The mean of the hand at rest (368, 3).

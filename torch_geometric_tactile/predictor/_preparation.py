@@ -9,8 +9,15 @@ from torch import Tensor
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile._typing import Transform
-from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data import (
+    FrameInfo,
+    Recording,
+    StaticData,
+    StaticDataset,
+    apply_transform,
+)
 from torch_geometric_tactile.data._column_order import in_column_order
+from torch_geometric_tactile.data._dataset_info import joined_info
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.predictor._computed_once import access, apply_once, is_computed_once
@@ -45,7 +52,9 @@ class Preparation:
         window: WindowCut | None = None,
         frame_transform: Transform | None = None,
         read_options: Mapping[str, Any] | None = None,
+        info: FrameInfo | None = None,
     ) -> None:
+        self.info = FrameInfo() if info is None else info
         self.read_options = checked_options(read_options or {})
         self.layout = layout
         self.shared = _only_shared(shared)
@@ -116,7 +125,10 @@ class Preparation:
                 part for part in flat(dataset.pre_transform) if not is_computed_once(part, sample)
             ]
         last = Compose([*flat(dataset.transform), *flat(transform)])
-        return cls(dataset.layout, sample, _joined(steps), last, **known)
+        known["info"] = joined_info(dataset)
+        preparation = cls(dataset.layout, sample, _joined(steps), last, **known)
+        preparation.info = preparation.info.changed(rest=preparation.session.rest_seconds())
+        return preparation
 
     def data(
         self,
@@ -172,12 +184,32 @@ class Preparation:
             del data.num_frames
         return data
 
-    def ordered(self, recording: Recording) -> Recording:
-        r"""Returns a recording with its columns in the order of those of the training, if their
-        names are known.
+    @property
+    def needs_rate(self) -> bool:
+        r"""Whether the rate of a recording matters: for windows, and for whole trials that are not
+        resampled to one length.
+        """
+        return self.window is not None and not (self.window.is_trial and not self.causal)
+
+    def matched(self, recording: Recording, *, resample: bool = False) -> Recording:
+        r"""Returns a recording with frames as those of the training: its columns in their order, if
+        the names are known.
+
+        Args:
+            recording (Recording): The recording.
+            resample (bool): Whether to resample it, if it has another rate.
+
+        Raises:
+            ValueError: If it has other taxels, another unit or other names of columns, or another
+                rate where that matters.
         """
         recording.check(self.layout)
-        return in_column_order(recording, self.read_options)
+        info, known = recording.info, self.info
+        if resample and self.needs_rate and known.rate_differs(info.rate, info.tolerance):
+            recording = recording.resample(known.selected_rate or known.rate or 0.0)
+            info = recording.info
+        known.require(info, "a recording", with_rate=self.needs_rate)
+        return in_column_order(recording, {**known.columns, **self.read_options})
 
     def _num_frames(self, x: Tensor) -> int:
         # Of a window, by the number of its channels, which is known from training.
@@ -253,19 +285,22 @@ class Preparation:
             frames = apply_transform(part, frames)
         return frames
 
-    def windows(self, recording: Recording) -> tuple[StaticData, Tensor]:
-        r"""Returns the windows of a recording, cut as in training and before the transforms of
-        windows, and the last frame of each :math:`(W,)`.
+    def windows(self, recording: Recording, *, resample: bool = False) -> tuple[StaticData, Tensor]:
+        r"""Returns the windows of a recording, thinned and cut as in training and before the
+        transforms of windows, and the last frame of each :math:`(W,)`.
 
         Args:
             recording (Recording): The recording.
+            resample (bool): Whether to resample a recording of another rate, of which the frames
+                are then those of
+                :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`.
 
         Raises:
             ValueError: If the model takes single frames, or as of a call.
         """
         if self.window is None:
             raise ValueError("this predictor takes single frames, not windows: call 'recording'")
-        recording = self.ordered(recording)
+        recording = self.matched(recording, resample=resample)
         # A session is the same for all frames, and may be adapted to with these windows, unless it
         # is measured on the frames.
         unknown = self.session.number is None and not self.measures_frames
@@ -278,7 +313,24 @@ class Preparation:
         and the last frame of each :math:`(W,)`.
         """
         assert self.window is not None
-        return self.window.cut(self.prepared_frames(frames), self.layout)
+        frames, index, part = self.thinned(frames)
+        windows, last = self.window.cut(self.prepared_frames(frames), self.layout, part)
+        return windows, index[last]
+
+    def thinned(self, frames: StaticData) -> tuple[StaticData, Tensor, Tensor]:
+        r"""Returns those frames of one recording that training used of each, their indices, and the
+        number of the continuous part of each.
+
+        Shapes:
+            - **output:** indices and numbers :math:`(K,)`
+        """
+        count, value = frames.num_samples, frames.get("time")
+        time = None if value is None else value.cpu().double().numpy()
+        index = self.info.selected_frames(time, count)
+        part = torch.from_numpy(self.info.part_numbers(time, count)[index])
+        if len(index) == count:
+            return frames, torch.arange(count), part
+        return frames.index_select(torch.from_numpy(index)), torch.from_numpy(index), part
 
     def facts(self) -> dict[str, Any]:
         r"""Returns what live use must know of the readings, as JSON values."""
@@ -290,6 +342,8 @@ class Preparation:
             "num_channels": self.num_channels,
             "num_joints": (self.num_joints or None) if self.needs_joint else 0,
             "window": None if self.window is None else self.window.to_dict(),
+            "frames": self.info.to_dict(),
+            "needs_rate": self.needs_rate,
             "rest": {"transform": repr(parts[0])} if parts else None,
         }
 
@@ -318,6 +372,7 @@ def tared(preparation: Preparation) -> Preparation:
         preparation.num_joints,
         window=preparation.window,
         read_options=preparation.read_options,
+        info=preparation.info,
     )
 
 
@@ -341,6 +396,7 @@ def with_shared(preparation: Preparation, **shared: Tensor) -> Preparation:
         window=preparation.window,
         frame_transform=preparation.frame_transform,
         read_options=preparation.read_options,
+        info=preparation.info,
     )
 
 

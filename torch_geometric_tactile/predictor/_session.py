@@ -1,6 +1,7 @@
 r"""What is measured of a recording session before its readings are predicted."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -14,6 +15,20 @@ from torch_geometric_tactile.transforms import FittedTransform, Tare, fit_parts,
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.predictor._preparation import Preparation
+
+
+@contextmanager
+def _all_at_rest(parts: Sequence[FittedTransform]) -> Iterator[None]:
+    # A tare measures all samples that it is given, not as many as in training.
+    tares = [part for part in parts if isinstance(part, Tare)]
+    limits = [(part.first, part.seconds) for part in tares]
+    for part in tares:
+        part.first = part.seconds = None
+    try:
+        yield
+    finally:
+        for part, (first, seconds) in zip(tares, limits, strict=True):
+            part.first, part.seconds = first, seconds
 
 
 def keyed(parts: Sequence[Any]) -> list[FittedTransform]:
@@ -82,20 +97,51 @@ class Session:
             data.time = torch.as_tensor(time, dtype=torch.double)
         return self._measure(data)
 
-    def adapt_recording(self, recording: Recording) -> int:
-        r"""Measures a new recording session by a recording, whatever the model takes.
+    def adapt_recording(
+        self, recording: Recording, *, rest: float | None = None, resample: bool = False
+    ) -> int:
+        r"""Measures a new recording session by a recording, whatever the model takes. Its frames
+        are thinned as those of the training.
 
         Args:
             recording (Recording): The recording, or its first seconds.
+            rest (float, optional): How many seconds it begins with at rest; a
+                :class:`~torch_geometric_tactile.transforms.Tare` measures all of their frames, in
+                place of as many as in training.
+            resample (bool): Whether to resample a recording of another rate.
 
         Raises:
             ValueError: If no transform measures sessions, or as for a call.
         """
         preparation = self._preparation
+        if rest is not None:
+            recording = recording.select(
+                slice(int((recording.time < recording.time[:1] + rest).sum()))
+            )
+            with _all_at_rest(self.parts):
+                return self.adapt_recording(recording, resample=resample)
         if preparation.window is None or preparation.measures_frames:
-            recording.check(preparation.layout)
+            recording = preparation.matched(recording, resample=resample)
             return self.adapt(recording.tactile, recording.joint, recording.time)
-        return self.adapt_windows(preparation.windows(recording)[0])
+        return self.adapt_windows(preparation.windows(recording, resample=resample)[0])
+
+    def rest_seconds(self) -> float | None:
+        r"""Returns how long the recordings of the training were at rest, as far as a tare or their
+        data set tells it; half a frame more than to the last frame at rest.
+        """
+        info, window = self._preparation.info, self._preparation.window
+        rate = info.frame_rate
+        for part in self.parts:
+            if not isinstance(part, Tare):
+                continue
+            if part.seconds is not None:
+                return float(part.seconds)
+            if part.first is not None and rate is not None:
+                last = part.first - 1
+                if window is not None and not self._preparation.measures_frames:
+                    last = last * window.hop + window.length - 1
+                return (last + 0.5) / rate
+        return info.rest
 
     def adapt_windows(self, windows: StaticData) -> int:
         r"""Measures a new recording session by some windows: that of what
@@ -119,6 +165,8 @@ class Session:
         known = [int(part.key_values.max()) for part in self.parts if part.key_values is not None]
         number, preparation = 1 + max(known, default=-1), self._preparation
         self.mark(data, number)
+        if preparation.window is None or preparation.measures_frames:
+            data = preparation.thinned(data)[0]
         if preparation.measures_frames:
             fit_parts(Compose(preparation.frame_parts), data, adapt=True)
             if keyed(preparation.last_parts):

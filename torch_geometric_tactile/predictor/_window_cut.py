@@ -1,6 +1,7 @@
 r"""Cutting the frames of a recording as those of a data set were cut."""
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Self
@@ -71,9 +72,14 @@ class WindowCut:
         r"""Whether a recording as a whole is one sample."""
         return self.hop == 0
 
-    def cut(self, frames: StaticData, layout: TaxelLayout) -> tuple[StaticData, Tensor]:
+    def cut(
+        self, frames: StaticData, layout: TaxelLayout, part: Tensor
+    ) -> tuple[StaticData, Tensor]:
         r"""Returns the windows of the frames of one recording, and the last frame of each
-        :math:`(W,)`.
+        :math:`(W,)`. Whole recordings are not cut at gaps.
+
+        Shapes:
+            - **part:** The number of the continuous part of each frame, increasing :math:`(T,)`.
         """
         count = frames.num_samples
         need(count != 0, "there must be at least one frame to predict (got none)")
@@ -82,18 +88,24 @@ class WindowCut:
                 f"a recording must have {self.length} frames, as the trials that the model was "
                 f"trained on (got {count})"
             )
-        if self.ragged != "pad" and count < self.length:
+        lengths = part.unique_consecutive(return_counts=True)[1]
+        longest = count if self.is_trial else int(lengths.max())
+        if self.ragged != "pad" and longest < self.length:
+            parts = f" between {len(lengths) - 1} gaps" if longest < count else ""
             raise ValueError(
                 f"a recording must have at least {self.length} frames, the length of a window "
-                f"(got {count})"
+                f"(got {longest}{parts})"
             )
-        frames = frames.index_select(slice(None))
-        frames.trial = torch.zeros(count, dtype=torch.long)
-        frames.step = torch.arange(count)
+        kept = torch.arange(count)
+        if not self.is_trial and int(lengths.min()) < self.length:
+            kept = kept[(lengths >= self.length).repeat_interleave(lengths)]
+        frames = frames.index_select(slice(None) if len(kept) == count else kept)
+        frames.trial = torch.zeros(len(kept), dtype=torch.long) if self.is_trial else part[kept]
+        frames.step = kept
         source = StaticDataset._of((frames, {}), layout, None, None, None)
         view: Windows | Trials
         if not self.is_trial:
-            view = Windows(source, self.length, self.hop)
+            view = Windows(source, self.length, self.hop, max_gap=math.inf)
         elif self.ragged == "error":
             view = Trials(source)
         else:

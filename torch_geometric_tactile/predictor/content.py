@@ -14,7 +14,7 @@ from torch_geometric_tactile import __version__
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._removed import ENCODER_KEY, LAST_READER
 from torch_geometric_tactile._typing import PathLike, Transform
-from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data import FrameInfo, StaticData, StaticDataset
 from torch_geometric_tactile.data._torch_file import read_torch_file
 from torch_geometric_tactile.predictor._network import TASKS, Network
 from torch_geometric_tactile.predictor._plain_data import Builder, Describer, load_weights
@@ -57,6 +57,7 @@ def describe_predictor(
         "model": describer.model(network.model),
     }
     header["read_options"] = preparation.read_options
+    header["frames"] = preparation.info.to_dict()
     header["window"] = None if preparation.window is None else preparation.window.to_dict()
     for key in _TRANSFORMS:
         transform = getattr(preparation, key)
@@ -193,6 +194,7 @@ def build_predictor(
         window=None if window is None else WindowCut.from_dict(window),
         frame_transform=parts[0],
         read_options=header.get("read_options"),  # older files have none
+        info=_frame_info(header),
     )
     for part in preparation.fitted:
         fitted = part.center if part.attr == "joint" and num_joints else None
@@ -208,6 +210,17 @@ def build_predictor(
     score = header.get("score")  # most have none
     score = None if score is None else MeasuredScore.from_dict(score)
     return preparation, Network(built, names, header["task"], threshold, score)
+
+
+def _frame_info(header: Mapping[str, Any]) -> FrameInfo | None:
+    if "frames" in header:
+        return FrameInfo.from_dict(header["frames"])
+    _logger.warning(
+        "a predictor of version %s does not say how its frames were made: the unit, rate and "
+        "thinning of recordings are not compared with those of its training",
+        header.get("package"),
+    )
+    return None
 
 
 def save(preparation: Preparation, network: Network, path: PathLike) -> None:

@@ -12,7 +12,7 @@ from torch.nn import Module
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Transform
-from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
+from torch_geometric_tactile.data import FrameInfo, Recording, StaticData, StaticDataset
 from torch_geometric_tactile.predictor import content
 from torch_geometric_tactile.predictor._hub import predictor_file, push_predictor
 from torch_geometric_tactile.predictor._network import Network, Task
@@ -87,6 +87,9 @@ class Predictor:
         num_joints (int, optional): Number of joint angles of a frame; likewise.
         threshold (float, optional): Of two classes, the probability of class 1 above which
             :meth:`labels` tells it; one half if left out.
+        info (FrameInfo, optional): How the frames of the training were made: unit, order of
+            columns, rate and thinning, with which those of recordings are compared. A predictor of
+            a data set has that of the data set.
 
     A model that was trained on :class:`~torch_geometric_tactile.data.Windows` or
     :class:`~torch_geometric_tactile.data.Trials` takes windows of raw frames, as these cut them; of
@@ -128,10 +131,11 @@ class Predictor:
         num_channels: int | None = None,
         num_joints: int | None = None,
         threshold: float | None = None,
+        info: FrameInfo | None = None,
     ) -> None:
         shared = shared_by_frames(layout, adjacency)
         preparation = Preparation(
-            layout, shared, pre_transform, transform, num_channels, num_joints
+            layout, shared, pre_transform, transform, num_channels, num_joints, info=info
         )
         self._join(preparation, Network(copy.deepcopy(model), class_names, task, threshold))
 
@@ -342,6 +346,13 @@ class Predictor:
         return self.preparation.window
 
     @property
+    def info(self) -> FrameInfo:
+        r"""How the frames of the training were made; recordings and live frames of another unit, or
+        of another rate where that matters, are refused.
+        """
+        return self.preparation.info
+
+    @property
     def causal(self) -> bool:
         r"""Whether an answer could be given with the last frame of its window: whether no transform
         looks at frames to come. One that needs the whole window first, such as
@@ -408,23 +419,27 @@ class Predictor:
         """
         return self._of(tared(self.preparation), copy.deepcopy(self.network))
 
-    def recording(self, recording: Recording, batch_size: int = 256) -> Tensor:
+    def recording(
+        self, recording: Recording, batch_size: int = 256, *, resample: bool = False
+    ) -> Tensor:
         r"""Returns the probabilities of all frames of a recording :math:`(T, C)`, or of a model of
-        windows those of its windows :math:`(W, C)`, cut as in training.
+        windows those of its windows :math:`(W, C)`, thinned and cut as in training.
 
         Args:
-            recording (Recording): The recording, in the unit and at the rest (tare) of those that
-                the model was trained on.
+            recording (Recording): The recording, at the rest (tare) of those that the model was
+                trained on.
             batch_size (int): Number of frames or windows that are computed at a time.
+            resample (bool): Whether to resample a recording of another rate, where windows need
+                that of the training.
 
         Raises:
-            ValueError: If it has other taxels, channels, joints or names of columns, or too few
-                frames for a window.
+            ValueError: If it has other taxels, channels, joints or names of columns, another unit
+                or rate, or too few frames for a window.
         """
         if self.window is not None:
-            return self.of_windows(self.windows(recording)[0], batch_size)
+            return self.of_windows(self.windows(recording, resample=resample)[0], batch_size)
         _check_size(batch_size)
-        recording = self.preparation.ordered(recording)
+        recording = self.preparation.matched(recording)
         starts = range(0, max(recording.num_frames, 1), batch_size)
         chunks = [recording.select(slice(start, start + batch_size)) for start in starts]
         return torch.cat([self(chunk.tactile, chunk.joint) for chunk in chunks])

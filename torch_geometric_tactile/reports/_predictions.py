@@ -2,7 +2,6 @@ r"""Predictions as a table."""
 
 import csv
 import itertools
-import math
 import os
 import re
 from collections import Counter
@@ -37,10 +36,11 @@ def write_recordings(
     rest: float | None = None,
     options: Mapping[str, Any] | None = None,
     pictures: PredictionPictures | None = None,
+    resample: bool = False,
 ) -> Counter[str]:
     r"""Writes a row for each frame of some recordings: file, frame, time, prediction and
     probabilities. With a model of windows, a row for each window, with its last frame. What
-    pictures show is added to them.
+    pictures show is added to them. A recording of another rate is resampled if asked for.
     """
 
     def rows() -> _Rows:
@@ -48,18 +48,19 @@ def write_recordings(
         for path in paths:
             recording = _read(predictor, path, options or {})
             try:
-                recording = predictor.preparation.ordered(in_column_order(recording, columns))
+                recording = predictor.preparation.matched(
+                    in_column_order(recording, columns), resample=resample
+                )
                 columns = {**column_names(recording), **columns}
                 frames: Sequence[int] = range(recording.num_frames)
                 if adapt:
-                    seconds = math.inf if rest is None else rest
-                    first = (recording.time < recording.time[:1] + seconds).sum()
-                    predictor.adapt_recording(recording.select(slice(int(first))))
+                    predictor.adapt_recording(recording, rest=rest)
                 if predictor.window is not None:
                     frames = predictor.windows(recording)[1].tolist()
                 probability = predictor.recording(recording, _BATCH_SIZE)
             except ValueError as error:
-                raise ValueError(f"'{path}': {error}{_hint(str(error), path)}") from error
+                hint = _hint(str(error), path, predictor.info.rest)
+                raise ValueError(f"'{path}': {error}{hint}") from error
             if pictures is not None:
                 pictures.add(predictor, path, recording, probability, frames)
             for i, row in zip(frames, probability, strict=True):
@@ -78,9 +79,10 @@ def _read(predictor: Predictor, path: PathLike, given: Mapping[str, Any]) -> Rec
         raise ValueError(f"{error}{_hint(str(error), path)}") from error
 
 
-def _hint(error: str, path: PathLike) -> str:
+def _hint(error: str, path: PathLike, rest: float | None = None) -> str:
     if "call 'adapt'" in error:
-        return "; 'tactile predict --rest SECONDS' and '--adapt' do so"
+        seconds = "SECONDS" if rest is None else f"{rest:.3g}"
+        return f"; 'tactile predict --rest {seconds}' and '--adapt' do so"
     if Path(path).suffix.lower() == ".csv" and re.search(r"must have (the col|\d+ taxels)", error):
         return (
             "; say which columns of this file are those of the training by '--tactile', '--joint', "
