@@ -104,6 +104,17 @@ def test_short_pause_is_seen_after_a_few_frames():
     assert times[-1] == pytest.approx(start + 0.39)
 
 
+def test_sender_that_makes_up_for_a_delay_is_no_outage():
+    clock = FrameClock()
+    last = fed(clock, 300)
+    late, arrival, times = 0.2, last + 0.21, []
+    for number in range(300, 350):  # 20 ms of the 200 ms are made up for in 27 ms each
+        times += clock.times([number], arrival, waited=0.008)
+        late = max(0.0, late - 0.0045)
+        arrival = last + (number - 298) / 100 + late
+    assert np.diff([last, *times]) == pytest.approx(0.01, rel=0.06)
+
+
 def test_pause_among_the_first_frames_is_seen():
     clock = FrameClock()
     last = fed(clock, 5)

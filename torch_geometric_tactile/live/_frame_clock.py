@@ -59,7 +59,7 @@ class FrameClock:
         self._line: _Point | None = None
         self._period: float | None = None
         self._is_fitted = False
-        self._late_since: float | None = None
+        self._late_since: tuple[float, float] | None = None  # arrival, and how late it was
 
     @property
     def rate(self) -> float | None:
@@ -152,9 +152,10 @@ class FrameClock:
             return False
         if late > _CATCH_UP and waited > gap:
             return True
-        if self._late_since is None:
-            self._late_since = arrival
-        return arrival - self._late_since > gap
+        before = self._late_since
+        if before is None or late < before[1] - self._period / 2:  # it catches up
+            self._late_since = before = (arrival, late)
+        return arrival - before[0] > gap
 
     def _is_rough_outage(self, number: int, arrival: float) -> bool:
         # The same before the period is known.

@@ -261,10 +261,9 @@ class Stream:
                 subscription.end(error)
 
     def _read_all(self) -> None:
-        last = time.perf_counter()
+        last, began = time.perf_counter(), time.perf_counter_ns()
         back_off = _BACK_OFF[0]
         while not self._stop.is_set():
-            began = time.perf_counter_ns()
             try:
                 frames = self.source.read(_READ)
             except SourceEnded:
@@ -279,6 +278,7 @@ class Stream:
                 self._deliver(frames, began)
                 self._state = "open"
                 last, back_off = time.perf_counter(), _BACK_OFF[0]
+                began = time.perf_counter_ns()  # from here on it waits
             elif time.perf_counter() - last > self.silent_after and self._state != "silent":
                 if not self._meter.frames:
                     _log.warning("no frame yet: %s", self.source.why_no_frame())
@@ -358,12 +358,10 @@ class Stream:
             if self._has_exact_times(arrived):
                 times += [self._exact_time(frame) for frame in arrived]
                 continue
-            times += self._numbers.times(
-                [frame.sequence for frame in arrived],
-                received * 1e-9,
-                waited=(received - began) * 1e-9,
-                since=since,
-            )
+            # A source that received it before it was asked does not depend on the reader.
+            waited = (received - began) * 1e-9 if received >= began else math.inf
+            numbers = [frame.sequence for frame in arrived]
+            times += self._numbers.times(numbers, received * 1e-9, waited=waited, since=since)
         return times
 
     def _has_exact_times(self, frames: list[LiveFrame]) -> bool:
