@@ -100,7 +100,8 @@ def test_gap_overlaps_an_annotation_and_does_not_end_it(path):
         assert recorder.annotation == "slip"
         time.sleep(0.02)
         recorder.annotate("slip")
-        source.send(frame(101), frame(102))
+        time.sleep(0.1)
+        source.send(frame(112), frame(113))
         wait_until(lambda: recorder.frames == 103)
     recording = read_recording(path)
     gap, slip = sorted(recording.annotations, key=lambda a: a.label)
