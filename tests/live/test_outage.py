@@ -104,7 +104,7 @@ def test_gap_overlaps_an_annotation_and_does_not_end_it(path):
         source.send(frame(112), frame(113))
         wait_until(lambda: recorder.frames == 103)
     recording = read_recording(path)
-    gap, slip = sorted(recording.annotations, key=lambda a: a.label)
+    gap, *_, slip = sorted(recording.annotations, key=lambda a: a.label)
     assert (gap.label, slip.label) == ("gap", "slip")
     assert gap.start == pytest.approx(recording.time[99])
     assert gap.start < slip.start < gap.end == pytest.approx(recording.time[100])
