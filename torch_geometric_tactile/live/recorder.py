@@ -17,7 +17,8 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._annotations import GAP, checked_annotation
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.data.recording import Recording
-from torch_geometric_tactile.io._mcap_schemas import SPAN_END, SPAN_START, TOPICS, encode
+from torch_geometric_tactile.io._mcap_schemas import SPAN_END, SPAN_START
+from torch_geometric_tactile.live._recorder_parts import load_recorder
 from torch_geometric_tactile.live.subscription import StreamEnded
 
 if TYPE_CHECKING:
@@ -32,8 +33,6 @@ _WAIT = 0.1
 _POINTS_SECONDS = 0.1
 _HEALTH_SECONDS = 1.0
 _SHORTEST_OUTAGE = 0.05  # seconds
-#: How long after the end of its seconds a recording waits for frames that are on the way.
-LATE_SECONDS = 0.5
 
 
 class Recorder:
@@ -385,22 +384,6 @@ def _write_prediction(file: "McapWriter", judgement: Any) -> None:
 def _write_gap(file: "McapWriter", start: float, end: float) -> None:
     file.write_event(start, SPAN_START, GAP)
     file.write_event(end, SPAN_END, GAP)
-
-
-def load_recorder(layout: "TaxelLayout | PathLike | None") -> "PosedPoints | None":
-    r"""Loads all that a recorder needs, and returns the taxels of its layout in space. No frame of
-    a stream then waits for a library."""
-    from torch_geometric_tactile.io import recording_mcap  # noqa: F401 - as the libraries
-    from torch_geometric_tactile.io._mcap_output import require_mcap
-
-    require_mcap()
-    for topic in TOPICS:  # the first message of each topic takes long
-        encode(topic, {})
-    if layout is None:
-        return None
-    from torch_geometric_tactile.live._posed_points import PosedPoints
-
-    return PosedPoints(layout)
 
 
 def _meta(stream: "Stream") -> dict[str, Any]:
