@@ -30,7 +30,7 @@ def assert_as_predicted(name, judged, recording, adapt):
     predictor = copy.deepcopy(made.predictor(name))
     frames = range(recording.num_frames)
     if adapt:
-        predictor.adapt_recording(made.recording_at_rest())
+        predictor.adapt_recording(made.recording_at_rest(), rest=np.inf)
     if predictor.window is not None:
         frames = predictor.windows(recording)[1].tolist()
     probability = predictor.recording(recording)

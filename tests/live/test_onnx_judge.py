@@ -3,16 +3,14 @@ import pytest
 
 from torch_geometric_tactile.live.onnx_judge import _session_statistics
 
-RULE = {"first": None, "seconds": None, "per": "taxel", "has_scale": True}
+RULE = {"per": "taxel", "has_scale": True}
 NAN = float("nan")
 
 
 def statistics(samples, num_frames=1, **rule):
     samples = np.array(samples, dtype=np.float32)
-    time = 5 + np.arange(len(samples))
     return [
-        out.round(6).tolist()
-        for out in _session_statistics(samples, time, {**RULE, **rule}, num_frames)
+        out.round(6).tolist() for out in _session_statistics(samples, {**RULE, **rule}, num_frames)
     ]
 
 
@@ -27,9 +25,6 @@ FRAMES = [[[0, 1], [NAN, 5]], [[2, 1], [4, 5]], [[4, 1], [NAN, 8]]]
         ({"has_scale": False}, [[2, 1], [4, 6]], [[1, 1], [1, 1]]),
         ({"per": "channel"}, [[2.5, 3.5]], [[1.658312, 2.692582]]),
         ({"per": "signal"}, [[2, 1], [4, 6]], [[1.632993, 1], [1, 1.414214]]),
-        ({"first": 2}, [[1, 1], [4, 5]], [[1, 1], [1, 1]]),
-        ({"seconds": 2.0}, [[1, 1], [4, 5]], [[1, 1], [1, 1]]),
-        ({"seconds": 2.5, "first": 1}, [[0, 1], [NAN, 5]], [[1, 1], [1, 1]]),
     ],
 )
 def test_statistics_of_a_session_by_hand(rule, center, scale):

@@ -1,7 +1,8 @@
 from . import splits
 from .annotation import Annotation
 from .apply_transform import apply_transform
-from .frame_info import FrameInfo, gaps_of, measure_rate, part_numbers
+from .frame_info import FrameInfo
+from .frame_rate import Rate, measure_rate
 from .frame_ring import FrameRing
 from .frames import join_frames, split_frames
 from .image_data import ImageData, StaticImages, image_of
@@ -24,6 +25,7 @@ __all__ = [
     "ImageData",
     "LiveFrame",
     "Protocol",
+    "Rate",
     "Recording",
     "Split",
     "StaticData",
@@ -33,11 +35,9 @@ __all__ = [
     "Trials",
     "Windows",
     "apply_transform",
-    "gaps_of",
     "image_of",
     "join_frames",
     "measure_rate",
-    "part_numbers",
     "split_frames",
     "splits",
 ]

@@ -41,27 +41,42 @@ def in_column_order(recording: Recording, columns: Mapping[str, Sequence[str]]) 
         >>> in_column_order(recording, {"tactile": ["index", "thumb"]}).tactile.tolist()
         [[[2.0], [1.0]]]
     """
-    own, changed = column_names(recording), {}
-    for key in own.keys() & columns.keys():
-        names, wanted = own[key], list(columns[key])
-        if names == wanted:
+    own = column_names(recording)
+    changed = {}
+    for key, order in column_places(own, columns).items():
+        array = getattr(recording, key)
+        changed[key] = array.reshape(len(array), -1)[:, order].reshape(array.shape)
+        own[key] = list(columns[key])
+    if not changed:
+        return recording
+    meta: dict[str, Any] = {**recording.meta, "column_names": own}
+    return replace(recording, **changed, meta=meta)
+
+
+def column_places(
+    names: Mapping[str, Sequence[str]], wanted: Mapping[str, Sequence[str]]
+) -> dict[str, list[int]]:
+    r"""Returns where the columns of :obj:`"tactile"` and :obj:`"joint"` are that are wanted, for
+    those that come in another order.
+
+    Examples:
+        >>> column_places({"joint": ["a", "b"]}, {"joint": ["b", "a"]})
+        {'joint': [1, 0]}
+    """
+    places = {}
+    for key in names.keys() & wanted.keys():
+        if list(names[key]) == list(wanted[key]):
             continue
-        place = {name: i for i, name in enumerate(names)}
-        lacks = [name for name in wanted if name not in place]
-        more = [*place.keys() - {*wanted}]
+        place = {name: i for i, name in enumerate(names[key])}
+        lacks = [name for name in wanted[key] if name not in place]
+        more = [*place.keys() - {*wanted[key]}]
         if lacks or more:
             raise ValueError(
                 f"its columns of '{key}' must have the names of the others, in any order (got "
                 f"{_listed(sorted(more))} in place of {_listed(lacks)})"
             )
-        order = [place[name] for name in wanted]
-        array = getattr(recording, key)
-        changed[key] = array.reshape(len(array), -1)[:, order].reshape(array.shape)
-        own[key] = wanted
-    if not changed:
-        return recording
-    meta: dict[str, Any] = {**recording.meta, "column_names": own}
-    return replace(recording, **changed, meta=meta)
+        places[key] = [place[name] for name in wanted[key]]
+    return places
 
 
 def _listed(names: Sequence[str]) -> str:

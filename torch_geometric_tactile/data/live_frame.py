@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from torch_geometric_tactile.data.frame_info import FrameInfo
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LiveFrame:
@@ -24,6 +26,9 @@ class LiveFrame:
         joint (numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
         extra (Mapping of str to numpy.ndarray): Further signals, such as the temperature of each
             taxel.
+        info (FrameInfo, optional): How the frames of the source are made, the same object for all
+            of them: unit and names of columns, and of a replayed recording its rate, in which case
+            :obj:`device_time` is the time of the recording.
 
     Examples:
         >>> frame = LiveFrame(7, 0.07, 70_000_000, None, np.ones((4, 3), np.float32))
@@ -38,3 +43,4 @@ class LiveFrame:
     tactile: np.ndarray
     joint: np.ndarray | None = None
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+    info: FrameInfo | None = None

@@ -3,7 +3,7 @@ r"""From live frames to labels."""
 import copy
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter_ns
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live._frame_gate import FrameGate, frame_info
 from torch_geometric_tactile.live.onnx_judge import OnnxModel
 from torch_geometric_tactile.live.rest import Rest
 from torch_geometric_tactile.live.subscription import Subscription
@@ -73,8 +74,15 @@ class Judgement:
 class Judge:
     r"""Runs a model on live frames.
 
-    A model of windows has an answer from the first full window on, and then one for each frame; a
-    recurrent one goes from frame to frame. After a loss of frames it starts with an empty window.
+    A model of windows has an answer from the first full window on, and then one for each frame that
+    it takes; a recurrent one goes from frame to frame. Frames are thinned as in training. After a
+    gap in time, five frames long unless the training had another limit, it starts with an empty
+    window; the numbers of frames tell a loss where times of the training are not known.
+
+    Frames that carry their unit and the names of their columns (:attr:`LiveFrame.info
+    <torch_geometric_tactile.data.LiveFrame>`) are compared with those of the training: columns are
+    put in order, and another unit is an error. The rate is measured over each second; another one
+    than that of the training is logged, and told by :attr:`note`.
 
     A model whose readings are measured session by session
     (:class:`~torch_geometric_tactile.transforms.Tare`) needs a rest. Frames then go to the
@@ -85,7 +93,8 @@ class Judge:
             ``tactile export`` wrote. The latter needs neither PyTorch nor Lightning.
         rest (Rest or numpy.ndarray, optional): Where the rest is collected, or readings at rest
             :math:`(N, C)`.
-        max_lost (int): How many frames in a row may be lost within a window.
+        max_lost (int, optional): How many frames in a row may be lost within a window, by their
+            numbers. If left out, times decide, or none may where the training had no times.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -110,19 +119,20 @@ class Judge:
         model: "Predictor | PathLike",
         rest: Rest | np.ndarray | None = None,
         *,
-        max_lost: int = 0,
+        max_lost: int | None = None,
     ) -> None:
         is_path = isinstance(model, str | os.PathLike)
         is_onnx = is_path and os.fspath(model).endswith(".onnx")  # type: ignore[arg-type]
         self._model: Any = OnnxModel(model) if is_onnx else _PredictorModel(model)  # type: ignore[arg-type]
         self.info: Mapping[str, Any] = self._model.info
-        self.max_lost = max_lost
+        self.frame_info = frame_info(self.info)
+        with_rate = bool(self.info.get("needs_rate", self._model.length > 1))
+        self._gate = FrameGate(self.frame_info, with_rate, max_lost)
         self.rest = rest if isinstance(rest, Rest) else None
         self._rest_number = -1
-        self._last: int | None = None
         self._class_names = tuple(self.info["class_names"])
         if self.rest is not None:
-            self.rest.need(self._model.length)
+            self.rest.need(self._model.length * self.frame_info.stride)
         elif rest is not None:
             self._model.set_rest(np.asarray(rest))
         if self.needs_rest and self.rest is None:
@@ -141,21 +151,51 @@ class Judge:
         r"""Whether a rest is still to be collected."""
         return bool(self._model.needs_rest)
 
+    @property
+    def max_lost(self) -> int | None:
+        r"""How many frames in a row may be lost within a window; times decide if it is None."""
+        return self._gate.max_lost
+
+    @max_lost.setter
+    def max_lost(self, value: int | None) -> None:
+        self._gate.max_lost = value
+
+    @property
+    def note(self) -> str:
+        r"""What is wrong with the rate of the stream, such as :obj:`"wrong rate: 50 in place of 100
+        Hz"`; empty if nothing is, or it was not measured yet.
+        """
+        return self._gate.note
+
+    @property
+    def rate(self) -> float | None:
+        r"""Frames per second of the stream over the last second, by the numbers of the frames;
+        :obj:`None` before.
+        """
+        return self._gate.rate
+
     def reset(self) -> None:
         r"""Forgets the frames before, as at the start of another trial."""
-        self._last = None
+        self._gate.reset()
         self._model.reset()
 
     def __call__(self, frame: LiveFrame, *, wanted: bool = True) -> Judgement | None:
         r"""Returns the judgement of a frame, or :obj:`None` as long as the window is not full or
-        the rest is not there.
+        the rest is not there, and for frames that are left out as in training.
         """
         start = perf_counter_ns()
         self._check(frame)
-        if not self._is_measured(frame):
+        tactile, joint = self._gate.ordered(frame)
+        is_seen = True
+        if self.length > 1:  # single frames are all judged
+            is_seen, is_break = self._gate.admit(frame)
+            if is_break:
+                self._model.reset()
+        if tactile is not frame.tactile or joint is not frame.joint:
+            frame = replace(frame, tactile=tactile, joint=joint)
+        if not self._is_measured(frame) or not is_seen:
             return None
-        self._follow_sequence(frame.sequence)
-        probability = self._model.add(frame.tactile, frame.joint, wanted)
+        probability = self._model.add(tactile, joint, wanted)
         if probability is None:
             return None
         finished = perf_counter_ns()
@@ -232,15 +272,9 @@ class Judge:
         if rest.number != self._rest_number and frames is not None:
             self._model.measure(frames.tactile, frames.time, frames.joint)
             self._rest_number = rest.number
-            self.reset()
+            self._model.reset()
             # The last frame of the rest is the first that is judged with it.
         return True
-
-    def _follow_sequence(self, sequence: int) -> None:
-        last, self._last = self._last, sequence
-        if self.length == 1 or last is None or 0 < sequence - last <= 1 + self.max_lost:
-            return
-        self._model.reset()
 
     def _names(self, count: int) -> tuple[str, ...]:
         if len(self._class_names) != count:
@@ -295,9 +329,10 @@ class _PredictorModel:
 
         if self.info["rest"] is None:
             return
-        self._predictor.adapt_recording(Recording(time=time, tactile=frames, joint=joint))
+        session = self._predictor.preparation.session
+        session.measure_rest(Recording(time=time, tactile=frames, joint=joint))
         missing = np.isnan(frames).all(axis=0)
-        for part in self._predictor.preparation.session.parts:
+        for part in session.parts:
             if part.center[-1].shape == missing.shape:
                 part.center[-1][missing] = np.nan  # not zero: what was never there has no rest
 

@@ -13,7 +13,10 @@ import numpy as np
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data._column_order import in_column_order
 from torch_geometric_tactile.data._ring import Ring
+from torch_geometric_tactile.data.recording import Recording
+from torch_geometric_tactile.live._frame_gate import frame_info
 
 _KEY = "torch_geometric_tactile"
 _FORMAT = 1
@@ -31,6 +34,7 @@ class OnnxModel:
         info (dict): What the file says of itself: :obj:`"class_names"`, :obj:`"task"`,
             :obj:`"num_taxels"`, :obj:`"num_channels"`, :obj:`"num_joints"`, :obj:`"window"`,
             :obj:`"rest"` and more.
+        frame_info (FrameInfo): How the frames of the training were made.
         inputs (dict): The shape of each input of the graph by name; :obj:`outputs` likewise.
         prepare_ns (int): How long preparing the last answer took in nanoseconds.
         model_ns (int): How long computing the last answer took.
@@ -72,6 +76,7 @@ class OnnxModel:
         self.info = _read_info(entries, os.fspath(path))
         self.inputs = {node.name: node.shape for node in self._session.get_inputs()}
         self.outputs = {node.name: node.shape for node in self._session.get_outputs()}
+        self.frame_info = frame_info(self.info)
         window = self.info["window"]
         self._length = 1 if window is None else int(window["length"])
         states = [name for name in self.inputs if name.startswith("state_")]
@@ -116,6 +121,9 @@ class OnnxModel:
         rule = self.info["rest"]
         if rule is None:
             return
+        index = self.frame_info.selected_frames(time, len(frames))
+        frames, time = frames[index], time[index]
+        joint = None if joint is None else joint[index]
         length = self.length if rule["of_windows"] else 1
         if len(frames) < length:
             raise ValueError(
@@ -127,7 +135,7 @@ class OnnxModel:
         else:
             windows = np.lib.stride_tricks.sliding_window_view(frames, length, axis=0)[::hop]
             samples = windows.reshape(*windows.shape[:2], -1)
-        self.set_rest(*_session_statistics(samples, time[length - 1 :: hop], rule, length))
+        self.set_rest(*_session_statistics(samples, rule, length))
 
     def set_rest(self, center: np.ndarray, scale: np.ndarray | None = None) -> None:
         r"""Sets what was measured of the session.
@@ -180,6 +188,46 @@ class OnnxModel:
         self.prepare_ns = ready - start
         return probability[0] if wanted and is_full else None
 
+    def recording(self, recording: Recording) -> np.ndarray:
+        r"""Returns the probabilities of all frames of a recording :math:`(T, K)`, or of a model of
+        windows those of its windows :math:`(W, K)`, thinned and cut as in training: what
+        :meth:`Predictor.recording <torch_geometric_tactile.predictor.Predictor.recording>` returns.
+        Frames that were added before are forgotten.
+
+        Args:
+            recording (Recording): The recording.
+
+        Raises:
+            ValueError: If it has another unit, rate or other names of columns than the training, or
+                too few frames.
+        """
+        info, window = self.frame_info, self.info["window"]
+        with_rate = bool(self.info.get("needs_rate", self.length > 1))
+        info.require(recording.info, "a recording", with_rate=with_rate)
+        recording = in_column_order(recording, info.columns)
+        index, part = np.arange(recording.num_frames), np.zeros(recording.num_frames, np.int64)
+        if window is not None:
+            index = info.selected_frames(recording.time, recording.num_frames)
+            if window["hop"]:
+                part = info.part_numbers(recording.time, recording.num_frames)
+        hop = 1 if window is None else window["hop"] or recording.num_frames
+        answers: list[np.ndarray] = []
+        number = 0
+        last = -1
+        for i in index.tolist():
+            if part[i] != last:
+                self.reset()
+                last, number = int(part[i]), 0
+            number += 1
+            joint = None if recording.joint is None else recording.joint[i]
+            is_end = number >= self.length and (number - self.length) % hop == 0
+            answer = self.add(recording.tactile[i], joint, wanted=is_end)
+            if answer is not None:
+                answers.append(answer)
+        self.reset()
+        need(answers, f"a recording must have at least {self.length} frames without a gap", "fewer")
+        return np.stack(answers)
+
     def typical_seconds(self, count: int = 200) -> float:
         r"""Returns how long one answer takes on this machine, the median of some.
 
@@ -229,7 +277,7 @@ class OnnxModel:
 
 
 def _session_statistics(
-    samples: np.ndarray, time: np.ndarray, rule: Mapping[str, Any], num_frames: int = 1
+    samples: np.ndarray, rule: Mapping[str, Any], num_frames: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
     r"""Returns centre and scale of a session, with the numbers of
     :class:`~torch_geometric_tactile.transforms.Tare` and
@@ -238,13 +286,9 @@ def _session_statistics(
 
     Shapes:
         - **samples:** Readings :math:`(S, N, F)`.
-        - **time:** Time of each in seconds :math:`(S,)`.
         - **output:** :math:`(N, F)` each, double; :math:`(1, F)` of channels, :math:`(N, C)` of
           signals
     """
-    samples = samples[: rule["first"]]
-    if rule["seconds"] is not None:
-        samples = samples[time[: len(samples)] - time.min() < rule["seconds"]]
     values = samples.astype(np.float64)
     if rule["per"] == "signal":
         count, rows, _ = values.shape

@@ -88,6 +88,7 @@ class ReplaySource(Source):
         first = float(times[0])
         step = 1 / recording.rate if recording.num_frames > 1 else 1.0
         length = float(times[-1]) - first + step
+        info = recording.info
         for turn in count() if self.loop else (0,):
             for i in range(recording.num_frames):
                 since = float(times[i]) - first + turn * length
@@ -99,6 +100,7 @@ class ReplaySource(Source):
                     tactile=recording.tactile[i],
                     joint=None if recording.joint is None else recording.joint[i],
                     extra={name: rows[i, ...] for name, rows in recording.extra.items()},
+                    info=info,
                 )
                 yield since, frame
 
@@ -151,4 +153,5 @@ def _received(frame: LiveFrame, received: int) -> LiveFrame:
         frame.tactile,
         frame.joint,
         frame.extra,
+        frame.info,
     )

@@ -185,6 +185,12 @@ class Preparation:
         return data
 
     @property
+    def columns(self) -> dict[str, list[str]]:
+        r"""The names of the columns of readings and angles in their order, if they are known."""
+        known = {**self.info.columns, **self.read_options}
+        return {key: list(known[key]) for key in ("tactile", "joint") if key in known}
+
+    @property
     def needs_rate(self) -> bool:
         r"""Whether the rate of a recording matters: for windows, and for whole trials that are not
         resampled to one length.
@@ -205,11 +211,12 @@ class Preparation:
         """
         recording.check(self.layout)
         info, known = recording.info, self.info
-        if resample and self.needs_rate and known.rate_differs(info.rate, info.tolerance):
+        differs = resample and known.rate_differs(info.rate, info.tolerance)
+        if known.resampled or (differs and self.needs_rate):
             recording = recording.resample(known.selected_rate or known.rate or 0.0)
             info = recording.info
         known.require(info, "a recording", with_rate=self.needs_rate)
-        return in_column_order(recording, {**known.columns, **self.read_options})
+        return in_column_order(recording, self.columns)
 
     def _num_frames(self, x: Tensor) -> int:
         # Of a window, by the number of its channels, which is known from training.
@@ -300,7 +307,12 @@ class Preparation:
         """
         if self.window is None:
             raise ValueError("this predictor takes single frames, not windows: call 'recording'")
-        recording = self.matched(recording, resample=resample)
+        return self.matched_windows(self.matched(recording, resample=resample))
+
+    def matched_windows(self, recording: Recording) -> tuple[StaticData, Tensor]:
+        r"""Returns the windows of a recording that :meth:`matched` returned, as of
+        :meth:`windows`.
+        """
         # A session is the same for all frames, and may be adapted to with these windows, unless it
         # is measured on the frames.
         unknown = self.session.number is None and not self.measures_frames
@@ -342,7 +354,7 @@ class Preparation:
             "num_channels": self.num_channels,
             "num_joints": (self.num_joints or None) if self.needs_joint else 0,
             "window": None if self.window is None else self.window.to_dict(),
-            "frames": self.info.to_dict(),
+            "frames": self.info.changed(columns=self.columns).to_dict(),
             "needs_rate": self.needs_rate,
             "rest": {"transform": repr(parts[0])} if parts else None,
         }

@@ -113,17 +113,24 @@ class Session:
         Raises:
             ValueError: If no transform measures sessions, or as for a call.
         """
-        preparation = self._preparation
+        recording = self._preparation.matched(recording, resample=resample)
         if rest is not None:
-            recording = recording.select(
-                slice(int((recording.time < recording.time[:1] + rest).sum()))
-            )
-            with _all_at_rest(self.parts):
-                return self.adapt_recording(recording, resample=resample)
+            num_frames = int((recording.time < recording.time[:1] + rest).sum())
+            return self.measure_rest(recording.select(slice(num_frames)))
+        return self._adapt_matched(recording)
+
+    def measure_rest(self, recording: Recording) -> int:
+        r"""Measures a new recording session by a recording at rest, with frames as those of the
+        training: a tare takes all of them, not as many as in training.
+        """
+        with _all_at_rest(self.parts):
+            return self._adapt_matched(recording)
+
+    def _adapt_matched(self, recording: Recording) -> int:
+        preparation = self._preparation
         if preparation.window is None or preparation.measures_frames:
-            recording = preparation.matched(recording, resample=resample)
             return self.adapt(recording.tactile, recording.joint, recording.time)
-        return self.adapt_windows(preparation.windows(recording, resample=resample)[0])
+        return self.adapt_windows(preparation.matched_windows(recording)[0])
 
     def rest_seconds(self) -> float | None:
         r"""Returns how long the recordings of the training were at rest, as far as a tare or their

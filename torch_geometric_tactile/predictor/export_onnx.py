@@ -17,7 +17,7 @@ import torch
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data import FrameInfo, Recording
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.predictor._network import Network
 from torch_geometric_tactile.predictor._onnx_graph import OnnxGraph
@@ -70,6 +70,7 @@ def export_onnx(
     program = _program(graph)
     program.ir_version = min(program.ir_version, 10)  # read by every runtime that we support
     checked = _copy(predictor)
+    checked.preparation.info = FrameInfo()  # the frames of a window are those that a graph gets
     metadata = _describe(predictor, graph, unit)
     metadata["parity"] = None
     entry = program.metadata_props.add()
