@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Policy
+from torch_geometric_tactile.data.frame_info import FrameInfo
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live._frame_clock import FrameClock
 from torch_geometric_tactile.live.clock_map import ClockMap
@@ -88,6 +89,8 @@ class Stream:
         self._numbers = FrameClock()
         self._coarse = False  # whether device times repeat
         self._device_time: float | None = None
+        self._source_info: FrameInfo | None = None
+        self._mapped_info: FrameInfo | None = None
         self._last: LiveFrame | None = None
         self._outages: list[Outage] = []
         self._since = math.inf
@@ -384,7 +387,10 @@ class Stream:
         return self._numbers.observe(frame.sequence, mapped)
 
     def _mapped(self, frame: LiveFrame, at: float) -> LiveFrame:
-        tactile = frame.tactile if self.taxel_map is None else self.taxel_map.apply(frame.tactile)
+        tactile, info = frame.tactile, frame.info
+        if self.taxel_map is not None:
+            tactile = self.taxel_map.apply(tactile)
+            info = None if info is None else self._info_of_map(info)
         return LiveFrame(
             frame.sequence,
             at,
@@ -393,7 +399,17 @@ class Stream:
             tactile,
             frame.joint,
             frame.extra,
+            info,
         )
+
+    def _info_of_map(self, info: FrameInfo) -> FrameInfo:
+        # One object for all frames of a source, since readers compare each that is new to them.
+        # The names of the columns are in the order of the source.
+        if info is not self._source_info:
+            joint = {name: info.columns[name] for name in info.columns if name != "tactile"}
+            self._source_info, self._mapped_info = info, info.changed(columns=joint)
+        assert self._mapped_info is not None
+        return self._mapped_info
 
     def __enter__(self) -> Self:
         self.open()
