@@ -4,7 +4,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-_BLOCK = 0.1  # seconds of arrivals between two fits
+_BLOCK = 0.25  # seconds of arrivals between two fits
 _MIN_ARRIVALS = 8  # for a period, and kept however old they are
 _MIN_SECONDS = 0.5
 _SLEW = 0.05  # share of the period by which the distance of two frames may be corrected
@@ -130,7 +130,7 @@ class FrameClock:
         before = place if self._last is None else self._device_number
         places = []
         for number in numbers:
-            place += max(1, number - before)
+            place += number - before if number > before else 1
             before = number
             places.append(place)
         self._device_number = before
@@ -181,7 +181,12 @@ class FrameClock:
         if self._line is not None and self._period is not None:
             step = self._period * (last - number)
             wanted = self._line[1] + self._period * (last - self._line[0]) - time
-            end = time + min(max(wanted, (1 - _SLEW) * step), (1 + _SLEW) * step)
+            slew = _SLEW * step
+            if wanted > step + slew:
+                wanted = step + slew
+            elif wanted < step - slew:
+                wanted = step - slew
+            end = time + wanted
         return _spread(places, number, time, min(end, arrival))
 
     def _restart(self, number: int, arrival: float) -> None:
@@ -216,6 +221,8 @@ class FrameClock:
                 self._sizes.popleft()
         _push(self._blocks[-1], (number, arrival))
         self._sizes[-1] += 1
+        if self._seconds < 1:
+            self._seconds = max(self._seconds, arrival - self._first[1])
         if self._period is None:
             self._measure_roughly(number, arrival)
 
@@ -224,7 +231,6 @@ class FrameClock:
         assert self._first is not None
         seconds = arrival - self._first[1]
         if sum(self._sizes) > 2 and seconds > 0:
-            self._seconds = max(self._seconds, seconds)
             self._spacing = seconds / (number - self._first[0])
 
     def _fit(self) -> None:
@@ -233,7 +239,6 @@ class FrameClock:
             for point in block:
                 _push(hull, point)
         (first, began), (last, ended) = hull[0], hull[-1]
-        self._seconds = max(self._seconds, ended - began)
         if sum(self._sizes) < _MIN_ARRIVALS or ended - began < _MIN_SECONDS:
             return
         middle = (first + last) / 2
@@ -251,6 +256,8 @@ class FrameClock:
 def _spread(places: list[int], number: int, time: float, end: float) -> list[float]:
     # Evenly by their numbers, from one frame to the end.
     end = end if end > time else time + _STEP * (places[-1] - number)
+    if len(places) == 1:  # the usual case
+        return [end]
     step = (end - time) / (places[-1] - number)
     return [*[time + step * (place - number) for place in places[:-1]], end]
 

@@ -356,8 +356,11 @@ class Stream:
 
     def _times(self, frames: list[LiveFrame], began: int, since: float = -math.inf) -> list[float]:
         times: list[float] = []
-        for received, group in groupby(frames, key=lambda frame: frame.received):
-            arrived = [*group]
+        reads = [frames]
+        if len(frames) > 1:
+            reads = [[*group] for _, group in groupby(frames, key=lambda frame: frame.received)]
+        for arrived in reads:
+            received = arrived[0].received
             if self._has_exact_times(arrived):
                 times += [self._exact_time(frame) for frame in arrived]
                 continue
