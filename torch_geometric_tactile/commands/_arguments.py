@@ -105,6 +105,22 @@ LABELS: dict[str, Any] = {
 }
 
 
+#: Settings of the option that names the map of the taxels.
+MAP: dict[str, Any] = {
+    "metavar": "MAP",
+    "help": "order of the taxels of the source: a stock map, a JSON file, or 'none' if it is that "
+    "of the layout (default: the stock map of the sensor and the layout, if there is one)",
+}
+
+
+def taxel_map(text: str | None) -> Any:
+    r"""Returns the map of taxels that the option names, :obj:`"none"`, or :obj:`None` without the
+    option."""
+    from torch_geometric_tactile.live import TaxelMap
+
+    return text if text in (None, "none") else TaxelMap.load(text)
+
+
 def _plain_number(text: str) -> float:
     try:
         return float(text) if text.isascii() and "_" not in text else math.nan
