@@ -79,8 +79,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rest",
         metavar="SECONDS",
         type=seconds,
-        default=1.0,
-        help="how long the sensor must be still to measure its reading at rest (default: 1)",
+        help="how long the sensor must be still to measure its reading at rest (default: as long "
+        "as in the training of the model, or 1)",
     )
     model.add_argument(
         "--policy",
@@ -150,8 +150,10 @@ def _session(arguments: argparse.Namespace) -> "LiveSession":
     from torch_geometric_tactile.live import Judge, LiveSession, Rest, open_source
 
     source = open_source(arguments.source)
-    rest = Rest(arguments.rest)
+    rest = Rest(1.0 if arguments.rest is None else arguments.rest)
     judge = None if arguments.model is None else Judge(arguments.model, rest)
+    if judge is not None and arguments.rest is None and judge.frame_info.rest is not None:
+        rest.seconds = judge.frame_info.rest
     return LiveSession(
         source,
         judge=judge,

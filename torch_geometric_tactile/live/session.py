@@ -390,7 +390,9 @@ class LiveSession:
         else:
             kept = list(self._latencies)
             latency = statistics.median(kept) if kept else None
-            on_status(Status(health, self.judgement, latency, recorded, self._note, opened))
+            notes = [self._note, "" if self._judge is None else self._judge.note]
+            note = "; ".join(filter(None, notes))
+            on_status(Status(health, self.judgement, latency, recorded, note, opened))
 
 
 def _value(rest: Rest | None) -> np.ndarray | None:

@@ -89,6 +89,7 @@ class Stream:
         self._numbers = FrameClock()
         self._coarse = False  # whether device times repeat
         self._device_time: float | None = None
+        self._device_info: FrameInfo | None = None
         self._source_info: FrameInfo | None = None
         self._mapped_info: FrameInfo | None = None
         self._last: LiveFrame | None = None
@@ -390,10 +391,10 @@ class Stream:
         return self._numbers.observe(frame.sequence, mapped)
 
     def _mapped(self, frame: LiveFrame, at: float) -> LiveFrame:
-        tactile, info = frame.tactile, frame.info
+        tactile, info = frame.tactile, frame.info or self._unit_info()
         if self.taxel_map is not None:
             tactile = self.taxel_map.apply(tactile)
-            info = None if info is None else self._info_of_map(info)
+            info = self._info_of_map(info)
         return LiveFrame(
             frame.sequence,
             at,
@@ -404,6 +405,12 @@ class Stream:
             frame.extra,
             info,
         )
+
+    def _unit_info(self) -> FrameInfo:
+        # Of a device: only its unit is known. One object for all frames.
+        if self._device_info is None:
+            self._device_info = FrameInfo(unit=self.source.meta.get("unit"))
+        return self._device_info
 
     def _info_of_map(self, info: FrameInfo) -> FrameInfo:
         # One object for all frames of a source, since readers compare each that is new to them.
