@@ -11,6 +11,7 @@ from torch_geometric_tactile.data._gaps import RATE_TOLERANCE, ROUNDING, joined_
 from torch_geometric_tactile.data._gaps import part_numbers as numbers_of_parts
 
 _MAX_STRIDE = 10**7
+_MAX_NUMBER = 1e12  # frames per second, or seconds
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,9 @@ class FrameInfo:
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
             if value is None and name != "tolerance":
                 continue
-            if not is_number or not value > 0 or (math.isinf(value) and name != "max_gap"):
+            if not is_number or (
+                not 0 < value < _MAX_NUMBER and not (value == math.inf and name == "max_gap")
+            ):
                 raise ValueError(f"'{name}' must be a positive number (got {str(value)[:80]})")
         if type(self.stride) is not int or not 1 <= self.stride <= _MAX_STRIDE:
             raise ValueError(f"'stride' must be at least 1 (got {str(self.stride)[:80]})")
