@@ -7,7 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from torch_geometric_tactile.data._gaps import RATE_TOLERANCE, ROUNDING, joined_rate
+from torch_geometric_tactile.data._gaps import RATE_TOLERANCE, ROUNDING
 from torch_geometric_tactile.data._gaps import part_numbers as numbers_of_parts
 
 _MAX_STRIDE = 10**7
@@ -187,30 +187,6 @@ class FrameInfo:
         if time is None or self.max_gap is None:
             return np.zeros(count, np.int64)
         return numbers_of_parts(time, self.max_gap)
-
-    @classmethod
-    def joined(cls, infos: Sequence[Self], names: Sequence[str]) -> Self:
-        r"""Returns how the frames of several recordings were made.
-
-        Args:
-            infos (sequence of FrameInfo): Those of the recordings.
-            names (sequence of str): What to call each in a message.
-
-        Raises:
-            ValueError: If two have other rates or units; the message names both.
-        """
-        first = infos[0]
-        rates = {i: info.rate for i, info in enumerate(infos) if info.rate is not None}
-        rate, tolerance = joined_rate(rates, names)
-        for info, name in zip(infos, names, strict=True):
-            if info.unit != first.unit:
-                raise ValueError(
-                    f"all recordings must have one unit (got {first.unit!r} in {names[0]} and "
-                    f"{info.unit!r} in {name})"
-                )
-        gaps = [info.max_gap for info in infos if info.max_gap is not None]
-        max_gap = float(np.median(gaps)) if gaps else None
-        return first.changed(rate=rate, tolerance=tolerance, max_gap=max_gap)
 
     def to_dict(self) -> dict[str, Any]:
         r"""Returns the arguments as JSON values; an infinite :obj:`max_gap` as :obj:`"inf"`."""
