@@ -313,7 +313,9 @@ def _save(comparison: "Comparison", arguments: argparse.Namespace) -> None:
     predictor.save(arguments.save)
     text = f"wrote {arguments.save}: {predictor}\n  {predictor.score}"
     if predictor.preparation.session.parts:
-        text += "\n  measures the sensor at rest: tactile predict --rest SECONDS"
+        rest = predictor.info.rest
+        seconds = "SECONDS" if rest is None else f"{rest:.3g}"
+        text += f"\n  measures the sensor at rest: tactile predict --rest {seconds}"
     tell("\n".join(printable(line) for line in text.splitlines()), arguments.json)
 
 
