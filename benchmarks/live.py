@@ -5,6 +5,7 @@ written as JSON; parts that are not measured keep what an earlier run found.
 
 Examples:
     python benchmarks/live.py                                       # all but the hour: six minutes
+    python benchmarks/live.py --short                               # half a minute
     python benchmarks/live.py --only label replay
     python benchmarks/live.py --only hour                           # 15 minutes, 2 GB of disk
     python benchmarks/live.py --out docs/results/live.json
@@ -21,7 +22,7 @@ from typing import Any
 import torch
 from live_files import measure_cuts, measure_kills
 from live_hour import measure_hour, measure_idle, measure_slow_viewers
-from live_label import measure_label, measure_replay
+from live_label import measure_frame, measure_label, measure_replay
 from live_page import measure_page
 from live_wire import measured
 from predictor_onnx import build
@@ -38,7 +39,10 @@ OPTIONS = {
     "--speed": (4.0, "how much faster it is replayed"),
     "--folder": (None, "for large files (default: a temporary one)"),
     "--out": (None, "JSON file of the figures"),
+    "--short": (False, "only what a live frame costs, a few seconds each"),
 }
+SHORT = ["frame", "packets", "xela", "label"]
+SHORT_SECONDS = 8.0
 EPILOG = "The exit code is 0 if all that was measured holds, and 1 if not."
 
 
@@ -64,7 +68,12 @@ def _hour(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
     return measure_hour(onnx, folder, arguments.hour, arguments.rate, arguments.speed)
 
 
+def _frame(_: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    return measure_frame(_models(folder)[1])
+
+
 PARTS: dict[str, Part] = {
+    "frame": _frame,
     "packets": lambda arguments, _: measured("packets", arguments.seconds),
     "bytes": lambda arguments, _: measured("bytes", arguments.seconds),
     "returns": lambda arguments, _: measured("returns", arguments.times),
@@ -81,6 +90,7 @@ PARTS: dict[str, Part] = {
 
 # What each part must hold.
 HOLDS: dict[str, Callable[[dict[str, Any]], bool]] = {
+    "frame": lambda f: f["judge / model alone"] <= 1.1,
     "packets": lambda f: f["in order"] and f["missing"] == 0 and f["wrong"] == 0,
     "bytes": lambda f: f["intact delivered (%)"] >= 98,
     "returns": lambda f: (
@@ -120,6 +130,8 @@ def main(argv: list[str] | None = None) -> int:
     quick = [name for name in PARTS if name != "hour"]
     options = {"--only": (quick, "what to measure", PARTS), **OPTIONS}
     arguments = parse(__doc__, options, argv, EPILOG)
+    if arguments.short:
+        arguments.only, arguments.seconds = SHORT, SHORT_SECONDS
     out = None if arguments.out is None else Path(arguments.out)
     kept = json.loads(out.read_text()) if out is not None and out.exists() else {}
     failed = []

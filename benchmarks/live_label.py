@@ -3,6 +3,7 @@ r"""From the first byte on the wire to the label, and a replay beside `tactile p
 import copy
 import tempfile
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from torch_geometric_tactile.io import write_recording
 from torch_geometric_tactile.live import (
     Judge,
     Judgement,
+    OnnxModel,
     Stream,
     StreamEnded,
     Subscription,
@@ -49,6 +51,34 @@ def measure_label(predictor: Predictor, onnx: Path, seconds: float) -> dict[str,
                 if number % _TURN >= _WARM:
                     found[name].append(((judgement.finished / 1e9 - sent) % _WRAP, judgement))
     return {name: _parts(parts) for name, parts in found.items()}
+
+
+def measure_frame(onnx: Path, count: int = 300, repeats: int = 15) -> dict[str, Any]:
+    r"""Returns what a judge does beside its model for a live frame: compare, thin and note gaps."""
+    rest = np.zeros((384, 3))
+    judge, alone = Judge(onnx, rest), OnnxModel(onnx)
+    alone.set_rest(rest)
+    draw = np.random.default_rng(0)
+    frames = [
+        LiveFrame(
+            i, i / _RATE, 0, None, draw.normal(size=(384, 3)).astype("f4"), np.zeros(16, "f4")
+        )
+        for i in range(count)
+    ]
+    taken: dict[str, list[float]] = {"judge": [], "model alone": []}
+    for _ in range(repeats):  # in turns, such that whatever else the machine does meets both
+        judge.reset()
+        start = perf_counter()
+        for frame in frames:
+            judge(frame)
+        taken["judge"].append(perf_counter() - start)
+        start = perf_counter()
+        for frame in frames:
+            alone.add(frame.tactile, frame.joint)
+        taken["model alone"].append(perf_counter() - start)
+    best = {name: 1000 * min(times) / count for name, times in taken.items()}
+    out: dict[str, Any] = {f"{name} (ms)": value for name, value in best.items()}
+    return {**out, "judge / model alone": best["judge"] / best["model alone"]}
 
 
 def _frames(subscription: Subscription, other: Sender) -> Any:

@@ -35,6 +35,9 @@ def parse(
     parser = argparse.ArgumentParser(description=doc, epilog=epilog, formatter_class=_Help)
     for name, (default, text, *choices) in options.items():
         more: dict[str, Any] = {"choices": choices[0]} if choices else {}
+        if default is False:
+            parser.add_argument(name, action="store_true", help=text)
+            continue
         if isinstance(default, list | tuple):
             more["nargs"] = "+"
         if default is ... and name.startswith("-"):

@@ -1,4 +1,4 @@
-r"""A data set, its predictor, a live judge and a graph in ONNX see the same windows of a recording."""
+r"""A data set, its predictor, a judge and a graph in ONNX see the same windows of a recording."""
 
 import math
 
@@ -9,6 +9,7 @@ import torch
 from torch_geometric_tactile import Predictor, nn, transforms
 from torch_geometric_tactile.data import FrameInfo, LiveFrame, Recording, Windows
 from torch_geometric_tactile.datasets import RecordingFrames
+from torch_geometric_tactile.experiments.compared_windows import tared_frames
 from torch_geometric_tactile.live import Judge
 from torch_geometric_tactile.sensors import grid
 
@@ -146,7 +147,7 @@ def test_single_frames_have_no_rate():
     torch.manual_seed(0)
     predictor = Predictor.from_dataset(nn.TaxelNet(LAYOUT, 2, in_channels=1).eval(), frames)
     assert len(predictor.recording(recording(5, 20.0))) == 150
-    with pytest.raises(ValueError, match="readings in count.*got newton"):
+    with pytest.raises(ValueError, match=r"readings in count.*got newton"):
         predictor.recording(recording(5, 20.0, unit="newton"))
 
 
@@ -220,3 +221,31 @@ def test_a_judge_measures_the_rate_and_tells_another_one(caplog):
     assert judge.note.startswith("wrong rate: ")
     assert judge.note.endswith("in place of 100 Hz")
     assert caplog.text.count("wrong rate") == 1
+
+
+def test_a_resampled_data_set_has_a_predictor_that_resamples(tmp_path):
+    made = [recording(i, rate, "ab"[i % 2]) for i, rate in enumerate((100.0, 50.0))]
+    frames = RecordingFrames(layout=LAYOUT, recordings=made, target="label", resample=40.0)
+    windows, predictor = trained(frames)
+    assert (windows.info.rate, windows.info.resampled) == (40.0, True)
+    predictor.save(tmp_path / "model.predictor")
+    loaded = Predictor.load(tmp_path / "model.predictor")
+    for i, one in enumerate(made):
+        chosen = (windows.trial == i).nonzero().view(-1)
+        assert torch.equal(loaded.windows(one)[0].x, windows.data.index_select(chosen).x)
+
+
+def test_predict_names_the_rest_of_the_training():
+    made = [recording(i, 50.0, "ab"[i % 2], num_gaps=0) for i in range(2)]
+    frames = RecordingFrames(layout=LAYOUT, recordings=made, target="label", stride=5)
+    tared = tared_frames(frames, first=8)
+    _, predictor = trained(tared)
+    assert predictor.info.rest == pytest.approx(0.75)  # eight frames, 0.1 s apart
+    rested = []
+    for seconds in (0.2, 0.8, 3.0):
+        predictor.adapt_recording(made[0], rest=seconds)
+        rested.append(predictor.recording(made[0]))
+    assert not torch.equal(rested[0], rested[1])
+    assert not torch.equal(rested[1], rested[2])
+    predictor.adapt_recording(made[0])  # as many frames as in training
+    assert torch.equal(predictor.recording(made[0]), rested[1])

@@ -96,6 +96,47 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         _release(handle)
 
 
+@contextmanager
+def exclusive_access(path: PathLike) -> Iterator[None]:
+    r"""Waits until no other process or thread is in such a block for the same file, to read a file,
+    change it and write it anew. A file system without locks excludes nobody.
+
+    The lock is a hidden file beside :obj:`path`, which is removed at the end. That of a process
+    that was killed holds nobody up, and is removed by the next.
+    """
+    lock = Path(f"{_start(Path(path))}lock")
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    if fcntl is None:
+        from filelock import FileLock
+
+        with FileLock(lock):  # on Windows it removes its file
+            yield
+        return
+    with _errors_about(Path(path), lock):
+        handle = _wait_for_lock(lock)
+    try:
+        yield
+    finally:
+        # Removed while it is held: who waits for it sees that it has no name, and starts anew.
+        if _is_at(handle, lock):
+            lock.unlink(missing_ok=True)
+        _release(handle)
+
+
+def _wait_for_lock(lock: Path) -> int:
+    while True:
+        handle = os.open(lock, os.O_CREAT | os.O_RDWR | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        try:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(handle, fcntl.LOCK_EX)
+            if _is_at(handle, lock):
+                return handle
+        except BaseException:  # such as an interrupt while it waits
+            os.close(handle)
+            raise
+        os.close(handle)
+
+
 def hold_file(handle: int, path: PathLike, *, exclusive: bool = True) -> Callable[[], None]:
     r"""Locks an open file, and returns the function that releases it. A file system without locks
     holds nothing. On Windows, writers hold a second file :obj:`PATH.lock`, and readers nothing.

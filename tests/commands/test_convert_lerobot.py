@@ -41,6 +41,19 @@ def test_files_keep_their_order_and_all_frames(trials):
     assert [one.num_frames for one in read_lerobot("a.lerobot")] == [13, 13]  # 30 steps a second
 
 
+def test_gaps_are_refused_or_said(trials, capsys, caplog):
+    time = np.arange(40) / 100 + (np.arange(40) >= 20)
+    write_npz(Recording(time, np.ones((40, 2, 3)), label="pen"), trials / "pen.npz")
+    assert main(["convert", "trials", "a.lerobot", "--gaps", "error"]) == 1
+    assert "recording 2 has no frame within" in capsys.readouterr().err
+    assert main(["convert", "trials", "b.lerobot", "--gaps", "error", "--max-gap", "2"]) == 0
+    assert caplog.text == ""
+    assert main(["convert", "trials", "c.lerobot"]) == 0
+    assert "recording 2 has no frame within" in caplog.text
+    missing = [bool(np.isnan(one.tactile).any()) for one in read_lerobot("c.lerobot")]
+    assert missing == [False, False, True]
+
+
 @pytest.mark.parametrize("given", [[], ["--start", "0.1", "--start", "0.1"], ["--every-frame"]])
 def test_touch_is_added_to_a_data_set(trials, capsys, given):
     arms = [Recording(np.arange(8) / 25, np.ones((8, 1, 1)), np.ones((8, 3)))] * 2

@@ -280,6 +280,7 @@ def test_keys_annotate_what_live_records(whole, tmp_path):
     [
         ("a,b,a", "must be up to 9 different labels"),
         ("1,2,3,4,5,6,7,8,9,0", "must be up to 9 different labels"),
+        ("slip,gap", "must not contain 'gap', the label of time without frames"),
         ("a,,b", "labels of 1 to 255 printable characters"),
     ],
 )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from torch_geometric_tactile.data import Annotation, Recording
-from torch_geometric_tactile.data._annotations import annotation_of_frames
+from torch_geometric_tactile.data._annotations import annotation_of_frames, annotations_within
 
 
 def recording(annotations=(), num_frames=11):
@@ -85,3 +85,88 @@ def test_overlap_is_allowed_of_one_label_only():
     inside = recording([(0.1, 0.9, "a"), (0.3, 0.4, "a"), (0.6, 0.7, "b")]).annotations
     with pytest.raises(ValueError, match="in frame 6"):
         annotation_of_frames(inside, time)
+
+
+def span_ends(i, rate, times):
+    """How people write the time of a frame."""
+    yield i / rate
+    yield i * (1 / rate)
+    yield float(np.arange(i + 1)[-1] * np.float64(1 / rate))
+    yield float(np.cumsum(np.full(i + 1, 1 / rate))[-1] - 1 / rate)
+    yield float(times[i] - times[0])
+    # Texts whose last digit is a small part of a frame.
+    yield from (round(i / rate, d) for d in range(2, 7) if 10**-d * rate <= 0.08)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1_704_276_000.0, 1_704_276_000.123])
+def test_a_span_from_frame_to_frame_is_these_frames_however_they_are_written(offset):
+    draw = np.random.default_rng(0)
+    for rate in [100, 30, 7, *draw.uniform(1, 1000, 30)]:
+        clocks = [np.arange(200) / rate, np.arange(200) * (1 / rate), np.arange(0, 199.5) / rate]
+        for time in (offset + clock for clock in clocks):
+            i, j = sorted(draw.integers(1, 199, 2).tolist())
+            for start in span_ends(i, rate, time):
+                for end in span_ends(j, rate, time):
+                    start, end = min(start, end), max(start, end)
+                    spans = [Annotation(offset + start, offset + end, "slip")]
+                    inside = np.flatnonzero(annotation_of_frames(spans, time) == "slip")
+                    assert inside.tolist() == [*range(i, j + 1)], (rate, start, end)
+                    (within,) = annotations_within(spans, time)
+                    assert within.start <= within.end
+                    assert annotation_of_frames([within], time).tolist().count("slip") == j - i + 1
+                    # Ends that lie in the frames that are kept stay there.
+                    assert annotations_within(spans, time[: i + 1]), (rate, start)
+                    assert annotations_within(spans, time[j:]), (rate, end)
+
+
+def test_a_frame_where_one_ends_and_the_next_begins_but_for_rounding_is_of_the_next():
+    time = np.arange(100) * 0.01
+    for error in (0, 1e-16, -1e-16, 1e-6, -1e-6):
+        spans = [Annotation(0.3, 0.57 + error, "a"), Annotation(0.57, 0.7 + error, "b")]
+        labels = annotation_of_frames([*spans, Annotation(0.7, 0.8, "c")], time)
+        assert (labels == "a").nonzero()[0].tolist() == [*range(30, 57)]
+        assert (labels == "b").nonzero()[0].tolist() == [*range(57, 70)]
+        assert (labels == "c").nonzero()[0].tolist() == [*range(70, 81)]
+
+
+def test_ends_that_are_more_than_rounding_away_from_a_frame_do_not_take_it():
+    labels = annotation_of_frames([Annotation(0.302, 0.568, "a")], np.arange(100) * 0.01)
+    assert (labels == "a").nonzero()[0].tolist() == [*range(31, 57)]
+    # Of frames that came in a burst, each is by itself.
+    burst = np.array([0, 1e-6, 2e-6, 0.016, 0.016001, 0.016002])
+    labels = annotation_of_frames([Annotation(1e-6, 0.016, "a")], burst)
+    assert (labels == "a").nonzero()[0].tolist() == [1, 2, 3]
+    labels = annotation_of_frames([Annotation(3.1, 3.2, "a")], np.array([3.1]))
+    assert labels.tolist() == ["a"]
+
+
+@pytest.mark.parametrize(
+    "span", [(300, 570), (1_704_276_000.1, 1_704_276_000.4), (-2, -1), (1.01, 1.2)]
+)
+def test_a_span_outside_of_the_recording_is_refused(span):
+    message = (
+        rf"grasp_1.h5: the annotation 'slip' must be within .*, from 0.0 to 1.0 s \(got "
+        rf"{float(span[0])!r} to {float(span[1])!r} s\): .* seconds on the clock of the recording"
+    )
+    annotations = recording([(0, 0.1, "hold"), (*span, "slip")]).annotations
+    with pytest.raises(ValueError, match=message):
+        annotation_of_frames(annotations, np.arange(11) / 10, "grasp_1.h5")
+
+
+def test_a_span_without_a_frame_is_named_in_a_warning(caplog):
+    time = np.delete(np.arange(11) / 10, [5, 6, 7])
+    spans = recording([(0, 0.2, "a"), (0.23, 0.27, "b"), (0.45, 0.72, "c"), (0.8, 0.8, "d")])
+    labels = annotation_of_frames(spans.annotations, time, "grasp_1.h5")
+    assert labels.tolist() == ["a", "a", "a", "none", "none", "d", "none", "none"]
+    assert [record.args for record in caplog.records] == [
+        ("grasp_1.h5", "b", 0.23, 0.27),
+        ("grasp_1.h5", "c", 0.45, 0.72),
+    ]
+
+
+def test_time_without_frames_labels_none(caplog):
+    time = np.delete(np.arange(11) / 10, [5, 6, 7])
+    spans = [(0.3, 0.8, "gap"), (0.2, 0.4, "a"), (0.8, 0.9, "b"), (40, 50, "gap")]
+    labels = annotation_of_frames(recording(spans).annotations, time)
+    assert labels.tolist() == ["none", "none", "a", "a", "a", "b", "b", "none"]
+    assert not caplog.records

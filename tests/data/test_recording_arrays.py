@@ -1,4 +1,5 @@
 import datetime
+import warnings
 
 import numpy as np
 import pytest
@@ -134,3 +135,50 @@ def test_masked_samples_are_missing_and_masked_labels_refused():
     assert np.array_equal(dataset[0].x, [[1, np.nan]], equal_nan=True)
     with pytest.raises(ValueError, match=r"'y' must not be masked .* in frame 1"):
         StaticDataset.from_arrays(x, np.ma.array([0, 1], mask=[0, 1]), layout=layout)
+
+
+WIDE = 1_700_000_000 + np.arange(8).reshape(4, 1, 2)
+ROUNDED = "holds readings of up to 1700000007, which single precision rounds.*such as x - x.0."
+
+
+@pytest.mark.parametrize("dtype", [np.int32, np.uint32, np.int64, np.uint64, np.float64])
+def test_readings_that_single_precision_rounds_are_said_once(dtype):
+    x = WIDE.astype(dtype)
+    with pytest.warns(UserWarning, match=f"'tactile' {ROUNDED}") as caught:
+        recording = Recording(np.arange(4.0), x)
+    assert [one.filename for one in caught] == [__file__]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        recording.select(slice(2))
+        Recording(np.arange(4.0), x - x[0])
+    layout = grid(1, 1, pitch=0.01)
+    for values in (x, torch.from_numpy(x)):
+        with pytest.warns(UserWarning, match=f"'x' {ROUNDED}") as caught:
+            StaticDataset.from_arrays(values, layout=layout)
+        assert [one.filename for one in caught] == [__file__]
+
+
+@pytest.mark.parametrize(
+    "x",
+    [
+        np.array([2**24, -(2**24), 3]),
+        np.array([2**30, 2**25, -(2**40)]),  # are held exactly
+        np.array([1e9 + 0.25, 0.1, 1e9 + 0.5]),  # are no integers
+        np.array([1.2345678e17, 3.3333333e20, np.nan]),  # nor known to one
+        np.float32([1_700_000_001, 1_700_000_002, 0]),
+        np.array([60_000, 1, 2], np.uint16),
+        np.array([True, False, True]),
+    ],
+)
+def test_readings_that_lose_nothing_are_no_reason_to_warn(x):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Recording(np.arange(3.0), x[:, None, None])
+        StaticDataset.from_arrays(x[:, None, None], layout=grid(1, 1, pitch=0.01))
+
+
+def test_readings_beyond_single_precision_are_an_error_only():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(ValueError, match="finite readings"):
+            Recording([0.0], [[[1e39]]])

@@ -48,6 +48,8 @@ def test_a_window_has_the_label_of_its_last_frame():
 def test_a_recording_without_annotations_is_refused():
     with pytest.raises(ValueError, match=r"recording 1 must have annotations .* \(got none\)"):
         frames(trial(SPANS), trial())
+    with pytest.raises(ValueError, match=r"recording 0 must have annotations .* \(got none\)"):
+        frames(trial([(0.2, 0.5, "gap")]))  # was written by the recorder, and not by a person
     whole = frames(trial(SPANS), trial([(0, 1, "none")]))
     assert letters(whole, whole.data.y)[10:] == "n" * 10
 
@@ -58,6 +60,12 @@ def test_different_labels_on_a_frame_are_refused_as_a_target_only():
     with pytest.raises(ValueError, match=message):
         frames(both)
     RecordingFrames(layout=LAYOUT, recordings=[both], target="label")
+
+
+def test_a_span_of_another_clock_is_refused_with_the_name_of_its_recording():
+    message = "recording 1: the annotation 'slip' must be within the recording, from 0.0 to 0.9 s"
+    with pytest.raises(ValueError, match=message):
+        frames(trial(SPANS), trial([(200, 500, "slip")]))
 
 
 def test_metadata_of_that_name_are_still_a_target():

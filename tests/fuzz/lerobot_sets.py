@@ -7,6 +7,7 @@ A case has files in one folder, so each file of a data set lies there as
 import io
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -27,7 +28,11 @@ def make(folder: Path) -> None:
 
     from torch_geometric_tactile.io import write_lerobot
 
-    recordings = [small_recording(label=label, meta={"object": label}) for label in ("mug", "cup")]
+    made = [small_recording(label=label, meta={"object": label}) for label in ("mug", "cup")]
+    recordings = [
+        replace(r, extra={"pac": np.ones((r.num_frames, 2, 2))}, annotations=[(0.0, 0.1, "slip")])
+        for r in made
+    ]
     write_lerobot(recordings, folder / "plain", fps=50)
     write_lerobot(recordings, folder / "every", fps=20, every_frame=True)
     write_lerobot(recordings, folder / "old", fps=50, task="pick")

@@ -7,10 +7,12 @@ import pytest
 for module in ("h5py", "mcap", "google.protobuf", "zstandard"):
     pytest.importorskip(module, reason="needs the extras 'io' and 'live'")
 
+from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import LiveFrame, Recording
 from torch_geometric_tactile.io import (
     McapWriter,
     read_hdf5_head,
+    read_lerobot,
     read_mcap,
     read_recording,
     repair_mcap,
@@ -40,6 +42,32 @@ def test_annotations_come_back(tmp_path, suffix):
         found = read_recording(tmp_path / f"a{seed % 3}.{suffix}")
         assert found.annotations == before.annotations, seed
         assert found.meta == {}
+
+
+@pytest.mark.parametrize("start", [0.0, 1.7e9])
+@pytest.mark.parametrize("source", SUFFIXES)
+@pytest.mark.parametrize("target", [*SUFFIXES, "lerobot"])
+def test_annotations_are_converted_between_all_formats(tmp_path, source, target, start):
+    if target == "lerobot":
+        pytest.importorskip("pyarrow", reason="needs the extra 'lerobot'")
+    spans = [
+        (start + 1, start + 2.5, "slip"),
+        (start + 2.5, start + 3, "é 手"),
+        (start, start, "x"),
+    ]
+    before = recording(spans, start=start)
+    write_recording(before, tmp_path / f"a.{source}")
+    files = [str(tmp_path / f"a.{source}"), str(tmp_path / f"b.{target}")]
+    assert main(["convert", *files, *(["--fps", "7"] if target == "lerobot" else [])]) == 0
+    if target == "lerobot":
+        (found,) = read_lerobot(files[1])
+        shift = start  # an episode begins at 0
+    else:
+        found, shift = read_recording(files[1]), 0.0
+    assert found.num_frames == before.num_frames
+    assert [(a.start + shift, a.end + shift, a.label) for a in found.annotations] == [
+        *before.annotations
+    ]
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

@@ -1,4 +1,7 @@
 import re
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -91,3 +94,77 @@ def test_a_wrong_table_of_labels_is_refused(tmp_path, text, message):
     table.write_text(text)
     with pytest.raises(ValueError, match=f"labels.csv'.*{re.escape(message)}"):
         read_labels(table)
+
+
+WRITER = """
+import sys
+from pathlib import Path
+import numpy as np
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io import write_wide_csv
+
+folder, name, count = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+spans = [(0.0, 0.1, name)]
+print("ready", flush=True)
+sys.stdin.readline()
+for i in range(count):
+    recording = Recording([0.0, 0.1], np.ones((2, 1, 1)), annotations=spans)
+    write_wide_csv(recording, folder / f"{name}{i}.csv")
+"""
+
+
+def start_writer(folder, name, count, code=WRITER):
+    return subprocess.Popen(
+        [sys.executable, "-c", code, str(folder), name, str(count)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_processes_that_write_into_one_folder_lose_no_annotations(tmp_path):
+    writers = [start_writer(tmp_path, name, 30) for name in "abc"]
+    for writer in writers:
+        assert writer.stdout.readline() == "ready\n"
+    for writer in writers:
+        writer.stdin.write("\n")
+        writer.stdin.flush()
+    for writer in writers:
+        writer.communicate()
+        assert writer.returncode == 0
+    annotations = read_annotations(tmp_path / "annotations.csv")
+    assert sorted(annotations) == sorted(f"{name}{i}" for name in "abc" for i in range(30))
+    others = [path.name for path in tmp_path.iterdir() if path.suffix != ".csv"]
+    assert others == []
+
+
+def test_threads_that_write_into_one_folder_lose_no_annotations(tmp_path):
+    with ThreadPoolExecutor(4) as pool:
+        [*pool.map(lambda i: write(tmp_path, f"r{i}", [(0, 0.1, "x")]), range(80))]
+    assert len(read_annotations(tmp_path / "annotations.csv")) == 80
+    assert not [path for path in tmp_path.iterdir() if path.suffix != ".csv"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no signals")
+def test_a_lock_of_a_killed_process_holds_nobody_up(tmp_path):
+    code = """
+import sys, time
+from torch_geometric_tactile._files import exclusive_access
+with exclusive_access(sys.argv[1] + "/annotations.csv"):
+    print("ready", flush=True)
+    time.sleep(100)
+"""
+    holder = start_writer(tmp_path, "a", 1, code)
+    assert holder.stdout.readline() == "ready\n"
+    assert [path.name for path in tmp_path.iterdir()] == [".annotations.csv.lock"]
+    waiter = start_writer(tmp_path, "b", 1)
+    waiter.stdin.write("\n")
+    waiter.stdin.flush()
+    assert waiter.stdout.readline() == "ready\n"
+    with pytest.raises(subprocess.TimeoutExpired):
+        waiter.wait(0.5)
+    holder.kill()
+    holder.communicate()
+    assert waiter.wait(60) == 0
+    waiter.communicate()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["annotations.csv", "b0.csv"]

@@ -1,5 +1,6 @@
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -400,3 +401,168 @@ def test_missing_library_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
     with pytest.raises(ImportError, match=r"pip install 'torch-geometric-tactile\[lerobot\]'"):
         write_lerobot(three(), tmp_path, fps=10)
+
+
+def full(frames=40, rate=20, start=0.0, **more):
+    draw = np.random.default_rng(frames)
+    return Recording(
+        start + np.arange(frames) / rate,
+        draw.normal(size=(frames, 2, 3)),
+        draw.normal(size=(frames, 2)) / 9,
+        extra={
+            "pressure": draw.normal(size=(frames, 3)),
+            "pac": draw.normal(size=(frames, 3, 22)).astype(np.float32),
+            "count": np.arange(frames) + 2**40,
+            "button": draw.random(frames) < 0.5,
+            "level": draw.integers(0, 9, (frames, 1), dtype=np.uint8),
+            "half": draw.normal(size=frames).astype(np.float16),
+        },
+        annotations=[(start + 0.25, start + 0.5, "slip"), (start + 1.5, start + 99.0, "é 手")],
+        **more,
+    )
+
+
+def assert_equal(found, recording, start):
+    assert found.extra.keys() == recording.extra.keys()
+    for name, value in recording.extra.items():
+        assert found.extra[name].dtype == value.dtype, name
+        assert np.array_equal(found.extra[name], value), name
+    assert [a.label for a in found.annotations] == [a.label for a in recording.annotations]
+    times = [(a.start - start, a.end - start) for a in recording.annotations]
+    np.testing.assert_array_equal([a[:2] for a in found.annotations], times)
+
+
+@pytest.mark.parametrize("every_frame", [False, True])
+@pytest.mark.parametrize("start", [0.0, 1.7e9])
+def test_annotations_and_further_signals_come_back(tmp_path, caplog, every_frame, start):
+    recordings = [full(start=start), full(31, start=start)]
+    write_lerobot(recordings, tmp_path / "set", fps=20, every_frame=every_frame)
+    assert caplog.text == ""
+    for found, recording in zip(
+        read_lerobot(tmp_path / "set", every_frame=every_frame), recordings, strict=True
+    ):
+        assert_equal(found, recording, start)
+    features = json.loads((tmp_path / "set/meta/info.json").read_text())["features"]
+    names = features["observation.extra.pac"].pop("names")
+    assert (names[0], names[-1]) == ("pac_0_0", "pac_2_21")
+    assert features["observation.extra.pac"] == {"dtype": "float32", "shape": [66]}
+    assert features["observation.extra.count"] == {"dtype": "float64", "shape": [1], "names": None}
+    (tmp_path / "set/meta/tactile.json").unlink()  # as LeRobot's tools do
+    found = read_lerobot(tmp_path / "set")[1]
+    assert {name: value.shape[1:] for name, value in found.extra.items()} == {
+        "pressure": (3,),
+        "pac": (3, 22),
+        "count": (),
+        "button": (),
+        "level": (),
+        "half": (),
+    }
+    assert np.array_equal(found.extra["count"], recordings[1].extra["count"])
+
+
+def test_signals_that_a_data_set_cannot_hold_are_named(tmp_path, caplog):
+    first = full(
+        5,
+        privileged={"pose": np.ones((5, 7))},
+    )
+    extra = {**first.extra, "note": np.array(["a"] * 5), "id": np.full(5, 2**60 + 1)}
+    first = replace(first, extra={**extra, "alone": np.ones(5)})
+    second = replace(first, extra={**extra, "pac": np.ones((5, 3))})
+    write_lerobot([first, second], tmp_path / "set", fps=20)
+    (record,) = caplog.records
+    assert record.levelname == "WARNING"
+    assert (
+        "cannot hold extra 'alone', extra 'id', extra 'note', extra 'pac', privileged 'pose'"
+        in (record.getMessage())
+    )
+    assert sorted(read_lerobot(tmp_path / "set")[0].extra) == [
+        *("button", "count", "half", "level", "pressure")
+    ]
+
+
+def gappy(rate=100, gap=3.0):
+    time = np.arange(80) / rate
+    time[40:] += gap
+    tactile = 1 + np.arange(80.0)[:, None, None] * np.ones((1, 2, 1))
+    extra = {"a": np.arange(80)}
+    return Recording(time, tactile, np.arange(80)[:, None] / 80, extra=extra)
+
+
+@pytest.mark.parametrize("nearest", [False, True])
+def test_steps_in_a_gap_are_missing_and_said(tmp_path, caplog, nearest):
+    recording = gappy()
+    write_lerobot([recording], tmp_path / "set", fps=30, nearest=nearest)
+    (record,) = caplog.records
+    assert "recording 0 has no frame within 0.05003 s of 8" in record.getMessage()
+    assert "of 114 steps, from 0.4667 to " in record.getMessage()
+    (found,) = read_lerobot(tmp_path / "set")
+    frame = np.searchsorted(recording.time, found.time + 1e-5, side="right") - 1
+    distance = found.time - recording.time[frame]
+    if nearest:
+        distance = np.minimum(
+            distance, np.abs(recording.time[np.minimum(frame + 1, 79)] - found.time)
+        )
+    missing = np.isnan(found.tactile).all(axis=(1, 2))
+    assert missing.tolist() == (distance > 0.0501).tolist()
+    assert np.isnan(found.joint).all(axis=1).tolist() == missing.tolist()
+    assert np.isnan(found.extra["a"]).tolist() == missing.tolist()
+    if not nearest:
+        assert np.array_equal(found.tactile[~missing], recording.tactile[frame[~missing]])
+    stats = json.loads((tmp_path / "set/meta/stats.json").read_text())
+    for name in ("observation.tactile", "observation.state", "observation.extra.a"):
+        for values in stats[name].values():
+            assert np.isfinite(values).all()
+    assert stats["observation.tactile"]["max"] == np.nanmax(found.tactile, axis=(0, 2)).tolist()
+    assert stats["observation.extra.a"]["mean"][0] == pytest.approx(
+        float(np.nanmean(found.extra["a"]))
+    )
+
+
+def test_steps_in_a_gap_may_be_refused_before_anything_is_written(tmp_path):
+    write_lerobot([gappy()], tmp_path / "set", fps=30, gaps="error", max_gap=9)
+    assert not np.isnan(read_lerobot(tmp_path / "set")[0].tactile).any()
+    with pytest.raises(ValueError, match=r"recording 1 has no frame within .* gaps='nan'"):
+        write_lerobot([gappy(gap=0), gappy()], tmp_path / "none", fps=30, gaps="error")
+    assert not (tmp_path / "none").exists()
+    for wrong, message in [
+        ({"gaps": "fill"}, "'gaps' must be"),
+        ({"max_gap": 0}, "'max_gap' must"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            write_lerobot([gappy()], tmp_path / "none", fps=30, **wrong)
+
+
+def burst_times(count=300):
+    return np.arange(count) // 3 * 0.016 + np.arange(count) % 3 * 1e-6
+
+
+@pytest.mark.parametrize(
+    ("time", "fps"),
+    [
+        (np.arange(50) / 10, 30),  # more steps than frames
+        (np.arange(500) / 100, 1),  # few steps
+        (burst_times(), 30),  # frames that came at once
+        (burst_times(), 200),
+        (np.cumsum(np.random.default_rng(0).uniform(0.2, 1.8, 500)) / 100, 30),
+        (np.array([0.0]), 30),
+        (np.array([0.0, 1.0]), 30),
+    ],
+)
+@pytest.mark.parametrize("every_frame", [False, True])
+def test_without_a_gap_no_step_is_missing(tmp_path, caplog, time, fps, every_frame):
+    recording = Recording(time, np.ones((len(time), 1, 1)))
+    write_lerobot([recording], tmp_path / "set", fps=fps, every_frame=every_frame)
+    assert caplog.text == ""
+    (found,) = read_lerobot(tmp_path / "set")
+    assert (found.tactile == 1).all()
+    if every_frame:
+        assert read_lerobot(tmp_path / "set", every_frame=True)[0].num_frames == len(time)
+
+
+def test_a_gap_keeps_all_frames_at_their_own_times(tmp_path):
+    recording = gappy()
+    write_lerobot([recording], tmp_path / "set", fps=30, every_frame=True)
+    (found,) = read_lerobot(tmp_path / "set", every_frame=True)
+    assert found.time == pytest.approx(recording.time, abs=1e-6)
+    assert np.array_equal(found.tactile, recording.tactile)
+    assert np.array_equal(found.extra["a"], recording.extra["a"])

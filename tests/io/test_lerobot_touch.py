@@ -88,6 +88,38 @@ def test_recordings_may_begin_before_the_episodes(source, tmp_path):
     assert whole.time[0] == pytest.approx(-0.09)
 
 
+def test_annotations_and_further_signals_are_added_on_the_clock_of_the_episode(source, tmp_path):
+    touch = [
+        skin(400, 100, 2, 50, annotations=[(51.5, 51.75, "slip")], extra={"a": np.arange(400)}),
+        skin(300, 100, 3, 50, annotations=[(51, 60, "hold")], extra={"a": np.arange(300)}),
+    ]
+    add_to_lerobot(source, touch, tmp_path / "new", starts=[51.0, 51.5])
+    first, second = read_lerobot(tmp_path / "new")
+    assert (first.annotations, second.annotations) == (
+        ((0.5, 0.75, "slip"),),
+        ((-0.5, 8.5, "hold"),),
+    )
+    assert first.extra["a"].tolist() == [*range(100, 220, 10)]
+    assert second.extra["a"].tolist() == [*range(150, 220, 10)]
+    assert (first.extra["a"].dtype, second.extra["a"].dtype) == (np.int64, np.int64)
+
+
+def test_steps_in_a_gap_of_the_touch_are_missing(source, tmp_path, caplog):
+    whole, gappy = skin(170, 150, 2), skin(170, 150, 2)
+    keep = np.r_[0:30, 100:170]
+    gappy = Recording(gappy.time[keep], gappy.tactile[keep], privileged={"pose": keep})
+    with pytest.raises(ValueError, match=r"recording 0 has no frame within .* of 4 of 12 steps"):
+        add_to_lerobot(source, [gappy, whole], tmp_path / "new", gaps="error")
+    assert not (tmp_path / "new").exists()
+    add_to_lerobot(source, [gappy, gappy], tmp_path / "new")
+    assert "recording 1 has no frame within" in caplog.text
+    assert "cannot hold privileged 'pose'" in caplog.text
+    found = read_lerobot(tmp_path / "new")[0]
+    missing = np.isnan(found.tactile).all(axis=(1, 2))
+    assert missing.nonzero()[0].tolist() == [3, 4, 5, 6]
+    assert not np.isnan(found.joint).any()
+
+
 @pytest.mark.parametrize(
     ("touch", "settings", "match"),
     [

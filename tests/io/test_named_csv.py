@@ -94,7 +94,7 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
             r"column 'thumb' of .* must be one thing only",
         ),
         (["a,b,a", "1,2,3"], {}, r"must name each column once \(got 'a' twice\)"),
-        ([HEADER, "1,1,2,3,4"], {"time_unit": "h"}, r"'time_unit' must be one of .* \(got h\)"),
+        ([HEADER, "1,1,2,3,4"], {"time_unit": "y"}, r"'time_unit' must be one of .* \(got y\)"),
         ([HEADER, "1,1,2,3,4"], {"rate": 0}, r"'rate' must be positive \(got 0\)"),
         ([HEADER, "1,1,2,3,4"], {"num_channels": 0}, r"'num_channels' must be at least 1"),
         ([HEADER, "1,1,2,3,4"], {"unit": "volt"}, r"'unit' in 'meta' must be one of"),
@@ -114,6 +114,9 @@ def test_read_rejects(write, lines, options, message):
         ("stamp_us", "3", {"time": "stamp_us"}, 3e-6),
         ("time_ms", "9", {"time_unit": "ms"}, 0.009),
         ("stamp", "9", {"time": "stamp", "time_unit": "ns"}, 9e-9),
+        ("time_min", "0.1", {}, 6.0),
+        ("Time_h", "1e-2", {}, 36.0),
+        ("stamp", "45292.4166666667", {"time": "stamp", "time_unit": "d"}, 3913264800.00000288),
     ],
 )
 def test_unit_of_the_time(write, name, cell, options, seconds):
@@ -176,7 +179,11 @@ def test_a_frame_without_readings_is_missing(write):
         ),
         (["time [ms],a", "1,2"], {}, r"must be a reading or end in a unit .*\(got 'time \[ms\]'"),
         (["timestamp.1,a", "1,2"], {}, r"column 1 must be .*got 'timestamp.1'\)"),
-        (["time_hours,a", "1,2"], {}, r"unit of the time, one of \['s', 'ms', 'us', 'ns'\]"),
+        (
+            ["time_hours,a", "1,2"],
+            {},
+            r"unit of the time, one of \['s', 'ms', 'us', 'ns', 'min', 'h', 'd'\]",
+        ),
         (
             ["time_ms,a", "1,2"],
             {"time_unit": "s"},
@@ -208,6 +215,40 @@ def test_a_column_of_texts_that_nobody_named_comes_with_advice(write):
 def test_frames_that_are_seconds_apart_are_noticed(write, caplog, step, unit, warns):
     read_named_csv(write("time,a", "0,1", f"{step},1"), time_unit=unit)
     assert ("give time_unit='ms'" in caplog.text) == warns
+
+
+@pytest.mark.parametrize(
+    ("size", "rate", "units"),
+    [
+        (86400, 100, ["d"]),
+        (3600, 100, ["h"]),
+        (60, 100, ["min"]),
+        (60, 1000, ["min", "h"]),
+        (1, 2200, None),  # vibration, as of a BioTac
+    ],
+)
+def test_frames_that_are_too_close_are_noticed(write, caplog, size, rate, units):
+    # Of a live recording three frames may have come at once.
+    time = (np.arange(60) // 3 * 3 / rate + np.arange(60) % 3 * 1e-6) / size
+    path = write("time,a", *(f"{t:.15f},1" for t in time))
+    read_named_csv(path)
+    if units is None:
+        assert caplog.text == ""
+        return
+    found = 59 / (time[-1] - time[0])
+    hints = "; or ".join(f"give time_unit='{u}' for" for u in units)
+    for part in (f"has {found:.4g} frames a second if its time is in seconds", hints.split(";")[0]):
+        assert part in caplog.text
+    assert caplog.text.count("give time_unit=") == len(units)
+    caplog.clear()
+    read_named_csv(path, time_unit=units[0])
+    read_named_csv(path, rate=rate * size)
+    assert caplog.text == ""
+    assert read_named_csv(path, time_unit=units[0]).duration == pytest.approx(57 / rate, rel=1e-3)
+
+
+def test_columns_that_may_be_no_time_are_readings(write):
+    assert read_named_csv(write("t,t_h,t_d", "0,1,2")).num_taxels == 2
 
 
 @pytest.mark.parametrize(

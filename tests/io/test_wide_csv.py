@@ -228,7 +228,7 @@ def test_units_of_joints_and_readings(write):
     "names",
     [
         "time_minutes,taxel_0_x",
-        "time_h,taxel_0_x",
+        "time_y,taxel_0_x",
         "taxel_0_x,joint_0_turns",
         "taxel_0_x_kg,joint_0",
         "taxel_0_x_volt,time",

@@ -270,6 +270,29 @@ def test_points_of_another_layout_do_not_end_a_recording(tmp_path, caplog):
     assert "must have 4 taxels (got 24)" in caplog.text
 
 
+def test_everything_is_loaded_before_the_source_is_opened(tmp_path, monkeypatch):
+    from torch_geometric_tactile.live import _posed_points
+
+    made = []
+
+    class Slow(_posed_points.PosedPoints):
+        def __init__(self, layout):
+            made.append((threading.current_thread(), stream.state))
+            super().__init__(layout)
+
+    monkeypatch.setattr(_posed_points, "PosedPoints", Slow)
+    stream = Stream(NumberedSource(1000, count=20))
+    recorder = Recorder(tmp_path / "a.mcap", stream, layout="biotac_sp")
+    assert made == [(threading.current_thread(), "closed")]
+    recorder.start()
+    with stream:
+        for _ in stream.subscribe("newest"):
+            pass
+    recorder.close()
+    assert len(made) == 1
+    assert recorder.frames == 20
+
+
 def test_flat_layout_and_one_channel():
     from torch_geometric_tactile.live._posed_points import PosedPoints
 

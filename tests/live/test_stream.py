@@ -4,12 +4,14 @@ import math
 import threading
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from fake_source import FakeSource, ended, frame, frames, wait_until
 
+from torch_geometric_tactile.data import FrameInfo
 from torch_geometric_tactile.live import (
     SourceEnded,
     Stream,
@@ -467,6 +469,17 @@ def test_stream_maps_taxels_and_names_the_layout():
         tactile = subscription.get(LONG).tactile
     np.testing.assert_array_equal(tactile, np.float32([[2], [math.nan], [1]]))
     assert stream.meta["sensor"] == "three"
+
+
+def test_stream_keeps_how_frames_were_made():
+    info = FrameInfo(rate=50.0, unit="count", columns={"tactile": ["a", "b"], "joint": ["j"]})
+    made = [replace(one, info=info) for one in frames(2)]
+    with subscribed(ended(*made)) as (_, subscription):
+        assert [one.info for one in subscription] == [info, info]
+    with subscribed(ended(*made), taxel_map=TaxelMap([1, 0], 2)) as (_, subscription):
+        first, second = subscription
+    assert first.info == FrameInfo(rate=50.0, unit="count", columns={"joint": ["j"]})
+    assert second.info is first.info
 
 
 def test_anchor_is_one_moment_on_both_clocks():

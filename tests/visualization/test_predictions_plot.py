@@ -335,6 +335,18 @@ def test_other_annotations_have_lanes_in_the_colours_of_their_classes():
     assert lanes(figure.axes[1]) == ["grip", "hard"]
 
 
+def test_time_without_frames_is_no_class():
+    spans = [(9.2, 9.4, "gap")]
+    figure = plot_predictions(
+        predictor(("soft", "gap")), recording(annotations=spans), rows([1, 0])
+    )
+    assert lanes(figure.axes[1]) == ["predicted"]
+    spans = [(8, 9, "soft"), (9, 10, "hard"), (8.5, 9.5, "gap")]
+    figure = plot_predictions(predictor(), recording(annotations=spans), rows([0.9, 0.1]))
+    assert lanes(figure.axes[1]) == ["predicted", "true (annotations)"]
+    assert figure.get_suptitle().endswith("47.6\xa0%\xa0right")
+
+
 def test_annotations_that_overlap_are_no_truth():
     spans = [(8, 9, "soft"), (8.5, 10, "hard")]
     figure = plot_predictions(predictor(), recording(annotations=spans), rows([0.9, 0.1]))

@@ -57,6 +57,16 @@ def seconds(text: str) -> float:
     return number
 
 
+def hertz(text: str) -> float:
+    r"""Reads a rate in frames per second: a positive number."""
+    number = _plain_number(text)
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(
+            f"must be a positive number of frames per second (got {text[:40]!r})"
+        )
+    return number
+
+
 def trial_seconds(text: str) -> float:
     r"""Reads the length of a simulated trial in seconds, from one second to an hour."""
     number = _plain_number(text)
@@ -75,9 +85,13 @@ def port(text: str) -> int:
 
 
 def _labels(text: str) -> list[str]:
-    from torch_geometric_tactile.data._annotations import checked_annotation
+    from torch_geometric_tactile.data._annotations import GAP, checked_annotation
 
     labels = [label.strip() for label in text.split(",")]
+    if GAP in labels:
+        raise argparse.ArgumentTypeError(
+            f"must not contain '{GAP}', the label of time without frames (got {text[:80]!r})"
+        )
     if len(labels) > 9 or len({*labels}) < len(labels):
         raise argparse.ArgumentTypeError(f"must be up to 9 different labels (got {text[:80]!r})")
     try:
@@ -92,6 +106,22 @@ LABELS: dict[str, Any] = {
     "type": _labels,
     "help": "labels of the annotations that the keys 1 to 9 begin and end (default: 1 to 9)",
 }
+
+
+#: Settings of the option that names the map of the taxels.
+MAP: dict[str, Any] = {
+    "metavar": "MAP",
+    "help": "order of the taxels of the source: a stock map, a JSON file, or 'none' if it is that "
+    "of the layout (default: the stock map of the sensor and the layout, if there is one)",
+}
+
+
+def taxel_map(text: str | None) -> Any:
+    r"""Returns the map of taxels that the option names, :obj:`"none"`, or :obj:`None` without the
+    option."""
+    from torch_geometric_tactile.live import TaxelMap
+
+    return text if text in (None, "none") else TaxelMap.load(text)
 
 
 def _plain_number(text: str) -> float:

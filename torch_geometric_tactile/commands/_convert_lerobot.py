@@ -9,7 +9,17 @@ from torch_geometric_tactile.commands._arguments import positive
 SUFFIX = ".lerobot"
 _FPS = 30
 _IN_FOLDERS = (".h5", ".hdf5", ".npz", ".mcap", ".csv", ".jsonl", ".ndjson")
-_OPTIONS = ("fps", "every_frame", "nearest", "task", "robot_type", "add_to", "start")
+_OPTIONS = (
+    "fps",
+    "every_frame",
+    "nearest",
+    "task",
+    "robot_type",
+    "add_to",
+    "start",
+    "gaps",
+    "max_gap",
+)
 
 
 def add_lerobot_options(parser: argparse.ArgumentParser) -> None:
@@ -29,6 +39,17 @@ def add_lerobot_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         default=None,
         help="take the nearest frame for each step (default: the last one before it)",
+    )
+    options.add_argument(
+        "--gaps",
+        choices=("nan", "error"),
+        help="what steps in a gap without frames are: NaN, or an error (default: nan)",
+    )
+    options.add_argument(
+        "--max-gap",
+        type=float,
+        metavar="SECONDS",
+        help="the longest time without frames that is no gap (default: five frames)",
     )
     options.add_argument(
         "--task", metavar="TEXT", help="the task of all episodes (default: the label of each)"
@@ -62,7 +83,8 @@ def run(arguments: argparse.Namespace, reading: dict[str, Any]) -> int:
 
     given = lerobot_options(arguments)
     source = given.pop("add_to", None)
-    allowed = {"every_frame", "start"} if source else {*_OPTIONS} - {"start"}
+    both = {"every_frame", "gaps", "max_gap"}
+    allowed = both | {"start"} if source else {*_OPTIONS} - {"start"}
     wrong = next((name for name in given if name not in allowed), None)
     if wrong is not None:
         word = "not be given with" if source else "be given with"
@@ -76,7 +98,7 @@ def run(arguments: argparse.Namespace, reading: dict[str, Any]) -> int:
             recordings,
             arguments.target,
             starts=given.get("start"),
-            every_frame=given.get("every_frame", False),
+            **{name: value for name, value in given.items() if name in both},
         )
         done = f"touch added to '{source}'"
     else:

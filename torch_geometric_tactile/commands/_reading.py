@@ -30,7 +30,10 @@ _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
             "help": "a column of joint angles; like --tactile",
         },
         "time": {"metavar": "NAME", "help": "the time column (default: time)"},
-        "time_unit": {"metavar": "UNIT", "help": "unit of the time column: s, ms, us or ns"},
+        "time_unit": {
+            "metavar": "UNIT",
+            "help": "unit of the time column: s, ms, us, ns, min, h or d",
+        },
         "label": {"metavar": "NAME", "help": "the label column"},
         "extra": {
             "action": "append",

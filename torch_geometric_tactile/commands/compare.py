@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torch_geometric_tactile.commands._arguments import positive, small_count
+from torch_geometric_tactile.commands._arguments import hertz, positive, small_count
 from torch_geometric_tactile.commands._runs import (
     add_rest,
     add_workers,
@@ -200,6 +200,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive,
         help="use every N-th frame of each trial (before windows are cut)",
     )
+    cut.add_argument(
+        "--resample",
+        metavar="HZ",
+        type=hertz,
+        help="resample all recordings of a folder to HZ frames per second (before all other "
+        "options), for windows of recordings that have several rates",
+    )
     add_rest(cut)
     output = parser.add_argument_group("output")
     output.add_argument(
@@ -265,6 +272,7 @@ def _run(arguments: argparse.Namespace) -> int:
         time_axis=arguments.time_axis,
         arguments=_init(arguments.init),
         stride=arguments.stride,
+        resample=arguments.resample,
         cut=_cut(arguments),
     )
     plan = comparison_plan(source, settings, name=_name(arguments.data))
@@ -307,7 +315,9 @@ def _save(comparison: "Comparison", arguments: argparse.Namespace) -> None:
     predictor.save(arguments.save)
     text = f"wrote {arguments.save}: {predictor}\n  {predictor.score}"
     if predictor.preparation.session.parts:
-        text += "\n  measures the sensor at rest: tactile predict --rest SECONDS"
+        rest = predictor.info.rest
+        seconds = "SECONDS" if rest is None else f"{rest:.3g}"
+        text += f"\n  measures the sensor at rest: tactile predict --rest {seconds}"
     tell("\n".join(printable(line) for line in text.splitlines()), arguments.json)
 
 

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 from torch_geometric_tactile.commands._arguments import (
     CONTACT,
     LABELS,
+    MAP,
     SOURCE,
     contact_rule,
     port,
     seconds,
+    taxel_map,
 )
 
 if TYPE_CHECKING:
@@ -68,14 +70,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--layout",
         metavar="LAYOUT",
-        help="positions of the taxels: a stock layout or a layout file (default: that of the "
-        "source or the model)",
+        help="order and positions of the taxels: a stock layout or a layout file (default: that of "
+        "the source or the model)",
     )
-    parser.add_argument(
-        "--map",
-        metavar="MAP",
-        help="reorders the taxels of the source to the layout: a stock map or a JSON file",
-    )
+    parser.add_argument("--map", **MAP)
     model.add_argument(
         "--tare",
         action="store_true",
@@ -91,8 +89,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rest",
         metavar="SECONDS",
         type=seconds,
-        default=1.0,
-        help="how long the sensor must be still to measure its reading at rest (default: 1)",
+        help="how long the sensor must be still to measure its reading at rest (default: as long "
+        "as in the training of the model, or 1)",
     )
     model.add_argument(
         "--policy",
@@ -103,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seconds",
         metavar="S",
         type=seconds,
-        help="stop this long after the first frame, or after the opening if none comes",
+        help="how long to run from the first frame, or to wait for one",
     )
 
 
@@ -142,34 +140,39 @@ def run(arguments: argparse.Namespace) -> int:
             if url is not None:
                 line.tell(f"page: {url}")
             if arguments.record is not None:
-                session.record(arguments.record, arguments.label, arguments.overwrite)
+                session.record(
+                    arguments.record, arguments.label, arguments.overwrite, arguments.seconds
+                )
             session.open()
             if url is not None and not arguments.no_browser:
                 webbrowser.open(url)
             with suppress(KeyboardInterrupt):  # the usual way to end
                 session.run(arguments.seconds, show)
             session.stream.require_frames()
-            frames = session.stream.health().frames
+            session.stream.close()
+            health = session.stream.health()
             path = session.stop_recording()
-        line.tell(f"{frames} frames, {session.judged} judged")
+        line.tell(f"{health.frames} frames, {session.judged} judged, {health.losses()}")
         if path is not None:
             line.tell(f"wrote {path}")
     return 0
 
 
 def _session(arguments: argparse.Namespace) -> "LiveSession":
-    from torch_geometric_tactile.live import Judge, LiveSession, Rest, TaxelMap, open_source
+    from torch_geometric_tactile.live import Judge, LiveSession, Rest, open_source
 
     source = open_source(arguments.source)
-    rest = Rest(arguments.rest)
+    rest = Rest(1.0 if arguments.rest is None else arguments.rest)
     rule = contact_rule(arguments.contact)
     judge = None if arguments.model is None else Judge(arguments.model, rest, contact=rule)
+    if judge is not None and arguments.rest is None and judge.frame_info.rest is not None:
+        rest.seconds = judge.frame_info.rest
     return LiveSession(
         source,
         judge=judge,
         rest=rest,
         tare=arguments.tare,
-        taxel_map=None if arguments.map is None else TaxelMap.load(arguments.map),
+        taxel_map=taxel_map(arguments.map),
         layout=arguments.layout or _layout_of(judge, arguments),
         policy=arguments.policy,
     )

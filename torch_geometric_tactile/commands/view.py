@@ -5,7 +5,7 @@ import re
 import time
 from typing import TYPE_CHECKING, Any
 
-from torch_geometric_tactile.commands._arguments import SOURCE, port
+from torch_geometric_tactile.commands._arguments import MAP, SOURCE, port, taxel_map
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Source, Stream, Viewer
@@ -21,7 +21,7 @@ EXAMPLES = f"""\
 {SOURCE}
 examples:
   tactile view grasp.h5
-  tactile view ws://127.0.0.1:5000 --layout allegro_uskin
+  tactile view ws://127.0.0.1:5000 --layout allegro_uskin_368
   tactile view 'serial:/dev/ttyUSB0?protocol=text&shape=12x32' --layout 12x32
   tactile view sim: --port 8000 --no-browser     on a robot; on the machine with the browser:
                                                  ssh -L 8000:127.0.0.1:8000 ROBOT
@@ -37,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="positions of the taxels: a stock layout, a layout file, or the rows and columns of a "
         "grid, such as 16x16 (default: that of the source, else a grid in order of the taxels)",
     )
+    parser.add_argument("--map", **MAP)
     parser.add_argument(
         "--port", metavar="N", type=port, default=0, help="port of the page (default: any free one)"
     )
@@ -50,9 +51,15 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.live import Stream, Viewer
 
     layout = None if arguments.layout is None else _layout(arguments.layout)
-    stream = Stream(_source(arguments.source))
+    order = taxel_map(arguments.map)
+    stream = Stream(
+        _source(arguments.source),
+        taxel_map=None if order == "none" else order,
+        layout=None if order == "none" else layout,
+    )
+    viewer = Viewer(stream, layout, port=arguments.port)
     try:
-        with stream, Viewer(stream, layout, port=arguments.port) as viewer:
+        with viewer, stream:
             print(f"{viewer.url}  (Ctrl-C quits)", flush=True)
             if not arguments.no_browser:
                 import webbrowser

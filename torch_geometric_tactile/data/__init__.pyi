@@ -2,7 +2,8 @@ from . import splits
 from .annotation import Annotation
 from .apply_transform import apply_transform
 from .contact_rule import NO_CONTACT, ContactRule
-from .frame_info import FrameInfo, gaps_of, measure_rate, part_numbers
+from .frame_info import FrameInfo
+from .frame_rate import Rate, measure_rate
 from .frame_ring import FrameRing
 from .frames import join_frames, split_frames
 from .image_data import ImageData, StaticImages, image_of
@@ -27,6 +28,7 @@ __all__ = [
     "ImageData",
     "LiveFrame",
     "Protocol",
+    "Rate",
     "Recording",
     "Split",
     "StaticData",
@@ -36,11 +38,9 @@ __all__ = [
     "Trials",
     "Windows",
     "apply_transform",
-    "gaps_of",
     "image_of",
     "join_frames",
     "measure_rate",
-    "part_numbers",
     "split_frames",
     "splits",
 ]

@@ -9,7 +9,11 @@ from torch import Tensor
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data._levels import NAMED
-from torch_geometric_tactile.data._recording_arrays import checked_numbers, refuse_masked
+from torch_geometric_tactile.data._recording_arrays import (
+    checked_numbers,
+    refuse_masked,
+    warn_of_rounding,
+)
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, check_edges
 
@@ -88,7 +92,10 @@ def _is_ragged(value: Any) -> bool:
 
 def _checked_x(x: Any, layout: TaxelLayout) -> Tensor:
     x = as_tensor("x", x)
-    x = x if x.dtype in (torch.float16, torch.bfloat16, torch.float32) else x.float()
+    if x.dtype not in (torch.float16, torch.bfloat16, torch.float32):
+        single = x.float()
+        warn_of_rounding("x", x.detach().cpu().numpy(), single.detach().cpu().numpy(), stacklevel=5)
+        x = single
     num_taxels = layout.num_taxels
     if x.dim() == 2 and x.size(1) == num_taxels:
         x = x.unsqueeze(-1)

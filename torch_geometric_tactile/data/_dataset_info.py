@@ -7,13 +7,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data.frame_info import (
-    FrameInfo,
-    Rate,
-    gaps_in,
-    joined_rate,
-    measure_rate,
-)
+from torch_geometric_tactile.data._gaps import gaps_in, joined_rate
+from torch_geometric_tactile.data.frame_info import FrameInfo
+from torch_geometric_tactile.data.frame_rate import Rate, measure_rate
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.data.static_dataset import StaticDataset

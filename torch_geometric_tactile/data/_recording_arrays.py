@@ -1,5 +1,6 @@
 r"""Arrays of a recording from what users have: masked arrays, dates, and what is no number."""
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,6 +14,7 @@ _NO_NAME = {"/", "\0"}  # where names of a file end
 _MAX_DIMS = 9  # with that of the frames
 # Powers of ten, and seconds, of the units that dates and time differences of numpy have.
 _PARTS_OF_SECOND = {"ms": 10**3, "us": 10**6, "ns": 10**9, "ps": 10**12, "fs": 10**15, "as": 10**18}
+_LARGEST_EXACT = 2**24  # up to which float32 holds every integer
 _SECONDS = {"W": 7 * 86400, "D": 86400, "h": 3600, "m": 60, "s": 1}
 
 
@@ -25,9 +27,40 @@ def checked_numbers(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
     # A reading beyond float32 becomes infinite here and is reported as such by the caller.
     with np.errstate(over="ignore"):
         numbers: np.ndarray = array.astype(dtype, copy=False)
+    if numbers.dtype == np.float32:
+        warn_of_rounding(name, array, numbers, stacklevel=5)
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         numbers = np.where(np.ma.getmaskarray(value), np.nan, numbers).astype(dtype, copy=False)
     return numbers
+
+
+def warn_of_rounding(
+    name: str, array: np.ndarray, numbers: np.ndarray, stacklevel: int = 3
+) -> None:
+    r"""Warns if integers, or floating-point numbers that are integers, are so large that float32
+    rounds them, such that small differences between them are lost.
+
+    Args:
+        name (str): What the numbers are, for the message.
+        array (numpy.ndarray): The numbers before they were converted, of any shape.
+        numbers (numpy.ndarray): The same in float32.
+        stacklevel (int): As of :func:`warnings.warn`.
+    """
+    if array.dtype.kind == "b" or array.dtype.itemsize < 4 or array.dtype == np.float32:
+        return
+    is_large = (np.abs(numbers) > _LARGEST_EXACT) & np.isfinite(numbers)
+    if not is_large.any():
+        return
+    before = array[is_large].astype(np.float64)
+    is_whole = (before == np.floor(before)).all() and np.abs(before).max() <= 2**53
+    if is_whole and (before != numbers[is_large]).any():
+        warnings.warn(
+            f"'{name}' holds readings of up to {np.abs(before).max():.15g}, which single precision "
+            f"rounds: above {_LARGEST_EXACT} differences of 1 are lost. Subtract an offset of each "
+            "taxel before, such as x - x[0]",
+            UserWarning,
+            stacklevel=stacklevel,
+        )
 
 
 def checked_time(value: Any) -> np.ndarray:

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from torch_geometric_tactile.data.frame_info import measure_rate, part_numbers
+from torch_geometric_tactile.data._gaps import part_numbers
+from torch_geometric_tactile.data.frame_rate import measure_rate
 
 _MAX_FRAMES = 10**8
 _EDGE = 1e-6  # of a new frame, by which the last one may be past the last old one

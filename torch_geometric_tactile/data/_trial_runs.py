@@ -49,7 +49,8 @@ class TrialRuns(NamedTuple):
         r"""Returns the continuous parts of the trials, each as a trial of its own.
 
         Shapes:
-            - **is_gap:** Whether something is missing between a frame and the next :math:`(S - 1,)`.
+            - **is_gap:** Whether something is missing after each frame but the last
+              :math:`(S - 1,)`.
         """
         end = self.start + self.length
         gaps = torch.as_tensor(is_gap).nonzero().view(-1) + 1

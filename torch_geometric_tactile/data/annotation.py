@@ -10,6 +10,7 @@ class Annotation(NamedTuple):
         start (float): Where it begins, in seconds on the clock of the recording.
         end (float): Where it ends; not before its start.
         label (str): What happens in it: 1 to 255 printable characters, without blanks at the ends.
+            :obj:`"gap"` is reserved for time without frames, and labels no frame.
 
     Examples:
         >>> import numpy as np

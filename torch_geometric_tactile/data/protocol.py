@@ -22,6 +22,7 @@ from torch_geometric_tactile.data._unit_draws import (
     numbers_of,
 )
 from torch_geometric_tactile.data.static_dataset import StaticDataset
+from torch_geometric_tactile.data.windows import Windows
 
 #: What a split keeps together.
 Unit = Literal["frame", "trial", "group", "session", "placement", "size"]
@@ -184,10 +185,18 @@ class Protocol:
             fold (int): Which of the :meth:`num_folds` folds is tested on.
 
         Raises:
-            ValueError: If there is no such fold, the samples do not have an attribute that they
+            ValueError: If windows that overlap are split by frame, there is no such fold, the
+                samples do not have an attribute that they
                 are split or stratified by, there are fewer units than folds, a part above 0 would
                 be empty, or the classes do not allow to stratify.
         """
+        if self.by == "frame" and isinstance(dataset, Windows) and dataset.overlap:
+            raise ValueError(
+                "windows that overlap must be split by trial, group or session, since those of a "
+                f"test part would share frames with those to train on (got 'frame', with windows "
+                f"of {dataset.length} frames, one every {dataset.hop}); or take hop="
+                f"{dataset.length}"
+            )
         num_folds = self.num_folds(dataset)
         need(0 <= fold < num_folds, f"'fold' must be between 0 and {num_folds - 1}", fold)
         if self.by == "given":

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from torch_geometric_tactile.data._annotations import annotations_within, checked_annotations
+from torch_geometric_tactile.data._gaps import RATE_TOLERANCE, gaps_of
 from torch_geometric_tactile.data._recording_arrays import (
     check_frames,
     check_utf8,
@@ -19,7 +20,8 @@ from torch_geometric_tactile.data._recording_arrays import (
 )
 from torch_geometric_tactile.data._resampled import resampled_values
 from torch_geometric_tactile.data.annotation import Annotation
-from torch_geometric_tactile.data.frame_info import RATE_TOLERANCE, FrameInfo, gaps_of, measure_rate
+from torch_geometric_tactile.data.frame_info import FrameInfo
+from torch_geometric_tactile.data.frame_rate import measure_rate
 
 if TYPE_CHECKING:  # a live robot has recordings without torch
     from torch_geometric_tactile.sensors import TaxelLayout
@@ -175,7 +177,7 @@ class Recording:
         r"""Start and end in seconds of each time without frames :math:`(G, 2)`: from the last frame
         before it to the first after it, more than five arrivals apart.
         """
-        last = gaps_of(self.time)
+        last = gaps_of(self.time, measure_rate(self.time).max_gap)
         return np.stack([self.time[last], self.time[last + 1]], axis=1)
 
     @property

@@ -11,6 +11,7 @@ from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data._dataset_info import selected_frames
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._trial_runs import TrialRuns
+from torch_geometric_tactile.data._window_data import WindowData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
 _LABELS = ("last", "trial", "ahead")
@@ -101,6 +102,15 @@ class Windows(FrameView):
         #: How many gaps in time end a window, as the end of a trial does.
         self.num_gaps = 0
         super().__init__(dataset, target, series, transform, pre_transform)
+
+    @property
+    def overlap(self) -> bool:
+        r"""Whether two windows of this selection share a frame."""
+        stored = self._selected()
+        if not isinstance(stored, WindowData):
+            return self.hop < self.length
+        starts = stored.starts.sort().values
+        return bool((starts.diff() < self.length).any())
 
     def _choose(self, runs: TrialRuns) -> dict[str, Any]:
         target = self._label(runs, constant=self.label == "trial")

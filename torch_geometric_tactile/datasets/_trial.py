@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Annotation, Recording
-from torch_geometric_tactile.data._annotations import OUTSIDE, annotation_of_frames
+from torch_geometric_tactile.data._annotations import OUTSIDE, annotation_of_frames, without_gaps
 from torch_geometric_tactile.sensors import TaxelLayout
 
 ANNOTATION = "annotation"  # the target that is the label of the annotation of a frame
@@ -87,14 +87,11 @@ class Trial:
         value = self.privileged.get(key)
         if value is None and key == ANNOTATION and key not in self.meta:
             need(
-                self.annotations,
+                without_gaps(self.annotations),
                 f"{self.where} must have annotations for target='{ANNOTATION}' (got none): if "
                 f"nothing happens in it, annotate it as '{OUTSIDE}' from its start to its end",
             )
-            try:
-                return annotation_of_frames(self.annotations, self.time)
-            except ValueError as error:
-                raise ValueError(f"{self.where}: {error}") from error
+            return annotation_of_frames(self.annotations, self.time, self.where)
         if value is None:
             label = self.label if key == "label" else None
             label = self.meta.get(key) if label is None else label

@@ -41,6 +41,7 @@ class TrialFrames(RawFiles):
     phases: Sequence[str] | None
     stride: int
     rate: float | None = None
+    resample: float | None = None
     samples_per_trial: int | None = None
     sample_seed: int = 0
     tare: float | str | None
@@ -143,6 +144,8 @@ class TrialFrames(RawFiles):
         (unit,) = self._names.get("unit") or (None,)
         columns = {key: self._names.get(f"{key}_columns") for key in ("tactile", "joint")}
         return FrameInfo(
+            rate=self.resample,
+            resampled=self.resample is not None,
             selected_rate=self.rate,
             unit=unit,
             columns={key: names for key, names in columns.items() if names},

@@ -1,7 +1,7 @@
 r"""The frames of recordings, for any sensor."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -10,7 +10,7 @@ import numpy as np
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
-from torch_geometric_tactile.data import Protocol, Recording, StaticData
+from torch_geometric_tactile.data import FrameInfo, Protocol, Recording, StaticData
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.datasets._frame_labels import ObjectLabels, frame_labels
 from torch_geometric_tactile.datasets._frame_reader import FrameReader
@@ -107,6 +107,10 @@ class RecordingFrames(TrialFrames):
             Columns that an expression chooses are in the order of the first file in all files.
         unit (str, optional): The unit of recordings whose metadata name none, :obj:`"count"` or
             :obj:`"newton"`. Without it, all recordings name one, or none does.
+        resample (float, optional): Frames per second that all recordings are resampled to before
+            anything else, see :meth:`Recording.resample
+            <torch_geometric_tactile.data.Recording.resample>`: for windows of recordings that have
+            several rates.
         tare (float or str, optional): The frames at rest of each trial, whose mean reading is
             subtracted from all of its frames before :obj:`transform`: the name of a phase, such as
             :obj:`"hover"`, or how many seconds each trial begins with. Frames at rest count also
@@ -167,6 +171,7 @@ class RecordingFrames(TrialFrames):
         pattern: str = _PATTERN,
         read_options: Mapping[str, Any] | None = None,
         unit: Literal["count", "newton", "microtesla"] | None = None,
+        resample: float | None = None,
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
         pre_filter: Filter | None = None,
@@ -174,6 +179,8 @@ class RecordingFrames(TrialFrames):
     ) -> None:
         _check_arguments(root, recordings, split=split, stride=stride, unit=unit)
         check_choice(rate, samples_per_trial, sample_seed)
+        if resample is not None:
+            FrameInfo(rate=resample, resampled=True)  # checks it
         if layout is None:
             raise ValueError("'layout' must name the taxel layout of the recordings (got None)")
         self.layout = as_layout(layout)
@@ -193,6 +200,7 @@ class RecordingFrames(TrialFrames):
         self.pattern = checked_pattern(pattern)
         self.read_options = dict(read_options or {})
         self.unit = unit
+        self.resample = resample
         self._recordings: list[Recording] | None = None if recordings is None else list(recordings)
         edge_index = None if adjacency is None else self.layout.edge_index(adjacency).clone()
         self.pre_transform, self.pre_filter = pre_transform, pre_filter
@@ -248,10 +256,10 @@ class RecordingFrames(TrialFrames):
             self.layout, self.pattern, tuple(needs), self.num_channels, self.num_joints, self.unit
         )
         if self._recordings is None:
-            x, trials = reader.read(self._opened(), Path(self.processed_dir))
+            x, trials = reader.read(self._resampled(self._opened()), Path(self.processed_dir))
         else:
             given = ((f"recording {i}", str(i), r) for i, r in enumerate(self._recordings))
-            x, trials = reader.read(given, None)
+            x, trials = reader.read(self._resampled(given), None)
         target = None if self.target in self._stored else self.target
         names, labels = frame_labels(trials, self._labels, target)
         for trial in reversed(trials):
@@ -267,6 +275,18 @@ class RecordingFrames(TrialFrames):
             data[key] = value
         data.y = self._labels.target(data, names, self.target, str(self.root))
         return data, names
+
+    def _resampled(
+        self, recordings: Iterable[tuple[str, str, Recording]]
+    ) -> Iterator[tuple[str, str, Recording]]:
+        for where, name, recording in recordings:
+            if self.resample is None or recording.num_frames < 2:
+                yield where, name, recording
+                continue
+            try:
+                yield where, name, recording.resample(self.resample)
+            except ValueError as error:
+                raise ValueError(f"{where}: {error}") from error
 
     @property
     def file_options(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._arrays import static_data_from_arrays
+from torch_geometric_tactile.data._recording_arrays import warn_of_rounding
 from torch_geometric_tactile.io.samples_npz import read_samples_npz
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.sensors import grid as planar_grid
@@ -167,7 +168,10 @@ def _taxels_first(x: np.ndarray, layout: TaxelLayout, size: tuple[int, int] | No
         if size is not None:
             expected += f" or (num_samples, {size[0]}, {size[1]}, ...)"
         raise ValueError(f"'x' must have shape {expected} (got {x.shape})")
-    x = x.reshape(len(x), count, -1).astype(np.float32)
+    x = x.reshape(len(x), count, -1)
+    single = x.astype(np.float32)
+    warn_of_rounding("x", x, single, stacklevel=6)
+    x = single
     if np.isinf(x).any():
         sample, taxel, _ = np.argwhere(np.isinf(x))[0].tolist()
         raise ValueError(

@@ -98,6 +98,7 @@ def data_source(
     time_axis: int | None = None,
     arguments: Mapping[str, Any] | None = None,
     stride: int | None = None,
+    resample: float | None = None,
     cut: FrameCut | None = None,
 ) -> DataSource:
     r"""Returns the data set that a text stands for."""
@@ -106,6 +107,13 @@ def data_source(
             f"'time_axis' must be left out where windows or trials are cut (got {time_axis})"
         )
     frames = _frames(data, layout, grid, task, time_axis, arguments)
+    if resample is not None:
+        if "resample" not in (argument_names(frames.class_path) or ["resample"]):
+            raise ValueError(
+                f"'resample' must be left out for {frames.class_path.rpartition('.')[2]}, whose "
+                f"frames are not read from recordings (got {resample:g})"
+            )
+        frames = replace(frames, arguments={**frames.arguments, "resample": resample})
     frames = frames if stride is None else with_stride(frames, stride)
     return frames if cut is None else cut.cut(frames)
 

@@ -1,6 +1,5 @@
 r"""The model that a comparison recommends, trained to be used."""
 
-import logging
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -41,7 +40,6 @@ from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.one_cycle import OneCycle
 
 _UNITS = ("trial", "group")
-_logger = logging.getLogger(__name__)
 
 
 def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
@@ -78,13 +76,6 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
     assert choice is not None
     experiment = experiment.with_setting(_setting(result, choice))
     samples, trained_on = _samples(experiment)
-    stride = _window_stride(experiment.data.arguments)
-    if stride > 1:
-        _logger.warning(
-            "windows are cut of every frame of a recording, and those of the comparison of one in "
-            "%d: give the predictor recordings at that rate",
-            stride,
-        )
     threads = torch.get_num_threads()
     torch.set_num_threads(experiment.threads)
     try:
@@ -109,15 +100,6 @@ def _setting(result: ModelResult, choice: Choice) -> Mapping[str, Any]:
     count = Counter(chosen["number"] for chosen in result.chosen)
     most = max(count, key=lambda number: (count[number], -number))  # 0 is the default
     return choice.settings[most]
-
-
-def _window_stride(arguments: Mapping[str, Any]) -> int:
-    # Of the frames that windows are cut from.
-    inner = arguments.get("dataset")
-    if not isinstance(inner, Mapping):
-        return 1
-    given = inner.get("init_args") or {}
-    return int(given.get("stride") or 1) * _window_stride(given)
 
 
 def _samples(experiment: Experiment) -> tuple[StaticDataset, str]:

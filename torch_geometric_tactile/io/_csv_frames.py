@@ -4,6 +4,7 @@ import itertools
 import logging
 import re
 from collections.abc import Iterator, Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +16,8 @@ from torch_geometric_tactile.io._csv_table import csv_table
 from torch_geometric_tactile.io._folder_tables import annotations_beside
 from torch_geometric_tactile.io._recording_schema import new_recording
 
-_TIME = re.compile(r"(?:time|timestamp|t)(?:_(s|ms|us|ns))?", re.ASCII)
+# A column 't_h' or 't_d' may be something else than a time.
+_TIME = re.compile(r"(?:time|timestamp|t(?!_(?:min|h|d)))(?:_(s|ms|us|ns|min|h|d))?", re.ASCII)
 # Times whose unit is not known, and numbers of frames.
 _CLOCK = re.compile(
     r"(?:time|timestamp)[\W_]+\w.*|#|(?:.*[\W_])?(?:time|timestamp|datetime|stamp|epoch|elapsed|ts|"
@@ -23,7 +25,12 @@ _CLOCK = re.compile(
     r"number))?"
 )
 _PLACES = {"s": 0, "ms": 3, "us": 6, "ns": 9}
-TIME_UNITS = tuple(_PLACES)
+_SECONDS = {"min": 60, "h": 3600, "d": 86400}
+TIME_UNITS = (*_PLACES, *_SECONDS)
+# Frames a second that no array of taxels gives: XELA's gives 500, vibration of a BioTac 2,200. With
+# a unit of the time that fits, there are as many as in the range.
+_FASTEST = 3000.0
+_USUAL_RATES = (10.0, 2000.0)
 _AXES = ("x", "y", "z")
 _LATEST = 1e11  # seconds: the year 5138
 _logger = logging.getLogger(__name__)
@@ -167,22 +174,52 @@ def is_clock(name: str) -> bool:
     return time_unit_of(name) is None and _CLOCK.fullmatch(name) is not None
 
 
-def warn_of_unit(path: Path, seconds: np.ndarray | None, mend: str) -> None:
-    r"""Logs a warning if frames are as far apart as those of a time in milliseconds.
+def warn_of_unit(
+    path: Path, seconds: np.ndarray | None, mend: str, rate: float | None = None
+) -> None:
+    r"""Logs a warning if frames are as far apart as those of a time in milliseconds, or as close as
+    those of a time in minutes, hours or days.
 
-    Shapes:
-        - **seconds:** The times, taken as seconds :math:`(T,)`.
+    Args:
+        path (Path): The file, for the message.
+        seconds (numpy.ndarray, optional): The times, taken as seconds :math:`(T,)`.
+        mend (str): How to give the unit, with braces in its place.
+        rate (float, optional): The frames per second that are declared, of which nothing is warned.
     """
-    step = float(np.median(np.diff(seconds))) if seconds is not None and len(seconds) > 1 else 0.0
+    if seconds is None or len(seconds) < 2:
+        return
+    step = float(np.median(np.diff(seconds)))
     if step >= 1:
         _logger.warning(
-            "'%s' has a frame every %g s: if its time is in milliseconds, %s", path, step, mend
+            "'%s' has a frame every %g s: if its time is in milliseconds, %s",
+            path,
+            step,
+            mend.format("ms"),
+        )
+    # The mean, since several frames of a live recording may have come at once.
+    found = (len(seconds) - 1) / float(seconds[-1] - seconds[0])
+    if found > _FASTEST and (rate is None or not 2 / 3 < found / rate < 3 / 2):
+        low, high = _USUAL_RATES
+        fitting = [unit for unit, size in _SECONDS.items() if low <= found / size <= high]
+        hints = [
+            f"{mend.format(unit)} for {found / _SECONDS[unit]:.4g} a second" for unit in fitting
+        ]
+        _logger.warning(
+            "'%s' has %.4g frames a second if its time is in seconds, more than a tactile sensor "
+            "gives: %s",
+            path,
+            found,
+            "; or ".join(hints) or "check the unit of its time",
         )
 
 
 def _seconds(path: Path, line: int, cell: str, unit: str) -> float:
     # Rounded once: a decimal point is moved in the text, and not in a number.
-    if "e" in cell.lower():
+    if unit in _SECONDS:
+        large = "e" in cell.lower()  # such an exponent may be any
+        size = _SECONDS[unit]
+        seconds = float(cell) * size if large else float(Decimal(cell) * size)
+    elif "e" in cell.lower():
         seconds = float(cell) / 10 ** _PLACES[unit]
     else:
         seconds = float(f"{cell}e-{_PLACES[unit]}")

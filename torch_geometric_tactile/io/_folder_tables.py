@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._files import atomic_path, exclusive_access
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile.data import Annotation
 from torch_geometric_tactile.data._annotations import checked_annotation
@@ -103,9 +103,15 @@ def _known_annotations(table: Path, state: tuple[int, ...]) -> Mapping[str, list
 
 def write_annotations(path: Path, annotations: Sequence[Annotation]) -> None:
     r"""Writes the annotations of a recording into the ``annotations.csv`` beside its file, in place
-    of those that this has of it. All else in it stays.
+    of those that this has of it. All else in it stays, also what other processes write meanwhile.
     """
     table = path.with_name(ANNOTATIONS_FILE)
+    if annotations or table.exists():
+        with exclusive_access(table):
+            _replace_rows(table, path, annotations)
+
+
+def _replace_rows(table: Path, path: Path, annotations: Sequence[Annotation]) -> None:
     names, before = [*_COLUMNS], []
     if table.exists():
         read_annotations(table)  # is refused if it is none

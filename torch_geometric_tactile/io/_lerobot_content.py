@@ -3,7 +3,7 @@ r"""Folders of LeRobot data sets, of anyone and checked: descriptions, tasks, ep
 """
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +16,14 @@ from torch_geometric_tactile._files import atomic_path, existing_file
 from torch_geometric_tactile._limits import LEROBOT_TASKS
 from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._lerobot_steps import FRAME_TIMES, TACTILE, TACTILE_FRAMES
+from torch_geometric_tactile.data._recording_arrays import warn_of_rounding
+from torch_geometric_tactile.io._lerobot_steps import (
+    EXTRA,
+    FRAME_TIMES,
+    TACTILE,
+    TACTILE_FRAMES,
+    ExtraSignal,
+)
 from torch_geometric_tactile.io._lerobot_tables import (
     is_list,
     num_rows,
@@ -38,11 +45,16 @@ tags:
 ---
 
 A LeRobot data set (v3.0) with touch, written by torch_geometric_tactile. `meta/tactile.json` has
-its shape, labels and metadata.
+its shape, labels, annotations and metadata.
 """
 
 _TACTILE_JSON = "meta/tactile.json"
 _ADVICE = "remove it if another program changed the data set"
+_MAX_DIMS = 8  # of the values of a further signal in a frame
+# Between two steps, as lerobot's `tolerance_s`, beyond what float32 rounds.
+_TIME_TOLERANCE = 1e-4  # seconds
+_DTYPES = ("bool", *(f"{sign}int{n}" for sign in ("", "u") for n in (8, 16, 32, 64)))
+_DTYPES += ("float16", "float32", "float64")
 _Any = TypeVar("_Any")
 
 
@@ -94,9 +106,10 @@ class OwnContent:
     path: Path
     shape: tuple[int, int] | None = None
     episodes: dict[int, dict[str, Any]] = field(default_factory=dict)
+    extra: dict[str, ExtraSignal] = field(default_factory=dict)
 
     def of(self, number: int, length: int, task: str) -> dict[str, Any]:
-        r"""Returns the label and metadata of an episode."""
+        r"""Returns the label, metadata and annotations of an episode."""
         known = self.episodes.get(number)
         if known is None:
             return {"label": task, "meta": {"episode": number}}
@@ -110,14 +123,26 @@ class OwnContent:
 
 
 def own_content(
-    recordings: Sequence[Recording], lengths: Sequence[int], tasks: Sequence[str], rows: int
+    recordings: Sequence[Recording],
+    starts: Sequence[float],
+    lengths: Sequence[int],
+    tasks: Sequence[str],
+    rows: int,
+    extra: Mapping[str, ExtraSignal],
 ) -> dict[str, Any]:
-    r"""Returns the contents of a new file."""
+    r"""Returns the contents of a new file, of recordings whose episodes start at some times by the
+    clocks of the recordings.
+    """
     shape = [recordings[0].num_taxels, recordings[0].num_channels]
     out: dict[str, Any] = {"version": 2, "feature": TACTILE, "shape": shape}
     if rows:
         frames = {"feature": TACTILE_FRAMES, "shape": [rows, *shape]}
         out["every_frame"] = {**frames, "time": FRAME_TIMES, "missing": "NaN, before the others"}
+    if extra:
+        out["extra"] = {
+            name: {"feature": EXTRA + name, "shape": [*signal.shape], "dtype": signal.dtype}
+            for name, signal in extra.items()
+        }
     out["episodes"] = [
         {
             "episode_index": index,
@@ -125,9 +150,13 @@ def own_content(
             "task": task,
             "label": recording.label,
             "meta": dict(recording.meta),
+            "annotations": [
+                [begin - float(start), end - float(start), label]
+                for begin, end, label in recording.annotations
+            ],
         }
-        for index, (recording, length, task) in enumerate(
-            zip(recordings, lengths, tasks, strict=True)
+        for index, (recording, start, length, task) in enumerate(
+            zip(recordings, starts, lengths, tasks, strict=True)
         )
     ]
     return out
@@ -158,7 +187,28 @@ def read_own(root: Path, num_episodes: int, tasks: Sequence[str]) -> OwnContent:
             f"{printable(numbers)[:80]}): {_ADVICE}"
         )
     by_number = dict(zip(numbers, episodes, strict=True))
-    return OwnContent(path, None if version == 1 else _shape(path, content), by_number)
+    shape = None if version == 1 else _shape(path, content)
+    return OwnContent(path, shape, by_number, _extra(path, content.get("extra", {})))
+
+
+def _extra(path: Path, content: Any) -> dict[str, ExtraSignal]:
+    signals = content.items() if isinstance(content, dict) else [("", None)]
+    out = {}
+    for name, signal in signals:
+        shape = signal.get("shape") if isinstance(signal, dict) else None
+        dtype = signal.get("dtype") if isinstance(signal, dict) else None
+        if (
+            not isinstance(shape, list)
+            or len(shape) > _MAX_DIMS
+            or not all(type(n) is int and 0 < n < 2**31 for n in shape)
+            or dtype not in _DTYPES
+        ):
+            raise ValueError(
+                f"'{path}' must hold in 'extra' a shape and a type of each further signal (got "
+                f"{printable(signal)[:80]} for '{printable(name)[:40]}')"
+            )
+        out[name] = ExtraSignal(tuple(shape), str(dtype))
+    return out
 
 
 def _shape(path: Path, content: dict[str, Any]) -> tuple[int, int]:
@@ -262,11 +312,14 @@ def step_times(path: Path, table: Any, fps: float) -> np.ndarray:
     steps = index / fps
     if np.allclose(time, steps, rtol=1e-6, atol=1e-6):  # float32 of a clock's steps
         return steps
-    found = np.median(np.diff(time)) if len(time) > 1 else 1 / fps
-    if not 2 / 3 < found * fps < 3 / 2:
+    tolerance = _TIME_TOLERANCE + np.spacing(np.abs(time).astype(np.float32))
+    wrong = np.flatnonzero(~(np.abs(np.diff(time) - 1 / fps) <= tolerance[1:]))
+    if len(wrong):
+        step = int(wrong[0]) + 1
         raise ValueError(
             f"'{path}' must hold {fps:g} steps per second, as info.json says: 'timestamp' must "
-            f"advance by {1 / fps:.4g} s (got {found:.4g})"
+            f"advance by {1 / fps:.4g} s (got {time[step]:.9g} s in step {step} after "
+            f"{time[step - 1]:.9g} s): resample the episode, or write the steps of a gap as NaN"
         )
     return time
 
@@ -281,8 +334,10 @@ def _numbers(path: Path, table: Any, name: str, kinds: str, words: str) -> np.nd
     return np.asarray(values)
 
 
-def row_values(path: Path, table: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    r"""Returns a column of numbers in float32, with NaN where one is missing.
+def row_values(
+    path: Path, table: Any, name: str, shape: tuple[int, ...], dtype: str = "float32"
+) -> np.ndarray:
+    r"""Returns a column of numbers in a floating-point type, with NaN where one is missing.
 
     Shapes:
         - **output:** values :math:`(T, *)`
@@ -307,7 +362,10 @@ def row_values(path: Path, table: Any, name: str, shape: tuple[int, ...]) -> np.
     if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
         raise ValueError(f"'{path}' must hold numbers in '{name}' (got {column.type})")
     values = column.to_numpy(zero_copy_only=False)  # null is NaN
-    return np.asarray(values, dtype=np.float32).reshape(len(table), *shape)
+    numbers = np.asarray(values, dtype=dtype)
+    if dtype == "float32":
+        warn_of_rounding(name, values, numbers)
+    return numbers.reshape(len(table), *shape)
 
 
 def read_tasks(root: Path) -> dict[int, str]:

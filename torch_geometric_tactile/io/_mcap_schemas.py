@@ -80,6 +80,8 @@ MESSAGES: dict[str, dict[str, Field]] = {
         ("stale_taxels", "int64"),
         ("age", "double"),
         ("checksum", "string"),
+        ("outages", "int64"),
+        ("outage_seconds", "double"),
     ),
     EVENT: _fields(("time", "double"), ("kind", "string"), ("text", "string")),
     "google.protobuf.Timestamp": _fields(("seconds", "int64"), ("nanos", "int32")),

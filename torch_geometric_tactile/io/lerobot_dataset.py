@@ -7,19 +7,20 @@ with pyarrow alone.
 ``meta/tasks.parquet``                 names of the tasks, and their numbers
 ``meta/episodes/chunk-.../file-...``   length, task, place and statistics of each episode
 ``data/chunk-.../file-....parquet``    the frames of many episodes
-``meta/tactile.json``                  ours: shape, labels and metadata of the recordings
+``meta/tactile.json``                  ours: shape, labels, annotations and metadata of recordings
 ``README.md``                          which files are the data, for :obj:`datasets`
 ====================================== =============================================================
 
 :obj:`observation.tactile` is float32 :math:`(N \cdot C,)` with NaN where a reading is missing, and
-:obj:`observation.state` the joint angles in radians.
+:obj:`observation.state` the joint angles in radians. Further signals are
+:obj:`observation.extra.NAME`.
 """
 
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -37,7 +38,11 @@ from torch_geometric_tactile.io._lerobot_steps import (
     INDICES,
     STATE,
     STATE_FRAMES,
+    ExtraSignal,
     Stats,
+    check_gap_options,
+    check_gaps,
+    extra_signals,
     feature,
     feature_stats,
     frames_since,
@@ -46,6 +51,7 @@ from torch_geometric_tactile.io._lerobot_steps import (
     stats_lists,
     touch_columns,
     touch_features,
+    warn_of_lost,
 )
 from torch_geometric_tactile.io._lerobot_tables import (
     arrow_column,
@@ -69,12 +75,17 @@ def write_lerobot(
     task: str | None = None,
     nearest: bool = False,
     every_frame: bool = False,
+    gaps: Literal["nan", "error"] = "nan",
+    max_gap: float | None = None,
 ) -> None:
     r"""Writes recordings as the episodes of a LeRobot data set.
 
     Each one is sampled anew at :obj:`fps`: each step has the last frame up to it, as a robot that
     acts at that moment would, or the nearest one. Nothing is interpolated, and frames between are
-    left out unless :obj:`every_frame` is given. Privileged and further signals are left out.
+    left out unless :obj:`every_frame` is given. Steps in a gap, where frames are missing, are NaN,
+    and a warning is logged. Time starts at 0 in each episode, and annotations are shifted with it.
+    Further signals (:obj:`extra`) that are numbers, of one shape in all recordings, are features; a
+    warning names all other signals, as privileged ones, which are left out.
 
     Args:
         recordings (sequence of Recording): The recordings, all with the same taxels, channels and
@@ -89,13 +100,18 @@ def write_lerobot(
             :math:`(R \cdot N \cdot C,)` and :obj:`observation.tactile_frames_time` :math:`(R,)`,
             in seconds after the step. The newest is the last of :math:`R` rows, and rows before
             the oldest are NaN. :func:`read_lerobot` returns the frames with their times.
+        gaps (str): Whether steps in a gap are NaN (:obj:`"nan"`) or an error (:obj:`"error"`).
+        max_gap (float, optional): A step is in a gap if its frame is farther away than so many
+            seconds, and than a step; if left out, than five frames at the usual distance of frames
+            of the recording.
 
     Raises:
         FileExistsError: If the folder is not empty.
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If the disk is full.
         ValueError: If there is no recording, one has no frames or other shapes, :obj:`fps` is no
-            positive integer, or :obj:`nearest` and :obj:`every_frame` are both given.
+            positive integer, :obj:`nearest` and :obj:`every_frame` are both given, or there is a
+            gap and :obj:`gaps` is :obj:`"error"`.
 
     Examples:
         >>> import tempfile
@@ -112,18 +128,25 @@ def write_lerobot(
         raise ValueError(f"'fps' must be a positive integer (got {fps!r})")
     if nearest and every_frame:
         raise ValueError("'nearest' must be False with 'every_frame', which has only past frames")
+    check_gap_options(gaps, max_gap)
     recordings = list(recordings)
     check_alike(recordings)
+    for number, recording in enumerate(recordings):
+        since = recording.time - recording.time[0]
+        steps = regular_steps(since, fps, whole=every_frame)
+        check_gaps(number, since, steps, fps, nearest, gaps, max_gap)
     root = Path(root)
     check_new_folder(root)
+    extra = extra_signals(recordings)
+    warn_of_lost(root, recordings, extra)
     names = [task_of_label(r.label) if task is None else task for r in recordings]
     tasks = list(dict.fromkeys(names))
     rows = max(map(len, _all_since(recordings, fps))) if every_frame else 0
-    features = _features(recordings[0], rows)
+    features = _features(recordings[0], rows, extra)
     total = 0
     episodes: list[dict[str, Any]] = []
     stats: list[dict[str, Stats]] = []
-    for place, batch in _files(recordings, fps, nearest, rows):
+    for place, batch in _files(recordings, _Sampling(fps, nearest, rows, max_gap, extra)):
         tables = []
         for index, columns in batch:
             length = len(columns["timestamp"])
@@ -144,7 +167,8 @@ def write_lerobot(
     write_parquet(_task_table(pa, tasks), root / "meta" / "tasks.parquet")
     write_json(root / "meta/stats.json", stats_lists(joined_stats(stats)), allow_nan=False)
     lengths = [episode["length"] for episode in episodes]
-    own = own_content(recordings, lengths, names, rows)
+    starts = [float(recording.time[0]) for recording in recordings]
+    own = own_content(recordings, starts, lengths, names, rows, extra)
     info = {
         "codebase_version": _CODEBASE_VERSION,
         "robot_type": robot_type,
@@ -163,8 +187,36 @@ def write_lerobot(
     write_description(root, own, info)
 
 
-def _features(recording: Recording, rows: int) -> dict[str, Any]:
-    out = touch_features(recording, rows)
+@dataclass
+class _Sampling:
+    # How the recordings are sampled.
+    fps: int
+    nearest: bool
+    rows: int
+    max_gap: float | None
+    extra: Mapping[str, ExtraSignal]
+
+    def columns(self, recording: Recording) -> dict[str, np.ndarray]:
+        since = recording.time - recording.time[0]
+        steps = regular_steps(since, self.fps, whole=self.rows > 0)
+        out = touch_columns(
+            replace(recording, time=since),
+            steps,
+            self.fps,
+            self.rows,
+            self.nearest,
+            extra=self.extra,
+            max_gap=self.max_gap,
+        )
+        return {
+            **out,
+            "timestamp": steps.astype(np.float32),
+            "frame_index": np.arange(len(steps)),
+        }
+
+
+def _features(recording: Recording, rows: int, extra: Mapping[str, ExtraSignal]) -> dict[str, Any]:
+    out = touch_features(recording, rows, extra)
     if recording.joint is not None:
         names = recording.meta.get("joint_names")
         known = isinstance(names, list) and len(names) == recording.num_joints
@@ -183,21 +235,14 @@ def _all_since(recordings: Sequence[Recording], fps: int) -> Iterator[np.ndarray
         yield from frames_since(since, regular_steps(since, fps, whole=True), fps)
 
 
-def _columns(recording: Recording, fps: int, nearest: bool, rows: int) -> dict[str, np.ndarray]:
-    since = recording.time - recording.time[0]
-    steps = regular_steps(since, fps, whole=rows > 0)
-    out = touch_columns(replace(recording, time=since), steps, fps, rows, nearest)
-    return {**out, "timestamp": steps.astype(np.float32), "frame_index": np.arange(len(steps))}
-
-
 def _files(
-    recordings: Sequence[Recording], fps: int, nearest: bool, rows: int
+    recordings: Sequence[Recording], sampling: _Sampling
 ) -> Iterator[tuple[dict[str, int], list[tuple[int, dict[str, np.ndarray]]]]]:
     # Episodes that go into one file, and which one; an episode is never cut.
     batch: list[tuple[int, dict[str, np.ndarray]]] = []
     number = size = 0
     for index, recording in enumerate(recordings):
-        columns = _columns(recording, fps, nearest, rows)
+        columns = sampling.columns(recording)
         more = sum(value.nbytes for value in columns.values())
         if batch and size + more > _DATA_MB * 2**20:
             yield _place(number), batch

@@ -24,9 +24,18 @@ from torch_geometric_tactile.io._lerobot_content import (
     row_values,
     step_times,
 )
-from torch_geometric_tactile.io._lerobot_steps import STATE, TACTILE, shape_of_names
+from torch_geometric_tactile.io._lerobot_steps import (
+    EXTRA,
+    STATE,
+    TACTILE,
+    ExtraSignal,
+    shape_of_names,
+    shape_of_values,
+)
 from torch_geometric_tactile.io._lerobot_tables import read_numbers, require_pyarrow
 
+# Above so many channels of a taxel a feature of two dimensions is a grid: no sensor has more.
+_MAX_CHANNELS = 6
 _INDICES = ("frame_index", "episode_index", "task_index")
 
 
@@ -35,19 +44,25 @@ def read_lerobot(
     *,
     tactile: str = TACTILE,
     state: str = STATE,
+    num_channels: int | None = None,
     every_frame: bool = False,
     allow_large: bool = False,
 ) -> list[Recording]:
     r"""Reads the episodes of a LeRobot data set, of :func:`write_lerobot` or of others.
 
     The time is that of the data set, from 0, and the label is the task; sets of
-    :func:`write_lerobot` have their own labels and metadata. Other features are left out.
+    :func:`write_lerobot` have their own labels, metadata, annotations and further signals. Other
+    features are left out.
 
     Args:
         root (str or PathLike): The folder.
         tactile (str): The feature of the readings, float :math:`(N \cdot C,)` with the names
-            :obj:`taxel_0_x`, ..., :math:`(N, C)`, or :math:`(N,)`.
+            :obj:`taxel_0_x`, ..., :math:`(N, C)`, or :math:`(N,)`. Two dimensions of which the last
+            is larger than 6 are a grid of rows and columns of taxels, row by row, with one channel.
         state (str): The feature of the joint angles in radians, if there is one.
+        num_channels (int, optional): Number of channels of a taxel :math:`C`, if neither
+            :obj:`meta/tactile.json` nor the names say it; the values of a step are then taxel by
+            taxel, each with its channels.
         every_frame (bool): Whether to read all frames at their own times instead of one each step,
             from a data set that was written with them.
         allow_large (bool): Whether to read files whose tables take more than 1 GiB and more than
@@ -57,8 +72,10 @@ def read_lerobot(
         FileNotFoundError: If it is no such folder.
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If a file cannot be read.
-        ValueError: If the version is not 3, the features are missing or no numbers, or the files do
-            not fit together. The message names the folder or file.
+        ValueError: If the version is not 3, the features are missing or no numbers, their number is
+            no multiple of the channels or of other channels than the files say, the times of two
+            steps are not a step apart, or the files do not fit together. The message names the
+            folder or file.
 
     Examples:
         >>> import tempfile
@@ -78,20 +95,25 @@ def read_lerobot(
     own = read_own(root, info["total_episodes"], [*tasks.values()])
     paths = data_files(root, info)
     features = info["features"]
-    shape = _shape(root, features, tactile, own.shape)
+    if num_channels is not None and num_channels < 1:
+        raise ValueError(f"'num_channels' must be at least 1 (got {num_channels})")
+    shape = _shape(root, features, tactile, own.shape, num_channels)
     columns = {tactile: _Column(_sizes(root, features, tactile, 2), shape)}
     if state in features:
         sizes = _sizes(root, features, state, 1)
         columns[state] = _Column(sizes, sizes)
+    extra = _extra_columns(root, features, own.extra, {tactile, state})
+    columns |= extra
     if every_frame:
         times = f"{tactile}_frames_time"
         (rows,) = _sizes(root, features, times, 1)
         wide = {times: _Column((rows,), (rows,))}
         for name, one in columns.items():
             if name == tactile or f"{name}_frames" in features:
-                wide[f"{name}_frames"] = _Column((rows * math.prod(one.shape),), (rows, *one.shape))
+                size = rows * math.prod(one.shape)
+                wide[f"{name}_frames"] = _Column((size,), (rows, *one.shape), one.dtype)
         columns = wide
-    dataset = _Dataset(columns, tactile, state, info["fps"], tasks, own)
+    dataset = _Dataset(columns, tactile, state, extra, info["fps"], tasks, own)
     found = [one for path in paths for one in dataset.recordings(path, allow_large)]
     return in_order(root, info, found)
 
@@ -101,6 +123,12 @@ class _Column:
     # The shape of a row: as it is written, in lists, and as it is meant.
     written: tuple[int, ...]
     shape: tuple[int, ...]
+    dtype: str = "float32"  # in the recording
+
+    def values(self, path: Path, rows: Any, name: str) -> np.ndarray:
+        dtype = "float32" if self.dtype == "float32" else "float64"
+        values = row_values(path, rows, name, self.written, dtype)
+        return values.reshape(len(rows), *self.shape)
 
 
 @dataclass
@@ -109,6 +137,7 @@ class _Dataset:
     columns: dict[str, _Column]
     tactile: str
     state: str
+    extra: dict[str, _Column]
     fps: float
     tasks: dict[int, str]
     own: OwnContent
@@ -123,10 +152,7 @@ class _Dataset:
     def _recording(self, path: Path, rows: Any, number: int) -> Recording:
         time = step_times(path, rows, self.fps)
         own = self.own.of(number, len(rows), self._task(path, rows))
-        values = {
-            name: row_values(path, rows, name, one.written).reshape(len(rows), *one.shape)
-            for name, one in self.columns.items()
-        }
+        values = {name: one.values(path, rows, name) for name, one in self.columns.items()}
         meta = {**own["meta"], "rate": self.fps}
         if self.tactile not in values:  # all frames since the last step, with their times
             after = values[f"{self.tactile}_frames_time"]
@@ -142,6 +168,12 @@ class _Dataset:
                 joint=values.get(self.state),
                 label=own.get("label"),
                 meta=meta,
+                extra={
+                    name.removeprefix(EXTRA): _restored(values[name], one.dtype)
+                    for name, one in self.extra.items()
+                    if name in values
+                },
+                annotations=own.get("annotations", ()),
             )
         except ValueError as error:
             raise ValueError(f"'{path}' holds no consistent recording: {error}") from error
@@ -153,7 +185,11 @@ class _Dataset:
 
 
 def _shape(
-    root: Path, features: dict[str, Any], tactile: str, own: tuple[int, int] | None
+    root: Path,
+    features: dict[str, Any],
+    tactile: str,
+    own: tuple[int, int] | None,
+    num_channels: int | None,
 ) -> tuple[int, ...]:
     sizes = _sizes(root, features, tactile, 2)
     if tactile != TACTILE or len(sizes) == 2:
@@ -169,7 +205,55 @@ def _shape(
             f"'{tactile}' of '{root}' must have the shape of its names, {named} "
             f"(got {own or sizes[0]})"
         )
-    return own or named or sizes
+    shape = own or named
+    total = math.prod(sizes)
+    if num_channels is None:
+        if shape is None and len(sizes) == 2 and sizes[1] > _MAX_CHANNELS:
+            return (total,)  # a grid
+        return shape or sizes
+    if total % num_channels or (shape is not None and shape[1] != num_channels):
+        raise ValueError(
+            f"'num_channels' must be that of '{tactile}' of '{root}', of shape "
+            f"{list(shape or sizes)} (got {num_channels})"
+        )
+    return (total // num_channels, num_channels)
+
+
+def _extra_columns(
+    root: Path,
+    features: dict[str, Any],
+    extra: dict[str, ExtraSignal],
+    used: set[str],
+) -> dict[str, _Column]:
+    out = {}
+    for name, feature in features.items():
+        dtype = feature.get("dtype") if isinstance(feature, dict) else None
+        signal = extra.get(name.removeprefix(EXTRA))
+        is_frames = name.endswith("_frames") and name.removesuffix("_frames") in features
+        if not name.startswith(EXTRA) or name in used or (is_frames and signal is None):
+            continue
+        if signal is None and dtype not in ("float32", "float64"):
+            continue  # of another program
+        sizes = _sizes(root, features, name, 2)
+        if signal is None:
+            shape = sizes
+            if len(sizes) == 1:
+                named = feature.get("names")
+                shape = shape_of_values(name.removeprefix(EXTRA), named, sizes[0])
+            signal = ExtraSignal(shape, str(dtype))
+        if math.prod(signal.shape) != math.prod(sizes):
+            raise ValueError(
+                f"'{name}' of '{root}' must have {math.prod(signal.shape)} values, as its "
+                f"tactile.json says (got {list(sizes)})"
+            )
+        out[name] = _Column(sizes, signal.shape, signal.dtype)
+    return out
+
+
+def _restored(values: np.ndarray, dtype: str) -> np.ndarray:
+    # Integers and truth values stay floating-point numbers where one of them is missing.
+    is_whole = np.dtype(dtype).kind == "f" or not np.isnan(values).any()
+    return values.astype(dtype) if is_whole else values
 
 
 def _sizes(root: Path, features: dict[str, Any], name: str, most: int) -> tuple[int, ...]:

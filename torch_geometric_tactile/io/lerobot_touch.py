@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -30,12 +30,16 @@ from torch_geometric_tactile.io._lerobot_content import (
 )
 from torch_geometric_tactile.io._lerobot_steps import (
     Stats,
+    check_gap_options,
+    check_gaps,
+    extra_signals,
     feature_stats,
     frames_since,
     joined_stats,
     stats_lists,
     touch_columns,
     touch_features,
+    warn_of_lost,
 )
 from torch_geometric_tactile.io._lerobot_tables import (
     arrow_column,
@@ -54,11 +58,14 @@ def add_to_lerobot(
     *,
     starts: Sequence[float] | None = None,
     every_frame: bool = False,
+    gaps: Literal["nan", "error"] = "nan",
+    max_gap: float | None = None,
     allow_large: bool = False,
 ) -> None:
     r"""Writes a copy of a LeRobot data set to which the touch is added that was recorded beside it.
 
-    Each step has the last frame up to it, and no joint angles of the recordings. The data set
+    Each step has the last frame up to it, NaN in a gap, and no joint angles of the recordings.
+    Annotations and further signals are written as by :func:`write_lerobot`. The data set
     itself is not changed, and the copy has its name only when it is whole.
 
     Args:
@@ -71,6 +78,8 @@ def add_to_lerobot(
             its recording, in seconds; the first frame if left out.
         every_frame (bool): Whether each step has all frames since the last step as well, as in
             :func:`write_lerobot`.
+        gaps (str): Whether steps in a gap are NaN or an error, as in :func:`write_lerobot`.
+        max_gap (float, optional): The longest time in seconds that is no gap, as there.
         allow_large (bool): As of :func:`read_lerobot`.
 
     Raises:
@@ -79,7 +88,8 @@ def add_to_lerobot(
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If the disk is full, or a file cannot be read.
         ValueError: If the data set cannot be read, leads out of its folder or has touch already,
-            there is not one recording for each episode, or one does not cover its episode.
+            there is not one recording for each episode, one does not cover its episode, or has a
+            gap and :obj:`gaps` is :obj:`"error"`.
 
     Examples:
         >>> from torch_geometric_tactile.io import add_to_lerobot, read_recording
@@ -87,6 +97,7 @@ def add_to_lerobot(
         >>> add_to_lerobot("datasets/cups", skin, "datasets/cups_touch")  # doctest: +SKIP
     """
     require_pyarrow()
+    check_gap_options(gaps, max_gap)
     source, root = Path(source), Path(root)
     info = read_info(source)
     recordings = list(recordings)
@@ -114,7 +125,10 @@ def add_to_lerobot(
         if every_frame:
             since = frames_since(recording.time, episode.steps, info["fps"])
             rows = max(rows, 1, *map(len, since))
-    features = touch_features(shifted[0], rows)
+        check_gaps(number, recording.time, episode.steps, info["fps"], False, gaps, max_gap)
+    extra = extra_signals(recordings)
+    warn_of_lost(root, recordings, extra)
+    features = touch_features(shifted[0], rows, extra)
     known = next((name for name in features if name in info["features"]), None)
     need(known is None, f"'{source}' must have no feature '{known}' yet (got one)")
     with _copy(source, root) as copy:
@@ -124,7 +138,10 @@ def add_to_lerobot(
             parts = []
             for number, _ in episodes_of(path, table):
                 steps = episodes[number].steps
-                parts.append(touch_columns(shifted[number], steps, info["fps"], rows))
+                columns = touch_columns(
+                    shifted[number], steps, info["fps"], rows, extra=extra, max_gap=max_gap
+                )
+                parts.append(columns)
                 stats[number] = {name: feature_stats(parts[-1][name]) for name in features}
             for name in features:
                 table = table.append_column(
@@ -136,7 +153,7 @@ def add_to_lerobot(
             write_parquet(table, path)
         _add_stats(copy, stats)
         lengths, tasks = [len(e.steps) for e in episodes], [e.task for e in episodes]
-        own = own_content(recordings, lengths, tasks, rows)
+        own = own_content(recordings, first, lengths, tasks, rows, extra)
         info["features"] |= features
         write_description(copy, own, info)
 

@@ -29,6 +29,7 @@ from torch_geometric_tactile.io._csv_table import (
     refuse_counted,
     refuse_index,
 )
+from torch_geometric_tactile.io._name_order import check_name_order
 from torch_geometric_tactile.io._recording_schema import checked_file
 
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
@@ -60,15 +61,18 @@ def read_named_csv(
         path (str or PathLike): The file.
         tactile (sequence of str or str, optional): The columns of the readings, taxel by taxel in
             the order of the layout, each with its channels; or a regular expression for their
-            names, in the order of the file. If left out, all columns that are nothing else.
+            names, in the order of the file. If left out, all columns that are nothing else. An
+            order of the file that the names contradict is refused: that of texts, s0, s1, s10, s2,
+            or one axis after the other, x0, x1, y0, y1, with several channels.
         num_channels (int): Number of channels of a taxel :math:`C`.
         joint (sequence of str or str): The columns of the joint angles, or a regular expression for
             their names; in degrees if a name ends in :obj:`_deg`, otherwise in radians.
         time (str, optional): The column of the time; if left out, one named :obj:`time`,
             :obj:`timestamp` or :obj:`t`, in capitals or not, if there is one; its name may end in
             a unit, as in :obj:`time_ms`.
-        time_unit (str, optional): Unit of the time, :obj:`"s"`, :obj:`"ms"`, :obj:`"us"` or
-            :obj:`"ns"`; if left out, that of the name, or seconds.
+        time_unit (str, optional): Unit of the time, :obj:`"s"`, :obj:`"ms"`, :obj:`"us"`,
+            :obj:`"ns"`, :obj:`"min"`, :obj:`"h"` or :obj:`"d"` (days); if left out, that of the
+            name, or seconds.
         label (str, optional): The column of the label, of integers or texts. If it is the same in
             all frames, it is the :obj:`label` of the recording, otherwise it is in
             :obj:`privileged` under its name.
@@ -77,7 +81,8 @@ def read_named_csv(
         ignore (sequence of str): Columns that are not read.
         unit (str, optional): Unit of the readings, :obj:`"count"` or :obj:`"newton"`, for
             :obj:`meta`.
-        rate (float, optional): Frames per second, for files without time, which need it.
+        rate (float, optional): Frames per second, for files without time, which need it. With a
+            time, nothing is warned of if this is its rate.
 
     The names of the columns that an expression, or nothing, chose are in
     :obj:`meta["column_names"]`, by which a data set or a predictor brings the columns of other
@@ -87,10 +92,10 @@ def read_named_csv(
         FileNotFoundError: If there is no such file.
         ValueError: If a column is missing or named twice, an expression matches none, neither the
             time nor :obj:`rate` is known, a column that nobody named counts the frames, the names
-            are numbers or an index that pandas made up, the readings are no multiple of the
-            channels, a line is empty, has another number of cells or no end (a file that was cut),
-            a cell is no finite number, the time does not increase, or there is no frame. The
-            message names the line.
+            are numbers or an index that pandas made up, or contradict the order of the columns, the
+            readings are no multiple of the channels, a line is empty, has another number of cells
+            or no end (a file that was cut), a cell is no finite number, the time does not increase,
+            or there is no frame. The message names the line.
 
     Examples:
         >>> import tempfile
@@ -128,6 +133,15 @@ def read_named_csv(
             f"'{path}' must have columns of readings for taxels of {num_channels} channels (got "
             f"{len(columns.tactile)}: {_listed([names[i] for i in columns.tactile])})"
         )
+    # What was given as a list is in the order of the list.
+    chosen = {"tactile": (tactile, columns.tactile), "joint": (joint, columns.joint)}
+    in_file_order = {
+        key: [names[i] for i in places]
+        for key, (given, places) in chosen.items()
+        if given is None or isinstance(given, str)
+    }
+    for key, found in in_file_order.items():
+        check_name_order(path, key, found, num_channels if key == "tactile" else 1)
     try:
         frames = read_frames(path, lines, columns)
     except ValueError as error:
@@ -135,16 +149,9 @@ def read_named_csv(
     if tactile is None:
         _refuse_count(path, frames.tactile, [names[i] for i in columns.tactile])
     if time_unit is None and columns.time_unit == "s":
-        warn_of_unit(path, frames.time, "give time_unit='ms'")
+        warn_of_unit(path, frames.time, "give time_unit='{}'", rate)
     content: dict[str, Any] = {} if label is None else _labels(path, label, frames.labels)
-    # What was given as a list is in the order of the list.
-    chosen = {"tactile": (tactile, columns.tactile), "joint": (joint, columns.joint)}
-    found = {
-        key: [names[i] for i in places]
-        for key, (given, places) in chosen.items()
-        if given is None or isinstance(given, str)
-    }
-    meta: dict[str, Any] = {"column_names": found} if found else {}
+    meta: dict[str, Any] = {"column_names": in_file_order} if in_file_order else {}
     content["meta"] = meta if unit is None else {**meta, "unit": unit}
     return recording_of(path, frames, columns, rate or 1, **content)
 
@@ -240,7 +247,7 @@ def _time(path: Path, names: Sequence[str], used: set[int | None]) -> int | None
 
 
 def _unit(name: str, given: str | None) -> str:
-    said = re.fullmatch(r".*_(s|ms|us|ns)", name.lower())
+    said = re.fullmatch(rf".*_({'|'.join(TIME_UNITS)})", name.lower())
     if said is not None and given not in (None, said[1]):
         raise ValueError(f"'time_unit' must be '{said[1]}', as column '{name}' says (got {given})")
     return given or (said[1] if said is not None else "s")

@@ -110,7 +110,8 @@ def read_wide_csv(
 
     The names of the first line are those of :meth:`write_wide_csv`, in any order: :obj:`time`,
     :obj:`taxel_0_x`, :obj:`taxel_0_y`, ..., :obj:`joint_0`, ... A name may end in a unit:
-    :obj:`time_ms`, :obj:`time_us`, :obj:`time_ns`; :obj:`joint_0_deg`; :obj:`taxel_0_x_n`,
+    :obj:`time_ms`, :obj:`time_us`, :obj:`time_ns`, :obj:`time_min`, :obj:`time_h`, :obj:`time_d`;
+    :obj:`joint_0_deg`; :obj:`taxel_0_x_n`,
     :obj:`taxel_0_x_mn` (newtons and thousandths) and :obj:`taxel_0_x_count`, which is the
     :obj:`unit` in the metadata. Empty cells and :obj:`nan` are missing readings.
 
@@ -167,7 +168,7 @@ def read_wide_csv(
                 "the index of pandas): write the file with to_csv(index=False), or name the columns"
             )
     if columns.time_unit == "s":
-        warn_of_unit(path, frames.time, "name the column time_ms")
+        warn_of_unit(path, frames.time, "name the column time_{}")
     meta = {} if columns.unit is None else {"unit": columns.unit}
     return recording_of(path, frames, columns, rate, meta=meta)
 

@@ -4,6 +4,7 @@ from .health import Health, HealthMeter
 from .judge import Judge, Judgement
 from .onnx_judge import OnnxModel
 from .open_source import open_source
+from .outage import Outage
 from .recorder import Recorder
 from .replay_server import ReplayServer
 from .replay_source import ReplaySource
@@ -16,7 +17,7 @@ from .source import Source, SourceEnded
 from .status import Status
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
-from .taxel_map import TaxelMap
+from .taxel_map import TaxelMap, TaxelOrder
 from .viewer import Viewer
 from .xela_source import XelaSource
 
@@ -30,6 +31,7 @@ __all__ = [
     "Judgement",
     "LiveSession",
     "OnnxModel",
+    "Outage",
     "Recorder",
     "ReplayServer",
     "ReplaySource",
@@ -46,6 +48,7 @@ __all__ = [
     "StreamOverflow",
     "Subscription",
     "TaxelMap",
+    "TaxelOrder",
     "Viewer",
     "XelaSource",
     "list_ports",

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile.data._column_order import column_places
-from torch_geometric_tactile.data.frame_info import FrameInfo, is_gap
+from torch_geometric_tactile.data._gaps import is_gap
+from torch_geometric_tactile.data.frame_info import FrameInfo
 from torch_geometric_tactile.data.live_frame import LiveFrame
 
 _RATE_SECONDS = 1.0  # over which the rate of a stream is measured, again and again

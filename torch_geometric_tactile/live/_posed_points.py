@@ -1,7 +1,6 @@
 r"""The taxels of a frame in space, for viewers of recordings."""
 
 import logging
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -36,9 +35,7 @@ class PosedPoints:
     channels :obj:`pressure` is that of the first.
     """
 
-    def __init__(
-        self, layout: "TaxelLayout | PathLike", meta: Mapping[str, Any] | None = None
-    ) -> None:
+    def __init__(self, layout: "TaxelLayout | PathLike") -> None:
         from torch_geometric_tactile.sensors import HandKinematics, as_layout
 
         self.layout = as_layout(layout)
@@ -51,9 +48,15 @@ class PosedPoints:
             self._pos = np.c_[self._pos, np.zeros(len(self._pos))]
         if set(self.layout.link_names) <= set(hand.link_names):
             self._hand = hand
-            self._order = _order(hand.joint_names, (meta or {}).get("joint_names"))
+            self._order = list(range(hand.num_joints))
             self._joint = np.zeros(hand.num_joints)
             self.frame_id = hand.link_names[0]
+            self._posed(None)  # the first time takes long
+
+    def name_joints(self, names: Any) -> None:
+        r"""Tells the order of the joint angles by their names; that of the hand if :obj:`None`."""
+        if self._hand is not None:
+            self._order = _order(self._hand.joint_names, names)
 
     def __call__(self, frame: LiveFrame, rest: np.ndarray) -> Points:
         r"""Returns the points of a frame.
@@ -71,28 +74,27 @@ class PosedPoints:
             fields = {"pressure": change[:, 2], "shear": np.hypot(change[:, 0], change[:, 1])}
         else:
             fields = {"pressure": change[:, 0]}
-        return Points(self._posed(frame), fields, self.frame_id)
+        return Points(self._posed(frame.joint), fields, self.frame_id)
 
-    def _posed(self, frame: LiveFrame) -> np.ndarray:
+    def _posed(self, angles: np.ndarray | None) -> np.ndarray:
         if self._hand is None:
             return self._pos
         import torch
 
-        if frame.joint is not None and self._order is not None:
-            if len(frame.joint) == len(self._order):
-                joint = np.asarray(frame.joint, dtype=np.float64)[self._order]
+        if angles is not None and self._order is not None:
+            if len(angles) == len(self._order):
+                joint = np.asarray(angles, dtype=np.float64)[self._order]
                 self._joint = np.where(np.isfinite(joint), joint, self._joint)
             else:
                 _log.warning(
                     "the points of a recording are not posed: frames have %d joint angles, and the "
                     "hand %d",
-                    len(frame.joint),
+                    len(angles),
                     len(self._order),
                 )
                 self._order = None
         with torch.no_grad():
-            angles = torch.from_numpy(self._joint)
-            posed = self._hand.taxel_pose(self.layout, angles, normal=False)
+            posed = self._hand.taxel_pose(self.layout, torch.from_numpy(self._joint), normal=False)
             return np.asarray(posed.pos.numpy())
 
 

@@ -2,11 +2,13 @@ r"""How well a stream runs."""
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live.outage import Outage
 from torch_geometric_tactile.live.source import Source
 
 _STATES = ("closed", "open", "silent", "lost", "ended")
@@ -25,7 +27,8 @@ class Health:
         state (str): :obj:`"closed"`, :obj:`"open"`, :obj:`"silent"` (open, but nothing comes),
             :obj:`"lost"` (waits for its port or server to come back) or :obj:`"ended"`.
         frames (int): Frames since it was opened.
-        rate (float): Frames per second over the last 2 seconds.
+        rate (float): Frames per second over the last 2 seconds, by their numbers: lost frames do
+            not lower it.
         jitter (float): Standard deviation of the time from one arrival to the next in seconds, over
             the last 2 seconds.
         lost (int): Frames that the numbers or times of the others say are missing.
@@ -41,6 +44,9 @@ class Health:
         age (float): Time since the last frame in seconds; NaN before the first.
         checksum (str): What guards a frame; :obj:`"none"` if a damaged reading may pass.
         reason (str): The first reason why what came made no frame; empty if there is none.
+        outages (int): Times without a frame (:attr:`Stream.outages`), with one that lasts.
+        outage_seconds (float): How long they were together.
+        lost_in_outages (int): Those of :obj:`lost` that are missing in outages.
 
     Examples:
         >>> Health("open", frames=500, rate=498.7, jitter=4e-4, corrupt=2, age=0.001).line()
@@ -61,6 +67,27 @@ class Health:
     age: float = math.nan
     checksum: str = "none"
     reason: str = ""
+    outages: int = 0
+    outage_seconds: float = 0.0
+    lost_in_outages: int = 0
+
+    def losses(self) -> str:
+        r"""Returns what is missing, in words.
+
+        Examples:
+            >>> Health(lost=3).losses()
+            '3 lost and 0 corrupt in transmission'
+            >>> Health(lost=320, outages=1, outage_seconds=3.2, lost_in_outages=320).losses()
+            '1 outage, 3.2 s; 0 frames lost otherwise and 0 corrupt in transmission'
+        """
+        if not self.outages:
+            return f"{self.lost} lost and {self.corrupt} corrupt in transmission"
+        plural = "" if self.outages == 1 else "s"
+        otherwise = max(0, self.lost - self.lost_in_outages)
+        return (
+            f"{self.outages} outage{plural}, {self.outage_seconds:.1f} s; {otherwise} frames lost "
+            f"otherwise and {self.corrupt} corrupt in transmission"
+        )
 
     def line(self) -> str:
         r"""Returns it as one quiet line: the state unless it is open, and of the rarer counts only
@@ -71,7 +98,11 @@ class Health:
             return ", ".join([*parts, f"no frame: {self.reason}"])  # as one part
         parts += [f"{self.rate:.1f} Hz", f"jitter {self.jitter * 1e3:.1f} ms"]
         parts += [f"lost {self.lost}", f"corrupt {self.corrupt}"]
-        rare = {"reconnects": self.reconnects, "stale": self.stale_taxels}
+        rare = {
+            "outages": self.outages,
+            "reconnects": self.reconnects,
+            "stale": self.stale_taxels,
+        }
         parts += [f"{name} {count}" for name, count in rare.items() if count]
         if not math.isnan(self.age):
             parts.append(
@@ -107,6 +138,7 @@ class HealthMeter:
         self.frames = 0
         self._repeated = 0
         self._received = np.zeros(_KEPT, dtype=np.int64)
+        self._numbers = np.zeros(_KEPT, dtype=np.int64)
         self._last = b""
         self._looked = 0
         self._stale = 0
@@ -120,6 +152,7 @@ class HealthMeter:
             frame (LiveFrame): The frame.
         """
         self._received[self.frames % _KEPT] = frame.received
+        self._numbers[self.frames % _KEPT] = frame.sequence
         self.frames += 1
         readings = frame.tactile.tobytes()
         self._repeated += readings == self._last
@@ -140,7 +173,13 @@ class HealthMeter:
         still = now - self._changed > _STALE
         self._stale = int((missing | still).sum() if not still.all() else missing.sum())
 
-    def snapshot(self, state: str, source: Source, now: int | None = None) -> Health:
+    def snapshot(
+        self,
+        state: str,
+        source: Source,
+        now: int | None = None,
+        outages: Sequence[Outage] = (),
+    ) -> Health:
         r"""Returns the health of this moment.
 
         Args:
@@ -148,17 +187,20 @@ class HealthMeter:
             source (Source): Its source, which counts what it lost.
             now (int, optional): The time on the monotonic clock in nanoseconds; the present if left
                 out.
+            outages (sequence of Outage): Its outages.
         """
         now = time.perf_counter_ns() if now is None else now
         frames, counts = self.frames, source.counts
-        received = np.sort(self._received[: min(frames, _KEPT)])
+        received = self._received[: min(frames, _KEPT)]
+        order = np.argsort(received, kind="stable")
+        received, numbers = received[order], self._numbers[order]
         last = int(received[-1]) if frames else 0
-        recent = received[received > now - _SPAN]
-        gaps = np.diff(recent) / _NS
+        recent = received > now - _SPAN
+        gaps = np.diff(received[recent]) / _NS
         return Health(
             state=state,
             frames=frames,
-            rate=_rate(gaps, (now - last) / _NS),
+            rate=_rate(received[recent], numbers[recent], now),
             jitter=float(gaps.std()) if len(gaps) else 0.0,
             lost=counts.lost,
             corrupt=counts.corrupt,
@@ -170,12 +212,21 @@ class HealthMeter:
             age=max(0.0, (now - last) / _NS) if frames else math.nan,
             checksum=source.checksum,
             reason=counts.reason,
+            outages=len(outages),
+            outage_seconds=float(sum(outage.seconds for outage in outages)),
+            lost_in_outages=sum(outage.lost for outage in outages),
         )
 
 
-def _rate(gaps: np.ndarray, age: float) -> float:
-    # A stream that stopped slows down, from twice its usual distance of frames on.
-    if not len(gaps) or not gaps.sum() > 0:
+def _rate(received: np.ndarray, numbers: np.ndarray, now: int) -> float:
+    # From the last frame of the first read to that of the last one: what is read together came
+    # since the read before. A stream that stopped slows down, from twice its usual distance of
+    # reads on.
+    arrivals = np.unique(received)
+    if len(arrivals) < 2:
         return 0.0
-    late = max(0.0, age - 2 * float(gaps.mean()))
-    return len(gaps) / (float(gaps.sum()) + late)
+    first = int(np.searchsorted(received, arrivals[0], side="right")) - 1
+    seconds = float(arrivals[-1] - arrivals[0]) / _NS
+    late = max(0.0, (now - int(arrivals[-1])) / _NS - 2 * seconds / (len(arrivals) - 1))
+    count = max(int(numbers[-1] - numbers[first]), 0)
+    return count / (seconds + late)

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data._annotations import checked_annotation
+from torch_geometric_tactile.data._annotations import GAP, checked_annotation
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.io._mcap_schemas import SPAN_END, SPAN_START
+from torch_geometric_tactile.live._recorder_parts import load_recorder
 from torch_geometric_tactile.live.subscription import StreamEnded
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ _SUFFIXES = (".mcap", ".h5", ".hdf5")
 _WAIT = 0.1
 _POINTS_SECONDS = 0.1
 _HEALTH_SECONDS = 1.0
+_SHORTEST_OUTAGE = 0.05  # seconds
 
 
 class Recorder:
@@ -44,7 +46,10 @@ class Recorder:
     :meth:`close` converts and removes. After a crash, or if the conversion fails, the MCAP file
     stays, and :obj:`tactile convert grasp.mcap grasp.h5` makes the other one.
 
-    Start it before the stream is opened, so that no frame is missed. Nothing is dropped in silence:
+    What takes long, such as loading PyTorch for a layout, is done by the constructor, so that no
+    frame waits for it. Start it before the stream is opened, so that no frame is missed. An outage
+    (:attr:`Stream.outages`) is an annotation :obj:`"gap"`, from the last frame before it to the
+    first one after it. Nothing is dropped in silence:
     what goes wrong, such as a full disk, a stream that died or one that was too fast for the disk,
     is raised by :meth:`close`, and :attr:`error` is set at once; what was written before is kept.
 
@@ -59,6 +64,8 @@ class Recorder:
         label (str or int, optional): What the trial is an example of.
         overwrite (bool): Whether to replace a file that exists.
         size (int, optional): Frames that may wait for the disk.
+        max_seconds (float, optional): The recording ends with the last frame that is no later than
+            this after its first one.
 
     Attributes:
         frames (int): Frames that were written.
@@ -70,7 +77,7 @@ class Recorder:
     Raises:
         FileExistsError: If the file exists and is not to be replaced, or the MCAP file beside it.
         FileNotFoundError: If its folder does not exist.
-        ValueError: If the suffix is unknown.
+        ValueError: If the suffix is unknown, or :obj:`max_seconds` is not positive.
 
     Examples:
         >>> from tempfile import TemporaryDirectory
@@ -94,12 +101,16 @@ class Recorder:
         label: str | int | None = None,
         overwrite: bool = False,
         size: int | None = None,
+        max_seconds: float | None = None,
     ) -> None:
+        if max_seconds is not None and not max_seconds > 0:
+            raise ValueError(f"'max_seconds' must be positive (got {max_seconds})")
         self.path = Path(path)
         _check_target(self.path, overwrite)
         Recording(time=np.zeros(0), tactile=np.zeros((0, 1, 1)), label=label)  # checks it
         self.stream = stream
         self.layout = layout
+        self.max_seconds = max_seconds
         self.label = label
         self.overwrite = overwrite
         self.frames = 0
@@ -112,10 +123,11 @@ class Recorder:
         self._early: list[Callable[[McapWriter], None]] = []
         self._first = np.zeros(0)
         self._first_time = self._last_time = 0.0
-        self._points: PosedPoints | None = None
+        self._points = load_recorder(layout)
         self._next_points = self._next_health = -float("inf")
         self._told = False
         self._closed = False
+        self._is_over = False
         self._stopping: int | None = None
         self._asked = threading.Event()
         self._subscription: Any = None
@@ -125,6 +137,11 @@ class Recorder:
     def seconds(self) -> float:
         r"""Seconds from the first to the last frame that was written."""
         return self._last_time - self._first_time
+
+    @property
+    def is_over(self) -> bool:
+        r"""Whether a frame came after :obj:`max_seconds`, so that nothing more is written."""
+        return self._is_over
 
     def start(self) -> None:
         r"""Begins to record; does nothing if it has begun."""
@@ -159,8 +176,10 @@ class Recorder:
             label (str): Label of the annotation.
 
         Raises:
-            ValueError: If it is no label that an annotation can have.
+            ValueError: If it is no label that an annotation can have, or :obj:`"gap"`.
         """
+        if label == GAP:
+            raise ValueError(f"'label' must not be '{GAP}', which the recorder writes for outages")
         checked_annotation((0.0, 0.0, label))
         now, before = time.perf_counter(), self.annotation
         self.annotation = None if label == before else label
@@ -217,6 +236,8 @@ class Recorder:
             self._write_all()
         self._subscription.close()
         with self._lock, self._first_error():
+            self._write_lasting_outage()
+        with self._lock, self._first_error():
             self._closed = True
             if self._file is not None:
                 self._file.close()
@@ -242,7 +263,36 @@ class Recorder:
             if stopping is not None and frame.received > stopping:
                 return
             with self._lock:
+                if self._is_late(frame):
+                    return
                 self._write(self._finite(frame))
+
+    def _end_time(self) -> float:
+        # Of the recording, if no frame comes before it.
+        if self._file is None or self.max_seconds is None:
+            return float("inf")
+        return self._first_time + self.max_seconds
+
+    def _is_late(self, frame: LiveFrame) -> bool:
+        if frame.time <= self._end_time():
+            return False
+        assert self._file is not None
+        if self._ends_outage(frame):
+            _write_gap(self._file, self._last_time, self._end_time())
+        self._is_over = True
+        return True
+
+    def _ends_outage(self, frame: LiveFrame) -> bool:
+        if frame.time - self._last_time <= _SHORTEST_OUTAGE:
+            return False  # asked for every frame
+        return any(outage.end == frame.time for outage in reversed(self.stream.outages))
+
+    def _write_lasting_outage(self) -> None:
+        if self._file is None or self._is_over or self._stopping is None or self.error is not None:
+            return
+        end = min(self._stopping * 1e-9, self._end_time())
+        if self.stream.open_outage(end) is not None:
+            _write_gap(self._file, self._last_time, end)
 
     def _idle(self) -> None:
         with self._lock:
@@ -253,6 +303,8 @@ class Recorder:
         if self._file is None:
             self._open(frame)
         assert self._file is not None
+        if self.frames and self._ends_outage(frame):
+            _write_gap(self._file, self._last_time, frame.time)
         self._file.write_frame(frame)
         self.frames += 1
         self._last_time = frame.time
@@ -268,10 +320,8 @@ class Recorder:
         from torch_geometric_tactile.io import McapWriter
 
         meta, growing = _meta(self.stream), _growing_path(self.path)
-        if self.layout is not None:
-            from torch_geometric_tactile.live._posed_points import PosedPoints
-
-            self._points = PosedPoints(self.layout, meta)
+        if self._points is not None:
+            self._points.name_joints(meta.get("joint_names"))
             meta["sensor"] = self._points.layout.name
         name = meta.get("sensor")
         self._file = McapWriter(
@@ -329,6 +379,11 @@ def _write_prediction(file: "McapWriter", judgement: Any) -> None:
         task=str(judgement.task),
         latency=judgement.latency.get("total"),
     )
+
+
+def _write_gap(file: "McapWriter", start: float, end: float) -> None:
+    file.write_event(start, SPAN_START, GAP)
+    file.write_event(end, SPAN_END, GAP)
 
 
 def _meta(stream: "Stream") -> dict[str, Any]:

@@ -6,16 +6,18 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live._recorder_parts import LATE_SECONDS, load_recorder
 from torch_geometric_tactile.live.callback import Callback
 from torch_geometric_tactile.live.judge import Judge, Judgement
 from torch_geometric_tactile.live.recorder import Recorder
@@ -24,7 +26,7 @@ from torch_geometric_tactile.live.source import Source
 from torch_geometric_tactile.live.status import Status
 from torch_geometric_tactile.live.stream import Stream
 from torch_geometric_tactile.live.subscription import Subscription
-from torch_geometric_tactile.live.taxel_map import TaxelMap
+from torch_geometric_tactile.live.taxel_map import TaxelMap, TaxelOrder
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live.viewer import Viewer
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 _STATUS_SECONDS = 0.5
 _DRIFT_SECONDS = 0.25  # between two frames whose distance from the rest is measured
 _LATENCIES = 500
+_POLL_SECONDS = 0.02
 
 
 class LiveSession:
@@ -48,7 +51,9 @@ class LiveSession:
         rest (Rest, optional): What measures the sensor at rest; that of the judge if left out.
         tare (bool): Whether to subtract the rest from what is judged, for a model of readings that
             were tared before it was trained (such as with :obj:`AllegroUSkin(tare="hover")`).
-        taxel_map (TaxelMap, optional): From the taxels of the source to those of the layout.
+        taxel_map (TaxelMap or str, optional): From the taxels of the source to those of the layout.
+            By default that which comes with the package for the sensor and the layout, or the
+            layout of the model (see :class:`Stream`). :obj:`"none"` keeps the order of the source.
         layout (TaxelLayout, str or PathLike, optional): The taxels, for recorder and viewer.
         policy (str, optional): Which frames are judged: :obj:`"newest"`, :obj:`"drop_oldest"` or
             :obj:`"all"`, see :meth:`Judge.follow`. By default the newest; a model of windows sees
@@ -81,7 +86,7 @@ class LiveSession:
         judge: Judge | None = None,
         rest: Rest | None = None,
         tare: bool = False,
-        taxel_map: TaxelMap | None = None,
+        taxel_map: TaxelMap | Literal["none"] | None = None,
         layout: "TaxelLayout | PathLike | None" = None,
         policy: Policy | None = None,
         callbacks: Sequence[Callback] = (),
@@ -93,7 +98,17 @@ class LiveSession:
         need(not tare or not measures, "'tare' must be false: the model itself measures the rest")
         if judge is not None:
             judge.relative = tare
-        self.stream = Stream(source, taxel_map=taxel_map)
+        if layout is not None:
+            from torch_geometric_tactile.sensors import as_layout
+
+            layout = as_layout(layout)
+        order: TaxelLayout | TaxelOrder | None = layout
+        if order is None and judge is not None:
+            order = TaxelOrder(judge.info["layout"], judge.info["num_taxels"])
+        if isinstance(taxel_map, str):
+            need(taxel_map == "none", "'taxel_map' must be a TaxelMap or 'none'", taxel_map)
+            taxel_map, order = None, None
+        self.stream = Stream(source, taxel_map=taxel_map, layout=order)
         self.callbacks = list(callbacks)
         self.judged = 0
         self.judgement: Judgement | None = None
@@ -130,25 +145,37 @@ class LiveSession:
         return viewer.url
 
     def record(
-        self, path: PathLike, label: str | int | None = None, overwrite: bool = False
+        self,
+        path: PathLike,
+        label: str | int | None = None,
+        overwrite: bool = False,
+        max_seconds: float | None = None,
     ) -> None:
-        r"""Records from now on. Call it before :meth:`open`, to have the first frame.
+        r"""Records from now on, that is, from its return. Call it before :meth:`open`, to have the
+        first frame.
 
         Args:
             path (str or PathLike): The file; its suffix says the format.
             label (str or int, optional): What the recording is an example of.
             overwrite (bool): Whether it may replace a file.
+            max_seconds (float, optional): How long, from the first recorded frame on.
 
         Raises:
             FileExistsError: If there is such a file.
             ValueError: If a recorder runs.
         """
+        # Loading takes long, and what is judged meanwhile must not wait for it.
+        recorder = Recorder(
+            path,
+            self.stream,
+            layout=self._layout,
+            label=label,
+            overwrite=overwrite,
+            max_seconds=max_seconds,
+        )
         with self._lock:
             if self.recorder is not None:
                 raise ValueError(f"a recorder runs: stop that of '{self.recorder.path}' first")
-            recorder = Recorder(
-                path, self.stream, layout=self._layout, label=label, overwrite=overwrite
-            )
             recorder.rest = _value(self._rest)
             recorder.start()
             self.recorder = recorder
@@ -181,9 +208,9 @@ class LiveSession:
         with self._lock:
             if self.recorder is not None:
                 return self.stop_recording()
-            path = Path(f"{datetime.now():%Y-%m-%d_%H-%M-%S}.mcap")
-            self.record(path)
-            return path
+        path = Path(f"{datetime.now():%Y-%m-%d_%H-%M-%S}.mcap")
+        self.record(path)
+        return path
 
     def tare(self) -> None:
         r"""Measures the rest anew, of the frames that come now, for the model and the viewer."""
@@ -197,11 +224,18 @@ class LiveSession:
 
         Raises:
             OSError: If the source is not there.
+            ValueError: If the order of its taxels is not known to be that of the layout.
         """
+        self._load()
         frames = self.stream.subscribe(self._policy)
         self.stream.open()
         self._worker = threading.Thread(target=self._work, args=(frames,), daemon=True)
         self._worker.start()
+
+    def _load(self) -> None:
+        # What a recording that is begun later needs, so that its frames do not wait for it.
+        with suppress(ImportError):  # told when a recording is begun
+            load_recorder(self._layout)
 
     def run(
         self, seconds: float | None = None, on_status: Callable[[Status], None] | None = None
@@ -219,12 +253,27 @@ class LiveSession:
         start, limit = time.perf_counter(), math.inf if seconds is None else seconds
         while not self._ended.is_set():
             left = limit - min(time.perf_counter() - start, self.stream.seconds)
-            if left <= 0 or self._ended.wait(min(left, _STATUS_SECONDS)):
+            if left <= 0 and not self._waits_for_recorder(left):
+                break
+            if self._ended.wait(min(max(left, _POLL_SECONDS), _STATUS_SECONDS)):
                 break
             self._tell_status(on_status)
         self._tell_status(on_status)
         if self._error is not None:
             raise self._error
+
+    def _waits_for_recorder(self, left: float) -> bool:
+        # Frames that are on the way belong to a recording of so many seconds.
+        recorder = self.recorder
+        return (
+            recorder is not None
+            and recorder.max_seconds is not None
+            and recorder.frames > 0
+            and not recorder.is_over
+            and recorder.error is None
+            and left > -LATE_SECONDS
+            and self.stream.state not in ("ended", "closed")
+        )
 
     def stop(self) -> None:
         r"""Ends :meth:`run`; from any thread or callback."""
@@ -343,7 +392,9 @@ class LiveSession:
         else:
             kept = list(self._latencies)
             latency = statistics.median(kept) if kept else None
-            on_status(Status(health, self.judgement, latency, recorded, self._note, opened))
+            notes = [self._note, "" if self._judge is None else self._judge.note]
+            note = "; ".join(filter(None, notes))
+            on_status(Status(health, self.judgement, latency, recorded, note, opened))
 
 
 def _value(rest: Rest | None) -> np.ndarray | None:

@@ -36,12 +36,16 @@ class Source(ABC):
         checksum (str): What guards a frame; :obj:`"none"` if a damaged reading may pass.
         clock_period (float, optional): After how many seconds the clock of the device starts over.
         counts (DecoderCounts): What was good, corrupt, skipped and lost, over all openings.
+        device_order (bool): Whether the taxels come in the order of the device's wiring, which is
+            that of no layout.
         meta (Mapping): What is known about the readings, with the keys of
             :class:`~torch_geometric_tactile.data.Recording`: :obj:`"sensor"` (name of the layout),
             :obj:`"unit"`, :obj:`"rate"`, :obj:`"joint_names"`; complete once it is open.
         reopens (bool): Whether it is worth opening again after it was lost.
         clock_rate (float): Seconds on the clock of the device for each second, such as 2 for a
             recording at double speed; infinite if the two have nothing to do with each other.
+        exact_clock (bool): Whether the times of the device are those of its measurements. If false,
+            as where a program stamps its messages, frames get regular times by their numbers.
         repeats (int): Messages that came again, and were left out.
         waits (bool): Whether it may be kept waiting, as a file that is read as fast as possible:
             then a slow subscriber of policy :obj:`"all"` holds it up, and never overflows.
@@ -65,6 +69,8 @@ class Source(ABC):
     clock_period: float | None = None
     reopens: bool = True
     clock_rate: float = 1.0
+    exact_clock: bool = True
+    device_order: bool = False
     repeats: int = 0
     waits: bool = False
 

@@ -8,24 +8,29 @@ import weakref
 from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import suppress
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, Self
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Policy
+from torch_geometric_tactile.data.frame_info import FrameInfo
 from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live._frame_clock import FrameClock
 from torch_geometric_tactile.live.clock_map import ClockMap
 from torch_geometric_tactile.live.health import Health, HealthMeter
+from torch_geometric_tactile.live.outage import Outage
 from torch_geometric_tactile.live.source import Source, SourceEnded
 from torch_geometric_tactile.live.subscription import Subscription
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.live.taxel_map import TaxelMap
+    from torch_geometric_tactile.live.taxel_map import TaxelMap, TaxelOrder
+    from torch_geometric_tactile.sensors import TaxelLayout
 
 _log = logging.getLogger(__name__)
 _READ = 0.1  # seconds that one read of the source may wait
 _BACK_OFF = (0.1, 2.0)
-_STEP = 1e-6  # between two frames that came at once: times as of 1970 keep it in a double
 _JOIN = 10.0
+_OPEN_OUTAGE = 0.25  # seconds: a busy machine delivers late what came in time
 
 
 class Stream:
@@ -41,6 +46,10 @@ class Stream:
         source (Source): The source; the stream opens and closes it.
         taxel_map (TaxelMap, optional): The order of the taxels, from that of the source to that of
             a layout.
+        layout (TaxelLayout or TaxelOrder, optional): The layout that the taxels are wanted in. If
+            the source sends them as they are wired (:attr:`Source.device_order`) and no map is
+            given, the map is that which comes with the package for the sensor and this layout
+            (:meth:`TaxelMap.for_sensor`).
         silent_after (float): After how many seconds without a frame the state is :obj:`"silent"`.
 
     Attributes:
@@ -49,7 +58,8 @@ class Stream:
         error (BaseException, optional): What the source raised, if it failed.
 
     Raises:
-        ValueError: If :obj:`silent_after` is not positive.
+        ValueError: If :obj:`silent_after` is not positive. When it is opened, or at the first
+            frame, if the order of the taxels is not known to be that of :obj:`layout`.
 
     Examples:
         >>> from torch_geometric_tactile.live import ReplaySource, Stream
@@ -59,19 +69,33 @@ class Stream:
     """
 
     def __init__(
-        self, source: Source, *, taxel_map: "TaxelMap | None" = None, silent_after: float = 1.0
+        self,
+        source: Source,
+        *,
+        taxel_map: "TaxelMap | None" = None,
+        layout: "TaxelLayout | TaxelOrder | None" = None,
+        silent_after: float = 1.0,
     ) -> None:
         need(silent_after > 0, "'silent_after' must be positive, in seconds", silent_after)
         self.source = source
         self.taxel_map = taxel_map
+        self._layout = layout if source.device_order and taxel_map is None else None
         self.silent_after = silent_after
         self.anchor = (time.time_ns(), time.perf_counter_ns())
         self.error: BaseException | None = None
         self._state = "closed"
         self._meter = HealthMeter()
         self._clock = ClockMap(source.clock_period)
-        self._time = -math.inf
+        self._numbers = FrameClock()
+        self._coarse = False  # whether device times repeat
+        self._device_time: float | None = None
+        self._device_info: FrameInfo | None = None
+        self._source_info: FrameInfo | None = None
+        self._mapped_info: FrameInfo | None = None
+        self._last: LiveFrame | None = None
+        self._outages: list[Outage] = []
         self._since = math.inf
+        self._until = math.inf
         self._subscriptions: tuple[weakref.ref[Subscription], ...] = ()
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -99,7 +123,40 @@ class Stream:
 
     def health(self) -> Health:
         r"""Returns how well it runs, at this moment."""
-        return self._meter.snapshot(self._state, self.source)
+        now = time.perf_counter()
+        lasting = None if self._state == "open" else self.open_outage(now)
+        outages = [*self.outages, *([] if lasting is None else [lasting])]
+        return self._meter.snapshot(self._state, self.source, outages=outages)
+
+    @property
+    def rate(self) -> float | None:
+        r"""Frames per second by their numbers, so that lost frames do not lower it, on the clock of
+        the device: a recording that is replayed at double speed has its own rate. :obj:`None` until
+        a second has passed, and for a source that waits (:attr:`Source.waits`)."""
+        rate = self._numbers.rate
+        if rate is None or self.source.waits:
+            return None
+        return rate / self.source.clock_rate
+
+    @property
+    def outages(self) -> tuple[Outage, ...]:
+        r"""The outages that are over: times between two frames of more than five periods, and at
+        least 50 ms. A source that waits has none."""
+        return tuple(self._outages)
+
+    def open_outage(self, now: float) -> Outage | None:
+        r"""Returns the outage that lasts up to a moment, if there is one: no frame came for a
+        quarter of a second and five periods, and the source has not ended.
+
+        Args:
+            now (float): The moment, as of :func:`time.perf_counter`.
+        """
+        last = self._last
+        if last is None or self._state == "ended" or self.source.waits:
+            return None
+        end = min(now, self._until)
+        is_outage = end - last.time > max(_OPEN_OUTAGE, self._numbers.largest_gap)
+        return Outage(last.time, end) if is_outage else None
 
     def require_frames(self) -> None:
         r"""Does nothing if frames came.
@@ -166,7 +223,12 @@ class Stream:
         # Everything that touches the source is called here: it is used by one thread.
         try:
             self.source.open()
+            taxels = self.source.meta.get("taxels")
+            if taxels:
+                self._choose_map(sum(taxels))
         except BaseException as failed:
+            with suppress(Exception):
+                self.source.close()
             self._end(None)
             opened.set_exception(failed)
             return
@@ -194,6 +256,7 @@ class Stream:
                 return
             self._over = True
             self.error = error
+            self._until = time.perf_counter()
             self._state = "closed" if self._stop.is_set() or self._state == "closed" else "ended"
             subscriptions = self._subscriptions
         for one in subscriptions:
@@ -202,7 +265,7 @@ class Stream:
                 subscription.end(error)
 
     def _read_all(self) -> None:
-        last = time.perf_counter()
+        last, began = time.perf_counter(), time.perf_counter_ns()
         back_off = _BACK_OFF[0]
         while not self._stop.is_set():
             try:
@@ -216,9 +279,10 @@ class Stream:
                 last = time.perf_counter()
                 continue
             if frames:
-                self._deliver(frames)
+                self._deliver(frames, began)
                 self._state = "open"
                 last, back_off = time.perf_counter(), _BACK_OFF[0]
+                began = time.perf_counter_ns()  # from here on it waits
             elif time.perf_counter() - last > self.silent_after and self._state != "silent":
                 if not self._meter.frames:
                     _log.warning("no frame yet: %s", self.source.why_no_frame())
@@ -243,22 +307,38 @@ class Stream:
                 continue
             self._meter.reconnects += 1
             self._clock.reset()
+            self._numbers.reset()
             self._state = "open"
             break
         return back_off
 
-    def _deliver(self, frames: list[LiveFrame]) -> None:
-        if self._time == -math.inf:
-            self._since = time.perf_counter()
-        for frame in frames:
+    def _deliver(self, frames: list[LiveFrame], began: int) -> None:
+        if self._last is None:
+            self._choose_map(len(frames[0].tactile))
+            opened, self._since = self._since, time.perf_counter()
+            times = self._times(frames, began, opened)
+        else:
+            times = self._times(frames, began)
+        for frame, at in zip(frames, times, strict=True):
             self._meter.observe(frame)
-            frame = self._mapped(frame)
+            frame = self._mapped(frame, at)
+            self._note_outage(frame)
+            self._last = frame
             for one in self._subscriptions:
                 if self.source.waits:
                     self._wait_for_room(one)
                 subscription = one()
                 if subscription is not None:
                     self._meter.dropped += subscription.put(frame)
+
+    def _choose_map(self, num_taxels: int) -> None:
+        # Once the sensor is known, and before a frame is delivered.
+        layout, self._layout = self._layout, None
+        if layout is not None:
+            from torch_geometric_tactile.live.taxel_map import TaxelMap
+
+            models = self.source.meta.get("models", ())
+            self.taxel_map = TaxelMap.for_sensor(models, num_taxels, layout)
 
     def _wait_for_room(self, one: "weakref.ref[Subscription]") -> None:
         while not self._stop.is_set():
@@ -267,20 +347,79 @@ class Stream:
                 return
             del subscription
 
-    def _mapped(self, frame: LiveFrame) -> LiveFrame:
-        device, rate = frame.device_time, self.source.clock_rate
-        device = None if device is None or not math.isfinite(rate) else device / rate
-        self._time = max(self._clock.map(device, frame.received), self._time + _STEP)
-        tactile = frame.tactile if self.taxel_map is None else self.taxel_map.apply(frame.tactile)
+    def _note_outage(self, frame: LiveFrame) -> None:
+        last = self._last
+        if last is None or self.source.waits:
+            return
+        if frame.time - last.time > self._numbers.largest_gap:
+            lost = max(0, frame.sequence - last.sequence - 1)
+            self._outages.append(Outage(last.time, frame.time, lost))
+
+    def _times(self, frames: list[LiveFrame], began: int, since: float = -math.inf) -> list[float]:
+        times: list[float] = []
+        reads = [frames]
+        if len(frames) > 1:
+            reads = [[*group] for _, group in groupby(frames, key=lambda frame: frame.received)]
+        for arrived in reads:
+            received = arrived[0].received
+            if self._has_exact_times(arrived):
+                times += [self._exact_time(frame) for frame in arrived]
+                continue
+            # A source that received it before it was asked does not depend on the reader.
+            waited = (received - began) * 1e-9 if received >= began else math.inf
+            numbers = [frame.sequence for frame in arrived]
+            times += self._numbers.times(numbers, received * 1e-9, waited=waited, since=since)
+        return times
+
+    def _has_exact_times(self, frames: list[LiveFrame]) -> bool:
+        if self._coarse or not self.source.exact_clock or not math.isfinite(self.source.clock_rate):
+            return False
+        before = self._device_time
+        for frame in frames:
+            if frame.device_time is None:
+                return False
+            if frame.device_time == before:
+                self._coarse = True
+                return False
+            before = frame.device_time
+        self._device_time = before
+        return True
+
+    def _exact_time(self, frame: LiveFrame) -> float:
+        assert frame.device_time is not None
+        mapped = self._clock.map(frame.device_time / self.source.clock_rate, frame.received)
+        return self._numbers.observe(frame.sequence, mapped)
+
+    def _mapped(self, frame: LiveFrame, at: float) -> LiveFrame:
+        tactile, info = frame.tactile, frame.info or self._unit_info()
+        if self.taxel_map is not None:
+            tactile = self.taxel_map.apply(tactile)
+            info = self._info_of_map(info)
         return LiveFrame(
             frame.sequence,
-            self._time,
+            at,
             frame.received,
             frame.device_time,
             tactile,
             frame.joint,
             frame.extra,
+            info,
         )
+
+    def _unit_info(self) -> FrameInfo:
+        # Of a device: only its unit is known. One object for all frames.
+        if self._device_info is None:
+            self._device_info = FrameInfo(unit=self.source.meta.get("unit"))
+        return self._device_info
+
+    def _info_of_map(self, info: FrameInfo) -> FrameInfo:
+        # One object for all frames of a source, since readers compare each that is new to them.
+        # The names of the columns are in the order of the source.
+        if info is not self._source_info:
+            joint = {name: info.columns[name] for name in info.columns if name != "tactile"}
+            self._source_info, self._mapped_info = info, info.changed(columns=joint)
+        assert self._mapped_info is not None
+        return self._mapped_info
 
     def __enter__(self) -> Self:
         self.open()

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -12,7 +12,26 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile._typing import PathLike
 
-_KEYS = ("index", "num_taxels", "layout", "source")
+if TYPE_CHECKING:
+    from torch_geometric_tactile.sensors import TaxelLayout
+
+_KEYS = ("index", "num_taxels", "layout", "source", "models")
+
+
+class TaxelOrder(NamedTuple):
+    r"""The order of the taxels of a layout, where the layout itself is not loaded.
+
+    Args:
+        name (str): Name of the layout.
+        num_taxels (int): Its number of taxels :math:`N`.
+
+    Examples:
+        >>> TaxelOrder("allegro_uskin_368", 368).num_taxels
+        368
+    """
+
+    name: str
+    num_taxels: int
 
 
 class TaxelMap:
@@ -24,6 +43,7 @@ class TaxelMap:
         num_taxels (int): Number of taxels of the source :math:`M`.
         layout (str): Name of the layout.
         source (str): Where the order comes from.
+        models (sequence of str): Names of the sensors that send this order, as they tell them.
 
     Raises:
         ValueError: If :obj:`index` holds other than integers from -1 to :math:`M - 1`, or a taxel
@@ -43,12 +63,17 @@ class TaxelMap:
         *,
         layout: str = "",
         source: str = "",
+        models: Sequence[str] = (),
     ) -> None:
         if isinstance(num_taxels, bool) or not isinstance(num_taxels, int) or num_taxels < 1:
             raise ValueError(f"'num_taxels' must be a positive integer (got {num_taxels!r})")
         for name, text in (("layout", layout), ("source", source)):
             if not isinstance(text, str):
                 raise ValueError(f"'{name}' must be a text (got {type(text).__name__})")
+        is_list = isinstance(models, list | tuple)
+        if not is_list or not all(isinstance(model, str) for model in models):
+            raise ValueError(f"'models' must be a list of texts (got {models!r:.80})")
+        self.models = tuple(models)
         self.index = _checked_index(index, num_taxels)
         self.num_taxels = num_taxels
         self.layout = layout
@@ -86,6 +111,7 @@ class TaxelMap:
             "source": self.source,
             "num_taxels": self.num_taxels,
             "index": self.index.tolist(),
+            **({"models": list(self.models)} if self.models else {}),
         }
         with atomic_path(path) as temporary:
             temporary.write_text(json.dumps(content) + "\n", encoding="utf-8")
@@ -112,6 +138,41 @@ class TaxelMap:
                 f"(.json) (got {text!r})"
             )
         return cls._read(_folder() / f"{text}.json")
+
+    @classmethod
+    def for_sensor(
+        cls, models: Sequence[str], num_taxels: int, layout: "TaxelOrder | TaxelLayout"
+    ) -> Self | None:
+        r"""Returns the map that comes with the package from the order of a sensor to that of a
+        layout, or :obj:`None` if there is none and the layout has another number of taxels.
+
+        Args:
+            models (sequence of str): Names of the models of the sensor, as it tells them.
+            num_taxels (int): Its number of taxels :math:`M`.
+            layout (TaxelOrder or TaxelLayout): The layout.
+
+        Raises:
+            ValueError: If there is none and the layout has as many taxels: whether they are in the
+                same order is not known.
+
+        Examples:
+            >>> TaxelMap.for_sensor(["XR23AHRCPP"], 368, TaxelOrder("allegro_uskin_368", 368))
+            TaxelMap(368 -> 368, missing=0, layout='allegro_uskin_368')
+        """
+        sensors = {model.upper() for model in models}
+        for name in cls.names():
+            taxel_map = cls.load(name)
+            fits = (taxel_map.layout, taxel_map.num_taxels) == (layout.name, num_taxels)
+            if fits and sensors and sensors <= {model.upper() for model in taxel_map.models}:
+                return taxel_map
+        if num_taxels == layout.num_taxels:
+            named = ", ".join(sorted(map(printable, sensors - {""}))) or "an unknown model"
+            raise ValueError(
+                f"the sensor ({named}) sends {num_taxels} taxels in the order of its wiring, and "
+                f"that of layout '{printable(layout.name)}' may be another one: name the map of "
+                "taxels (--map FILE), or --map none if the order is that of the layout"
+            )
+        return None
 
     @staticmethod
     def names() -> list[str]:

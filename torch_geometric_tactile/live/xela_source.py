@@ -8,13 +8,17 @@ from torch_geometric_tactile.live._web_socket import WebSocket
 from torch_geometric_tactile.live.source import Source
 
 _OPEN = 5.0  # seconds to connect
+_LONGEST_GAP = 2**20  # messages, some hours: a longer step is another server
 _FIRST = 1.0  # seconds that opening waits for the first message, which tells the sensors
 
 
 class XelaSource(Source):
     r"""Reads live frames from the WebSocket of XELA's server. Needs the extra :obj:`live`.
 
-    The number of a message is the number of the frame, and its time the time of the device. A
+    The number of a message is the number of the frame, and its time the time of the device. The
+    server is a program and stamps messages when it makes them, so frames get regular times by their
+    numbers. A server that was started again counts from the beginning: the numbers of the frames go
+    on, and no loss is told, since nobody knows it. A
     message with the number of the one before is left out and counted as repeated; one that cannot
     be read, or has another number of taxels than the first, is counted as corrupt. :obj:`extra` has
     :obj:`"temp"` (temperature in kelvins) and :obj:`"ups"` (updates per second, which may be fewer
@@ -37,6 +41,9 @@ class XelaSource(Source):
         ...     frames = source.read(timeout=1.0)
     """
 
+    exact_clock = False
+    device_order = True
+
     def __init__(self, url: str = "ws://127.0.0.1:5000", forces: bool = False) -> None:
         if not isinstance(url, str) or not url.startswith(("ws://", "wss://")):
             raise ValueError(f"'url' must begin with ws:// or wss:// (got {url!r})")
@@ -46,6 +53,7 @@ class XelaSource(Source):
         self._is_open = False
         self._waiting: list[LiveFrame] = []
         self._number: int | None = None
+        self._sequence = 0
         self._taxels: tuple[int, ...] | None = None
 
     def open(self) -> None:
@@ -116,16 +124,21 @@ class XelaSource(Source):
             self.counts.refuse(f"sensors of {frame.taxels} taxels came after {self._taxels}")
             return None
         last, self._number = self._number, frame.number
-        if last is not None:
-            if frame.number == last:
-                self.repeats += 1
-                return None
-            self.counts.lost += max(0, frame.number - last - 1)
+        if frame.number == last:
+            self.repeats += 1
+            return None
+        if last is None:
+            self._sequence = frame.number
+        else:
+            step = frame.number - last
+            step = step if 0 < step <= _LONGEST_GAP else 1
+            self._sequence += step
+            self.counts.lost += step - 1
         self.counts.good += 1
         known = {"temp": frame.temp, "ups": frame.ups}
         extra = {name: value for name, value in known.items() if value is not None}
         return LiveFrame(
-            frame.number, received * 1e-9, received, frame.time, frame.reading, None, extra
+            self._sequence, received * 1e-9, received, frame.time, frame.reading, None, extra
         )
 
     def why_no_frame(self) -> str:

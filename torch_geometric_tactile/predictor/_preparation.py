@@ -283,7 +283,8 @@ class Preparation:
         """
         recording.check(self.layout)
         info, known = recording.info, self.info
-        if resample and self.needs_rate and known.rate_differs(info.rate, info.tolerance):
+        differs = resample and known.rate_differs(info.rate, info.tolerance)
+        if known.resampled or (differs and self.needs_rate):
             recording = recording.resample(known.selected_rate or known.rate or 0.0)
             info = recording.info
         known.require(info, "a recording", with_rate=self.needs_rate)

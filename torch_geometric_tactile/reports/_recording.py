@@ -9,6 +9,7 @@ import numpy as np
 from torch_geometric_tactile._texts import printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data._annotations import GAP
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.io import read_recording, recording_format
 from torch_geometric_tactile.visualization.figure import save_figure
@@ -25,6 +26,7 @@ def describe_recording(recording: Recording) -> str:
     Examples:
         >>> print(describe_recording(Recording([0.0, 0.1], np.zeros((2, 4, 3)), label="cup")))
         frames       2 in 0.1 s, 10 per second
+        gaps         none
         taxels       4 of 3 channels
         readings     0 to 0 (unit unknown)
         joints       none
@@ -48,6 +50,7 @@ def describe_recording(recording: Recording) -> str:
         )
     rows: list[tuple[str, Sequence[str]]] = [
         ("frames", [frames]),
+        ("gaps", [_gap_line(recording)]),
         ("taxels", [f"{recording.num_taxels} of {recording.num_channels} channels"]),
         ("readings", [_range(recording.tactile, unit)]),
         ("joints", _joint_lines(recording)),
@@ -104,6 +107,18 @@ def _joint_lines(recording: Recording) -> list[str]:
     return lines + [
         f"{name}: {_range(recording.joint[:, i], 'rad')}" for i, name in enumerate(names)
     ]
+
+
+def _gap_line(recording: Recording) -> str:
+    # Those in the times, and those that a recorder saw where no frame followed.
+    spans = [(float(start), float(end)) for start, end in recording.gaps]
+    spans += [
+        (start, end)
+        for start, end, label in recording.annotations
+        if label == GAP and not any(start < b and a < end for a, b in spans)
+    ]
+    seconds = sum(end - start for start, end in spans)
+    return f"{len(spans)}, {seconds:.2f} s without frames" if spans else "none"
 
 
 def _annotation_lines(recording: Recording) -> list[str]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.data._annotations import OUTSIDE, annotation_of_frames
+from torch_geometric_tactile.data._annotations import OUTSIDE, annotation_of_frames, without_gaps
 
 ANNOTATED = "annotations"  # the source of what annotations tell
 
@@ -56,8 +56,8 @@ def _true_classes(recording: Recording, names: Sequence[str]) -> Iterator[Truth]
     num_frames = recording.num_frames
     if recording.label is not None and str(recording.label) in names:
         yield Truth(np.full(num_frames, str(recording.label)), "label")
-    if recording.annotations:
-        with suppress(ValueError):  # of those that overlap nothing is true
+    if without_gaps(recording.annotations):
+        with suppress(ValueError):  # of those that overlap or lie outside nothing is true
             texts = annotation_of_frames(recording.annotations, recording.time)
             outside = (texts == OUTSIDE) & (OUTSIDE not in names)
             if np.isin(texts[~outside], names).all():
