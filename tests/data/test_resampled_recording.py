@@ -87,3 +87,13 @@ def test_wrong_rates_are_refused(rate):
 def test_too_few_frames_stay(size):
     given = recording([5.0], [1.0]).select(slice(size))
     assert given.resample(10.0).num_frames == size
+
+
+@pytest.mark.parametrize("rate", [7.0, 33.3, 40.0, 100.0, 250.0])
+def test_a_resampled_recording_stays_as_it_is(rate):
+    draw = np.random.default_rng(0)
+    time = 1.7e9 + np.r_[np.arange(300), 700 + np.arange(200)] / 100
+    once = recording(time, draw.normal(size=(500, 2))).resample(rate)
+    twice = once.resample(rate)
+    assert twice.time == pytest.approx(once.time, abs=1e-6)
+    np.testing.assert_allclose(twice.tactile, once.tactile, rtol=0, atol=1e-4)

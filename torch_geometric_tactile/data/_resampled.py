@@ -5,11 +5,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from torch_geometric_tactile.data._gaps import part_numbers
+from torch_geometric_tactile.data._gaps import ROUNDING, part_numbers
 from torch_geometric_tactile.data.frame_rate import measure_rate
 
 _MAX_FRAMES = 10**8
-_EDGE = 1e-6  # of a new frame, by which the last one may be past the last old one
 
 
 def resampled_values(
@@ -31,12 +30,13 @@ def resampled_values(
     part = part_numbers(time, measured.max_gap)
     bounds = np.flatnonzero(np.diff(part, prepend=-1, append=part[-1] + 1))
     starts, ends = bounds[:-1], bounds[1:]
-    counts = np.floor((time[ends - 1] - time[starts]) * rate + _EDGE).astype(np.int64) + 1
+    counts = np.floor((time[ends - 1] - time[starts]) * rate + ROUNDING).astype(np.int64) + 1
     if counts.sum() > _MAX_FRAMES:
         raise ValueError(
             f"'rate' must make at most {_MAX_FRAMES} frames (got {counts.sum()} at {rate:g} Hz)"
         )
-    width = 1 / rate if rate < measured.rate else 0.0
+    is_slower = rate < measured.rate * (1 - ROUNDING)  # a resampled recording stays as it is
+    width = 1 / rate if is_slower else 0.0
     new_time = []
     new: dict[str, list[np.ndarray]] = {name: [] for name in signals}
     for start, end, count in zip(starts, ends, counts, strict=True):
