@@ -2,6 +2,7 @@
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -193,7 +194,9 @@ def write_glove(path, label):
 @stage("docs/recordings.md")
 def _(names):
     names["layout"] = allegro_uskin()
-    write_recording(hand_recording(), "trial.h5")
+    hand = hand_recording()
+    long = replace(hand, time=np.linspace(0.0, 2.0, hand.num_frames))
+    write_recording(long, "trial.h5")
     write_glove("mug_003.csv", "pinch")
     for number, label in enumerate(("pinch", "power", "pinch")):
         write_glove(f"grasps/mug_{number}.csv", label)

@@ -1,6 +1,5 @@
 """What a comparison recommends becomes a predictor that says what the comparison's models say."""
 
-import logging
 import sys
 from dataclasses import replace
 
@@ -200,15 +199,13 @@ def test_the_rest_is_measured_on_each_recording(tmp_path):
     assert predictor(x).allclose(first, atol=1e-5)
 
 
-def test_windows_of_every_other_frame_are_told_of(tmp_path, caplog):
+def test_predictor_of_windows_of_every_fourth_frame_knows_it(tmp_path):
     motions(tmp_path / "a.npz")
     cut = FrameCut(window=5)
     source = data_source(tmp_path / "a.npz", grid="3x4", stride=4, cut=cut)
     settings = ComparisonSettings(models=("constant",), **QUICK)
     comparison = comparing.compare(source, settings, tmp_path / "out")
-    with caplog.at_level(logging.WARNING):
-        deploy(comparison, "constant")
-    assert "those of the comparison of one in 4" in caplog.text
+    assert deploy(comparison, "constant").info.stride == 4
 
 
 def test_machines_are_calibrated_with_whole_trials_held_out(touched, monkeypatch):

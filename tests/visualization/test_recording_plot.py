@@ -138,6 +138,7 @@ def test_describe_names_every_fact():
     )
     assert describe_recording(rec).splitlines() == [
         "frames       4 in 0.03 s, 100 per second",
+        "gaps         none",
         "taxels       2 of 3 channels",
         "readings     0 to 20 counts",
         "joints       2, -0.5 to 1 rad",
@@ -157,9 +158,9 @@ def test_describe_names_every_fact():
 def test_describe_no_frame_and_many_dead_taxels():
     lines = describe_recording(Recording([], np.zeros((0, 2, 1)))).splitlines()
     assert lines[0] == "frames       0"
-    assert lines[2] == "readings     none"
+    assert lines[3] == "readings     none"
     lines = describe_recording(Recording([0.0], np.full((1, 15, 1), NAN))).splitlines()
-    assert lines[4] == "dead taxels  15: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 and 3 more"
+    assert lines[5] == "dead taxels  15: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 and 3 more"
 
 
 def test_names_that_are_no_formula_can_be_drawn(tmp_path):
@@ -182,7 +183,7 @@ def test_describe_shows_what_a_terminal_would_obey():
     )
     assert r"label        a\x1b[2J\n\u202eb" in lines
     assert r"metadata     k\n = \x9b" in lines
-    assert len(lines) == 10
+    assert len(lines) == 11
 
 
 def test_annotations_have_a_lane_for_each_label():

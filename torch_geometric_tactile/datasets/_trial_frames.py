@@ -44,7 +44,7 @@ class TrialFrames(RawFiles):
     resample: float | None = None
     samples_per_trial: int | None = None
     sample_seed: int = 0
-    tare: float | str | None
+    tare: float | str | None = None
     transform: Any
     _selected_info: FrameInfo | None = None
 
