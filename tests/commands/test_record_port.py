@@ -229,7 +229,9 @@ class StubJudge:
 
     def __init__(self, layout, num_taxels):
         self.info = {"layout": layout, "num_taxels": num_taxels, "rest": None}
-        self.rest = None
+        self.rest = self.contact = None
+        self.measures_rest = self.relative = False
+        self.length, self.note = 1, ""
         self.seen = []
 
     def __call__(self, frame, wanted=True):
