@@ -40,7 +40,7 @@ shutil.copytree("data/glove", folder / "grasps")
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile import Predictor
-from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.data import Protocol, Recording
 from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.nn import TaxelNet
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -172,7 +172,8 @@ figure.tight_layout()
 import numpy as np
 
 offline = Predictor.load(folder / "glove.predictor")
-offline.adapt(rest.tactile, time=rest.time)
+at_rest = Recording(time=rest.time, tactile=rest.tactile)
+offline.adapt_recording(at_rest, rest=1.0)  # all of its frames, as live
 probability = offline(recording.tactile)
 labels = [label for (label,) in offline.labels(probability)]
 
