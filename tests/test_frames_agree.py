@@ -9,7 +9,6 @@ import torch
 from torch_geometric_tactile import Predictor, nn, transforms
 from torch_geometric_tactile.data import FrameInfo, LiveFrame, Recording, Windows
 from torch_geometric_tactile.datasets import RecordingFrames
-from torch_geometric_tactile.experiments.compared_windows import tared_frames
 from torch_geometric_tactile.live import Judge
 from torch_geometric_tactile.sensors import grid
 
@@ -236,6 +235,9 @@ def test_a_resampled_data_set_has_a_predictor_that_resamples(tmp_path):
 
 
 def test_predict_names_the_rest_of_the_training():
+    pytest.importorskip("joblib", reason="needs the extra 'train'")
+    from torch_geometric_tactile.experiments.compared_windows import tared_frames
+
     made = [recording(i, 50.0, "ab"[i % 2], num_gaps=0) for i in range(2)]
     frames = RecordingFrames(layout=LAYOUT, recordings=made, target="label", stride=5)
     tared = tared_frames(frames, first=8)
