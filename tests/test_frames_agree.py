@@ -235,7 +235,7 @@ def test_a_resampled_data_set_has_a_predictor_that_resamples(tmp_path):
 
 
 def test_predict_names_the_rest_of_the_training():
-    pytest.importorskip("joblib", reason="needs the extra 'train'")
+    pytest.importorskip("lightning", reason="needs the extra 'train'")
     from torch_geometric_tactile.experiments.compared_windows import tared_frames
 
     made = [recording(i, 50.0, "ab"[i % 2], num_gaps=0) for i in range(2)]
