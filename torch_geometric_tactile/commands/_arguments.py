@@ -49,21 +49,18 @@ not_negative = _whole(0, (1 << 32) - 1, "must not be negative")
 
 def seconds(text: str) -> float:
     r"""Reads a duration in seconds: a positive number."""
-    number = _plain_number(text)
-    if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(
-            f"must be a positive number of seconds (got {text[:40]!r})"
-        )
-    return number
+    return _positive_number(text, "seconds")
 
 
 def hertz(text: str) -> float:
     r"""Reads a rate in frames per second: a positive number."""
+    return _positive_number(text, "frames per second")
+
+
+def _positive_number(text: str, unit: str) -> float:
     number = _plain_number(text)
     if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(
-            f"must be a positive number of frames per second (got {text[:40]!r})"
-        )
+        raise argparse.ArgumentTypeError(f"must be a positive number of {unit} (got {text[:40]!r})")
     return number
 
 

@@ -215,8 +215,8 @@ class ContactRule:
         return np.asarray((difference > limit).any(axis=-1))  # NaN is not above
 
     def _is_contact(self, difference: np.ndarray) -> np.ndarray:
-        least = min(self.min_taxels, difference.shape[-2])
-        return np.asarray(self._touched(difference).sum(axis=-1) >= least)
+        min_taxels = min(self.min_taxels, difference.shape[-2])
+        return np.asarray(self._touched(difference).sum(axis=-1) >= min_taxels)
 
     def to_dict(self) -> dict[str, Any]:
         r"""Returns the arguments as JSON values; missing readings as :obj:`None`."""

@@ -169,7 +169,7 @@ class Judge:
 
     @property
     def contact(self) -> ContactRule | None:
-        r"""What tells frames without contact; :obj:`None` if nothing does."""
+        r"""The rule that tells frames without contact, :obj:`None` if there is none."""
         rule: ContactRule | None = self._model.contact
         return rule
 
@@ -199,7 +199,7 @@ class Judge:
 
     @property
     def note(self) -> str:
-        r"""What is wrong with the rate of the stream, such as :obj:`"wrong rate: 50 in place of 100
+        r"""A message about a wrong rate, such as :obj:`"wrong rate: 50 in place of 100
         Hz"`; empty if nothing is, or it was not measured yet.
         """
         return self._gate.note

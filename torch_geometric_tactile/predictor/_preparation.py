@@ -92,7 +92,7 @@ class Preparation:
 
     @property
     def contact(self) -> ContactRule | None:
-        r"""What tells frames and windows without contact, :obj:`None` if nothing does."""
+        r"""The rule that tells frames and windows without contact, :obj:`None` if there is none."""
         return self._contact
 
     @contact.setter
