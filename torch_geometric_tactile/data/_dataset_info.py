@@ -104,8 +104,7 @@ def joined_info(dataset: "StaticDataset") -> FrameInfo:
     try:
         return dataset.info
     except ValueError:
-        known = dataset._known_info()
-        return known.changed(stride=dataset_info(dataset, known, with_rate=False).stride)
+        return dataset_info(dataset, dataset._known_info(), with_rate=False)
 
 
 def selected_frames(
@@ -151,10 +150,10 @@ def selected_frames(
 def _trials(dataset: "StaticDataset") -> StoredTrials | None:
     data = dataset._data
     key = "_stored_trials"
-    kept = dataset.__dict__.get(key)
-    if kept is None or kept[0] is not data:
-        kept = dataset.__dict__[key] = (data, StoredTrials.of(data), {})
-    trials: StoredTrials | None = kept[1]
+    cached = dataset.__dict__.get(key)
+    if cached is None or cached[0] is not data:
+        cached = dataset.__dict__[key] = (data, StoredTrials.of(data), {})
+    trials: StoredTrials | None = cached[1]
     return trials
 
 
@@ -179,8 +178,8 @@ def _measured(
         if i not in measured:
             measured[i] = measure_rate(trials.time[trials.start[i] : trials.end[i]])
     length = (trials.end - trials.start)[chosen]
-    least = min(_MIN_FRAMES, int(length.max()))
-    counted = [i for i in chosen[length >= least].tolist() if np.isfinite(measured[i].rate)]
+    min_length = min(_MIN_FRAMES, int(length.max()))
+    counted = [i for i in chosen[length >= min_length].tolist() if np.isfinite(measured[i].rate)]
     if not counted:
         return info
     rates = {i: measured[i].rate for i in counted}
