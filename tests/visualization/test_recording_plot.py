@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -210,3 +212,17 @@ def test_annotations_are_told_since_the_first_frame():
     first = lines.index("annotations  0.50 to 1.50 s  hold")
     assert lines[first + 20] == "             and 2 more"
     assert "annotations" not in describe_recording(recording())
+
+
+def test_time_without_frames_is_blank():
+    time = np.r_[np.arange(20), 400 + np.arange(20)] / 10
+    gap = recording(num_frames=40, annotations=[(100.5, 101.0, "hold")])
+    gap = replace(gap, time=100 + time)
+    axes = plot_recording(gap).axes
+    panels = [ax for ax in axes if ax.get_ylabel()][:4]
+    for ax in panels:
+        (cover,) = [c for c in ax.collections if c.get_zorder() == 2.4]
+        box = cover.get_paths()[0].get_extents()
+        np.testing.assert_allclose([box.x0, box.x1], [1.9, 40.0])
+    whole = plot_recording(recording(num_frames=40)).axes
+    assert not [c for ax in whole for c in ax.collections if c.get_zorder() == 2.4]

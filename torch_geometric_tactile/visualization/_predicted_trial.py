@@ -37,6 +37,7 @@ class PredictedTrial(NamedTuple):
         - **value:** probabilities or numbers :math:`(R, C)`.
         - **total:** sum of the lengths of all readings relative to rest :math:`(T,)`.
         - **contact:** number of taxels in contact :math:`(T,)`.
+        - **gaps:** start and end in seconds of each time without frames :math:`(G, 2)`.
     """
 
     names: list[str]
@@ -50,6 +51,7 @@ class PredictedTrial(NamedTuple):
     total: np.ndarray
     contact: np.ndarray | None
     phases: list[Phase]
+    gaps: np.ndarray
     lanes: list[Lane]
     unit: str
     title: list[str]
@@ -89,6 +91,7 @@ class PredictedTrial(NamedTuple):
             total,
             _contact(recording, time),
             phases_of(recording, time),
+            recording.gaps - recording.time[0],
             [] if found is not None and found.source == ANNOTATED else annotation_lanes(recording),
             UNITS.get(recording.meta.get("unit", ""), "unit unknown"),
             title_parts(recording),

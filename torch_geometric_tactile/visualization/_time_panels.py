@@ -91,6 +91,26 @@ def name_phases(ax: "Axes", phases: list[Phase], duration: float) -> None:
             )
 
 
+def blank_gaps(ax: "Axes", gaps: np.ndarray) -> None:
+    r"""Covers the time without frames, over which lines and steps would go on.
+
+    Shapes:
+        - **gaps:** start and end of each in seconds :math:`(G, 2)`
+    """
+    if not len(gaps):
+        return
+    limits = ax.get_ylim()
+    ax.broken_barh(
+        np.stack([gaps[:, 0], gaps[:, 1] - gaps[:, 0]], axis=1).tolist(),
+        (0, 1),
+        transform=ax.get_xaxis_transform(),
+        color=current_theme().ground,
+        linewidth=0,
+        zorder=2.4,  # above lines, below the axes
+    )
+    ax.set_ylim(limits)
+
+
 class Lane(NamedTuple):
     r"""The annotations of one label: their starts and lengths in seconds."""
 

@@ -23,6 +23,7 @@ from torch_geometric_tactile.visualization._style import (
 )
 from torch_geometric_tactile.visualization._time_panels import (
     LANE_HEIGHT,
+    blank_gaps,
     draw_annotations,
     name_phases,
     shade_phases,
@@ -56,14 +57,18 @@ def draw_trial(trial: PredictedTrial) -> "Figure":
         draw_label_lanes(panels[1], trial, shown)
     elif trial.task == "multiclass":
         draw_class_lanes(panels[1], trial, shown)
-    if trial.lanes:
+    annotated = panels[1 + (trial.task != "regression")] if trial.lanes else None
+    if annotated is not None:
         colors = {trial.names[i]: series_color(k) for k, i in enumerate(shown)}
-        draw_annotations(panels[1 + (trial.task != "regression")], trial.lanes, colors)
+        draw_annotations(annotated, trial.lanes, colors)
     _draw_touch(list(panels), trial)
     end = max(trial.edges[-1], trial.answer_edges[-1])
     phases = [] if trial.truth is not None and trial.truth.source == "phase" else trial.phases
     for ax in panels[-1 - (trial.contact is not None) :]:
         shade_phases(ax, phases)
+    for ax in panels:
+        if ax is not annotated:
+            blank_gaps(ax, trial.gaps)
     name_phases(panels[0], phases, float(end - trial.edges[0]))
     panels[-1].set_xlim(trial.edges[0], end)
     panels[-1].set_xlabel("time since the first frame (s)")

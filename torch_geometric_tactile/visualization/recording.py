@@ -25,6 +25,7 @@ from torch_geometric_tactile.visualization._time_panels import (
     LANE_HEIGHT,
     MOST_COLUMNS,
     annotation_lanes,
+    blank_gaps,
     draw_annotations,
     name_phases,
     nan_median,
@@ -148,6 +149,8 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
         draw_annotations(axes[-1], lanes)
     for ax in axes[recording.num_channels :]:
         shade_phases(ax, phases)
+    for ax in axes[:-1] if lanes else axes:
+        blank_gaps(ax, recording.gaps - recording.time[0])
     name_phases(axes[0], phases, float(edges[-1] - edges[0]))
     axes[-1].set_xlim(edges[0], edges[-1])
     axes[-1].set_xlabel("time since the first frame (s)")
