@@ -91,7 +91,7 @@ def difference(
     return {
         "mean": scale * found.mean,
         "over_splits": scale * found.over_splits if found.num_splits > 1 else None,
-        "over_trials": scale * found.over_trials,
+        "over_trials": scale * found.over_units,
         "splits": found.num_splits,
         "verdict": found.verdict,
         "wins": sum(

@@ -127,7 +127,7 @@ def test_json_is_all_that_is_printed(tmp_path, capsys):
     said = capsys.readouterr()
     content = json.loads(said.out)
     assert content == json.loads((tmp_path / "out" / "a.json").read_text())
-    assert (content["format"], content["version"]) == ("tactile comparison", 2)
+    assert (content["format"], content["version"]) == ("tactile comparison", 3)
     assert [model["name"] for model in content["models"]] == ["svm_linear", "constant"]
     assert content["num_splits"] == 3
     assert "48 samples" in said.err

@@ -116,7 +116,7 @@ def test_none_is_recommended_where_nothing_was_learnt(tmp_path):
     comparison = compared(tmp_path, ("svm_linear", "constant"), **noise)
     assert recommended(comparison) is None
     with pytest.raises(
-        ValueError, match=r"'name' must be given, since none is recommended: Take n"
+        ValueError, match=r"'name' must be the name of a model, since none is recommended: Take n"
     ):
         deploy(comparison)
     assert deploy(comparison, "svm_linear").score.model == "svm_linear"

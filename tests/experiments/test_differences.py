@@ -28,18 +28,18 @@ def test_difference_by_hand():
     assert found.mean == 0.25
     assert found.over_splits == 0.0
     gains = [(0.75 - 0.25) / 8, (-0.25 - 0.25) / 8, (0.75 + 0.75) / 8, (-1.25 - 0.25) / 8]
-    assert found.over_trials == pytest.approx(math.sqrt(4 / 3 * np.square(gains).sum()))
-    assert (found.num_splits, found.num_trials) == (2, 4)
+    assert found.over_units == pytest.approx(math.sqrt(4 / 3 * np.square(gains).sum()))
+    assert (found.num_splits, found.num_units) == (2, 4)
 
 
 def test_trial_of_several_splits_is_one_observation():
     first, second = said(1, 1, 1, 1), said(0, 0, 1, 1)
     once = paired_difference([first], [second], "accuracy")
     twice = paired_difference([first] * 2, [second] * 2, "accuracy")
-    assert once.over_trials == pytest.approx(twice.over_trials)
+    assert once.over_units == pytest.approx(twice.over_units)
     assert math.isnan(once.over_splits)
     assert twice.over_splits == 0.0
-    assert twice.num_trials == 2
+    assert twice.num_units == 2
 
 
 def test_frames_of_a_trial_do_not_make_it_sure():
@@ -50,14 +50,14 @@ def test_frames_of_a_trial_do_not_make_it_sure():
         [said(*[0] * 20, *[1] * 20, y=y, trial=[0] * 20 + [1] * 20)],
         "accuracy",
     )
-    assert many.over_trials == pytest.approx(few.over_trials)
+    assert many.over_units == pytest.approx(few.over_units)
     alone = paired_difference(
         [said(*[1] * 40, y=y, trial=None)],
         [said(*[0] * 20, *[1] * 20, y=y, trial=None)],
         "accuracy",
     )
-    assert alone.num_trials == 40
-    assert alone.over_trials < many.over_trials / 3
+    assert alone.num_units == 40
+    assert alone.over_units < many.over_units / 3
 
 
 @pytest.mark.parametrize(("starts", "count"), [((0, 0), 4), ((0, 4), 8), ((0, 2), 6)])
@@ -65,7 +65,7 @@ def test_sample_that_two_splits_test_on_is_one_observation(starts, count):
     places = [np.arange(start, start + 4) for start in starts]
     first = [said(1, 1, 1, 1, trial=None, index=index) for index in places]
     second = [said(0, 1, 1, 1, trial=None, index=index) for index in places]
-    assert paired_difference(first, second, "accuracy").num_trials == count
+    assert paired_difference(first, second, "accuracy").num_units == count
 
 
 def test_overlap_of_training_parts_by_hand():
@@ -98,6 +98,45 @@ def test_seeds_of_one_test_part_are_one_split():
     assert found.verdict == "too few splits"
     given = paired_difference(one, other, "accuracy")  # there, seeds are all that varies
     assert given.num_splits == 4
+
+
+def test_one_given_part_is_judged_by_its_units():
+    hits = np.array([1, 1, 1, 1, 1, 0], dtype=bool)
+    y, trial, index = np.array([0, 1] * 3), np.arange(6), np.arange(10, 16)
+    first, second = (
+        said(*hit, y=y, trial=trial, index=index) for hit in (hits | True, ~hits & False)
+    )
+    one = paired_difference([first], [second], "accuracy", unit="person")
+    assert one.has_one_test_part
+    assert (one.unit, one.units, one.splits) == ("person", (6, 0), (1, 0))
+    assert one.is_beyond_noise
+    almost = paired_difference([first], [said(*hits, y=y, trial=trial, index=index)], "accuracy")
+    assert almost.mean == pytest.approx(1 / 6)
+    # Gains 0, 0, 0, 0, 0, 1: standard error 1/6, times 2.571 of five degrees.
+    assert almost.over_units == pytest.approx(1 / 6)
+    assert almost.margin == pytest.approx(2.570582 / 6, rel=1e-5)
+    assert almost.verdict == "within the noise"
+    two = [said(1, 1, trial=(0, 1), y=np.array([0, 1]), index=np.arange(2))] * 2
+    assert paired_difference(two, two, "accuracy", unit="person").verdict == "too few persons"
+
+
+def test_signs_count_splits_and_units():
+    first = [said(1, 1, 0, 0, trial=(0, 0, 1, 1)), said(1, 1, 1, 1, trial=(2, 2, 3, 3))]
+    second = [said(0, 1, 1, 1, trial=(0, 0, 1, 1)), said(0, 1, 1, 1, trial=(2, 2, 3, 3))]
+    found = paired_difference(first, second, "accuracy")
+    assert found.splits == (1, 1)  # -1/4 and 1/4
+    assert found.units == (2, 1)  # trials 0 and 2 against trial 1; trial 3 is level
+
+
+@pytest.mark.parametrize(
+    ("mean", "over_units", "expected"),
+    [(0.21, 0.02, True), (0.205, 0.02, False), (0.21, 0.2, False)],
+)
+def test_more_folds_could_prove_a_difference(mean, over_units, expected):
+    # Ten folds in place of three: 0.1 * sqrt((1 + 10/9) / (1 + 3/2)) * 2.262 = 0.2079.
+    found = Difference(mean, 0.1, over_units, 3, 100)
+    assert found.verdict == "within the noise"
+    assert found.is_proved_by(10) is expected
 
 
 @pytest.mark.parametrize("metric", ["accuracy", "balanced_accuracy"])

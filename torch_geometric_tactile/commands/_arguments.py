@@ -64,6 +64,14 @@ def _positive_number(text: str, unit: str) -> float:
     return number
 
 
+def percentage(text: str) -> float:
+    r"""Reads a number from 0 up to, but not including, 100."""
+    number = _plain_number(text)
+    if not 0 <= number < 100:
+        raise argparse.ArgumentTypeError(f"must be at least 0 and below 100 (got {text[:40]!r})")
+    return number
+
+
 def trial_seconds(text: str) -> float:
     r"""Reads the length of a simulated trial in seconds, from one second to an hour."""
     number = _plain_number(text)

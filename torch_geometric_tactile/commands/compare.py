@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torch_geometric_tactile.commands._arguments import hertz, positive, small_count
+from torch_geometric_tactile.commands._arguments import hertz, percentage, positive, small_count
 from torch_geometric_tactile.commands._runs import (
     add_rest,
     add_workers,
@@ -50,8 +50,8 @@ EXTRAS = "train,viz"
 DESCRIPTION = f"""\
 Trains graph models and baselines on a data set, each with settings chosen on a part of its
 training samples, tests each split once, and writes DIR/NAME.md, .csv, .json and .png. The last
-line recommends a model and says whether it is better by more than the noise. Needs the extras
-'train' and 'viz'.
+line recommends a model, says what is proved about it, and ends with a sentence to quote. Needs
+the extras 'train' and 'viz'.
 
 data:
   FILE.npz     arrays x (S, N), (S, N, channels) or, with --grid, (S, rows, cols), and y (names or
@@ -161,6 +161,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="networks in each averaged ensemble (default: 3, or 1 where the samples to train on "
         "or their readings are many)",
     )
+    training.add_argument(
+        "--tolerance",
+        metavar="POINTS",
+        type=percentage,
+        help="recommend a simpler model that is at most POINTS worse than the best, within one "
+        "standard error (default: 1 point; for regression 2, percent of the smallest error)",
+    )
     cut = parser.add_argument_group("windows and rest")
     cut.add_argument(
         "--window",
@@ -263,6 +270,7 @@ def _run(arguments: argparse.Namespace) -> int:
         tare=None if arguments.rest is None else {"key": "trial", "first": arguments.rest},
         accelerator=arguments.accelerator,
         threads=arguments.threads,
+        tolerance=None if arguments.tolerance is None else arguments.tolerance / 100,
     )
     source = data_source(
         arguments.data,
@@ -286,7 +294,7 @@ def _run(arguments: argparse.Namespace) -> int:
         on_estimate=lambda seconds: tell(intention(plan, arguments.jobs, seconds), arguments.json),
         on_model=lambda run: tell(_row(run), arguments.json),
     )
-    comparison = summarize(finished)
+    comparison = summarize(finished, settings.tolerance)
     paths = write_comparison(comparison, arguments.out)
     _print(comparison, paths, arguments.json)
     if arguments.save is not None:
@@ -309,8 +317,13 @@ def _check_save(arguments: argparse.Namespace, models: list[str]) -> None:
 
 def _save(comparison: "Comparison", arguments: argparse.Namespace) -> None:
     from torch_geometric_tactile._texts import printable
-    from torch_geometric_tactile.experiments import deploy
+    from torch_geometric_tactile.experiments import advice, deploy, recommended
 
+    if arguments.model is None and recommended(comparison) is None:
+        raise ValueError(
+            f"Nothing was saved, because no model is recommended: {advice(comparison)} Choose one: "
+            "--model NAME"
+        )
     predictor = deploy(comparison, arguments.model)
     predictor.save(arguments.save)
     text = f"wrote {arguments.save}: {predictor}\n  {predictor.score}"

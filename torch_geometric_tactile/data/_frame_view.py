@@ -171,3 +171,12 @@ def _transformed(windows: WindowData, transform: Transform) -> StaticData:
     parts = torch.arange(windows.num_samples).split(max(1, _BYTES // max(size, 1)))
     chunks = [apply_transform(transform, windows.index_select(part)) for part in parts]
     return chunks[0] if len(chunks) == 1 else joined(chunks, parts)
+
+
+def innermost(dataset: StaticDataset) -> StaticDataset:
+    r"""Returns the data set that a view shows, or that this one shows, and so on; the data set
+    itself if it is no view.
+    """
+    while isinstance(dataset, FrameView):
+        dataset = dataset.dataset
+    return dataset

@@ -58,6 +58,8 @@ class StaticDataset(FromArrays, ProcessedDataset):
         (6, torch.Size([4, 3]))
     """
 
+    #: What one :obj:`group` is, in one word, such as :obj:`"object"` or :obj:`"person"`.
+    group_kind: str = "group"
     _indices: Sequence[int] | None
 
     def __init__(

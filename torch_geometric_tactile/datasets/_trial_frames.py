@@ -30,6 +30,7 @@ class TrialFrames(RawFiles):
     trial. A subclass sets the attributes.
     """
 
+    group_kind = "object"
     pattern: str
     suffixes: Sequence[str] = SUFFIXES
     _content = "content=6"  # to be raised when the processed file gets other columns

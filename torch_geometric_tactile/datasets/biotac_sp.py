@@ -86,6 +86,7 @@ class BioTacSP(PublishedFiles):
         Data(x=[24, 3], y=[1], pos=[24, 3], ..., edge_index=[2, 62])
     """
 
+    group_kind = "object"
     url = "https://raw.githubusercontent.com/3dperceptionlab/biotacsp-stability-set-v2/master"
     selection_args = ("split", "palm")
     _folder = "BioTacSP"

@@ -97,6 +97,7 @@ class BioTacSPDoS(PlacedFiles):
         >>> Protocol("trial", folds=5, stratify="y").split(dataset)  # doctest: +SKIP
     """
 
+    group_kind = "object"
     _folder = "BioTacSPDoS"
     _folders = ("raw", "csvs", ".")
     _processed_name = "biotac_sp_dos_sets.pt"

@@ -47,6 +47,8 @@ class FakeTactileDataset(StaticDataset):
         torch.Size([24, 3])
     """
 
+    group_kind = "object"
+
     def __init__(
         self,
         num_samples: int = 1000,

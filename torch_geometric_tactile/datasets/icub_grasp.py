@@ -97,6 +97,7 @@ class ICubGrasp(PlacedFiles):
         >>> Protocol("trial", folds=5, stratify="y").split(dataset)  # doctest: +SKIP
     """
 
+    group_kind = "object"
     selection_args = ("unreliable",)
     _folder = "ICubGrasp"
     _folders = ("raw", "iCubGraspDataset", ".")

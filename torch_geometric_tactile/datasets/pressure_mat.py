@@ -100,6 +100,7 @@ class PressureMat(PublishedFiles):
         >>> Protocol("group", leave_one_out=True).split(dataset, fold=0)  # doctest: +SKIP
     """
 
+    group_kind = "person"
     url = "https://physionet.org/content/pmd/get-zip"
     _folder = "PressureMat"
     _sha256 = _SHA256

@@ -109,6 +109,7 @@ class SparshSkin(PlacedFiles):
         >>> Protocol("trial", test=0.2, stratify="group").split(dataset)  # doctest: +SKIP
     """
 
+    group_kind = "object"
     _folder = "SparshSkin"
     _folders = tuple(
         f"{above}{name}"

@@ -93,6 +93,7 @@ class TactileGlove(PlacedFiles):
         >>> Protocol("session", folds=3, stratify="y").split(dataset)  # doctest: +SKIP
     """
 
+    group_kind = "object"
     _folder = "TactileGlove"
     _folders = ("raw", "classification_lite", "classification", ".")
     selection_args = ("taxels",)  # the layout tells them

@@ -91,6 +91,7 @@ class USkinPick(PlacedFiles):
         >>> Protocol("given").split(dataset)  # doctest: +SKIP
     """
 
+    group_kind = "object"
     _folder = "USkinPick"
     _folders = ("raw", "tactile_prediction_flat_dataset", ".")
 

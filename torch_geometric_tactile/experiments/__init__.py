@@ -3,7 +3,7 @@ r"""Experiments as values, and what runs and compares them. Needs the extra ``tr
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile._removed import removed_names
-from torch_geometric_tactile.experiments.advice import advice, recommended
+from torch_geometric_tactile.experiments.advice import advice, quotation, recommended
 from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source
 from torch_geometric_tactile.experiments.comparison import (
     Comparison,
@@ -17,6 +17,7 @@ from torch_geometric_tactile.experiments.comparison import (
 from torch_geometric_tactile.experiments.deploy import deploy
 from torch_geometric_tactile.experiments.differences import (
     Difference,
+    Signs,
     paired_difference,
     run_difference,
 )
@@ -50,6 +51,7 @@ __all__ = [
     "PlanRun",
     "Predictions",
     "Settings",
+    "Signs",
     "Study",
     "Summary",
     "Table",
@@ -63,6 +65,7 @@ __all__ = [
     "deploy",
     "make_plan",
     "paired_difference",
+    "quotation",
     "read_table",
     "recommended",
     "run_difference",

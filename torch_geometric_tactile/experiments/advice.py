@@ -1,149 +1,304 @@
-r"""What a comparison says in one sentence, and as plain data."""
+r"""The recommendation of a comparison in words, and the comparison as plain data."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
-from torch_geometric_tactile.experiments._compared_models import FLOOR
-from torch_geometric_tactile.experiments._scores import LEAST_PAIRS, NAMES, PERCENT, shown_number
-from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult, Summary
-from torch_geometric_tactile.experiments.differences import Difference
+import numpy as np
+from scipy.stats import t
 
-_VERSION = 2
-_LEVEL = "level with it"
-_MORE = " More test samples would tell."
+from torch_geometric_tactile.experiments._compared_models import FLOOR
+from torch_geometric_tactile.experiments._recommendation import Recommendation, recommend
+from torch_geometric_tactile.experiments._scores import (
+    LEAST_PAIRS,
+    NAMES,
+    PERCENT,
+    prediction_scores,
+    shown_number,
+)
+from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult, Summary
+from torch_geometric_tactile.experiments.differences import Difference, paired_difference
+from torch_geometric_tactile.experiments.predictions import Predictions
+
+_VERSION = 3
+_FEW_UNITS = 5  # with fewer the choice is called uncertain
+_FOLDS = 10  # that are suggested where fewer cannot prove a difference
+_LISTED_UNITS = 50  # whose lowest and highest scores are told
+_VERBS = {
+    "accuracy": "is right in",
+    "balanced_accuracy": "has a balanced accuracy of",
+    "mae": "has a mean absolute error of",
+}
+_SAMPLES_PER_UNIT = 5  # of a unit that has a score of its own
 
 
 def advice(comparison: Comparison) -> str:
-    r"""Returns which model to take, and whether the best graph model differs from the best plain
-    model by more than the noise (:data:`~torch_geometric_tactile.experiments.differences.RULE`).
-    Where it does not, the simpler one is taken: the one with fewer weights that also predicts
-    faster, or else the plain one.
+    r"""Returns three things in plain words. **The recommendation** is the model with the best mean,
+    unless a simpler one is about as good (:func:`recommended`). **The verdict** says what is proved
+    about it, against the best model of the other kind (graph or plain) and against the constant
+    answer. **The last sentence** can be quoted: the score, what is new in the test parts, and how
+    much the score varies.
+
+    Args:
+        comparison (Comparison): The scores.
     """
-    if comparison.best is None:
-        return "No model has a result for every split yet: the same command goes on."
-    nothing = _nothing_learnt(comparison)
-    if nothing:
-        return nothing
-    graphs = [result for result in comparison.results if result.model.is_graph]
-    graph = max(graphs, key=comparison.goodness, default=None)
-    if comparison.best_plain is None:
-        return f"Take {_with_score(comparison, comparison.best)}; no plain model was compared."
-    plain = comparison.of(comparison.best_plain)
-    if graph is None or graph.difference is None:
-        return f"Take {_with_score(comparison, plain)}; no graph model was compared."
-    difference = graph.difference
-    gain, size, is_told = _gain(comparison, difference)
-    taken = _taken(comparison, graph, plain)
-    other = plain if taken is graph else graph
-    kind = "graph" if other is graph else "plain"
-    worse = "" if size == _LEVEL else " better" if (gain > 0) == (other is graph) else " worse"
-    return (
-        f"Take {_with_score(comparison, taken)}: {other.model.name}, the best {kind} model, is "
-        f"{size}{worse}, {_told(comparison, difference)}"
-        + ("." if is_told else _why(taken, other))
-        + (_MORE if difference.error < abs(difference.mean) <= difference.margin else "")
-    )
+    recommendation = recommend(comparison)
+    result = recommendation.result
+    if result is None:
+        return _no_recommendation(comparison, recommendation)
+    sentences = [
+        *_choice(comparison, recommendation, result),
+        _over_constant(comparison, result),
+        _few_units(comparison),
+        quotation(comparison, result),
+    ]
+    return " ".join(filter(None, sentences))
 
 
 def recommended(comparison: Comparison) -> ModelResult | None:
-    r"""Returns the model that :func:`advice` says to take, or :obj:`None` if it says none.
+    r"""Returns the model that :func:`advice` recommends, or :obj:`None` if it recommends none.
+
+    It is the model with the best mean, unless another one is within one standard error of the
+    paired difference (the larger of those over splits and over units; of one given part that over
+    units) and within the tolerance of the comparison, has at most half the weights, and is not
+    slower. Of several such models it is the smallest. None is recommended if the best is within
+    one standard error of the constant answer, or if given parts share trials.
 
     Args:
-        comparison (Comparison): What came of a comparison.
+        comparison (Comparison): The scores.
     """
-    if comparison.best is None or _nothing_learnt(comparison):
-        return None
-    if comparison.best_plain is None:
-        return comparison.best
-    graphs = [result for result in comparison.results if result.model.is_graph]
-    graph = max(graphs, key=comparison.goodness, default=None)
-    plain = comparison.of(comparison.best_plain)
-    return plain if graph is None else _taken(comparison, graph, plain)
+    return recommend(comparison).result
 
 
-def _taken(comparison: Comparison, graph: ModelResult, plain: ModelResult) -> ModelResult:
-    if graph.difference is None:
-        return plain
-    gain, _, is_told = _gain(comparison, graph.difference)
-    return (graph if gain > 0 else plain) if is_told else _simpler(graph, plain)
-
-
-def _gain(comparison: Comparison, difference: Difference) -> tuple[float, str, bool]:
-    # How much better the graph model is, in words, and whether that is told from the noise.
-    gain = -difference.mean if comparison.metric == "mae" else difference.mean
-    size = _size(comparison.metric, difference)
-    return gain, size, difference.is_beyond_noise and size != _LEVEL
-
-
-def _simpler(graph: ModelResult, plain: ModelResult) -> ModelResult:
-    weights = [r.num_parameters for r in (graph, plain) if r.num_parameters is not None]
-    is_smaller = len(weights) == 2 and weights[0] < weights[1]
-    return graph if is_smaller and graph.milliseconds <= plain.milliseconds else plain
-
-
-def _why(taken: ModelResult, other: ModelResult) -> str:
-    sizes, times = [], []
-    for result in (taken, other):
-        number = result.num_parameters
-        sizes.append("?" if number is None else f"{number:,.0f}")
-        times.append(f"{result.milliseconds:.2g}")
-    numbers = f"({sizes[0]} against {sizes[1]} weights, {times[0]} against {times[1]} ms a sample)"
-    if _simpler(taken, other) is taken:
-        return f"; {taken.model.name} is the simpler one {numbers}."
-    return f"; the plain model comes first, as the other is not both smaller and faster {numbers}."
-
-
-def _nothing_learnt(comparison: Comparison) -> str:
-    names = [result.model.name for result in comparison.results]
-    best = comparison.best
-    if best is None or FLOOR not in names:
-        return ""
-    if best.model.name == FLOOR:
+def _no_recommendation(comparison: Comparison, recommendation: Recommendation) -> str:
+    best, units, constant = recommendation.best, comparison.units, comparison.constant
+    if best is None:
+        return "No model has a result for every split yet: run the same command again."
+    floor = f"always answering {constant.name} ({_number(comparison, constant.score)})"
+    if recommendation.obstacle == "shared trials":
         return (
-            f"Take none: no model is better than '{FLOOR}' ({_score(comparison, best)}); there is "
-            "nothing to learn from these samples, or there are too few."
+            f"Take none: {_count(units.num_leaked, 'trial')} of the test part "
+            f"{'is' if units.num_leaked == 1 else 'are'} in the training part too, so the scores "
+            "say nothing about new trials. Put each trial into one part, or split by trial."
+        )
+    if recommendation.obstacle == "constant":
+        return (
+            f"Take none: no model is better than {floor}. There is nothing to learn from these "
+            "samples, or there are too few."
         )
     difference = comparison.difference(best.model.name, FLOOR)
-    if difference.is_beyond_noise or difference.num_splits < LEAST_PAIRS:
+    return (
+        f"Take none yet: {_with_score(comparison, best)}, the best model, is within one standard "
+        f"error of {floor} ({_errors(comparison, difference)}). More {units.name}s would tell."
+    )
+
+
+def _choice(
+    comparison: Comparison, recommendation: Recommendation, result: ModelResult
+) -> list[str]:
+    # The sentences on the model, and on the best one of the other kind.
+    best = recommendation.best
+    text = f"Take {_with_score(comparison, result)}"
+    if best is not None and best is not result:
+        text += (
+            f", which is simpler than {best.model.name}, the best model, and about as good "
+            f"({_simplicity(result, best)})"
+        )
+    others = [r for r in comparison.results if r is not result and r.model.name != FLOOR]
+    of_other_kind = [r for r in others if r.model.is_graph != result.model.is_graph]
+    if not others:
+        return [f"{text}; no other model was compared."]
+    rival = max(of_other_kind or others, key=comparison.goodness)
+    kind = "the best graph model" if rival.model.is_graph else "the best plain model"
+    if not of_other_kind:
+        kind = "the next best model" if best is result else "the best of the others"
+    difference = comparison.difference(rival.model.name, result.model.name)
+    size = shown_number(comparison.metric, abs(difference.mean))
+    if not float(size):
+        return [f"{text}: {rival.model.name}, {kind}, is level with it."]
+    points = " points" if comparison.metric in PERCENT else ""
+    is_better = (difference.mean > 0) != (comparison.metric == "mae")
+    text += f": {rival.model.name}, {kind}, is {size}{points} {'better' if is_better else 'worse'}"
+    if difference.is_beyond_noise:
+        return [f"{text}, which is {_beyond(comparison, difference)}."]
+    leader = rival if is_better else result
+    return [f"{text}.", _not_proved(comparison, leader, difference)]
+
+
+def _beyond(comparison: Comparison, difference: Difference) -> str:
+    margin = shown_number(comparison.metric, difference.margin)
+    return f"{difference.verdict} of ± {margin} ({_errors(comparison, difference)})"
+
+
+def _not_proved(comparison: Comparison, leader: ModelResult, difference: Difference) -> str:
+    # What speaks for the better one of two models, and what could prove it.
+    ahead, behind = difference.units
+    num_won = difference.splits.above
+    if difference.mean < 0:
+        ahead, behind, num_won = behind, ahead, difference.splits.below
+    text = f"{leader.model.name} is ahead in "
+    if difference.num_splits > 1:
+        text += f"{num_won} of {difference.num_splits} splits and in "
+    text += f"{_count(ahead, difference.unit)} against {behind}"
+    if difference.num_units < LEAST_PAIRS:
+        count = _count(difference.num_units, difference.unit)
+        return f"{text}; {count} cannot prove it; more {difference.unit}s could."
+    if math.isnan(difference.margin):
+        count, hint = _count(difference.num_splits, "split"), _more_folds(comparison, difference)
+        return f"{text}; {count} cannot prove it; {hint}."
+    margin = shown_number(comparison.metric, difference.margin)
+    noise = f"the noise of ± {margin} ({_errors(comparison, difference)})"
+    if not abs(difference.mean) > difference.error:
+        return f"{text}, which is within {noise}."
+    if difference.is_proved_by(_FOLDS):
+        hint = _more_folds(comparison, difference)
+        count = _count(difference.num_splits, "split")
+        return f"{text}, but {count} cannot prove it beyond {noise}; {hint}."
+    return f"{text}, but within {noise}; more {difference.unit}s could prove it."
+
+
+def _more_folds(comparison: Comparison, difference: Difference) -> str:
+    (protocol,) = comparison.run.plan.protocols
+    folds, by = protocol.protocol.folds, protocol.protocol.by
+    has_units = by == "frame" or difference.num_units >= _FOLDS
+    if folds is None or folds >= _FOLDS or not has_units:
+        return f"more {difference.unit}s could"
+    return f"'--folds {_FOLDS}' could"
+
+
+def _over_constant(comparison: Comparison, result: ModelResult) -> str:
+    if FLOOR not in [other.model.name for other in comparison.results]:
+        return ""
+    difference = comparison.difference(result.model.name, FLOOR)
+    if difference.is_beyond_noise:
         return ""
     return (
-        f"Take none yet: {_with_score(comparison, best)} is not beyond the noise above '{FLOOR}' "
-        f"({_errors(comparison, difference)}); more samples would tell."
+        f"{result.model.name} is not clearly better than always answering "
+        f"{comparison.constant.name} ({_errors(comparison, difference)}); more "
+        f"{comparison.units.name}s would tell."
     )
+
+
+def _few_units(comparison: Comparison) -> str:
+    num_units = len(_by_unit(comparison, comparison.results[0].model.name))
+    if comparison.units.num_leaked:
+        return (
+            f"{_count(comparison.units.num_leaked, 'trial')} "
+            f"{'is' if comparison.units.num_leaked == 1 else 'are'} in the training and the test "
+            "part of a split: the scores say nothing about new trials (split by trial)."
+        )
+    if num_units >= _FEW_UNITS:
+        return ""
+    return f"Only {_count(num_units, comparison.units.name)}: others may give another choice."
+
+
+def quotation(comparison: Comparison, result: ModelResult) -> str:
+    r"""Returns a sentence that can be quoted: the score of a model, what is new in the test parts,
+    how much the score varies, and what the constant answer scores.
+
+    Args:
+        comparison (Comparison): The scores.
+        result (ModelResult): The model.
+    """
+    metric, unit, constant = comparison.metric, comparison.units.name, comparison.constant
+    name, value = result.model.name, _number(comparison, result.scores[metric].mean)
+    where = f"On {unit}s that the model has never seen"
+    if comparison.units.num_leaked:
+        where = "On samples of trials that the model has seen"
+    num_models = sum(other.model.name != FLOOR for other in comparison.results)
+    remarks = [
+        _variation(comparison, name),
+        f"always answering {constant.name} would give {_number(comparison, constant.score)}",
+        f"the best of {num_models} models, chosen by these scores" if num_models > 1 else "",
+    ]
+    return f"{where}, {name} {_VERBS[metric]} {value} ({'; '.join(filter(None, remarks))})."
+
+
+def _variation(comparison: Comparison, name: str) -> str:
+    # The lowest and the highest score of a unit, or the 95 % interval of the mean.
+    metric, unit = comparison.metric, comparison.units.name
+    by_unit = _by_unit(comparison, name)
+    count = _count(len(by_unit), unit)
+    num_samples = sum(len(part.y) for part in by_unit.values())
+    if 1 < len(by_unit) <= _LISTED_UNITS and num_samples >= _SAMPLES_PER_UNIT * len(by_unit):
+        scores = [
+            prediction_scores(part.y, part.prediction, metric == "mae")[metric]
+            for part in by_unit.values()
+        ]
+        worst, best = shown_number(metric, min(scores)), _number(comparison, max(scores))
+        return f"{count}, {worst} to {best} each"
+    if len(by_unit) < LEAST_PAIRS:
+        return count
+    low, high = _interval(_score_of(comparison, name), is_share=metric in PERCENT)
+    return (
+        f"{count}, {shown_number(metric, low)} to {_number(comparison, high)} with 95 % confidence"
+    )
+
+
+def _interval(score: Difference, is_share: bool) -> tuple[float, float]:
+    # The 95 % interval of a score over its units; of a share that of Wilson, within 0 and 1, which
+    # has a width where all units are right.
+    p, quantile = score.mean, float(t.ppf(0.975, score.num_units - 1))
+    margin = quantile * score.over_units
+    if not is_share:
+        return p - margin, p + margin
+    variance = p * (1 - p)
+    a = margin**2 / variance if variance > 1e-9 else quantile**2 / score.num_units
+    center, half = p + a / 2, math.sqrt(margin**2 + a**2 / 4)
+    return (center - half) / (1 + a), (center + half) / (1 + a)
+
+
+def _by_unit(comparison: Comparison, name: str) -> dict[int, Predictions]:
+    # The predictions of a model for each unit, of all splits; of samples without their places none.
+    joined = Predictions.join(comparison.predictions(name))
+    units = joined.index if joined.trial is None else joined.trial
+    assert units is not None
+    order = np.argsort(units, kind="stable")
+    numbers, starts = np.unique(units[order], return_index=True)
+    parts = np.split(order, starts[1:])
+    return {n: joined.select(part) for n, part in zip(numbers.tolist(), parts, strict=True)}
+
+
+def _score_of(comparison: Comparison, name: str) -> Difference:
+    # The score of a model with its errors: the difference to a model without a score.
+    predictions = comparison.predictions(name)
+    no_score = [
+        replace(p, prediction=p.y if comparison.metric == "mae" else np.full_like(p.y, -1))
+        for p in predictions
+    ]
+    return paired_difference(predictions, no_score, comparison.metric)
+
+
+def _simplicity(result: ModelResult, best: ModelResult) -> str:
+    sizes = [f"{r.num_parameters:,.0f}" for r in (result, best) if r.num_parameters is not None]
+    times = [f"{r.milliseconds:.2g}" for r in (result, best)]
+    return f"{' against '.join(sizes)} weights, {' against '.join(times)} ms a sample"
 
 
 def _with_score(comparison: Comparison, result: ModelResult) -> str:
-    return f"{result.model.name} ({_score(comparison, result)})"
+    score = _number(comparison, result.scores[comparison.metric].mean)
+    return f"{result.model.name} ({NAMES[comparison.metric]} {score})"
 
 
-def _score(comparison: Comparison, result: ModelResult) -> str:
-    metric = comparison.metric
-    number = shown_number(metric, result.scores[metric].mean)
-    return f"{NAMES[metric]} {number}" + (" %" if metric in PERCENT else "")
+def _number(comparison: Comparison, value: float) -> str:
+    text = shown_number(comparison.metric, value)
+    return f"{text} %" if comparison.metric in PERCENT else text
 
 
-def _size(metric: str, difference: Difference) -> str:
-    number = shown_number(metric, abs(difference.mean))
-    return f"{number}{' points' if metric in PERCENT else ''}" if float(number) else _LEVEL
-
-
-def _told(comparison: Comparison, difference: Difference) -> str:
-    if difference.num_splits < LEAST_PAIRS:
-        few = "1 split" if difference.num_splits == 1 else f"{difference.num_splits} splits"
-        return f"which {few} cannot tell ('--seeds {comparison.seeds_to_tell}' would)"
-    margin = shown_number(comparison.metric, difference.margin)
-    return f"which is {difference.verdict} of ± {margin} ({_errors(comparison, difference)})"
+def _count(count: int, unit: str) -> str:
+    return f"1 {unit}" if count == 1 else f"{count:,} {unit}s"
 
 
 def _errors(comparison: Comparison, difference: Difference) -> str:
-    splits, trials = (
-        shown_number(comparison.metric, error)
-        for error in (difference.over_splits, difference.over_trials)
-    )
-    return (
-        f"standard error {splits} over {difference.num_splits} splits and {trials} over "
-        f"{difference.num_trials} {comparison.unit}s"
-    )
+    texts = [
+        f"{shown_number(comparison.metric, error)} over {_count(count, unit)}"
+        for error, count, unit in (
+            (difference.over_splits, difference.num_splits, "split"),
+            (difference.over_units, difference.num_units, difference.unit),
+        )
+        if not math.isnan(error)
+    ]
+    return f"standard error {' and '.join(texts)}" if texts else "no standard error"
 
 
 def to_dict(comparison: Comparison) -> dict[str, Any]:
@@ -151,6 +306,7 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
     :obj:`None`.
     """
     run, plan = comparison.run, comparison.run.plan
+    result = recommended(comparison)
     (protocol,) = plan.protocols
     return {
         "format": "tactile comparison",
@@ -168,6 +324,10 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
         "num_splits": comparison.num_splits,
         "task": plan.table.task,
         "metric": comparison.metric,
+        "unit": comparison.units.name,
+        "constant": {"name": comparison.constant.name, "score": comparison.constant.score},
+        "tolerance": comparison.tolerance,
+        "recommended": None if result is None else result.model.name,
         "best_plain": comparison.best_plain,
         "models": [_model_dict(result) for result in comparison.results],
         "failed": run.failed,
@@ -187,11 +347,11 @@ def _model_dict(result: ModelResult) -> dict[str, Any]:
         if difference is None
         else {
             "mean": difference.mean,
-            "over_splits": _number(difference.over_splits),
-            "over_trials": _number(difference.over_trials),
+            "over_splits": _json_number(difference.over_splits),
+            "over_units": _json_number(difference.over_units),
             "num_splits": difference.num_splits,
-            "num_trials": difference.num_trials,
-            "margin": _number(difference.margin),
+            "num_units": difference.num_units,
+            "margin": _json_number(difference.margin),
             "verdict": difference.verdict,
         },
         "num_parameters": result.num_parameters,
@@ -202,8 +362,8 @@ def _model_dict(result: ModelResult) -> dict[str, Any]:
 
 
 def _summary_dict(value: Summary) -> dict[str, float | None]:
-    return {"mean": _number(value.mean), "sd": _number(value.sd)}
+    return {"mean": _json_number(value.mean), "sd": _json_number(value.sd)}
 
 
-def _number(value: float) -> float | None:
+def _json_number(value: float) -> float | None:
     return value if math.isfinite(value) else None

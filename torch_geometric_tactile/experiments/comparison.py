@@ -1,9 +1,9 @@
-r"""Models compared on one data set: the plan, and what came of it."""
+r"""Models compared on one data set: the plan and the scores."""
 
 import math
 import statistics
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile._checks import need
@@ -18,10 +18,15 @@ from torch_geometric_tactile.experiments._compared_models import (
 )
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments._held_out import compared_protocol
-from torch_geometric_tactile.experiments._scores import LEAST_PAIRS
+from torch_geometric_tactile.experiments._score_units import (
+    ConstantAnswer,
+    ScoreUnits,
+    comparison_splits,
+)
 from torch_geometric_tactile.experiments.compared_windows import of_frames
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.plan import Plan, Settings, list_experiments
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, run_plan
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Table, TableProtocol
@@ -30,6 +35,8 @@ _CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
 _NUMBER_METRICS = ("mae", "rmse", "r2")
 _UNITS = ("trial", "group", "session", "frame", "given")
 _CHOOSE_ON = 0.8  # of the training part
+_TOLERANCE = 0.01  # one point
+_TOLERANCES = {"mae": 0.02}  # of the smallest error
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,9 @@ class ComparisonSettings:
             the frames are tared before these are cut.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
         threads (int): Threads of each run.
+        tolerance (float, optional): How much worse than the best a simpler model may be to be
+            recommended in its place: a part of one (0.01, one point, if left out), or for
+            :obj:`"mae"` a part of the smallest error (0.02 if left out).
 
     Raises:
         ValueError: If a name is unknown, or a number is too small.
@@ -71,8 +81,14 @@ class ComparisonSettings:
     tare: Mapping[str, Any] | None = None
     accelerator: str = "cpu"
     threads: int = 1
+    tolerance: float | None = None
 
     def __post_init__(self) -> None:
+        need(
+            self.tolerance is None or 0 <= self.tolerance < 1,
+            "'tolerance' must be at least 0 and below 1",
+            self.tolerance,
+        )
         if self.models is not None:
             check_model_names(self.models)
         need(self.by in (None, *_UNITS), f"'by' must be one of {list(_UNITS)} (got '{self.by}')")
@@ -105,7 +121,7 @@ class Summary(NamedTuple):
 
 @dataclass(frozen=True)
 class ModelResult:
-    r"""What came of a model.
+    r"""Scores of one model over all splits.
 
     Args:
         model (ComparedModel): The model.
@@ -128,19 +144,26 @@ class ModelResult:
 
 @dataclass(frozen=True)
 class Comparison:
-    r"""What came of a comparison. :obj:`results` are in the order of the models.
+    r"""Scores of all models of a comparison. :obj:`results` are in the order of the models.
 
     Args:
         run (PlanRun): The runs.
         metric (str): What is compared.
         results (tuple of ModelResult): Of the models that have a result for every split.
         best_plain (str, optional): The best of the plain models, by its name.
+        units (ScoreUnits): What is new in the test parts, and counts as one observation.
+        constant (ConstantAnswer): The most frequent answer, or the mean, and its score.
+        tolerance (float): How much worse than the best a simpler model may be to be recommended:
+            a score, or for :obj:`"mae"` an error.
     """
 
     run: PlanRun
     metric: str
     results: tuple[ModelResult, ...]
     best_plain: str | None
+    units: ScoreUnits
+    constant: ConstantAnswer
+    tolerance: float
 
     @property
     def metrics(self) -> tuple[str, ...]:
@@ -148,24 +171,19 @@ class Comparison:
         return _NUMBER_METRICS if self.metric == "mae" else _CLASS_METRICS
 
     @property
-    def unit(self) -> str:
-        r"""What counts as one observation: :obj:`"trial"`, or :obj:`"sample"` without trials."""
-        return "trial" if self.run.plan.facts.num_trials else "sample"
-
-    @property
     def num_splits(self) -> int:
         r"""The number of splits that each model is compared on."""
         return len({(e.seed, e.fold) for e in self.run.plan.experiments})
 
     @property
-    def seeds_to_tell(self) -> int:
-        r"""How many seeds have enough splits for a verdict."""
-        return math.ceil(LEAST_PAIRS * self.run.plan.seeds / self.num_splits)
-
-    @property
     def best(self) -> ModelResult | None:
-        r"""The model with the best score."""
-        return max(self.results, key=self.goodness, default=None)
+        r"""The model with the best score; of equals the smallest."""
+
+        def rank(result: ModelResult) -> tuple[float, float, float]:
+            size = math.inf if result.num_parameters is None else result.num_parameters
+            return -round(self.goodness(result), 12), size, result.milliseconds
+
+        return min(self.results, key=rank, default=None)
 
     def goodness(self, result: ModelResult) -> float:
         r"""Returns the score that models are compared by, higher for better ones.
@@ -177,7 +195,7 @@ class Comparison:
         return -mean if self.metric == "mae" else mean
 
     def of(self, name: str) -> ModelResult:
-        r"""Returns what came of a model.
+        r"""Returns the scores of one model.
 
         Args:
             name (str): Its name.
@@ -199,10 +217,30 @@ class Comparison:
             second (str): Name of the other.
         """
         (protocol,) = self.run.plan.protocols
-        found = run_difference(self.run, first, second, protocol.name, self.metric)
-        if found is None:
+        difference = run_difference(
+            self.run,
+            first,
+            second,
+            protocol.name,
+            self.metric,
+            unit=self.units.name,
+            with_units=self.units.of_predictions,
+        )
+        if difference is None:
             raise ValueError(f"'{first}' and '{second}' must have a finished split (got none)")
-        return found
+        return difference
+
+    def predictions(self, name: str) -> list[Predictions]:
+        r"""Returns the predictions of one model, split by split, with their units as trials.
+
+        Args:
+            name (str): Name of the model.
+        """
+        return [
+            self.units.of_predictions(Predictions.from_dict(result["predictions"]))
+            for experiment, result in self.run.results
+            if experiment.name == name
+        ]
 
 
 def comparison_plan(
@@ -290,15 +328,16 @@ def compare(
         on_progress (callable, optional): Called with each run that ended.
     """
     plan = comparison_plan(source, settings, name=name, selection=selection)
-    return summarize(run_plan(plan, out, jobs, on_progress=on_progress))
+    tolerance = None if settings is None else settings.tolerance
+    return summarize(run_plan(plan, out, jobs, on_progress=on_progress), tolerance)
 
 
-def summarize(run: PlanRun) -> Comparison:
-    r"""Returns what came of the runs of a comparison. Models lack runs that failed or were not made
-    yet are left out.
+def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
+    r"""Returns the scores of a comparison. Models with failed or missing runs are left out.
 
     Args:
         run (PlanRun): What :func:`run_plan` returned.
+        tolerance (float, optional): As of :class:`ComparisonSettings`.
     """
     plan = run.plan
     choice = plan.experiments[0].choice
@@ -314,20 +353,25 @@ def summarize(run: PlanRun) -> Comparison:
         for name, of_split in by_model.items()
         if len(of_split) == len(splits)
     }
-    (protocol,) = plan.protocols
     sign = -1 if metric == "mae" else 1
     means = {name: sign * _summary(results, metric).mean for name, results in whole.items()}
     plain = [name for name in means if not model_of(name).is_graph]
     best_plain = max(plain, key=lambda name: (means[name], name != FLOOR), default=None)
-    metrics = _NUMBER_METRICS if metric == "mae" else _CLASS_METRICS
+    dataset, data_splits = plan.data.load(), comparison_splits(plan)
+    units = ScoreUnits.of(dataset, data_splits)
+    constant = ConstantAnswer.of(dataset, data_splits, metric)
+    if tolerance is None:
+        tolerance = _TOLERANCES.get(metric, _TOLERANCE)
+    if metric == "mae":
+        tolerance *= min((-mean for mean in means.values()), default=0.0)
+    comparison = Comparison(run, metric, (), best_plain, units, constant, tolerance)
+    metrics = comparison.metrics
     results = tuple(
         ModelResult(
             model=model_of(name),
             scores={key: _summary(whole[name], key) for key in metrics},
             difference=(
-                None
-                if best_plain in (None, name)
-                else run_difference(run, name, str(best_plain), protocol.name, metric)
+                None if best_plain in (None, name) else comparison.difference(name, str(best_plain))
             ),
             num_parameters=_mean([r["num_parameters"] for r in whole[name]]),
             seconds=statistics.fmean(r["choose_seconds"] + r["train_seconds"] for r in whole[name]),
@@ -338,7 +382,7 @@ def summarize(run: PlanRun) -> Comparison:
         for name in (cell.experiment for cell in plan.table.cells)
         if name in whole
     )
-    return Comparison(run, metric, results, best_plain)
+    return replace(comparison, results=results)
 
 
 def _frames_in_words(num_frames: int | None) -> str:

@@ -70,7 +70,9 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
     """
     result = recommended(comparison) if name is None else comparison.of(name)
     if result is None:
-        raise ValueError(f"'name' must be given, since none is recommended: {advice(comparison)}")
+        raise ValueError(
+            f"'name' must be the name of a model, since none is recommended: {advice(comparison)}"
+        )
     experiment = next(e for e in comparison.run.plan.experiments if e.name == result.model.name)
     choice = experiment.choice
     assert choice is not None

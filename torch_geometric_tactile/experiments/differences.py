@@ -2,7 +2,7 @@ r"""Differences of two models on the same samples, and which of them are beyond 
 
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,13 @@ if TYPE_CHECKING:  # which runs experiments, that ask here what is beyond the no
     from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 
+class Signs(NamedTuple):
+    r"""How many differences are above and below zero."""
+
+    above: int
+    below: int
+
+
 class Difference(NamedTuple):
     r"""The score of a model less that of another on the same splits, and the one rule for what is
     beyond the noise.
@@ -23,12 +30,17 @@ class Difference(NamedTuple):
         mean (float): The mean over the splits.
         over_splits (float): Its standard error over the splits, corrected for training sets that
             overlap; NaN for less than two.
-        over_trials (float): Its standard error over the trials (the samples, where there are no
-            trials): samples of one trial count as one observation, however many there are.
+        over_units (float): Its standard error over the units (trials, or whatever is new in a test
+            part: persons, sessions, samples): all samples of one unit count as one observation.
         num_splits (int): Number of splits: pairs of models with one training part and seed. Of
             splits that overlap, those with one test part (an object left out, with several seeds)
             are one split, their mean: seeds are no further objects.
-        num_trials (int): Number of trials.
+        num_units (int): Number of units.
+        unit (str): What a unit is called.
+        has_one_test_part (bool): Whether all splits test on the same samples, as given parts do.
+            The units alone then decide where there are fewer than three splits, which are seeds.
+        splits (Signs): Splits with a difference above and below zero.
+        units (Signs): Units with a difference above and below zero.
 
     Examples:
         >>> two, five = (Difference(2.8, 0.1, 0.9, n, 600) for n in (2, 5))
@@ -38,22 +50,28 @@ class Difference(NamedTuple):
 
     mean: float
     over_splits: float
-    over_trials: float
+    over_units: float
     num_splits: int
-    num_trials: int
+    num_units: int
+    unit: str = "trial"
+    has_one_test_part: bool = False
+    splits: Signs = Signs(0, 0)
+    units: Signs = Signs(0, 0)
 
     @property
     def error(self) -> float:
-        r"""The larger of both standard errors."""
-        found = [e for e in (self.over_splits, self.over_trials) if math.isfinite(e)]
-        return max(found) if found else math.nan
+        r"""The larger of both standard errors; NaN if neither is known."""
+        errors = [e for e in (self.over_splits, self.over_units) if math.isfinite(e)]
+        return max(errors) if errors else math.nan
 
     @property
     def margin(self) -> float:
         r"""How far from zero the mean may be by chance: the larger of both standard errors times
         Student's :math:`t` (two-sided, 5 %) of as many pairs; NaN for fewer than three.
         """
-        pairs = ((self.over_splits, self.num_splits), (self.over_trials, self.num_trials))
+        pairs = [(self.over_units, self.num_units)]
+        if not self.has_one_test_part or self.num_splits >= LEAST_PAIRS:
+            pairs.append((self.over_splits, self.num_splits))
         if min(count for _, count in pairs) < LEAST_PAIRS:
             return math.nan
         return max(float(t.ppf(0.975, count - 1)) * error for error, count in pairs)
@@ -65,14 +83,33 @@ class Difference(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        r"""What :data:`RULE` says, in words."""
+        r"""The verdict in words."""
         if math.isnan(self.margin):
-            return "too few splits" if self.num_splits < LEAST_PAIRS else "too few trials"
+            needs_splits = not self.has_one_test_part and self.num_splits < LEAST_PAIRS
+            return "too few splits" if needs_splits else f"too few {self.unit}s"
         return "beyond the noise" if self.is_beyond_noise else "within the noise"
+
+    def is_proved_by(self, num_folds: int) -> bool:
+        r"""Estimates whether as many folds would show the difference, if they differ from each
+        other as these splits do, and the units show it already.
+
+        Args:
+            num_folds (int): Number of folds.
+        """
+        if self.num_splits < 2 or self.num_units < LEAST_PAIRS or self.has_one_test_part:
+            return False
+        by_units = abs(self.mean) > float(t.ppf(0.975, self.num_units - 1)) * self.over_units
+        old, new = (math.sqrt(1 + n / (n - 1)) for n in (self.num_splits, num_folds))
+        over_folds = self.over_splits * new / old  # smaller test parts differ more
+        return by_units and abs(self.mean) > float(t.ppf(0.975, num_folds - 1)) * over_folds
 
 
 def paired_difference(
-    first: Sequence[Predictions], second: Sequence[Predictions], metric: str, overlap: float = 0.0
+    first: Sequence[Predictions],
+    second: Sequence[Predictions],
+    metric: str,
+    overlap: float = 0.0,
+    unit: str | None = None,
 ) -> Difference:
     r"""Compares two models.
 
@@ -81,17 +118,20 @@ def paired_difference(
     the Generalization Error" <https://doi.org/10.1023/A:1024068626366>`_ (Nadeau and Bengio, 2003).
 
     Args:
-        first (sequence of Predictions): What one said, split by split.
-        second (sequence of Predictions): What the other said of the same splits.
+        first (sequence of Predictions): Predictions of one model, split by split. All samples of
+            one :obj:`trial` count as one observation; of predictions without it each sample does.
+        second (sequence of Predictions): Predictions of the other model on the same splits.
         metric (str): :obj:`"accuracy"`, :obj:`"balanced_accuracy"` or :obj:`"mae"`.
         overlap (float): Number of test samples by that of training samples, where the splits are
             drawn from the same samples, so that their training parts overlap.
+        unit (str, optional): What :obj:`trial` of the predictions is called, if it is no trial.
 
     Raises:
         ValueError: If the samples are not the same.
     """
-    gains, trials = [], []
-    of_part: dict[bytes | int, list[float]] = {}
+    gains, units = [], []
+    by_part: dict[bytes | int, list[float]] = {}
+    test_parts: set[bytes | int] = set()
     for i, (a, b) in enumerate(zip(first, second, strict=True)):
         if not np.array_equal(a.y, b.y):
             raise ValueError("'second' must be of the same samples as 'first' (got other labels)")
@@ -99,19 +139,36 @@ def paired_difference(
             sample_scores(a.y, a.prediction, metric) - sample_scores(b.y, b.prediction, metric)
         )
         samples = np.arange(len(a.y)) if a.index is None else a.index
-        trials.append(samples if a.trial is None else a.trial)
-        part = np.sort(a.index).tobytes() if overlap and a.index is not None else i
-        of_part.setdefault(part, []).append(float(gains[-1].mean()))
-    means = np.array([np.mean(values) for values in of_part.values()])
-    count = len(means)
+        units.append(samples if a.trial is None else a.trial)
+        part = i if a.index is None else np.sort(a.index).tobytes()
+        test_parts.add(part)
+        by_part.setdefault(part if overlap else i, []).append(float(gains[-1].mean()))
+    means = np.array([np.mean(values) for values in by_part.values()])
+    count, mean = len(means), float(means.mean())
     spread = float(means.std(ddof=1)) if count > 1 else math.nan
-    error, num_trials = _clustered(float(means.mean()), gains, trials)
-    over_splits = spread * math.sqrt(1 / count + overlap)
-    return Difference(float(means.mean()), over_splits, error, count, num_trials)
+    over_units, num_units, unit_signs = _over_units(mean, gains, units)
+    return Difference(
+        mean,
+        spread * math.sqrt(1 / count + overlap),
+        over_units,
+        count,
+        num_units,
+        unit or ("sample" if first[0].trial is None else "trial"),
+        has_one_test_part=len(test_parts) == 1,
+        splits=_signs(means),
+        units=unit_signs,
+    )
 
 
 def run_difference(
-    run: "PlanRun", first: str, second: str, protocol: str, metric: str = "accuracy"
+    run: "PlanRun",
+    first: str,
+    second: str,
+    protocol: str,
+    metric: str = "accuracy",
+    *,
+    unit: str | None = None,
+    with_units: Callable[[Predictions], Predictions] = lambda predictions: predictions,
 ) -> Difference | None:
     r"""Compares two models on the splits that are finished for both; :obj:`None` if none is.
 
@@ -121,31 +178,42 @@ def run_difference(
         second (str): Name of the other.
         protocol (str): What the table calls the protocol.
         metric (str): As of :func:`paired_difference`.
+        unit (str, optional): As of :func:`paired_difference`.
+        with_units (callable): Returns predictions with their units in place of trials.
     """
-    found: dict[tuple[int, int], dict[str, dict[str, Any]]] = {}
+    by_split: dict[tuple[int, int], dict[str, dict[str, Any]]] = {}
     for e, result in run.results:
         if e.protocol_name == protocol and e.name in (first, second):
-            found.setdefault((e.seed, e.fold), {})[e.name] = result
-    pairs = [found[split] for split in sorted(found) if len(found[split]) == 2]
+            by_split.setdefault((e.seed, e.fold), {})[e.name] = result
+    pairs = [by_split[split] for split in sorted(by_split) if len(by_split[split]) == 2]
     if not pairs:
         return None
     sizes = [pair[first]["num_test"] / pair[first]["num_train"] for pair in pairs]
     is_given = all(p.protocol.by == "given" for p in run.plan.protocols if p.name == protocol)
     one, other = (
-        [Predictions.from_dict(pair[name]["predictions"]) for pair in pairs]
+        [with_units(Predictions.from_dict(pair[name]["predictions"])) for pair in pairs]
         for name in (first, second)
     )
-    return paired_difference(one, other, metric, 0.0 if is_given else statistics.fmean(sizes))
+    overlap = 0.0 if is_given else statistics.fmean(sizes)
+    return paired_difference(one, other, metric, overlap, unit)
 
 
-def _clustered(
-    mean: float, gains: Sequence[np.ndarray], trials: Sequence[np.ndarray]
-) -> tuple[float, int]:
-    # The standard error of the mean over splits, where what a trial adds is one observation.
-    names, place = np.unique(np.concatenate(trials), return_inverse=True)
+def _over_units(
+    mean: float, gains: Sequence[np.ndarray], units: Sequence[np.ndarray]
+) -> tuple[float, int, Signs]:
+    # The standard error of the mean over splits, where what a unit adds is one observation; the
+    # number of units, and the signs of their gains.
+    names, place = np.unique(np.concatenate(units), return_inverse=True)
+    place = place.reshape(-1)
+    signs = _signs(np.bincount(place, np.concatenate(gains), minlength=len(names)))
     if len(names) < 2:
-        return math.nan, len(names)
+        return math.nan, len(names), signs
     share = np.concatenate([(gain - mean) / len(gain) for gain in gains]) / len(gains)
-    of_trial = np.bincount(place.reshape(-1), share, minlength=len(names))
+    by_unit = np.bincount(place, share, minlength=len(names))
     scale = len(names) / (len(names) - 1)
-    return float(math.sqrt(scale * np.square(of_trial).sum())), len(names)
+    return float(math.sqrt(scale * np.square(by_unit).sum())), len(names), signs
+
+
+def _signs(values: np.ndarray) -> Signs:
+    tiny = 1e-12
+    return Signs(int((values > tiny).sum()), int((values < -tiny).sum()))

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch_geometric_tactile._files import file_sha256
 from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile.data import Protocol, StaticDataset
-from torch_geometric_tactile.data._frame_view import FrameView
+from torch_geometric_tactile.data._frame_view import innermost
 from torch_geometric_tactile.experiments._building import (
     argument_names,
     build_object,
@@ -68,12 +68,12 @@ class DataSource:
         code = self.fingerprint or _fingerprint(dataset)
         source = replace(self, fingerprint=code)
         _keep(source._place, dataset)
-        count = int(source._chosen(dataset).sum())
+        count = int(source.is_selected(dataset).sum())
         facts = replace(DataFacts.of(dataset), num_samples=count)
         if protocol is not None:
             facts = replace(facts, num_folds=protocol.num_folds(dataset))
             source.parts(protocol, seed=0, fold=0)
-        synthetic = getattr(_innermost(dataset), "synthetic", None)
+        synthetic = getattr(innermost(dataset), "synthetic", None)
         kind = self.kind or {None: "ours", True: "simulated", False: "measured"}[synthetic]
         caption = self.caption or _caption(dataset, kind, facts)
         return replace(source, kind=kind, caption=caption), facts
@@ -97,7 +97,7 @@ class DataSource:
         r"""Returns the samples to train on, and those to test on."""
         dataset = self.load()
         train, _, test = protocol.split(dataset, seed, fold)
-        is_chosen = self._chosen(dataset)
+        is_chosen = self.is_selected(dataset)
         train, test = train[is_chosen[train]], test[is_chosen[test]]
         for name, part in (("train", train), ("test", test)):
             if not len(part):
@@ -110,7 +110,7 @@ class DataSource:
     def samples(self) -> StaticDataset:
         r"""Returns the samples that are selected."""
         dataset = self.load()
-        return dataset[self._chosen(dataset).nonzero().view(-1)]
+        return dataset[self.is_selected(dataset).nonzero().view(-1)]
 
     def _build(self, arguments: Mapping[str, Any]) -> StaticDataset:
         dataset: StaticDataset = build_object(
@@ -118,8 +118,8 @@ class DataSource:
         )
         return dataset
 
-    def _chosen(self, dataset: StaticDataset) -> Tensor:
-        # Which samples of the data set are selected (S,).
+    def is_selected(self, dataset: StaticDataset) -> Tensor:
+        r"""Returns which samples of the data set are in :obj:`selection` :math:`(S,)`."""
         if not self.selection:
             return torch.ones(len(dataset), dtype=torch.bool)
         chosen = _selected(*self._place, json.dumps(self.selection, sort_keys=True))
@@ -195,15 +195,6 @@ def _without_places(arguments: Mapping[str, Any]) -> dict[str, Any]:
     return left
 
 
-def _innermost(dataset: StaticDataset) -> StaticDataset:
-    r"""Returns the data set that a view shows, or that this one shows, and so on; the data set
-    itself if it is no view.
-    """
-    while isinstance(dataset, FrameView):
-        dataset = dataset.dataset
-    return dataset
-
-
 def _keep(key: tuple[str, str, str], dataset: StaticDataset) -> None:
     _LOADED.pop(key, None)
     _LOADED[key] = dataset
@@ -229,7 +220,7 @@ def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
     held = f"{facts.num_trials} trials" if facts.num_trials else f"{len(dataset):,} samples"
     if kind != "simulated":
         return f"Recordings of your own: {held}."
-    root = Path(_innermost(dataset).root)
+    root = Path(innermost(dataset).root)
     found = [path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()]
     if not found:
         return f"**Simulated**, not a result of a real sensor: {held}."
@@ -265,7 +256,7 @@ def _made(simulation: Mapping[str, Any]) -> str:
 
 
 def _fingerprint(dataset: StaticDataset) -> str:
-    dataset = _innermost(dataset)
+    dataset = innermost(dataset)
     code = hashlib.sha256()
     files = _files(dataset)
     for file in files:

@@ -16,7 +16,6 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._held_out import column_of
 from torch_geometric_tactile.experiments._scores import (
-    LEAST_PAIRS,
     NAMES,
     RULE,
     prediction_scores,
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 PERCENT = ("accuracy", "balanced_accuracy", "f1")
 _COLUMNS = (
     *("model", "kind", "metric", "mean", "sd", "splits"),
-    *("difference", "over_splits", "over_trials", "parameters", "seconds", "milliseconds"),
+    *("difference", "over_splits", "over_units", "parameters", "seconds", "milliseconds"),
 )
 _WHO_SEES_TIME = (
     "The models temporal and lstm process the frames in their order, and svm_signal takes "
@@ -80,7 +79,8 @@ def comparison_rows(comparison: Comparison) -> tuple[list[str], list[list[str]]]
     header = ["model", "kind", *names]
     if comparison.best_plain is not None:
         unit = " (points)" if comparison.metric in PERCENT else ""
-        header += [f"to {comparison.best_plain}{unit}", "over splits", f"over {comparison.unit}s"]
+        over_units = f"over {comparison.units.name}s"
+        header += [f"to {comparison.best_plain}{unit}", "over splits", over_units]
     header += ["parameters", "seconds", "ms a sample"]
     ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
     return header, [_row(comparison, result) for result in ordered]
@@ -94,11 +94,11 @@ def _row(comparison: Comparison, result: ModelResult) -> list[str]:
         scores.append(text if math.isnan(sd) else f"{text} ± {shown_number(key, sd)}")
     difference = [] if comparison.best_plain is None else ["", "", ""]
     if result.difference is not None:
-        mean, over_splits, over_trials = result.difference[:3]
+        mean, over_splits, over_units = result.difference[:3]
         sign = "+" if mean > 0 else ""
         number = shown_number(comparison.metric, mean)
         mark = " *" if result.difference.is_beyond_noise else ""
-        errors = [f"± {shown_number(comparison.metric, e)}" for e in (over_splits, over_trials)]
+        errors = [f"± {shown_number(comparison.metric, e)}" for e in (over_splits, over_units)]
         difference = [f"{sign}{number}{mark}", *errors]
     size = "" if result.num_parameters is None else f"{result.num_parameters:,.0f}"
     kind = "graph" if result.model.is_graph else "plain"
@@ -150,13 +150,10 @@ def _facts(comparison: Comparison) -> list[str]:
 def _differences(comparison: Comparison) -> str:
     if comparison.best_plain is None:
         return ""
-    few = ""
-    if comparison.num_splits < LEAST_PAIRS:
-        few = f" '--seeds {comparison.seeds_to_tell}' would tell."
     return (
         f"Differences are to {comparison.best_plain}, the best plain model, on the same samples, "
-        f"with their standard errors over the splits and over the {comparison.unit}s; * is beyond "
-        f"the noise. {RULE}{few}"
+        f"with their standard errors over the splits and over the {comparison.units.name}s; * is "
+        f"beyond the noise. {RULE}"
     )
 
 

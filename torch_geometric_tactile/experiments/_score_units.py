@@ -1,0 +1,137 @@
+r"""The units of a comparison: what a test part has that no model has seen in training."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
+
+import numpy as np
+import torch
+
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data._frame_view import innermost
+from torch_geometric_tactile.experiments._held_out import column_of
+from torch_geometric_tactile.experiments._scores import prediction_scores
+from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments.predictions import Predictions
+
+_KEYS = ("trial", "group", "session")
+
+
+class SeenAndTest(NamedTuple):
+    r"""The samples of a split, by their places in the data set: :obj:`seen` to train and choose on,
+    and those to :obj:`test` on.
+    """
+
+    seen: np.ndarray
+    test: np.ndarray
+
+
+def comparison_splits(plan: Plan) -> list[SeenAndTest]:
+    r"""Returns the splits of a comparison.
+
+    Args:
+        plan (Plan): The comparison.
+    """
+    splits = {(e.seed, e.fold): e for e in plan.experiments}.values()
+    dataset = plan.data.load()
+    is_selected = plan.data.is_selected(dataset)
+    parts = []
+    for experiment in splits:
+        split = experiment.protocol.split(dataset, experiment.seed, experiment.fold)
+        seen = torch.cat([split.train, split.val])
+        parts.append(SeenAndTest(*(part[is_selected[part]].numpy() for part in (seen, split.test))))
+    return parts
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreUnits:
+    r"""The largest of group, session and trial of which no member is in both parts of a split.
+
+    Args:
+        name (str): What one is called, such as :obj:`"trial"` or :obj:`"person"`; :obj:`"sample"`
+            where each sample is one.
+        numbers (ndarray, optional): The number of the unit of each stored sample; :obj:`None`
+            where each sample is one.
+        num_leaked (int): How many trials are in both parts of some split: no score then says
+            anything about a new trial.
+    """
+
+    name: str
+    numbers: np.ndarray | None = None
+    num_leaked: int = 0
+
+    @classmethod
+    def of(cls, dataset: StaticDataset, splits: Sequence[SeenAndTest]) -> Self:
+        r"""Finds the units of the splits of a data set.
+
+        Args:
+            dataset (StaticDataset): The data set.
+            splits (sequence of SeenAndTest): Its splits.
+        """
+        columns = {key: column_of(dataset, key) for key in _KEYS}
+        numbers = {key: column for key, column in columns.items() if column is not None}
+        leaked: dict[str, set[int]] = {}
+        tested: dict[str, set[int]] = {}
+        for key, column in numbers.items():
+            pairs = [(np.unique(column[s.seen]), np.unique(column[s.test])) for s in splits]
+            leaked[key] = {n for pair in pairs for n in np.intersect1d(*pair).tolist()}
+            tested[key] = {n for _, test in pairs for n in test.tolist()}
+        new = [key for key in numbers if not leaked[key]]
+        if new:
+            key = min(new, key=lambda key: len(tested[key]))
+            name = innermost(dataset).group_kind if key == "group" else key
+            return cls(name, _by_stored_place(dataset, numbers[key]))
+        if "trial" not in numbers:
+            return cls("sample")
+        trials = _by_stored_place(dataset, numbers["trial"])
+        return cls("trial", trials, num_leaked=len(leaked["trial"]))
+
+    def of_predictions(self, predictions: Predictions) -> Predictions:
+        r"""Returns predictions with the units in place of the trials.
+
+        Args:
+            predictions (Predictions): Those of one split.
+        """
+        if self.numbers is None or predictions.index is None:
+            return replace(predictions, trial=None)
+        return replace(predictions, trial=self.numbers[predictions.index])
+
+
+class ConstantAnswer(NamedTuple):
+    r"""The answer that is most frequent in training, or the mean, and its mean score."""
+
+    name: str
+    score: float
+
+    @classmethod
+    def of(cls, dataset: StaticDataset, splits: Sequence[SeenAndTest], metric: str) -> Self:
+        r"""Computes the answer and its score.
+
+        Args:
+            dataset (StaticDataset): The data set.
+            splits (sequence of SeenAndTest): Its splits.
+            metric (str): As of a comparison.
+        """
+        y = column_of(dataset, "y")
+        assert y is not None
+        scores, answers = [], []
+        for seen, test in splits:
+            if metric == "mae":
+                constant = np.broadcast_to(y[seen].mean(axis=0), y[test].shape)
+            else:
+                answers.append(int(np.bincount(y[seen]).argmax()))
+                constant = np.full(len(test), answers[-1])
+            scores.append(prediction_scores(y[test], constant, metric == "mae")[metric])
+        if metric == "mae":
+            return cls("the mean", float(np.mean(scores)))
+        answer = int(np.bincount(answers).argmax())
+        names = dataset.class_names
+        name = names[answer] if answer < len(names) else str(answer)
+        return cls(f"'{name}'", float(np.mean(scores)))
+
+
+def _by_stored_place(dataset: StaticDataset, column: np.ndarray) -> np.ndarray:
+    # Predictions know the place of a sample among all that are stored, selected or not.
+    stored = np.zeros(dataset.len(), dtype=np.int64)
+    stored[np.asarray(dataset.indices())] = column
+    return stored
