@@ -1,5 +1,6 @@
 """Checksums of the files that PyTorch writes."""
 
+import copy
 import zipfile
 
 import pytest
@@ -46,6 +47,18 @@ def test_compressed_entries_are_refused(tmp_path):
         archive.writestr("bomb", bytes(10**6))
     with pytest.raises(ValueError, match="its part 'bomb' is no stored file"):
         check_zip(tmp_path / "a.zip")
+
+
+def test_entries_that_share_bytes_are_refused(tmp_path):
+    path = tmp_path / "a.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("a", bytes(1000))
+        for name in "bc":  # whose entries in the table of contents lead to the bytes of the first
+            entry = copy.copy(archive.infolist()[0])
+            entry.filename = entry.orig_filename = name
+            archive.filelist.append(entry)
+    with pytest.raises(ValueError, match=r"its parts have 3000 bytes, more than the file"):
+        check_zip(path)
 
 
 def test_missing_file(tmp_path):

@@ -303,13 +303,30 @@ def file_sha256(path: PathLike) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def check_packing(entry: zipfile.ZipInfo) -> None:
+    r"""Raises a :class:`ValueError` unless an entry of a zip file can be unpacked piece by piece.
+
+    Of the other methods (bzip2, LZMA), Python unpacks all that a piece of the file holds, which may
+    be gigabytes.
+    """
+    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(
+            f"its part {entry.filename!r} must be stored or deflated (got compression "
+            f"{entry.compress_type})"
+        )
+
+
 def check_zip(path: PathLike) -> None:
     r"""Compares every entry of a zip file with its checksum. The entries must be stored without
-    compression, as PyTorch stores them, such that no more is read than the file holds.
+    compression, as PyTorch stores them, and may not share bytes, such that no more is read than the
+    file holds.
     """
     problem = ""
     try:
         with zipfile.ZipFile(path) as archive:
+            total = sum(entry.file_size for entry in archive.infolist())
+            if total > os.path.getsize(path):
+                problem = f"its parts have {total} bytes, more than the file"
             for entry in archive.infolist():
                 # PyTorch reads a file that is marked as a folder (0x10) as zeros.
                 if entry.compress_type != zipfile.ZIP_STORED or entry.external_attr & 0x10:

@@ -5,6 +5,7 @@ r"""How much the files and messages of others may ask for, whatever sizes they c
 EXPANSION = 200
 HDF5_EXPANSION = 100  # chunks are packed one by one
 ARRAY_BYTES = 2**30  # of recordings and data sets; ten minutes of a hand take a quarter
+PRESSURE_MAT_BYTES = 2**24  # of a text file of PressureMat; those published have below 2**21
 IDX_BYTES = 2**27  # all images of MNIST take a third
 MAT_TEXT_BYTES = 2**20  # of a cell array of texts; ten thousand names take less
 MAT_BYTES = 2**26  # which are taken on trust of what is packed, before its checksum

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from torch_geometric.data import Data
 from torch_geometric.transforms import RandomJitter
 
 from torch_geometric_tactile.data import StaticData
@@ -288,3 +289,18 @@ def test_full_disk_is_an_error_about_the_file_and_not_one_of_torch(tmp_path, mon
     monkeypatch.undo()
     assert path.read_bytes() == before
     assert files(tmp_path) == ["a.pt"]
+
+
+def test_samples_without_an_attribute_of_their_own_are_counted_in_the_file(tmp_path):
+    samples = [Data(edge_index=torch.tensor([[0, 1], [1, 0]]), num_nodes=2)] * 4
+    save_static(StaticData.from_data_list(samples), {}, tmp_path / "a.pt")
+    assert read_processed(tmp_path / "a.pt").data.num_samples == 4
+
+
+@pytest.mark.parametrize("number", [3, -1, True, 2.0, 10**18])
+def test_other_numbers_of_samples_in_the_file_are_refused(tmp_path, number):
+    save_static(StaticData(x=torch.zeros(2, 2, 1)), {}, tmp_path / "a.pt")
+    content = torch.load(tmp_path / "a.pt", weights_only=True)
+    torch.save(content | {"num_samples": number}, tmp_path / "a.pt")
+    with pytest.raises(ValueError, match=r"a\.pt' holds no samples"):
+        read_processed(tmp_path / "a.pt")

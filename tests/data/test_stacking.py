@@ -1,7 +1,11 @@
+import copy
+import io
+import pickle
+
 import pytest
 import torch
 from torch_geometric.data import Data, HeteroData
-from torch_geometric.transforms import BaseTransform, Compose, Distance
+from torch_geometric.transforms import BaseTransform, Compose, Distance, ToUndirected
 
 from torch_geometric_tactile.data import StaticData, apply_transform
 from torch_geometric_tactile.transforms import KNNGraph
@@ -265,3 +269,79 @@ def test_from_data_list_of_other_kinds(other):
     match = rf"must hold torch_geometric.data.Data .*got {type(other).__name__} as sample 1\)"
     with pytest.raises(TypeError, match=match):
         StaticData.from_data_list([sample(), other])
+
+
+def edges_only(num_samples=4):
+    return StaticData.from_data_list([Data(edge_index=EDGES, num_nodes=2)] * num_samples)
+
+
+def saved_and_loaded(data):
+    file = io.BytesIO()
+    torch.save(data, file)
+    file.seek(0)
+    return torch.load(file, weights_only=False)
+
+
+@pytest.mark.parametrize(
+    ("number", "change"),
+    [
+        (4, lambda data: data),
+        (4, copy.copy),
+        (4, copy.deepcopy),
+        (4, lambda data: data.clone()),
+        (4, lambda data: data.to("cpu")),
+        (4, lambda data: data.contiguous()),
+        (4, lambda data: pickle.loads(pickle.dumps(data))),
+        (4, saved_and_loaded),
+        (2, lambda data: data[1:3]),
+        (0, lambda data: data[4:]),
+        (3, lambda data: data[[3, 0, 0]]),
+        (1, lambda data: data[torch.tensor([False, True, False, False])]),
+        (2, lambda data: data[1:3].clone()[:]),
+        (3, lambda data: StaticData.from_data_list(data.to_data_list()[1:])),
+        (4, lambda data: StaticData(**data.to_dict(), num_samples=4)),
+        (4, lambda data: apply_transform(ToUndirected(), data)),
+        (4, lambda data: apply_transform(lambda sample: sample, data)),
+    ],
+)
+def test_samples_without_an_attribute_of_their_own_are_counted(number, change):
+    data = change(edges_only())
+    assert data.num_samples == len(data) == data.num_graphs == number
+    assert len(data.to_data_list()) == number
+    assert data.to_batch().num_graphs == number
+    assert data.to_batch().num_nodes == 2 * number
+
+
+@pytest.mark.parametrize("index", [[4], [-5]])
+def test_samples_without_an_attribute_of_their_own_are_not_made_up(index):
+    with pytest.raises(IndexError):
+        edges_only()[index]
+
+
+def test_number_of_samples_outlives_the_attribute_that_told_it():
+    data = StaticData(x=torch.zeros(3, 2, 1), edge_index=EDGES)
+    del data.x
+    assert data.num_samples == 3
+    assert data[1:].num_samples == 2
+    data.y = torch.arange(3)
+    with pytest.raises(ValueError, match=r"'group' must have 3 rows"):
+        data.group = torch.arange(2)
+
+
+def test_new_attributes_must_have_the_number_of_samples():
+    data = edges_only()
+    with pytest.raises(ValueError, match=r"'y' must have 4 rows, one for each sample"):
+        data.y = torch.arange(5)
+    with pytest.raises(ValueError, match=r"'x' must have 4 samples, as these data have"):
+        data.x = torch.zeros(5, 2, 1)
+    data.x = torch.zeros(4, 2, 1)
+    data.x = torch.zeros(5, 2, 1)  # nothing else has rows
+    assert data.num_samples == 5
+
+
+@pytest.mark.parametrize("number", [-1, 2.0, True, "3", 2**40])
+def test_other_numbers_of_samples_are_refused(number):
+    with pytest.raises(ValueError, match="'num_samples' must be a number of samples"):
+        StaticData(edge_index=EDGES, num_samples=number)
+    with pytest.raises(ValueError, match="'x' must have 3 samples, as these data have"):
+        StaticData(x=torch.zeros(2, 2, 1), num_samples=3)

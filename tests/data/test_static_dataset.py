@@ -5,11 +5,11 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
-from torch_geometric.data import Data
+from torch_geometric.data import Data, InMemoryDataset
 from torch_geometric.loader import DataLoader
 from torch_geometric.transforms import Compose, Distance, ToUndirected
 
-from torch_geometric_tactile.data import Recording, StaticDataset, Windows
+from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, Windows
 from torch_geometric_tactile.datasets import FakeTactileDataset, RecordingFrames
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import KNNGraph
@@ -286,3 +286,34 @@ def test_dataset_number_of_classes_is_that_of_all_samples():
     frames = StaticDataset.from_arrays(x, trial, trial=trial, layout=layout)
     assert Windows(frames, 2)[:1].num_classes == 3
     assert StaticDataset.from_arrays(x, layout=layout).num_classes == 0
+
+
+@pytest.mark.parametrize("declared", [{"node": ["y"]}, {"node": ["y"], "shared": ["y"]}])
+@pytest.mark.parametrize(
+    ("labels", "expected"),
+    [
+        ([[0, 1, 1, 0], [1, 0, 0, 0]], 2),
+        ([[0, 3, 1, 0], [1, 0, 0, 0]], 4),
+        ([[0.0, 1.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0]], 2),
+        ([[[0], [1], [4], [0]], [[1], [0], [0], [0]]], 5),
+        ([4 * [[1, 0, 0]], 4 * [[0, 1, 0]]], 3),  # one column a class
+    ],
+)
+def test_number_of_classes_of_labels_of_each_taxel_is_that_of_pyg(labels, expected, declared):
+    y = torch.tensor(labels)
+    y = y[0] if "shared" in declared else y
+    data = StaticData(x=torch.zeros(2, 4, 1), edge_index=torch.zeros(2, 0).long(), y=y, **declared)
+
+    class Labelled(StaticDataset):
+        layout = grid(2, 2, pitch=0.01)
+
+        def read(self):
+            return data, {}
+
+    class OfPyG(InMemoryDataset):
+        def __init__(self):
+            super().__init__()
+            self.data, self.slices = self.collate(data.to_data_list())
+
+    assert Labelled().num_classes == OfPyG().num_classes == expected
+    assert Labelled()[:1].num_classes == expected

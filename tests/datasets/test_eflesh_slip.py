@@ -61,9 +61,27 @@ def test_files_may_be_in_the_root_itself(raw):
 @pytest.mark.parametrize(
     ("content", "match"),
     [
-        (torch.zeros(4, 29), r"seq_3\.pt' must hold a tensor \(num_frames, 30\) \(got \(4, 29\)"),
-        (torch.zeros(0, 30), r"\(got \(0, 30\)\)"),
-        ({"x": torch.zeros(4, 30)}, r"must hold a tensor .* \(got dict\)"),
+        (
+            torch.zeros(4, 29),
+            r"seq_3\.pt' must hold a dense .* \(num_frames, 30\) \(got .*\(4, 29\)",
+        ),
+        (torch.zeros(0, 30), r"\(got shape \(0, 30\) of float32\)"),
+        (torch.zeros(120), r"\(got shape \(120,\) of float32\)"),
+        ({"x": torch.zeros(4, 30)}, r"must hold a dense tensor .* \(got dict\)"),
+        (torch.zeros(4, 30).to_sparse(), r"seq_3\.pt' .* \(got a sparse_coo tensor\)"),
+        (torch.zeros(4, 30).to_sparse_csr(), r"seq_3\.pt' .* \(got a sparse_csr tensor\)"),
+        (torch.zeros(4, 30).to_sparse_bsr((2, 2)), r"\(got a sparse_bsr tensor\)"),
+        (torch.nested.nested_tensor([torch.zeros(4, 30)]), r"seq_3\.pt' .* \(got a nested tensor"),
+        (
+            torch.nested.nested_tensor([torch.zeros(4, 30)], layout=torch.jagged),
+            r"\(got a nested tensor",
+        ),
+        (
+            torch.quantize_per_tensor(torch.zeros(4, 30), 0.1, 0, torch.quint8),
+            r"seq_3\.pt' .* \(got a quantized tensor of quint8\)",
+        ),
+        (torch.zeros(4, 30, dtype=torch.complex64), r"real numbers .* of complex64\)"),
+        (torch.full((4, 30), 1e300, dtype=torch.double), r"seq_3\.pt' must hold finite readings"),
         (torch.full((4, 30), torch.nan), r"seq_3\.pt' must hold finite readings"),
     ],
 )
@@ -71,6 +89,13 @@ def test_other_sequences_are_refused(raw, content, match):
     torch.save(content, raw / "seq_3.pt")
     with pytest.raises(ValueError, match=match):
         EFleshSlip(raw.parent, checksum=False)
+
+
+def test_readings_of_a_parameter_have_no_gradient(raw):
+    torch.save(torch.nn.Parameter(torch.ones(3, 30)), raw / "seq_3.pt")
+    dataset = EFleshSlip(raw.parent, checksum=False)
+    assert dataset[9].x.tolist() == torch.ones(10, 3).tolist()
+    assert not dataset.data.x.requires_grad
 
 
 @pytest.mark.parametrize("labels", ["110000", "11000x1", "1100001\n0"])

@@ -57,6 +57,13 @@ def idx(folder: Path) -> None:
     (folder / "a.gz").write_bytes(gzip.compress(data, mtime=0))
 
 
+def eflesh_sequence(folder: Path) -> None:
+    import torch
+
+    torch.save(torch.arange(90.0).view(3, 30), folder / "a.pt")
+    torch.save(torch.arange(60.0).view(2, 30) / 7, folder / "b.pt")
+
+
 def mat_zip(folder: Path) -> None:
     from mat_files import mat_files, write_mat
 

@@ -4,6 +4,7 @@ reader must return, or raise ``Refused``."""
 import csv
 import decimal
 import functools
+import hashlib
 import io
 import re
 import zipfile
@@ -276,8 +277,24 @@ def mat_zip(data: bytes) -> Any:
     except Exception as error:
         raise Refused(str(error)) from error
     need(bool(found))
+    need(len({item[0][0].partition("experiment-ii/")[2] for item in found}) == len(found))
     found.sort(key=lambda item: (int(item[0][1]), item[0][2], item[0][3], int(item[0][4])))
     return [[f"S{n[1]}", n[3] + n[4], n[2].lower(), x] for n, x in found]
+
+
+def mat_zip_hash(data: bytes) -> Any:
+    """The hash of the list of checksums, if all that is listed is there, and nothing else."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = [name.partition("/")[2] for name in archive.namelist()]
+            files = dict(zip(names, map(archive.read, archive.infolist()), strict=True))
+    except Exception as error:
+        raise Refused(str(error)) from error
+    need(len(files) == len(names) and "SHA256SUMS.txt" in files)
+    sums = files.pop("SHA256SUMS.txt")
+    codes = [f"{hashlib.sha256(text).hexdigest()} {name}" for name, text in files.items()]
+    need(sorted(codes) == sorted(sums.decode("latin-1").splitlines()))
+    return hashlib.sha256(sums).hexdigest()
 
 
 def slide_csv(data: bytes) -> Any:

@@ -188,6 +188,18 @@ def mat_zip(path: Path) -> Any:
     return plain(list(map(tuple, read_pressure_mat_zip(path, "ii"))))
 
 
+def mat_zip_hash(path: Path) -> Any:
+    from torch_geometric_tactile.io import pressure_mat_hash
+
+    return pressure_mat_hash(path)
+
+
+def eflesh_sequence(path: Path) -> Any:
+    from torch_geometric_tactile.datasets.eflesh_slip import _sequence
+
+    return plain(_sequence(str(path)))
+
+
 def npz(path: Path) -> Any:
     from torch_geometric_tactile.io import read_npz
 

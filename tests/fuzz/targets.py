@@ -2,6 +2,7 @@
 
 import io
 import json
+import warnings
 import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ from fuzz.hdf5_mutations import mutate_fields, mutate_hdf5
 from fuzz.laws import JUDGED, REFUSED, REWRITTEN, Refused, equal
 from fuzz.npz_mutations import mutated_npz, mutated_samples
 from fuzz.text_mutations import TEXT, encoded
-from fuzz.torch_mutations import harmful, mutated_torch, with_harm
+from fuzz.torch_mutations import harmful, mutated_tensor, mutated_torch, with_harm
 from fuzz.tree_mutations import as_json, as_yaml, mutated_tree
 
 Mutate = Callable[[Path, bytes, Random, bytes], str]
@@ -127,13 +128,20 @@ def _mat_zip(path: Path, data: bytes, draw: Random, other: bytes) -> str:
         return _bytes(path, data, draw, other)
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         files = {name: archive.read(name) for name in archive.namelist()}
-    inner = path.with_suffix(".txt")
     name = draw.choice(list(files)[1:])
-    _spaced(inner, files[name], draw, b"7 7\n")
-    files[name] = inner.read_bytes()
-    inner.unlink()
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for key, text in files.items():
+    packing = draw.choice([zipfile.ZIP_DEFLATED] * 4 + [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+    members = list(files.items())
+    if draw.random() < 0.2:  # a second file of the same name, or one that is not listed
+        second = draw.choice([name, f"other/{name.partition('/')[2]}", name.replace("/S1", "/S3")])
+        members.insert(draw.randrange(len(members)), (second, b"7 7\n"))
+    else:
+        inner = path.with_suffix(".txt")
+        _spaced(inner, files[name], draw, b"7 7\n")
+        members[list(files).index(name)] = (name, inner.read_bytes())
+        inner.unlink()
+    with warnings.catch_warnings(), zipfile.ZipFile(path, "w", packing) as archive:
+        warnings.simplefilter("ignore")  # of a name that is there twice
+        for key, text in members:
             archive.writestr(key, text)
     return JUDGED
 
@@ -215,6 +223,14 @@ def _torch(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     if draw.random() < 0.4:
         return _bytes(path, data, draw, other)
     content, allowed = mutated_torch(data, draw)
+    path.write_bytes(content)
+    return allowed
+
+
+def _tensor(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    if draw.random() < 0.4:
+        return _bytes(path, data, draw, other)
+    content, allowed = mutated_tensor(data, draw)
     path.write_bytes(content)
     return allowed
 
@@ -310,6 +326,14 @@ TARGETS: Sequence[Target] = (
     Target("BiGS HDF5", bases.bigs_hdf5, readers.bigs, _fields_hdf5, weight=4),
     Target("iCub Grasp text", bases.icub_txt, readers.icub_txt, _spaced, oracles.icub_txt, 4),
     Target("pressure mat zip", matrix_bases.mat_zip, readers.mat_zip, _mat_zip, oracles.mat_zip, 4),
+    Target(
+        "pressure mat checksums",
+        matrix_bases.mat_zip,
+        readers.mat_zip_hash,
+        _mat_zip,
+        oracles.mat_zip_hash,
+    ),
+    Target("eFlesh sequence", matrix_bases.eflesh_sequence, readers.eflesh_sequence, _tensor),
     *(
         Target(
             f"eFlesh {name}",

@@ -8,6 +8,7 @@ import json
 import os
 import pickle
 import zipfile
+from collections.abc import Callable
 from random import Random
 from typing import Any
 
@@ -140,7 +141,7 @@ def _class_places(tree: Any) -> Any:
             yield from _class_places(value)
 
 
-_TENSORS = (
+_TENSORS: tuple[Callable[[torch.Tensor], object], ...] = (
     lambda t: t.double(),
     lambda t: t.to(torch.complex64),
     lambda t: t.long(),
@@ -148,6 +149,10 @@ _TENSORS = (
     lambda t: t[None],
     lambda t: t.flatten()[:1],
     lambda t: t.to_sparse(),
+    lambda t: t.to_sparse_csr(),
+    lambda t: torch.nested.nested_tensor([t, t[:1]]),
+    lambda t: torch.nested.nested_tensor([t, t[:1]], layout=torch.jagged),
+    lambda t: torch.quantize_per_tensor(t.float(), 0.1, 0, torch.quint8),
     lambda t: t.to("meta"),
     lambda t: torch.full_like(t, float("nan")),
     lambda t: None,
@@ -178,6 +183,18 @@ def other_tensor(tree: Any, draw: Random) -> Any:
         except (RuntimeError, IndexError, TypeError):
             container[key] = 0
     return tree
+
+
+def mutated_tensor(data: bytes, draw: Random) -> tuple[bytes, str]:
+    """A file of one tensor with another member, pickle or form of tensor in it."""
+    kind = draw.randrange(4)
+    if kind == 0:
+        return _other_members(data, draw), JUDGED
+    if kind == 1:
+        return _other_pickle(data, draw), REFUSED
+    holder = {"x": torch.load(io.BytesIO(data), weights_only=True)}
+    tree = other_tensor(holder, draw)
+    return saved(tree.get("x", tree)), REWRITTEN
 
 
 def _tensor_places(tree: Any) -> Any:

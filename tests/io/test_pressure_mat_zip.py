@@ -1,3 +1,8 @@
+import hashlib
+import random
+import struct
+import tracemalloc
+import warnings
 import zipfile
 
 import numpy as np
@@ -103,3 +108,112 @@ def test_hash_of_changed_or_missing_files(tmp_path, changed):
     path = write_mat(tmp_path / "mat.zip", files, sums)
     with pytest.raises(ValueError, match=f"must hold '{name}' with the SHA-256 checksum"):
         pressure_mat_hash(path)
+
+
+def test_unlisted_readings_are_refused(tmp_path):
+    files = mat_files()
+    added = "experiment-i/S99/4.txt"
+    path = write_mat(tmp_path / "mat.zip", files | {added: b"1 " * 2048}, checksums(files))
+    with pytest.raises(ValueError, match=rf"SHA256SUMS\.txt lists \(got '{added}', too\)"):
+        pressure_mat_hash(path)
+
+
+def test_other_unlisted_files_are_never_read(tmp_path):
+    files = mat_files()
+    expected = pressure_mat_hash(write_mat(tmp_path / "a.zip"))
+    more = {"__MACOSX/experiment-i/S1/._1.txt": b"\0", ".DS_Store": b"\0", "notes.txt": b"text"}
+    path = write_mat(tmp_path / "mat.zip", files | more, checksums(files))
+    assert pressure_mat_hash(path) == expected
+    assert len(read_pressure_mat_zip(path)) == 9
+
+
+@pytest.mark.parametrize("name", ["experiment-i/S1/1.txt", "SHA256SUMS.txt"])
+@pytest.mark.parametrize("folder", ["other", "pmd-1.0.0"])
+@pytest.mark.parametrize("read", [pressure_mat_hash, read_pressure_mat_zip])
+def test_second_file_of_a_name_is_refused(tmp_path, name, folder, read):
+    path = write_mat(tmp_path / "mat.zip")
+    with zipfile.ZipFile(path, "a") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        archive.writestr(f"{folder}/{name}", b"1 " * 2048)
+    with pytest.raises(ValueError, match=rf"mat\.zip' must hold '{name}' once \(got '"):
+        read(path)
+
+
+def test_name_that_is_listed_twice_is_compared_once(tmp_path):
+    files = mat_files()
+    sums = checksums(files)
+    path = write_mat(tmp_path / "mat.zip", files, sums + sums.splitlines(keepends=True)[0])
+    with pytest.raises(ValueError, match=r"must hold 'experiment-i/S1/1\.txt' with"):
+        pressure_mat_hash(path)
+
+
+def peak_of(call, path):
+    """The largest size of Python's memory while a file is refused, and the error."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match="mat") as caught:
+            call(path)
+        return tracemalloc.get_traced_memory()[1], str(caught.value)
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("read", [pressure_mat_hash, read_pressure_mat_zip])
+def test_archive_that_unpacks_to_gibibytes_is_refused(tmp_path, monkeypatch, read):
+    monkeypatch.setattr("torch_geometric_tactile.io.pressure_mat_zip.ARRAY_BYTES", 2**25)
+    monkeypatch.setattr("torch_geometric_tactile._limits.EXPANSION", 10)
+    files = {f"experiment-i/S1/{i}.txt": bytes(2**23) for i in range(8)}
+    path = write_mat(tmp_path / "mat.zip", files)
+    peak, text = peak_of(read, path)
+    assert "would take" in text or "must take" in text
+    assert peak < 2**22
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA, zipfile.ZIP_DEFLATED])
+@pytest.mark.parametrize("declared", [10, 2**23])
+@pytest.mark.parametrize("read", [pressure_mat_hash, read_pressure_mat_zip])
+def test_declared_size_is_not_trusted(tmp_path, method, declared, read):
+    name, content = "experiment-i/S1/1.txt", bytes(2**26)
+    path = tmp_path / "mat.zip"
+    with zipfile.ZipFile(path, "w", method) as archive:
+        archive.writestr(f"pmd/{name}", content)
+        sums = f"{hashlib.sha256(content).hexdigest()} {name}\n"
+        archive.writestr("pmd/SHA256SUMS.txt", sums, zipfile.ZIP_STORED)
+    data = path.read_bytes()
+    assert data.count(struct.pack("<I", 2**26)) == 2  # in the header of the file, and the table
+    path.write_bytes(data.replace(struct.pack("<I", 2**26), struct.pack("<I", declared)))
+    peak, text = peak_of(read, path)
+    assert "S1/1.txt' cannot be read" in text
+    assert peak < 2**25
+
+
+def test_damaged_archives_name_the_file_and_the_entry(tmp_path):
+    files = {"experiment-i/S1/4.txt": b"5 " * 2048 + b"\n"}
+    data = write_mat(tmp_path / "whole.zip", files).read_bytes()
+    expected = pressure_mat_hash(tmp_path / "whole.zip")
+    draw, path = random.Random(0), tmp_path / "mat.zip"
+    texts = []
+    for _ in range(400):
+        damaged = bytearray(data)
+        damaged[draw.randrange(len(data))] ^= 1 << draw.randrange(8)
+        path.write_bytes(damaged)
+        for read in (pressure_mat_hash, read_pressure_mat_zip):
+            try:
+                found = read(path)
+            except ValueError as error:
+                texts.append(str(error))
+            else:
+                assert found == expected or found[0].reading.min() == 5
+    assert all(str(path) in text for text in texts)
+    assert sum("mat.zip', 'pmd-1.0.0/" in text for text in texts) > 100
+
+
+def test_encrypted_entry_is_named(tmp_path):
+    path = write_mat(tmp_path / "mat.zip", {"experiment-i/S1/4.txt": b"5 " * 2048 + b"\n"})
+    data = bytearray(path.read_bytes())
+    for magic, place in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        data[data.rindex(magic) + place] |= 1
+    path.write_bytes(data)
+    for read in (pressure_mat_hash, read_pressure_mat_zip):
+        with pytest.raises(ValueError, match=r"S1/4\.txt' cannot be read \(.*encrypted"):
+            read(path)

@@ -266,3 +266,11 @@ def test_npz_behind_another_one(tmp_path):
     (tmp_path / "a.npz").write_bytes(joined)
     with pytest.raises(ValueError, match=r"a.npz' .* something stands before its first part"):
         read_npz(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_arrays_that_cannot_be_unpacked_in_pieces_are_refused(tmp_path, method):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", method) as file:
+        file.writestr("tactile.npy", bytes(2**20))
+    with pytest.raises(ValueError, match=r"a\.npz' .*'tactile\.npy' must be stored or deflated"):
+        read_npz(tmp_path / "a.npz")

@@ -1,12 +1,15 @@
 import pytest
 import torch
-from torch.utils.data import SequentialSampler
+from torch.utils.data import ConcatDataset, SequentialSampler, Subset
+from torch_geometric import EdgeIndex
+from torch_geometric.data import Data
 from torch_geometric.loader import DataLoader
 from torch_geometric.transforms import Compose, Distance, ToUndirected
 
-from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.datasets import BioTacSP, FakeTactileDataset
 from torch_geometric_tactile.loader import StaticLoader
+from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore
 
 
@@ -14,6 +17,17 @@ def halve(data):
     data = data.clone()
     data.x = data.x / 2
     return data
+
+
+class EdgesOnly(StaticDataset):
+    """Samples of three taxels."""
+
+    def __init__(self, samples, root=None, transform=None):
+        self.samples, self.layout = samples, grid(1, 3, pitch=0.01)
+        super().__init__(root, transform)
+
+    def read(self):
+        return StaticData.from_data_list(self.samples), {}
 
 
 def _name(transform):
@@ -139,3 +153,36 @@ def test_loader_rejects_other_datasets(dataset):
         TypeError, match=rf"must be a StaticDataset, or .* \(got {kind}\); use torch_geom"
     ):
         StaticLoader(dataset)
+
+
+@pytest.mark.parametrize("num_workers", [0, 2])
+@pytest.mark.parametrize("sort_order", [None, "row", "col"])
+def test_edges_of_samples_without_any_other_attribute(num_workers, sort_order):
+    # The case of PyG's own test of its loader: a sample is its edges, in an EdgeIndex.
+    rows = [[1, 0, 2, 1], [0, 1, 1, 2]] if sort_order == "col" else [[0, 1, 1, 2], [1, 0, 2, 1]]
+    edges = EdgeIndex(rows, sparse_size=(3, 3), sort_order=sort_order, is_undirected=True)
+    data = Data(edge_index=edges)
+    loader = StaticLoader(EdgesOnly([data] * 4), batch_size=2, num_workers=num_workers)
+    assert len(loader) == 2
+    batches = list(loader)
+    assert [batch.num_samples for batch in batches] == [2, 2]
+    for batch in batches:
+        for edge_index, size in ((batch.edge_index, 3), (batch.to_batch().edge_index, 6)):
+            assert isinstance(edge_index, EdgeIndex)
+            assert edge_index.dtype == torch.long
+            assert edge_index.sparse_size() == (size, size)
+            assert edge_index.sort_order == sort_order
+            assert edge_index.is_undirected
+        assert batch.to_batch().num_graphs == 2
+
+
+def test_parts_without_an_attribute_of_their_own_keep_their_numbers():
+    data = Data(edge_index=torch.tensor([[0, 1, 1, 2], [1, 0, 2, 1]]))
+    first, second = EdgesOnly([data] * 3), EdgesOnly([data] * 2)
+    loader = StaticLoader(ConcatDataset([first, Subset(second, [1])]), batch_size=3)
+    assert [batch.num_samples for batch in loader] == [3, 1]
+    assert [batch.num_samples for batch in StaticLoader(first[[2, 0]], batch_size=5)] == [2]
+    moved = EdgesOnly([data] * 3, transform=lambda sample: sample)
+    assert [batch.num_samples for batch in StaticLoader(moved, batch_size=2)] == [2, 1]
+    crossing = ConcatDataset([first, second])
+    assert [batch.num_samples for batch in StaticLoader(crossing, batch_size=4)] == [4, 1]

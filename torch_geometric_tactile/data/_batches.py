@@ -125,7 +125,8 @@ def joined(batches: Sequence[StaticData], places: Sequence[Tensor]) -> StaticDat
             raise ValueError(f"all batches must have the same '{key}', which their samples share")
         else:
             values[key] = _joined_rows([_rows(batch, key) for batch in batches], places, key)
-    return type(first)(**(values | first.schema))
+    num_samples = sum(batch.num_samples for batch in batches)
+    return type(first)(**(values | first.schema), num_samples=num_samples)
 
 
 def _rows(batch: StaticData, key: str) -> Tensor:

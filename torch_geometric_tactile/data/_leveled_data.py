@@ -1,15 +1,19 @@
 r"""PyG data whose attributes have levels."""
 
+import operator
 import warnings
 from collections.abc import Iterable
-from typing import Any, Self
+from typing import Any, Self, SupportsIndex
 
 import torch
 from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.storage import GlobalStorage
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data._levels import Level, Schema
+
+_MAX_SAMPLES = 2**40
 
 
 class CheckedStorage(GlobalStorage):
@@ -22,7 +26,9 @@ class CheckedStorage(GlobalStorage):
     def __setitem__(self, key: str, value: Any) -> None:
         if value is not None and not self._is_like(key, value):
             data = self._parent()
-            data._schema.check(key, value, self._mapping)
+            data._schema.check(key, value, self._mapping, data.__dict__.get("_stated_samples"))
+            if not data._schema.is_shared(key, value):
+                data.__dict__.update(_num_samples=int(value.size(0)), _stated_samples=None)
         super().__setitem__(key, value)
 
     def _is_like(self, key: str, value: Any) -> bool:
@@ -44,11 +50,24 @@ class LeveledData(Data):
     sample each or to all of them: the base class of
     :class:`~torch_geometric_tactile.data.StaticData`. A schema has the levels of attributes that
     are not known.
+
+    The number of samples is kept beside the attributes, of which none may have a row for each.
     """
 
-    def __init__(self, schema: Schema) -> None:
+    def __init__(self, schema: Schema, num_samples: SupportsIndex | None = None) -> None:
         super().__init__()
+        number = None
+        if num_samples is not None:
+            is_number = hasattr(num_samples, "__index__") and not isinstance(num_samples, bool)
+            number = operator.index(num_samples) if is_number else -1
+            need(
+                0 <= number < _MAX_SAMPLES,
+                "'num_samples' must be a number of samples",
+                repr(num_samples),
+            )
         self.__dict__["_schema"] = schema
+        # The number as it was last known, and as the attributes to come must have it.
+        self.__dict__.update(_num_samples=number, _stated_samples=number)
         self.__dict__["_store"] = CheckedStorage(_parent=self)
 
     def __getattr__(self, key: str) -> Any:
@@ -78,8 +97,11 @@ class LeveledData(Data):
 
     @property
     def num_samples(self) -> int:
-        r"""The number of samples :math:`S`: zero if there is no attribute with a row for each."""
-        return self._schema.num_samples(self._store._mapping) or 0
+        r"""The number of samples :math:`S`: that of the attributes with a row for each, or the one
+        that :meth:`from_data_list` or the constructor got; zero if nothing has told it.
+        """
+        number = self._schema.num_samples(self._store._mapping)
+        return (self.__dict__.get("_num_samples") or 0) if number is None else number
 
     @property
     def schema(self) -> dict[str, Any]:

@@ -137,8 +137,12 @@ class Schema:
                 return int(value.size(0))
         return None
 
-    def check(self, key: str, value: Any, attributes: Mapping[str, Any]) -> None:
-        r"""Checks a value against its level and the other attributes."""
+    def check(
+        self, key: str, value: Any, attributes: Mapping[str, Any], num_samples: int | None = None
+    ) -> None:
+        r"""Checks a value against its level and the other attributes, and a new one against the
+        number of samples, if that was stated.
+        """
         if key in _OF_A_BATCH:
             raise ValueError(f"StaticData has no '{key}': call 'to_batch()' for a PyG batch")
         if not isinstance(value, Tensor):
@@ -147,7 +151,8 @@ class Schema:
         others = {name: other for name, other in attributes.items() if name != key}
         self._check_dims(key, value)
         if not self.is_shared(key, value):
-            self._check_rows(key, value, others)
+            # What replaces the only attribute with rows may have another number of them.
+            self._check_rows(key, value, others, None if key in attributes else num_samples)
         self._check_elements(key, value, others)
         first = attributes.get(key) is None
         if first and key in ("x", "edge_index"):
@@ -196,17 +201,21 @@ class Schema:
                 f"'{known.level}' to declare another shape"
             )
 
-    def _check_rows(self, key: str, value: Tensor, others: Mapping[str, Any]) -> None:
+    def _check_rows(
+        self, key: str, value: Tensor, others: Mapping[str, Any], stored: int | None
+    ) -> None:
         if key == "x":  # all others have to agree with it
             others = {k: v for k, v in others.items() if not self.is_shared(k, v)}
         num_samples = self.num_samples(others)
+        num_samples = stored if num_samples is None else num_samples
         if value.dim() > 0 and num_samples in (None, value.size(0)):
             return
         shape = tuple(value.shape)
         if key == "x":
+            source = f"'{next(iter(others))}' has" if others else "these data have"
             raise ValueError(
-                f"'x' must have {num_samples} samples, as '{next(iter(others))}' has "
-                f"(got shape {shape}); use 'index_select' to choose samples"
+                f"'x' must have {num_samples} samples, as {source} (got shape {shape}); use "
+                "'index_select' to choose samples"
             )
         level = self.level(key)
         if level != "sample":

@@ -49,6 +49,8 @@ def save_static(
         "settings": dict(settings or {}),
         "raw_state": list(raw_state),
     }
+    if "x" not in data:
+        content["num_samples"] = data.num_samples
     write_torch_file(content, path, check=True)
 
 
@@ -82,8 +84,10 @@ def read_processed(path: PathLike) -> ProcessedFile:
 
 
 def _from_content(content: Mapping[str, Any]) -> ProcessedFile:
-    data = StaticData(**content["attributes"], **content["schema"])
-    if not isinstance(data.x, Tensor) or data.x.dim() < 2 or not data.x.is_floating_point():
+    num_samples = content.get("num_samples")  # of samples without readings
+    data = StaticData(**content["attributes"], **content["schema"], num_samples=num_samples)
+    lacks_x = "x" not in data and num_samples is not None
+    if not (lacks_x or (isinstance(data.x, Tensor) and data.x.is_floating_point())):
         raise ValueError("'x' must be a tensor of numbers (S, N, ...)")
     names, settings, raw_state = (content[key] for key in ("names", "settings", "raw_state"))
     if not _are_texts(raw_state) or not all(_are_texts(value) for value in names.values()):

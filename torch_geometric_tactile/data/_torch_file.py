@@ -152,6 +152,28 @@ def _protect(address: int, size: int) -> None:
         raise OSError(ctypes.get_errno(), "a mapped file cannot be made read-only")
 
 
+def tensor_form(value: Any) -> str:
+    r"""Returns the form of a value that should be an ordinary tensor: its type, what else than
+    dense numbers it is, and its shape, in words for an error.
+
+    Examples:
+        >>> tensor_form(torch.zeros(2, 3))
+        'shape (2, 3) of float32'
+        >>> tensor_form(torch.zeros(2, 3).to_sparse())
+        'a sparse_coo tensor'
+    """
+    if not isinstance(value, Tensor):
+        return type(value).__name__
+    if value.is_nested:
+        return "a nested tensor"
+    if value.layout != torch.strided:
+        return f"a {str(value.layout).removeprefix('torch.')} tensor"
+    kind = str(value.dtype).removeprefix("torch.")
+    if value.is_quantized:
+        return f"a quantized tensor of {kind}"
+    return f"shape {tuple(value.shape)} of {kind}"
+
+
 def _check_sizes(content: Any, path: PathLike, stored: int) -> None:
     # A view of few numbers may claim to be large, and takes the memory where it is copied. A part
     # of the file that is shorter than its tensors would be read on beyond its end.
@@ -167,8 +189,8 @@ def _check_sizes(content: Any, path: PathLike, stored: int) -> None:
             storages[value.untyped_storage().data_ptr()] = held
         if size > held:
             raise ValueError(
-                f"'{path}' must hold the {size} bytes of its tensor of shape "
-                f"{tuple(value.shape)} (got {held})"
+                f"'{path}' must hold the {size} bytes of its tensor, {tensor_form(value)} (got "
+                f"{held})"
             )
     held = sum(storages.values())
     need(held <= stored, f"'{path}' must hold the {held} bytes of its tensors", stored)

@@ -9,6 +9,7 @@ from torch import Tensor
 from torch_geometric.data import Data
 
 from torch_geometric_tactile._typing import Transform
+from torch_geometric_tactile.data._levels import Level
 from torch_geometric_tactile.data.apply_transform import apply_transform
 from torch_geometric_tactile.data.frames import cut_windows
 from torch_geometric_tactile.data.static_data import StaticData
@@ -74,6 +75,10 @@ class WindowData:
         if key in ("y", "num_frames", "valid_frames"):
             return key == "num_frames"
         return self.frames.is_shared(key)
+
+    def level(self, key: str) -> Level:
+        r"""Returns what an attribute has rows for: :obj:`y` those of the frames' target."""
+        return self.frames.level(self.target if key == "y" and self.target is not None else key)
 
     def __getitem__(self, key: str) -> Any:
         r"""Returns an attribute of all windows, before the transform of the frames."""

@@ -144,7 +144,7 @@ def _blank(data: StaticData) -> StaticData:
         for key, value in data.to_dict().items()
     }
     arguments: dict[str, Any] = values | data.schema
-    return type(data)(**arguments)
+    return type(data)(**arguments, num_samples=1)
 
 
 def _widened(x: Tensor, after: Tensor, rule: StaticRule) -> Tensor:

@@ -2,7 +2,7 @@ r"""One topology, many samples."""
 
 import copy
 from collections.abc import Iterable, Sequence
-from typing import Any, Self, overload
+from typing import Any, Self, SupportsIndex, overload
 
 import numpy as np
 import torch
@@ -51,6 +51,8 @@ class StaticData(LeveledData):
         shared (iterable of str): Names of attributes with one value for all samples: of those also
             in :obj:`node` :math:`(N, \ldots)` or :obj:`edge` :math:`(|\mathcal{E}|, \ldots)`, of
             others any value. Attributes may be declared before they are set.
+        num_samples (int, optional): The number of samples :math:`S`, where no attribute has a row
+            for each.
         **kwargs: Further attributes.
 
     Raises:
@@ -88,9 +90,10 @@ class StaticData(LeveledData):
         node: Iterable[str] = (),
         edge: Iterable[str] = (),
         shared: Iterable[str] = (),
+        num_samples: SupportsIndex | None = None,
         **kwargs: Any,
     ) -> None:
-        super().__init__(Schema.of(node, edge, shared))
+        super().__init__(Schema.of(node, edge, shared), num_samples)
         given = {"x": x, "edge_index": edge_index, "edge_attr": edge_attr, "y": y, "pos": pos}
         for key, value in (given | kwargs).items():
             if value is not None:
@@ -176,9 +179,15 @@ class StaticData(LeveledData):
         out = copy.copy(self)
         # Straight into the mapping: what was checked keeps its level.
         mapping = out._store._mapping
+        num_samples: int | None = None
         for key, value in mapping.items():
             if not schema.is_shared(key, value):
                 mapping[key] = value[index]
+                num_samples = len(mapping[key])
+        stated = None
+        if num_samples is None:
+            num_samples = stated = len(torch.arange(self.num_samples)[index])
+        out.__dict__.update(_num_samples=num_samples, _stated_samples=stated)
         return out
 
     def to_data_list(self) -> list[Data]:
@@ -227,8 +236,14 @@ class StaticData(LeveledData):
                 attributes or their shapes.
         """
         schema = Schema.of(node, edge, shared)
-        attributes = _stack_samples(list(data_list), schema)
-        return cls(node=schema.node, edge=schema.edge, shared=schema.shared, **attributes)
+        samples = list(data_list)
+        return cls(
+            node=schema.node,
+            edge=schema.edge,
+            shared=schema.shared,
+            num_samples=len(samples),
+            **_stack_samples(samples, schema),
+        )
 
 
 def _stack_samples(data_list: Sequence[Data], schema: Schema) -> dict[str, Any]:

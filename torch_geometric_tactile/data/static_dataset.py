@@ -277,7 +277,11 @@ class StaticDataset(FromArrays, ProcessedDataset):
     def num_classes(self) -> int:
         r"""The number of classes, over all samples that are stored, also of a selection."""
         y = self._data["y"] if "y" in self._data else None  # noqa: SIM401 - Data is no mapping
-        return 0 if y is None or len(y) == 0 else int(self._infer_num_classes(y))
+        if y is None or y.numel() == 0:
+            return 0
+        if self._data.level("y") != "sample" and not self._data.is_shared("y"):
+            y = y.flatten(0, 1)  # as PyG joins the samples
+        return int(self._infer_num_classes(y))
 
     @property
     def class_names(self) -> list[str]:

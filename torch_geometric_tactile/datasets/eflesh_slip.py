@@ -1,13 +1,14 @@
 r"""Slip on a magnetic skin."""
 
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.data._torch_file import read_torch_file
+from torch_geometric_tactile.data._torch_file import read_torch_file, tensor_form
 from torch_geometric_tactile.datasets._placed_files import frames_of_trials
 from torch_geometric_tactile.datasets._raw_files import PublishedFiles
 from torch_geometric_tactile.sensors import TaxelLayout, stock_layout
@@ -153,11 +154,17 @@ class EFleshSlip(PublishedFiles):
 def _sequence(path: str) -> torch.Tensor:
     values = read_torch_file(path)
     width = 3 * len(_BOARDS) * _MAGNETOMETERS
-    shape = tuple(values.shape) if isinstance(values, torch.Tensor) else type(values).__name__
     need(
-        isinstance(shape, tuple) and len(shape) == 2 and shape[0] > 0 and shape[1] == width,
-        f"'{path}' must hold a tensor (num_frames, {width})",
-        shape,
+        _is_dense(values) and values.dim() == 2 and len(values) > 0 and values.shape[1] == width,
+        f"'{path}' must hold a dense tensor of real numbers (num_frames, {width})",
+        tensor_form(values),
     )
-    need(bool(values.isfinite().all()), f"'{path}' must hold finite readings (got others)")
-    return values.float().view(shape[0], -1, 3)
+    readings = values.detach().float()
+    need(bool(readings.isfinite().all()), f"'{path}' must hold finite readings (got others)")
+    return readings.view(len(readings), -1, 3)
+
+
+def _is_dense(value: Any) -> bool:
+    if not isinstance(value, torch.Tensor) or value.is_nested or value.is_quantized:
+        return False
+    return value.layout == torch.strided and not value.is_complex()

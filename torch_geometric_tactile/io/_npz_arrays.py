@@ -12,7 +12,7 @@ from typing import IO, NamedTuple
 import numpy as np
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile._files import UNREADABLE, unreadable
+from torch_geometric_tactile._files import UNREADABLE, check_packing, unreadable
 from torch_geometric_tactile._limits import ARRAY_BYTES, is_absurd
 
 _MOST_CHARACTER = 0x10FFFF
@@ -43,6 +43,7 @@ class NpzArrays:
                 raise ValueError(f"the name {entry.filename!r} is in no known encoding")
             if name == entry.filename or name in self._entries:
                 raise ValueError(f"its part {entry.filename!r} is no array, or is there twice")
+            check_packing(entry)
             self._entries[name] = entry
         # A wrong length in the table of contents hides the entry behind it.
         if len(self._entries) != _num_entries(path):

@@ -6,12 +6,13 @@ import re
 import zipfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile._files import UNREADABLE, existing_file
+from torch_geometric_tactile._files import UNREADABLE, check_packing, existing_file
+from torch_geometric_tactile._limits import ARRAY_BYTES, PRESSURE_MAT_BYTES, is_absurd
 from torch_geometric_tactile._typing import PathLike
 
 _SUMS = "SHA256SUMS.txt"
@@ -20,7 +21,7 @@ _EXPERIMENT_II = re.compile(
     r"experiment-ii/S(?P<person>[0-9]{1,3})/(?P<mattress>Air|Sponge)_Mat/"
     r"Matrix_(?P=mattress)_(?P<posture>[A-Z][0-9]{1,3})\.txt"
 )
-_LARGEST = 2**24  # bytes of a file in the archive; the largest published one has 1.7 million
+_CHUNK = 2**16  # bytes that are unpacked at once
 
 
 class MatFile(NamedTuple):
@@ -51,9 +52,10 @@ def read_pressure_mat_zip(path: PathLike, experiment: str = "i") -> list[MatFile
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no zip file or is damaged, has no file of the experiment or one
-            above 16 MiB, or a line has another number of readings, or one that is none. The message
-            names file and line.
+        ValueError: If the file is no zip file or is damaged, would take more than 1 GiB and 200
+            times its size, has no file of the experiment, one above 16 MiB or two of one name, or
+            a line has another number of readings, or one that is none. The message names the zip
+            file and the file in it.
 
     Examples:
         >>> import tempfile
@@ -70,13 +72,13 @@ def read_pressure_mat_zip(path: PathLike, experiment: str = "i") -> list[MatFile
     pattern, columns = (_EXPERIMENT_I, 32) if experiment == "i" else (_EXPERIMENT_II, 27)
     found = []
     with _opened(path) as archive:
-        for entry in archive.infolist():
-            name = pattern.fullmatch(_inner(entry.filename))
+        for inner, entry in _entries(archive).items():
+            name = pattern.fullmatch(inner)
             if name is None:
                 continue
             where = f"'{path}', {entry.filename!r}"
             cells = 64 * columns if experiment == "i" else columns
-            rows = _readings(_read(archive, entry), where, cells)
+            rows = _readings(b"".join(_chunks(archive, entry)), where, cells)
             is_whole = experiment == "i" or len(rows) == 64
             need(is_whole, f"{where} must have 64 rows of {cells} readings", len(rows))
             reading = rows.reshape(-1, 64, columns)
@@ -92,21 +94,28 @@ def pressure_mat_hash(path: PathLike) -> str:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no zip file or damaged, has no list, or a file that is listed is
-            missing or another one.
+        ValueError: If the file is no zip file or is damaged, would take more than 1 GiB and 200
+            times its size, has no list, a file that is listed is missing or another one, or a file
+            of readings is not listed, or is there twice. The message names the zip file and the
+            file in it.
     """
     with _opened(path) as archive:
-        entries = {_inner(entry.filename): entry for entry in archive.infolist()}
+        entries = _entries(archive)
         need(_SUMS in entries, f"'{path}' must hold {_SUMS} (got none)")
-        sums = _read(archive, entries[_SUMS])
+        sums = b"".join(_chunks(archive, entries.pop(_SUMS)))
         for line in sums.decode("ascii", "replace").splitlines():
             code, _, name = line.partition(" ")
             name = name.strip()
-            if (
-                name not in entries
-                or hashlib.sha256(archive.read(entries[name])).hexdigest() != code
-            ):
+            # Each entry is compared once, however often it is listed.
+            entry = entries.pop(name, None)
+            if entry is None or _sha256(archive, entry) != code:
                 raise ValueError(f"'{path}' must hold '{name}' with the SHA-256 checksum {code}")
+        unlisted = [inner for inner in entries if _is_reading(inner)]
+        if unlisted:
+            raise ValueError(
+                f"'{path}' must hold the files only that its {_SUMS} lists (got {unlisted[0]!r}, "
+                "too): download it again"
+            )
     return hashlib.sha256(sums).hexdigest()
 
 
@@ -114,24 +123,65 @@ def pressure_mat_hash(path: PathLike) -> str:
 def _opened(path: PathLike) -> Iterator[zipfile.ZipFile]:
     path = existing_file(path, "put the zip file of https://physionet.org/content/pmd there")
     with ExitStack() as stack:
-        with _errors_about(path):
+        with _errors_about(f"'{path}'"):
             archive = stack.enter_context(zipfile.ZipFile(path))
+        total = sum(entry.file_size for entry in archive.infolist())
+        if is_absurd(total, path.stat().st_size, ARRAY_BYTES):
+            raise ValueError(
+                f"the files in '{path}' must take 1 GiB or 200 times its size at most (got "
+                f"{total / 2**30:.1f} GiB, as in a file that is made to fill the memory): download "
+                "it again"
+            )
         yield archive
 
 
-def _read(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
+def _entries(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
+    # By their names inside the folder that holds everything.
+    entries: dict[str, zipfile.ZipInfo] = {}
+    for entry in archive.infolist():
+        inner = _inner(entry.filename)
+        if inner in entries and (inner == _SUMS or _is_reading(inner)):
+            raise ValueError(
+                f"'{archive.filename}' must hold '{inner}' once (got "
+                f"{entries[inner].filename!r} and {entry.filename!r}): download it again"
+            )
+        entries[inner] = entry
+    return entries
+
+
+def _chunks(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Iterator[bytes]:
     where = f"'{archive.filename}', {entry.filename!r}"
-    need(entry.file_size <= _LARGEST, f"{where} must have 16 MiB at most", entry.file_size)
-    with _errors_about(archive.filename):
-        return archive.read(entry)
+    largest = PRESSURE_MAT_BYTES
+    need(entry.file_size <= largest, f"{where} must have 16 MiB at most", entry.file_size)
+    length = 0
+    with _errors_about(where):
+        check_packing(entry)
+        # No more than the declared size is unpacked, and the checksum is compared at its end.
+        with archive.open(entry) as file:
+            while chunk := file.read(_CHUNK):
+                length += len(chunk)
+                yield chunk
+        need(length == entry.file_size, f"it must have {entry.file_size} bytes", length)
+
+
+def _sha256(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> str:
+    code = hashlib.sha256()
+    for chunk in _chunks(archive, entry):
+        code.update(chunk)
+    return code.hexdigest()
 
 
 @contextmanager
-def _errors_about(path: Any) -> Iterator[None]:
+def _errors_about(where: str) -> Iterator[None]:
     try:
         yield
     except UNREADABLE as error:
-        raise ValueError(f"'{path}' cannot be read ({error}): download it again") from error
+        reason = str(error) or type(error).__name__
+        raise ValueError(f"{where} cannot be read ({reason}): download it again") from error
+
+
+def _is_reading(inner: str) -> bool:
+    return any(pattern.fullmatch(inner) for pattern in (_EXPERIMENT_I, _EXPERIMENT_II))
 
 
 def _inner(name: str) -> str:

@@ -17,6 +17,7 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, may_be_kept
 from torch_geometric_tactile.nn.conv._edge_checks import check_edge_index
+from torch_geometric_tactile.nn.conv._static_adjacency import all_finite
 
 # What is copied of the neighbours at a time stays in a processor's second-level cache.
 _BLOCK_BYTES = 2**19
@@ -242,7 +243,9 @@ def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTenso
         - **output:** :math:`(B, N, O)`, or a view of :math:`(N, B, O)`
     """
     with torch.autocast(x.device.type, enabled=False):  # in full precision
-        if table.image is not None:
+        # A kernel of an image has a weight for each of its nine places, and zero times infinity is
+        # NaN; of the neighbours that there are, infinite readings go no further.
+        if table.image is not None and all_finite(x):
             return table.image.product(x, weight, bias)
         if _is_small(x, table):
             assert table.near is not None

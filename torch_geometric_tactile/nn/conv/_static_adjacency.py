@@ -1,5 +1,6 @@
 r"""The normalised adjacency of one topology, computed once."""
 
+import math
 import warnings
 from typing import NamedTuple, Optional
 
@@ -53,6 +54,15 @@ class StaticAdjacency:
         self._rows: dict[tuple[int, int], Tensor] = {}
         self._blocks: dict[int, Tensor] = {}
         self._transposed: OptTensor = None
+        self._pattern: OptTensor = None
+
+    @property
+    def pattern(self) -> Tensor:
+        r"""One where an edge has a weight, zero elsewhere :math:`(N, N)`."""
+        if self._pattern is None:
+            with torch.inference_mode(False):
+                self._pattern = edge_pattern(self.dense)
+        return self._pattern
 
     @property
     def transposed(self) -> Tensor:
@@ -152,6 +162,50 @@ def _sparse(dense: Tensor) -> Tensor:
         return dense.contiguous().to_sparse_csr()
 
 
+def edge_pattern(dense: Tensor) -> Tensor:
+    r"""Returns one where a matrix is not zero, and zero elsewhere, in its type.
+
+    Shapes:
+        - **input:** a matrix :math:`(N, N)`, or several.
+    """
+    return (dense != 0).to(dense.dtype)
+
+
+def all_finite(x: Tensor) -> Optional[bool]:
+    r"""Tells whether all numbers are finite, or returns :obj:`None` where to ask costs more than
+    it is worth (a GPU would wait for all that is under way) or a compiler records.
+
+    It asks for the sum, in one pass and without memory. A sum that overflows counts as not finite.
+    """
+    if not x.is_cpu or is_traced():
+        return None
+    if x.requires_grad:
+        x = x.detach()
+    total = x.sum(dtype=torch.float32) if x.dtype == torch.float16 else x.sum()
+    try:
+        number = total.item()
+    except RuntimeError:  # of `torch.func.vmap`, or of a tensor without values
+        return None
+    return math.isfinite(number) if isinstance(number, float) else bool(total.isfinite())
+
+
+def contained_product(adjacency: Tensor, pattern: Tensor, x: Tensor) -> Tensor:
+    r"""Multiplies features by an adjacency, such that an infinite or missing one of a taxel makes
+    the sums of its neighbours NaN and leaves all others as they are. A product of matrices alone
+    has it in each sum, as zero times infinity. It has no branch, so that a compiler may record it.
+
+    Shapes:
+        - **adjacency:** The matrix :math:`(N, N)`, or one for each segment.
+        - **pattern:** One where it has an edge, zero elsewhere.
+        - **x:** Features :math:`(\ldots, N, F)`.
+    """
+    is_finite = x.isfinite()
+    lost = (~is_finite.all(dim=-1, keepdim=True)).to(adjacency.dtype)
+    is_near = torch.matmul(pattern, lost) != 0
+    out = torch.matmul(adjacency, x.masked_fill(~is_finite, 0.0))
+    return out.masked_fill(is_near, float("nan"))
+
+
 def adjacency_blocks(dense: Tensor, nodes: Tensor) -> Tensor:
     r"""Returns the matrices of some segments of equal size.
 
@@ -199,21 +253,24 @@ def dense_norm(
     if segment is not None:
         weight = weight.masked_fill(segment[source] != segment[target], 0.0)
     is_loop = source == target
-    add_self_loops = norm.normalize and norm.add_self_loops
-    adjacency = weight.new_zeros(num_nodes * num_nodes).scatter_add(
-        0,
-        target * num_nodes + source,
-        weight.masked_fill(is_loop, 0.0) if add_self_loops else weight,
-    )
-    adjacency = adjacency.view(num_nodes, num_nodes)
+    add_self_loops, loop_edge_weight = norm.normalize and norm.add_self_loops, weight
     if add_self_loops:
-        loop = loop_weights(source, is_loop, weight, num_nodes, loop_weight)
+        weight = weight.masked_fill(is_loop, 0.0)
+    place, empty = target * num_nodes + source, weight.new_zeros(num_nodes * num_nodes)
+    adjacency = empty.scatter_add(0, place, weight).view(num_nodes, num_nodes)
+    if add_self_loops:
+        loop = loop_weights(source, is_loop, loop_edge_weight, num_nodes, loop_weight)
         adjacency = adjacency + loop.diag_embed()
     if not norm.normalize:
         return adjacency
     scale = adjacency.sum(dim=1).pow(-0.5)
     scale = scale.masked_fill(scale == float("inf"), 0.0)
-    return scale.view(-1, 1) * adjacency * scale
+    # Edge by edge: of a negative sum, the root is NaN, which belongs to the edges that there are.
+    weight = scale[target] * weight * scale[source]
+    if segment is not None:
+        weight = weight.masked_fill(segment[source] != segment[target], 0.0)
+    adjacency = empty.scatter_add(0, place, weight).view(num_nodes, num_nodes)
+    return adjacency + (scale * loop * scale).diag_embed() if add_self_loops else adjacency
 
 
 def loop_weights(

@@ -118,17 +118,18 @@ class SegmentedGCNConv(MessagePassing):
     def _convolve(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
         num_taxels = len(self.segment)
         edge_index, edge_weight = as_edges(edge_index, edge_weight)
-        segment = self.segment[edge_index % num_taxels]
-        within = (segment[0] == segment[1]).to(x.dtype)
+        is_within = self._is_within(edge_index)
+        weight = is_within.to(x.dtype)
         if edge_weight is not None:
-            within = within * edge_weight.view(-1)
+            weight = (weight * edge_weight.view(-1)).masked_fill(~is_within, 0.0)
         edge_index, norm = gcn_norm(
-            edge_index.long(), within, x.size(-2), flow=self.flow, dtype=x.dtype
+            edge_index.long(), weight, x.size(-2), flow=self.flow, dtype=x.dtype
         )
         rows = x.reshape(-1, num_taxels, self.in_channels)
         mapped = torch.einsum("bni,noi->bno", rows, self.weight[self.segment])
         mapped = mapped.reshape(*x.shape[:-1], self.out_channels)
-        out = self.propagate(edge_index, x=mapped, norm=norm)
+        is_within = self._is_within(edge_index)
+        out = self.propagate(edge_index, x=mapped, norm=norm, is_within=is_within)
         if self.bias is None:
             return out
         bias = self.bias[self.segment]
@@ -145,9 +146,14 @@ class SegmentedGCNConv(MessagePassing):
             and sums_messages(self)
         )
 
-    def message(self, x_j: Tensor, norm: Tensor) -> Tensor:
-        r"""Weights the neighbour's features."""
-        return norm.view(-1, 1) * x_j
+    def _is_within(self, edge_index: Tensor) -> Tensor:
+        segment = self.segment[edge_index % len(self.segment)]
+        return segment[0] == segment[1]
+
+    def message(self, x_j: Tensor, norm: Tensor, is_within: OptTensor = None) -> Tensor:
+        r"""Weights the neighbour's features, of which infinite ones end at the segment."""
+        out = norm.view(-1, 1) * x_j
+        return out if is_within is None else out.masked_fill(~is_within.view(-1, 1), 0.0)
 
     def __repr__(self) -> str:
         return (

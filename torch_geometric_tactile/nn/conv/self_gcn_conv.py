@@ -16,6 +16,7 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_tensor,
 )
 from torch_geometric_tactile.nn.conv._plain import sums_messages
+from torch_geometric_tactile.nn.conv._static_adjacency import all_finite
 from torch_geometric_tactile.nn.conv.static_gcn_conv import StaticGCNConv
 
 
@@ -116,6 +117,8 @@ class SelfGCNConv(torch.nn.Module):
 
     def _with_loops(self, x: Tensor, edge_index: Tensor, share: Tensor, loops: Tensor) -> Tensor:
         loop = torch.arange(len(loops), device=x.device).expand(2, -1)
+        if all_finite(x) is False:  # zero times infinity is NaN, also in a taxel of its own
+            loop, loops = loop[:, loops], loops[loops]
         out: Tensor = self.conv(
             x, torch.cat([edge_index, loop], dim=1), torch.cat([-share, loops.to(share.dtype)])
         )

@@ -31,7 +31,10 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
     AdjacencyCache,
     GCNNorm,
     Norm,
+    all_finite,
+    contained_product,
     dense_norm,
+    edge_pattern,
     loop_weights,
 )
 
@@ -48,7 +51,10 @@ class StaticGCNConv(GCNConv):
     It is a :class:`torch_geometric.nn.GCNConv`, with the same arguments, the same numbers and the
     same :obj:`state_dict`. For many samples on one topology :math:`(B, N, F)` it builds the
     normalised adjacency once and applies it as one matrix product, and keeps it for as long as the
-    same edges and weights come in; weights that need a gradient are never kept.
+    same edges and weights come in; weights that need a gradient are never kept. An infinite or
+    missing reading reaches the neighbours of its taxel and no others: on a processor by passing
+    messages, with PyG's numbers; on a GPU and in compiled and exported forms, all features of the
+    neighbours are NaN.
 
     It passes messages edge by edge, as PyG does, for a single sample or a PyG batch
     :math:`(N, F)`, for more than 1024 nodes, if :obj:`fast=False`, and wherever something has to
@@ -186,6 +192,7 @@ class StaticGCNConv(GCNConv):
         if type(edge_index) is not Tensor and isinstance(edge_index, EdgeIndex):
             edge_index = edge_index.as_tensor()
         num_nodes, norm = x.size(-2), self._norm()
+        edges, edge_weights = edge_index, edge_weight
         if self.normalize and self.cached:
             edge_index, edge_weight = self._normed(x, edge_index, edge_weight)
             norm = (*norm[:2], False, self.flow)
@@ -198,12 +205,17 @@ class StaticGCNConv(GCNConv):
         else:
             adjacency = kept.dense
         # The product with the adjacency is cheaper on the narrower side of the linear map.
-        if dtype != x.dtype:
-            out = torch.matmul(adjacency, self.lin(x).to(dtype))
-        elif plain and x.size(-1) < self.out_channels:
-            out = self.lin(torch.matmul(adjacency, x))
-        else:
-            out = torch.matmul(adjacency, self.lin(x))
+        is_narrow = plain and x.size(-1) < self.out_channels and dtype == x.dtype
+        h = x if is_narrow else self.lin(x).to(dtype)
+        finite = all_finite(h)
+        if finite:
+            out = torch.matmul(adjacency, h)
+        elif finite is None:
+            pattern = edge_pattern(adjacency) if kept is None else kept.pattern
+            out = contained_product(adjacency, pattern, h)
+        else:  # zero times infinity would be in every sum of a product of matrices
+            return compute_on_edges(self._gather, num_nodes, x, edges, edge_weights)
+        out = self.lin(out) if is_narrow else out
         bias = self.bias
         return out if bias is None else out + bias
 

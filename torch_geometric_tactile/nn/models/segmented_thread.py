@@ -12,7 +12,10 @@ from torch_geometric_tactile.nn.conv import SegmentedGCNConv
 from torch_geometric_tactile.nn.conv._static_adjacency import (
     AdjacencyCache,
     adjacency_blocks,
+    all_finite,
+    contained_product,
     dense_norm,
+    edge_pattern,
 )
 from torch_geometric_tactile.nn.models._inputs import given_edges, weight_like
 from torch_geometric_tactile.nn.models.thread import Thread
@@ -110,6 +113,9 @@ class SegmentedThread(Thread):
         kept = self._kept.get(edge_index, edge_weight, len(segment), x.dtype, segment)
         if kept is not None and self.fast and may_run_fast(x):
             return pooled_thread(x, layers, kept, segment)
+        finite = all_finite(x)
+        if finite is False:  # zero times infinity would be in every sum of a segment
+            return self._by_layers(x, edge_index, edge_weight)
         if kept is None:
             dense = dense_norm(edge_index, edge_weight, len(segment), x.dtype, segment)
         outs = []
@@ -118,8 +124,10 @@ class SegmentedThread(Thread):
             adjacency = adjacency_blocks(dense, nodes) if kept is None else kept.blocks(i, nodes)
             # (B, S, n, F); as an export has it in one operation.
             h = x.index_select(1, nodes.flatten()).unflatten(1, nodes.shape)
+            pattern = None if finite else edge_pattern(adjacency)
             for conv, pool in layers:
-                h = (adjacency @ h) @ conv.weight[members].transpose(1, 2)
+                h = adjacency @ h if pattern is None else contained_product(adjacency, pattern, h)
+                h = h @ conv.weight[members].transpose(1, 2)
                 if conv.bias is not None:
                     h = h + conv.bias[members].unsqueeze(1)
                 h = pool(h).relu()

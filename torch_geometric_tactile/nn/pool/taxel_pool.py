@@ -67,6 +67,7 @@ class TaxelPool(torch.nn.Module):
         self.coarse = found.layout
         self.num_taxels = len(found.cluster)
         self.num_clusters = found.layout.num_taxels
+        self._has_free_places = bool((share == 0).any())
         # Not in the state: they follow from the arguments.
         self.register_buffer("members", members, persistent=False)
         self.register_buffer("share", share, persistent=False)
@@ -94,7 +95,10 @@ class TaxelPool(torch.nn.Module):
             out = max_pool2d(near.permute(0, 3, 1, 2), (1, near.size(2)))
             out = out.permute(0, 2, 3, 1).squeeze(2)
         else:
-            out = (near * self.share.to(x.dtype).unsqueeze(-1)).sum(dim=2)
+            near = near * self.share.to(x.dtype).unsqueeze(-1)
+            if self._has_free_places:  # with a share of zero, which times infinity is NaN
+                near = near.masked_fill((self.share == 0).unsqueeze(-1), 0.0)
+            out = near.sum(dim=2)
         if swapped:
             out = out.view(self.num_clusters, -1, x.size(-1)).transpose(0, 1)
         return out if x.dim() == 3 else out.reshape(-1, x.size(-1))
