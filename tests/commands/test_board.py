@@ -9,6 +9,8 @@ import pytest
 for extra in ("lightning", "sklearn", "matplotlib"):
     pytest.importorskip(extra, reason="needs the extras 'train' and 'viz'")
 
+from listed_outputs import check_listed
+
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.experiments import _board, _compared_models
 from torch_geometric_tactile.experiments._board import BOARD, BoardSet
@@ -40,6 +42,7 @@ def test_page_and_scores(data, capsys, caplog):
     said = capsys.readouterr().out
     assert "grasps: 48 samples, 48 trials; the given parts; 3 models x 1 splits; about" in said
     assert "grasps: 3 models, the best is" in said
+    check_listed(["board", "--out", data / "out"], data / "out")
     page = (data / "out" / "board.md").read_text()
     (row,) = [line for line in page.splitlines() if line.startswith("| `constant` |")]
     scores = json.loads((data / "out" / "board.json").read_text())["accuracy"]
