@@ -3,6 +3,7 @@
 # ruff: noqa: E402
 
 import json
+import sys
 
 import pytest
 
@@ -65,6 +66,17 @@ def test_model_of_ones_own_finds_its_place(data, capsys):
     assert "`own_models.neighbours`" in page
     assert places == sorted(places)
     assert sum(places) == 1 + 2 + 3 + 4
+
+
+def test_model_of_ones_own_that_fails_stops_no_other(data, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (data / "my_board_nets.py").write_text("def broken():\n    raise KeyError('no such key')\n")
+    assert run(data, "--sets", "grasps", "--own", "my_board_nets.broken") == 1
+    said = capsys.readouterr()
+    assert "tactile: error: my_board_nets.broken, given, seed 0" in said.err
+    assert "KeyError: 'no such key'" in said.err
+    scores = json.loads((data / "out" / "board.json").read_text())["accuracy"]["grasps"]
+    assert set(scores) == {"fnn", "svm_linear", "constant"}
 
 
 @pytest.mark.parametrize(

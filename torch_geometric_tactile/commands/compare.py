@@ -331,9 +331,10 @@ def _run(arguments: argparse.Namespace) -> int:
     comparison = summarize(finished)
     paths = write_comparison(comparison, arguments.out)
     _print(comparison, paths, arguments.json)
+    status = exit_status(finished)
     if arguments.save is not None:
         _save(comparison, arguments)
-    return exit_status(finished)
+    return status
 
 
 def _check_save(arguments: argparse.Namespace, models: list[str]) -> None:
