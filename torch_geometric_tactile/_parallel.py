@@ -6,7 +6,7 @@ joblib is imported when something runs: it comes with scikit-learn, and takes a 
 import os
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, partial
 from itertools import islice
@@ -20,6 +20,10 @@ from torch_geometric_tactile._interrupts import interrupts_ignored
 # step. Processes started with these variables keep theirs, which makes small networks faster.
 KEPT_MEMORY = dict.fromkeys(("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"), str(2**29))
 
+# Processes that are started as a module would import files of the working directory in place of
+# installed modules.
+_SAFE_PATH = {"PYTHONSAFEPATH": "1"}
+
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -27,13 +31,20 @@ _Result = TypeVar("_Result")
 @contextmanager
 def kept_memory() -> Iterator[None]:
     r"""Lets processes that are started inside keep the memory that they free."""
-    added = [name for name in KEPT_MEMORY if name not in os.environ]
-    os.environ.update({name: KEPT_MEMORY[name] for name in added})
+    with _environment(KEPT_MEMORY):
+        yield
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    # Variables that are set already stay as they are.
+    added = [name for name in variables if name not in os.environ]
+    os.environ.update({name: variables[name] for name in added})
     try:
         yield
     finally:
         for name in added:
-            del os.environ[name]
+            os.environ.pop(name, None)
 
 
 def run_parallel(
@@ -76,7 +87,7 @@ def run_parallel(
         while group := list(islice(calls, num_jobs)):
             yield from Parallel(num_jobs)(group)
         return
-    with interrupts_ignored():
+    with interrupts_ignored(), _environment(_SAFE_PATH):
         results = parallel(delayed(function)(item) for item in items)
     try:
         yield from results

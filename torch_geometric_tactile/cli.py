@@ -16,6 +16,7 @@ from torch_geometric_tactile import __version__
 from torch_geometric_tactile._removed import removal_message
 from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile.commands import VERBS
+from torch_geometric_tactile.commands._paths import check_paths
 
 _EXAMPLES = """\
 examples:
@@ -84,7 +85,8 @@ def _run(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(prog=" ".join(["tactile", *words]), **_texts(verb))
     verb.add_arguments(parser)
     _check_removed(parser, argv)
-    return int(verb.run(parser.parse_args(argv[len(words) :])))
+    arguments = parser.parse_args(argv[len(words) :])
+    return int(verb.run(check_paths(arguments, getattr(verb, "list_outputs", None))))
 
 
 def _check_removed(parser: argparse.ArgumentParser, argv: list[str]) -> None:

@@ -3,11 +3,14 @@
 # ruff: noqa: E402
 
 import json
+import sys
 
 import pytest
 
 for extra in ("lightning", "sklearn", "matplotlib"):
     pytest.importorskip(extra, reason="needs the extras 'train' and 'viz'")
+
+from listed_outputs import check_listed
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.experiments import _board, _compared_models
@@ -40,6 +43,7 @@ def test_page_and_scores(data, capsys, caplog):
     said = capsys.readouterr().out
     assert "grasps: 48 samples, 48 trials; the given parts; 3 models x 1 splits; about" in said
     assert "grasps: 3 models, the best is" in said
+    check_listed(["board", "--out", data / "out"], data / "out")
     page = (data / "out" / "board.md").read_text()
     (row,) = [line for line in page.splitlines() if line.startswith("| `constant` |")]
     scores = json.loads((data / "out" / "board.json").read_text())["accuracy"]
@@ -62,6 +66,17 @@ def test_model_of_ones_own_finds_its_place(data, capsys):
     assert "`own_models.neighbours`" in page
     assert places == sorted(places)
     assert sum(places) == 1 + 2 + 3 + 4
+
+
+def test_model_of_ones_own_that_fails_stops_no_other(data, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (data / "my_board_nets.py").write_text("def broken():\n    raise KeyError('no such key')\n")
+    assert run(data, "--sets", "grasps", "--own", "my_board_nets.broken") == 1
+    said = capsys.readouterr()
+    assert "tactile: error: my_board_nets.broken, given, seed 0" in said.err
+    assert "KeyError: 'no such key'" in said.err
+    scores = json.loads((data / "out" / "board.json").read_text())["accuracy"]["grasps"]
+    assert set(scores) == {"fnn", "svm_linear", "constant"}
 
 
 @pytest.mark.parametrize(

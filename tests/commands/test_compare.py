@@ -15,6 +15,7 @@ for extra in ("lightning", "sklearn", "matplotlib"):
     pytest.importorskip(extra, reason="needs the extras 'train' and 'viz'")
 
 from compared import touches
+from listed_outputs import check_listed
 from moving import motions
 
 from torch_geometric_tactile.cli import main
@@ -67,6 +68,8 @@ def test_table_ends_with_a_sentence(tmp_path, capsys):
     for suffix in (".md", ".csv", ".json", "_predictions.csv", ".png"):
         assert (tmp_path / "out" / f"a{suffix}").stat().st_size > 100
         assert f"wrote {tmp_path / 'out' / f'a{suffix}'}" in out
+    out = tmp_path / "out"
+    check_listed(["compare", tmp_path / "a.npz", "--out", out], out)
     before = results(tmp_path)
     assert run(tmp_path, *THREE) == 0
     assert "all runs are finished" in capsys.readouterr().out

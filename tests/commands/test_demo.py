@@ -2,6 +2,7 @@ import json
 import re
 
 import pytest
+from listed_outputs import check_listed
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
@@ -34,6 +35,7 @@ def test_demo_writes_every_file_whole(demo):
     out, _ = demo
     names = {"report.html", "comparisons.json", "runs", *PICTURES}
     assert {path.name for path in out.iterdir()} == names
+    check_listed([*SHORT, "--out", out], out)
     for name in PICTURES:
         assert (out / name).read_bytes().startswith(b"\x89PNG")
 

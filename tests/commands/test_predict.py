@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 from fake_configs import SCALED, fake_config, fake_dataset
+from listed_outputs import listed_outputs
 
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
@@ -308,6 +309,8 @@ def test_several_recordings_have_a_picture_each_and_no_more_than_twenty(
         "2 more recordings: no picture",
     ]
     assert len(rows("a.csv")) == 25
+    listed = {*map(str, listed_outputs(["predict", "a.predictor", *names, "--out", "a.csv"]))}
+    assert {path.name for path in folder.glob("a*.png")} <= listed
     same = (folder / "a-trial_0.png").read_bytes()
     assert (
         same == (folder / "a-trial_0-2.png").read_bytes() != (folder / "a-trial_1.png").read_bytes()

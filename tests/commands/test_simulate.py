@@ -2,6 +2,7 @@ import json
 import sys
 
 import pytest
+from listed_outputs import check_listed
 
 from torch_geometric_tactile.cli import build_parser, main
 from torch_geometric_tactile.commands.simulate import _MOTIONS, _OBJECT_SETS, _PRESETS, _SPREADS
@@ -139,6 +140,8 @@ def test_preview_is_drawn_and_named(quick, capsys):
     pictures = [out / "preview" / f"preview_{name}.png" for name in ("film", "forces")]
     assert capsys.readouterr().out.splitlines()[1:] == [f"drew {path}" for path in pictures]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in pictures)
+    check_listed(["simulate", "--out", out], out, but=(".h5",))
+    check_listed(["simulate", "--out", out], out / "preview")
 
 
 def test_preview_of_a_finished_run_takes_the_first_trial_that_is_there(quick, capsys, monkeypatch):
@@ -253,6 +256,7 @@ def test_grasps_of_three_fingertips(tmp_path, capsys):
     assert first.startswith("3 grasps (2 kept from before)")
     picture = out / "preview" / "preview_grasps.png"
     assert second == f"drew {picture}"
+    check_listed(["simulate", *flags, "3"], out, but=(".h5",))
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 

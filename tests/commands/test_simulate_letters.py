@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+from listed_outputs import check_listed
 
 from torch_geometric_tactile.cli import main
 
@@ -26,6 +27,7 @@ def test_presses_and_their_picture(tmp_path, capsys):
     picture = tmp_path / "preview_letters.png"
     assert second == f"drew {picture}"
     assert picture.read_bytes().startswith(b"\x89PNG")
+    check_listed(["simulate", "--out", tmp_path], tmp_path)
     # Folders beside the letters would be other letters.
     assert sum(path.is_dir() for path in tmp_path.iterdir()) == 26
 

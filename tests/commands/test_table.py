@@ -2,6 +2,7 @@ import sys
 
 import numpy as np
 import pytest
+from listed_outputs import check_listed
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
@@ -49,6 +50,7 @@ def test_finished_table_is_named(command, tmp_path, capsys):
             for name in ("p2-table2.md", "p2-table2.csv", "p2-table2.png", "p2-table2-runs.csv")
         ),
     ]
+    check_listed(["table", "p2-table2", "--out", tmp_path], tmp_path)
     page = (tmp_path / "p2-table2.md").read_text()
     assert "|  | simulated, by trial | 50.0 | 50.0 | 50.0 |" in page
     assert "objects `paper8`, seed 7, 0.08 s at 100 Hz, MuJoCo 3.3.0" in page

@@ -6,6 +6,7 @@ pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 import yaml
 from fake_configs import SCALED, fake_config, fake_dataset
+from listed_outputs import check_listed
 from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
 
 from torch_geometric_tactile.cli import main
@@ -151,6 +152,7 @@ def test_command_reads_the_run_of_a_checkpoint(tmp_path, monkeypatch, capsys):
     checkpoint = "runs/grasp/version_0/checkpoints/last.ckpt"
     assert main(["analyze", checkpoint, "--out", "out", "--frames", "10"]) == 0
     assert "out/analysis.md" in capsys.readouterr().out
+    check_listed(["analyze", checkpoint, "--out", tmp_path / "out"], tmp_path / "out")
     text = (tmp_path / "out/analysis.md").read_text()
     assert "`last.ckpt`, after 2 epochs" in text
     model = "GraspGCN(24, 2, in_channels=1, hidden_channels=64, num_fingers=3, fusion='data')"

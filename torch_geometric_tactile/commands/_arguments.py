@@ -5,6 +5,8 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from torch_geometric_tactile.commands._paths import input_path
+
 if TYPE_CHECKING:
     from torch_geometric_tactile.data import ContactRule
 
@@ -116,6 +118,7 @@ LABELS: dict[str, Any] = {
 #: Settings of the option that names the map of the taxels.
 MAP: dict[str, Any] = {
     "metavar": "MAP",
+    "type": input_path,
     "help": "order of the taxels of the source: a stock map, a JSON file, or 'none' if it is that "
     "of the layout (default: the stock map of the sensor and the layout, if there is one)",
 }
@@ -186,9 +189,13 @@ def add_run_data(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config",
         metavar="CONFIG",
+        type=input_path,
         help="configuration of data and model, which may name classes of your own: a file, or the "
         "name of a shipped one (default: the data of the config.yaml of the run)",
     )
     parser.add_argument(
-        "--root", metavar="DIR", help="folder of the data (default: the configuration's)"
+        "--root",
+        metavar="DIR",
+        type=input_path,
+        help="folder of the data (default: the configuration's)",
     )

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile._texts import printable
+from torch_geometric_tactile.commands._file_kinds import RECORDING
+from torch_geometric_tactile.commands._paths import OutputFolder, OutputPath, input_path
 
 _SUFFIXES = (".h5", ".hdf5", ".npz")
 _UNTIMED = (
@@ -51,9 +53,15 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
     parser.add_argument(
-        "sources", metavar="IN", nargs="+", help="files, or folders with files (.h5, .hdf5, .npz)"
+        "sources",
+        metavar="IN",
+        nargs="+",
+        type=input_path,
+        help="files, or folders with files (.h5, .hdf5, .npz)",
     )
-    parser.add_argument("out", metavar="OUT_DIR", help="folder to write to")
+    parser.add_argument(
+        "out", metavar="OUT_DIR", type=OutputFolder("OUT_DIR"), help="folder to write to"
+    )
     parser.add_argument(
         "--npz", action="store_true", help="write npz files (no h5py needed) instead of HDF5"
     )
@@ -63,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="OURS=THEIRS",
+        type=str,
         help="the name of a field in your files: 'electrodes=NAME' or 'electrodes=NAME [ORDER]'; "
         "GROUP@NAME is an HDF5 attribute",
     )
@@ -71,17 +80,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="OURS=VALUE",
+        type=str,
         help="a value for all files, such as 'session=may'",
     )
     names.add_argument(
         "--pattern",
         metavar="REGEX",
+        type=str,
         help="regular expression for file names without suffix, with the groups object, trial, "
         "session or success (default: <object>_<trial>)",
     )
     names.add_argument(
         "--fingers",
         metavar="ORDER",
+        type=str,
         help="order of the fingers in arrays of all three (default: 'left middle right')",
     )
     units = parser.add_argument_group("units and rates")
@@ -93,6 +105,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="OURS=HZ",
+        type=str,
         help="values per second of pac (default: 2200), robot_joint or finger_joint (300)",
     )
     units.add_argument(
@@ -109,6 +122,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="time from pick-up to the end of each file, if files have no pick-up time",
     )
+
+
+def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
+    r"""Returns the files that are written."""
+    suffix = ".npz" if arguments.npz else ".h5"
+    targets = _targets(arguments.sources, _folder(arguments.out), suffix)
+    return [OutputPath(str(path), "OUT_DIR", RECORDING) for path in targets.values()]
 
 
 def run(arguments: argparse.Namespace) -> int:

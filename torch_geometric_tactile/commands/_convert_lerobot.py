@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile.commands._arguments import positive
+from torch_geometric_tactile.commands._paths import input_path
 
 SUFFIX = ".lerobot"
 _FPS = 30
@@ -52,12 +53,16 @@ def add_lerobot_options(parser: argparse.ArgumentParser) -> None:
         help="the longest time without frames that is no gap (default: five frames)",
     )
     options.add_argument(
-        "--task", metavar="TEXT", help="the task of all episodes (default: the label of each)"
+        "--task",
+        metavar="TEXT",
+        type=str,
+        help="the task of all episodes (default: the label of each)",
     )
-    options.add_argument("--robot-type", metavar="NAME", help="name of the robot")
+    options.add_argument("--robot-type", metavar="NAME", type=str, help="name of the robot")
     options.add_argument(
         "--add-to",
         metavar="DATASET",
+        type=input_path,
         help="add the touch to a copy of this LeRobot data set: one recording for each episode, in "
         "their order",
     )

@@ -2,6 +2,8 @@ r"""The verbs whose arguments Lightning reads, and their short help."""
 
 from collections.abc import Callable, Sequence
 
+from torch_geometric_tactile.commands._paths import expand_home
+
 FULL_HELP = ("--help-all", "--help=all")
 
 _OPTIONS = (
@@ -46,7 +48,9 @@ def lightning_verb(
             )
         from torch_geometric_tactile.training import _lightning_cli as lightning_cli
 
-        given = ["--help" if argument in FULL_HELP else argument for argument in arguments]
+        given = [
+            "--help" if argument in FULL_HELP else expand_home(argument) for argument in arguments
+        ]
         lightning_cli.run_lightning([name, *given])
         return 0
 

@@ -21,27 +21,31 @@ _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
         "tactile": {
             "action": "append",
             "metavar": "NAME",
+            "type": str,
             "help": "a column of readings; repeat it in the order of the layout, or give one "
             "regular expression (default: all columns without another role)",
         },
         "joint": {
             "action": "append",
             "metavar": "NAME",
+            "type": str,
             "help": "a column of joint angles; like --tactile",
         },
-        "time": {"metavar": "NAME", "help": "the time column (default: time)"},
+        "time": {"metavar": "NAME", "type": str, "help": "the time column (default: time)"},
         "time_unit": {
             "metavar": "UNIT",
+            "type": str,
             "help": "unit of the time column: s, ms, us, ns, min, h or d",
         },
-        "label": {"metavar": "NAME", "help": "the label column"},
+        "label": {"metavar": "NAME", "type": str, "help": "the label column"},
         "extra": {
             "action": "append",
             "metavar": "NAME",
+            "type": str,
             "help": "a column of numbers that are no readings, such as a force",
         },
-        "ignore": {"action": "append", "metavar": "NAME", "help": "a column to skip"},
-        "unit": {"metavar": "UNIT", "help": "unit of the readings: count or newton"},
+        "ignore": {"action": "append", "metavar": "NAME", "type": str, "help": "a column to skip"},
+        "unit": {"metavar": "UNIT", "type": str, "help": "unit of the readings: count or newton"},
     },
     "CSV files without column names": {
         "num_taxels": {"type": positive, "metavar": "N", "help": "number of taxels"},

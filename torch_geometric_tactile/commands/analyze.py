@@ -3,6 +3,13 @@ r"""``tactile analyze``: what a checkpoint or predictor has learnt."""
 import argparse
 
 from torch_geometric_tactile.commands._arguments import add_run_data, not_negative, positive
+from torch_geometric_tactile.commands._file_kinds import PICTURE, text_kind
+from torch_geometric_tactile.commands._paths import (
+    OutputFolder,
+    OutputPath,
+    files_in_folder,
+    input_path,
+)
 
 HELP = "Show what a model has learnt: errors, embeddings, attribution"
 EXTRAS = "train,viz"
@@ -24,10 +31,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "model",
         metavar="MODEL",
+        type=input_path,
         help="a checkpoint of 'tactile fit', or a predictor of 'tactile predict --save'",
     )
     parser.add_argument(
-        "--out", metavar="DIR", required=True, help="folder for the page and its figures"
+        "--out",
+        metavar="DIR",
+        type=OutputFolder("--out"),
+        required=True,
+        help="folder for the page and its figures",
     )
     add_run_data(parser)
     parser.add_argument(
@@ -44,6 +56,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=0,
         help="seed of embeddings and untrained models (default: 0)",
     )
+
+
+def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
+    r"""Returns the files that are written."""
+    embeddings = [f"{method}_{dims}d" for method in ("tsne", "umap") for dims in (2, 3)]
+    pictures = ("confusion", "roc", "encoder_map", "attribution", "occlusion", *embeddings)
+    page = text_kind("a page of 'tactile analyze'", "# What the model has learnt\n")
+    kinds = {"analysis.md": page} | {f"{name}.png": PICTURE for name in pictures}
+    return files_in_folder(arguments.out, kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:

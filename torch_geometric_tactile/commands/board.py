@@ -5,6 +5,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.commands._arguments import positive
+from torch_geometric_tactile.commands._file_kinds import text_kind
+from torch_geometric_tactile.commands._paths import (
+    OutputFolder,
+    OutputPath,
+    files_in_folder,
+    input_path,
+)
 from torch_geometric_tactile.commands._runs import (
     add_workers,
     intention,
@@ -37,20 +44,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data",
         metavar="DIR",
+        type=input_path,
         help="folder with a folder for each data set, named like its class (default: "
         "$TACTILE_DATA, or the user's cache)",
     )
     parser.add_argument(
-        "--out", metavar="DIR", default="board", help="folder for the results (default: board)"
+        "--out",
+        metavar="DIR",
+        type=OutputFolder("--out"),
+        default="board",
+        help="folder for the results (default: board)",
     )
     parser.add_argument(
         "--own",
         metavar="PATH",
+        type=str,
         action="append",
         default=[],
         help="import path of a model of your own, as in 'tactile compare'; may be repeated",
     )
-    parser.add_argument("--sets", metavar="NAME,NAME", help="some of the data sets (default: all)")
+    parser.add_argument(
+        "--sets",
+        metavar="NAME,NAME",
+        type=str,
+        help="some of the data sets (default: all)",
+    )
     parser.add_argument(
         "--epochs", metavar="N", type=positive, help="epochs per network (default: 15 to 60)"
     )
@@ -58,6 +76,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-train", action="store_true", help="train nothing; write the finished runs"
     )
     add_workers(parser)
+
+
+def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
+    r"""Returns the files that are written."""
+    kinds = {
+        "board.md": text_kind("a page of 'tactile board'", "# The board\n"),
+        "board.json": text_kind("the numbers of 'tactile board'", r'\{\s*"accuracy": \{'),
+    }
+    return files_in_folder(arguments.out, kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,6 +9,8 @@ import numpy as np
 
 from torch_geometric_tactile._texts import printable, short_list
 from torch_geometric_tactile.commands._arguments import READABLE
+from torch_geometric_tactile.commands._file_kinds import CALIBRATION
+from torch_geometric_tactile.commands._paths import OutputFile, input_path
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 from torch_geometric_tactile.commands._runs import add_rest, options_named
 
@@ -45,16 +47,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "recordings",
         metavar="RECORDING",
+        type=input_path,
         nargs="+",
         help=f"a recording ({READABLE}), or the folder of a run of eFlesh's probe",
     )
     parser.add_argument(
         "--force",
         metavar="NAME",
+        type=str,
         required=True,
         help="the signal of the measured forces in the recordings, or a column of CSV files",
     )
-    parser.add_argument("--out", metavar="JSON", help="the calibration to write")
+    parser.add_argument(
+        "--out",
+        metavar="JSON",
+        type=OutputFile("--out", CALIBRATION),
+        help="the calibration to write",
+    )
     parser.add_argument(
         "--per",
         choices=("sensor", "taxel"),

@@ -7,6 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torch_geometric_tactile.commands._arguments import hertz, percentage, positive, small_count
+from torch_geometric_tactile.commands._file_kinds import PICTURE, PREDICTOR, text_kind
+from torch_geometric_tactile.commands._paths import (
+    OutputFile,
+    OutputFolder,
+    OutputPath,
+    files_in_folder,
+    input_path,
+    input_setting,
+)
 from torch_geometric_tactile.commands._runs import (
     add_rest,
     add_workers,
@@ -104,14 +113,23 @@ recommendation means.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
-    parser.add_argument("data", metavar="DATA", help="an npz file, a folder or a class; see above")
+    parser.add_argument(
+        "data",
+        metavar="DATA",
+        type=input_path,
+        help="an npz file, a folder or a class; see above",
+    )
     parser.add_argument(
         "--layout",
         metavar="LAYOUT",
+        type=input_path,
         help="positions of the taxels: a stock layout or a layout file",
     )
     parser.add_argument(
-        "--grid", metavar="ROWSxCOLS", help="the taxels form a planar array, such as 28x50"
+        "--grid",
+        metavar="ROWSxCOLS",
+        type=str,
+        help="the taxels form a planar array, such as 28x50",
     )
     parser.add_argument(
         "--task",
@@ -121,6 +139,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--init",
         metavar="KEY=VALUE",
+        type=input_setting,
         nargs="+",
         action="extend",
         default=[],
@@ -128,7 +147,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     training = parser.add_argument_group("models and splits")
     training.add_argument(
-        "--models", metavar="NAME,NAME", help="models to compare (default: all that fit the data)"
+        "--models",
+        metavar="NAME,NAME",
+        type=str,
+        help="models to compare (default: all that fit the data)",
     )
     training.add_argument(
         "--by",
@@ -219,18 +241,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "--out",
         metavar="DIR",
+        type=OutputFolder("--out"),
         default="comparison",
         help="folder for the results (default: comparison)",
     )
     output.add_argument(
         "--save",
         metavar="FILE",
+        type=OutputFile("--save", PREDICTOR),
         help="at the end, train the recommended model on all samples and write it as a predictor, "
         "which 'tactile predict', 'live' and 'export' take",
     )
     output.add_argument(
         "--model",
         metavar="NAME",
+        type=str,
         help="with --save: the model to write instead of the recommended one",
     )
     output.add_argument(
@@ -240,6 +265,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     output.add_argument("--json", action="store_true", help="print the results as JSON")
     add_workers(parser)
+
+
+def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
+    r"""Returns the files that are written."""
+    name = _name(arguments.data)
+    kinds = {
+        f"{name}.md": text_kind("a page of 'tactile compare'", "# Models compared on "),
+        f"{name}.csv": text_kind("a table of 'tactile compare'", "model,kind,metric,"),
+        f"{name}.json": text_kind(
+            "the results of 'tactile compare'", r'\{\s*"format": "tactile comparison"'
+        ),
+        f"{name}_predictions.csv": text_kind(
+            "a table of predictions of 'tactile compare'", "model,seed,fold,"
+        ),
+        f"{name}.png": PICTURE,
+    }
+    return files_in_folder(arguments.out, kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -297,9 +339,10 @@ def _run(arguments: argparse.Namespace) -> int:
     comparison = summarize(finished, settings.tolerance)
     paths = write_comparison(comparison, arguments.out)
     _print(comparison, paths, arguments.json)
+    status = exit_status(finished)
     if arguments.save is not None:
         _save(comparison, arguments)
-    return exit_status(finished)
+    return status
 
 
 def _check_save(arguments: argparse.Namespace, models: list[str]) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from torch_geometric_tactile.commands import _convert_lerobot as convert_lerobot
 from torch_geometric_tactile.commands._arguments import READABLE
+from torch_geometric_tactile.commands._paths import OutputPath, input_path, recording_file
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
 _WRITABLE = ".h5, .hdf5, .npz, .mcap, .csv, .jsonl, .ndjson"
@@ -36,12 +37,27 @@ KINDS = {"bigs": "_convert_bigs"}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
-    parser.add_argument("source", metavar="IN", nargs="+", help=f"the recording ({READABLE})")
     parser.add_argument(
-        "target", metavar="OUT", help=f"the file to write ({_WRITABLE}), or a folder (.lerobot)"
+        "source",
+        metavar="IN",
+        nargs="+",
+        type=input_path,
+        help=f"the recording ({READABLE})",
+    )
+    parser.add_argument(
+        "target",
+        metavar="OUT",
+        type=_target,
+        help=f"the file to write ({_WRITABLE}), or a folder (.lerobot)",
     )
     add_reading_options(parser)
     convert_lerobot.add_lerobot_options(parser)
+
+
+def _target(text: str) -> OutputPath:
+    path = recording_file("OUT")(text)
+    is_folder = Path(path).suffix.lower() == convert_lerobot.SUFFIX
+    return OutputPath(path, path.argument, None) if is_folder else path
 
 
 def run(arguments: argparse.Namespace) -> int:

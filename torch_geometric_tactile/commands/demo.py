@@ -4,6 +4,13 @@ import argparse
 import os
 
 from torch_geometric_tactile.commands._arguments import positive, small_count
+from torch_geometric_tactile.commands._file_kinds import PICTURE, text_kind
+from torch_geometric_tactile.commands._paths import (
+    OutputFolder,
+    OutputPath,
+    files_in_folder,
+    input_path,
+)
 from torch_geometric_tactile.commands._runs import exit_status, options_named, run_with_bar
 
 HELP = "Compare models on real grasps, by what is held out, and write a report"
@@ -31,12 +38,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--root",
         metavar="DIR",
+        type=input_path,
         default=os.environ.get("TACTILE_DATA"),
         help="folder with the six CSV files of the data set, or its parent folder (default: "
         "$TACTILE_DATA, else a download; without a network, generated data)",
     )
     parser.add_argument(
-        "--out", metavar="DIR", default="report", help="folder for the report (default: report)"
+        "--out",
+        metavar="DIR",
+        type=OutputFolder("--out"),
+        default="report",
+        help="folder for the report (default: report)",
     )
     parser.add_argument(
         "--seeds",
@@ -69,6 +81,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--generated", action="store_true", help="use generated data even if the real data is there"
     )
+
+
+def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
+    r"""Returns the files that are written."""
+    title = "Will it slip\\? Grasp stability from touch"
+    kinds = {
+        "report.html": text_kind("a report of 'tactile demo'", f"(?s)<!DOCTYPE html>.*{title}"),
+        "comparisons.json": text_kind("the results of 'tactile demo'", r'\[\s*\{\s*"readings": '),
+        **{f"{name}.png": PICTURE for name in ("protocols", "grasps", "confusion")},
+    }
+    return files_in_folder(arguments.out, kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:

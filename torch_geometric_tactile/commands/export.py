@@ -3,6 +3,8 @@ r"""``tactile export``: a predictor as one ONNX graph."""
 import argparse
 
 from torch_geometric_tactile.commands._arguments import small_count
+from torch_geometric_tactile.commands._file_kinds import ONNX_MODEL
+from torch_geometric_tactile.commands._paths import OutputFile, input_path
 
 HELP = "Export a model with its preprocessing to one ONNX file"
 DESCRIPTION = """\
@@ -25,9 +27,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "predictor",
         metavar="MODEL",
+        type=input_path,
         help="a checkpoint, or a predictor of 'tactile predict --save'",
     )
-    parser.add_argument("model", metavar="FILE.onnx", help="the file to write")
+    parser.add_argument(
+        "model",
+        metavar="FILE.onnx",
+        type=OutputFile("FILE.onnx", ONNX_MODEL),
+        help="the file to write",
+    )
     parser.add_argument(
         "--unit",
         choices=("count", "newton", "microtesla"),
@@ -48,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config",
         metavar="CONFIG",
+        type=input_path,
         help="configuration with a model or transforms of your own",
     )
 

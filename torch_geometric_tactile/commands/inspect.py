@@ -4,6 +4,8 @@ import argparse
 from pathlib import PurePath
 
 from torch_geometric_tactile.commands._arguments import READABLE
+from torch_geometric_tactile.commands._file_kinds import PICTURE
+from torch_geometric_tactile.commands._paths import OutputFile, OutputPath, input_path
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
 HELP = "Summarise and plot a recording"
@@ -25,15 +27,25 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
-    parser.add_argument("file", metavar="FILE", help=f"the recording ({READABLE})")
+    parser.add_argument("file", metavar="FILE", type=input_path, help=f"the recording ({READABLE})")
     picture = parser.add_mutually_exclusive_group()
     picture.add_argument(
         "--out",
         metavar="PNG",
+        type=OutputFile("--out", PICTURE),
         help="file of the plot (default: NAME_inspect.png in the current folder)",
     )
     picture.add_argument("--no-picture", action="store_true", help="print the summary only")
     add_reading_options(parser)
+
+
+def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
+    r"""Returns the files that are written."""
+    return [] if arguments.no_picture else [OutputPath(_picture(arguments), "--out", PICTURE)]
+
+
+def _picture(arguments: argparse.Namespace) -> str:
+    return arguments.out or f"{PurePath(arguments.file).stem}_inspect.png"
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -44,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     recording, facts = describe_file(arguments.file, **reading_options(arguments))
     print(facts, flush=True)
     if not arguments.no_picture:
-        picture = arguments.out or f"{PurePath(arguments.file).stem}_inspect.png"
+        picture = _picture(arguments)
         draw_recording(recording, picture)
         print(f"{'picture':<13}{printable(picture)}")
     return 0

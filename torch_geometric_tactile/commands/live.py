@@ -15,6 +15,7 @@ from torch_geometric_tactile.commands._arguments import (
     seconds,
     taxel_map,
 )
+from torch_geometric_tactile.commands._paths import input_path, input_source, recording_file
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Judge, LiveSession, Status
@@ -48,17 +49,28 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
-    parser.add_argument("source", metavar="SOURCE", help="a sensor or a recording; see below")
+    parser.add_argument(
+        "source",
+        metavar="SOURCE",
+        type=input_source,
+        help="a sensor or a recording; see below",
+    )
     model = parser.add_argument_group("model")
     model.add_argument(
         "--model",
         metavar="FILE",
+        type=input_path,
         help="an .onnx file of 'tactile export', a predictor of 'tactile predict --save', or a "
         "checkpoint; all contain the scaling of the readings",
     )
     recording = parser.add_argument_group("recording")
-    recording.add_argument("--record", metavar="FILE", help="record to this .mcap or .h5 file")
-    recording.add_argument("--label", metavar="LABEL", help="label of the recording")
+    recording.add_argument(
+        "--record",
+        metavar="FILE",
+        type=recording_file("--record"),
+        help="record to this .mcap or .h5 file",
+    )
+    recording.add_argument("--label", metavar="LABEL", type=str, help="label of the recording")
     recording.add_argument("--labels", **LABELS)
     recording.add_argument("--overwrite", action="store_true", help="replace an existing file")
     page = parser.add_argument_group("page in the browser")
@@ -70,6 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--layout",
         metavar="LAYOUT",
+        type=input_path,
         help="order and positions of the taxels: a stock layout or a layout file (default: that of "
         "the source or the model)",
     )

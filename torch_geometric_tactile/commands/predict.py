@@ -3,6 +3,7 @@ r"""``tactile predict``: the probabilities of each frame, or the file of a predi
 import argparse
 import sys
 from importlib.util import find_spec
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.commands._arguments import (
@@ -11,11 +12,14 @@ from torch_geometric_tactile.commands._arguments import (
     contact_rule,
     seconds,
 )
+from torch_geometric_tactile.commands._file_kinds import PICTURE, PREDICTIONS, PREDICTOR
+from torch_geometric_tactile.commands._paths import OutputFile, OutputPath, input_path
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.reports._prediction_pictures import PredictionPictures
 
+_TABLE = "predictions.csv"
 HELP = "Write the predictions of a model for recordings or the test part"
 DESCRIPTION = """\
 Predicts each frame of recordings (HDF5, npz, MCAP, CSV, XELA logs and messages) or, without
@@ -52,18 +56,22 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
     parser.add_argument(
-        "model", metavar="MODEL", help="a checkpoint of 'tactile fit', or a predictor of --save"
+        "model",
+        metavar="MODEL",
+        type=input_path,
+        help="a checkpoint of 'tactile fit', or a predictor of --save",
     )
     parser.add_argument(
         "recordings",
         metavar="RECORDING",
+        type=input_path,
         nargs="*",
         help="recordings (default: the test part of the data)",
     )
     parser.add_argument(
         "--out",
         metavar="CSV",
-        default="predictions.csv",
+        type=OutputFile("--out", PREDICTIONS),
         help="table to write (default: predictions.csv)",
     )
     parser.add_argument(
@@ -74,6 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--save",
         metavar="FILE",
+        type=OutputFile("--save", PREDICTOR),
         help="save the model with its preprocessing as a predictor: one file that needs neither "
         "configuration nor Lightning; without recordings, predict nothing",
     )
@@ -106,8 +115,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_options(parser)
 
 
+def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
+    r"""Returns the files that are written."""
+    if arguments.save is not None and not arguments.recordings:
+        return []
+    table = arguments.out or _TABLE
+    outputs = [OutputPath(table, "--out", PREDICTIONS)]
+    if arguments.recordings and not arguments.no_picture:
+        start = table[:-4] if table.lower().endswith(".csv") else table
+        stems = [PurePath(recording).stem for recording in arguments.recordings]
+        folded = [stem.casefold() for stem in stems]
+        counts = [folded[: i + 1].count(stem) for i, stem in enumerate(folded)]
+        names = [
+            f"-{stem}{f'-{n}' if n > 1 else ''}" for stem, n in zip(stems, counts, strict=True)
+        ]
+        outputs += [OutputPath(f"{start}{name}.png", "--out", PICTURE) for name in ("", *names)]
+    return outputs
+
+
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the verb and returns the exit status."""
+    arguments.out = arguments.out or _TABLE
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports import _predictions as predictions
     from torch_geometric_tactile.reports import _run_data as run_data

@@ -4,6 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.commands._arguments import LABELS, MAP, SOURCE, seconds, taxel_map
+from torch_geometric_tactile.commands._paths import input_path, input_source, recording_file
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Recorder
@@ -37,9 +38,19 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
-    parser.add_argument("source", metavar="SOURCE", help="a sensor or a recording; see below")
-    parser.add_argument("file", metavar="FILE", help="the file to write (.mcap, .h5 or .hdf5)")
-    parser.add_argument("--label", metavar="LABEL", help="label of the recording")
+    parser.add_argument(
+        "source",
+        metavar="SOURCE",
+        type=input_source,
+        help="a sensor or a recording; see below",
+    )
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        type=recording_file("FILE"),
+        help="the file to write (.mcap, .h5 or .hdf5)",
+    )
+    parser.add_argument("--label", metavar="LABEL", type=str, help="label of the recording")
     parser.add_argument(
         "--seconds",
         metavar="S",
@@ -49,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--layout",
         metavar="LAYOUT",
+        type=input_path,
         help="order and positions of the taxels, for models and viewers: a stock layout or a "
         "layout file",
     )

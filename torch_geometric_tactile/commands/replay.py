@@ -5,6 +5,8 @@ import math
 from contextlib import suppress
 from typing import Any
 
+from torch_geometric_tactile.commands._paths import input_path, recording_file
+
 _SHOWN_EVERY = 0.1
 _PORT = 5000
 HELP = "Replay a recording, serve it like XELA's server, or repair it"
@@ -25,7 +27,9 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
-    parser.add_argument("file", metavar="FILE", help="the recording, in any format")
+    parser.add_argument(
+        "file", metavar="FILE", type=input_path, help="the recording, in any format"
+    )
     parser.add_argument(
         "--speed",
         metavar="X",
@@ -35,7 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--loop", action="store_true", help="start again at the end")
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--repair", metavar="OUT", help="write a repaired MCAP file; replay nothing")
+    what.add_argument(
+        "--repair",
+        metavar="OUT",
+        type=recording_file("--repair"),
+        help="write a repaired MCAP file; replay nothing",
+    )
     what.add_argument(
         "--serve",
         metavar="ws[:PORT]",

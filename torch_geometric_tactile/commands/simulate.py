@@ -5,6 +5,13 @@ import sys
 from typing import Any
 
 from torch_geometric_tactile.commands._arguments import not_negative, small_count, trial_seconds
+from torch_geometric_tactile.commands._file_kinds import PICTURE, text_kind
+from torch_geometric_tactile.commands._paths import (
+    OutputFolder,
+    OutputPath,
+    files_in_folder,
+    input_path,
+)
 
 # The names in `sim`, which is too heavy to import for them.
 _OBJECT_SETS = ("paper8", "control8", "twenty", "shapes")
@@ -96,6 +103,7 @@ _OPTIONS = {
         "sensors.hexagonal(34, 30, 0.00134).save('hexagonal.json') (default: 32 x 32 pixels, "
         "1.25 mm apart)",
         metavar="FILE",
+        type=input_path,
     ),
     "seed": _option("seed (default: 0)", 0, metavar="N", type=not_negative),
     "jobs": _option("processes (default: 2)", 2, metavar="N", type=small_count),
@@ -131,7 +139,13 @@ _OF_THE_HAND = tuple(name for name in _OPTIONS if name not in (*_SHARED, *_OF_OT
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
-    parser.add_argument("--out", metavar="DIR", required=True, help="folder for the recordings")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=OutputFolder("--out"),
+        required=True,
+        help="folder for the recordings",
+    )
     parser.add_argument(
         "--objects",
         choices=(*_OBJECT_SETS, _BIGS, _LETTERS),
@@ -150,6 +164,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="plot the first trial to DIR/preview; of bigs a success and a failure, of letters the "
         "first press of each",
     )
+
+
+def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
+    r"""Returns the files that are written, without the trials: those that exist are kept."""
+    kinds = {
+        "simulation.json": text_kind("the description of simulated trials", r'\{\s*"synthetic": '),
+        **{f"preview/preview_{name}.png": PICTURE for name in ("film", "forces", "grasps")},
+        "preview_letters.png": PICTURE,
+    }
+    return files_in_folder(arguments.out, kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:

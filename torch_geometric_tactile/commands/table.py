@@ -1,9 +1,20 @@
 r"""``tactile table``: the models of a table of the papers, beside its published numbers."""
 
 import argparse
+import glob
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.commands._arguments import positive, rest, small_count
+from torch_geometric_tactile.commands._file_kinds import PICTURE, text_kind
+from torch_geometric_tactile.commands._paths import (
+    InputPath,
+    OutputFolder,
+    OutputPath,
+    files_in_folder,
+    input_path,
+)
 from torch_geometric_tactile.commands._runs import (
     add_workers,
     exit_status,
@@ -103,11 +114,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     data.add_argument(
         "--root",
         metavar="DIR",
+        type=input_path,
         help="folder of the data (default: $TACTILE_DATA/NAME, such as AllegroUSkin, or a folder "
         "in the user's cache)",
     )
     parser.add_argument(
-        "--out", metavar="DIR", default="tables", help="folder for table and runs (default: tables)"
+        "--out",
+        metavar="DIR",
+        type=OutputFolder("--out"),
+        default="tables",
+        help="folder for table and runs (default: tables)",
     )
     training = parser.add_argument_group("runs")
     training.add_argument(
@@ -132,6 +148,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     data.add_argument(
         "--phases",
         metavar="PHASE",
+        type=str,
         nargs="+",
         help="use only these phases of the grasp, such as: squeeze lift hold",
     )
@@ -147,6 +164,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--protocols",
         "--split-by",
         metavar="PROTOCOL",
+        type=str,
         nargs="+",
         help="how the test part is held out; --list prints the choices. P1 and P2: whole trials "
         "(trial) or random frames (frame); P3: random grasps (random), grasps of each object "
@@ -159,7 +177,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="number of folds of cross-validation protocols, at least 2",
     )
     training.add_argument(
-        "--only", metavar="GLOB", nargs="+", help="train only the experiments with matching names"
+        "--only",
+        metavar="GLOB",
+        type=str,
+        nargs="+",
+        help="train only the experiments with matching names",
     )
     training.add_argument(
         "--no-train",
@@ -169,12 +191,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_workers(parser)
 
 
-def _table_name(text: str) -> str:
+def _table_name(text: str) -> InputPath:
     if text not in TABLES and not text.endswith((".yaml", ".yml")):
         raise argparse.ArgumentTypeError(
             f"invalid choice: '{text}' (choose from {', '.join(TABLES)}, or give a .yaml file)"
         )
-    return text
+    return input_path(text)
+
+
+def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
+    r"""Returns the files that are written."""
+    if arguments.list:
+        return []
+    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.papers.load_table import load_table
+
+    with options_named(arguments, name="NAME"):
+        table = load_table(arguments.name)
+    title = re.escape(printable(table.title))
+    kinds = {
+        f"{table.name}.md": text_kind("a page of this table", f"# {title}\n"),
+        f"{table.name}.csv": text_kind("the numbers of a table", "section,row,column,experiment,"),
+        f"{table.name}-runs.csv": text_kind("the runs of a table", r"experiment,protocol,|\s*\Z"),
+        f"{table.name}.png": PICTURE,
+    }
+    # Which pictures studies draw, follows from their results.
+    pictures = Path(arguments.out).glob(f"{glob.escape(table.name)}-*.png")
+    kinds |= {path.name: PICTURE for path in pictures}
+    return files_in_folder(arguments.out, kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -6,6 +6,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from torch_geometric_tactile.commands._arguments import MAP, SOURCE, port, taxel_map
+from torch_geometric_tactile.commands._paths import input_path, input_source
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Source, Stream, Viewer
@@ -30,10 +31,16 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
-    parser.add_argument("source", metavar="SOURCE", help="a sensor or a recording; see below")
+    parser.add_argument(
+        "source",
+        metavar="SOURCE",
+        type=input_source,
+        help="a sensor or a recording; see below",
+    )
     parser.add_argument(
         "--layout",
         metavar="LAYOUT",
+        type=input_path,
         help="positions of the taxels: a stock layout, a layout file, or the rows and columns of a "
         "grid, such as 16x16 (default: that of the source, else a grid in order of the taxels)",
     )

@@ -2,18 +2,21 @@ r"""Objects from plain data: a class by its import path, and its arguments."""
 
 import inspect
 from collections.abc import Mapping
-from importlib import import_module
 from typing import Any
+
+from torch_geometric_tactile._own_modules import import_own
 
 
 def find_class(class_path: str) -> Any:
     r"""Returns a class by its import path."""
     module, _, name = class_path.rpartition(".")
     try:
-        return getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
+        return getattr(import_own(module), name)
+    except Exception as error:  # whatever a module raises that is imported
+        is_plain = isinstance(error, AttributeError | ImportError | ValueError)
+        text = str(error) if is_plain else repr(error)
         raise ValueError(
-            f"'class_path' must be the import path of a class (got '{class_path}': {error})"
+            f"'class_path' must be the import path of a class (got '{class_path}': {text})"
         ) from error
 
 

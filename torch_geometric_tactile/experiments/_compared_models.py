@@ -2,12 +2,12 @@ r"""The models of a comparison: their task, what each is and tries, and where it
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pkgutil import resolve_name
 from typing import Any
 
 from torch.nn import Module
 
 from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._own_modules import import_own
 from torch_geometric_tactile.experiments._compared_task import (
     MANY_TAXELS,
     ComparedTask,
@@ -340,12 +340,19 @@ def model_of(name: str) -> ComparedModel:
     """
     if name in _BY_NAME:
         return _BY_NAME[name]
+    module, _, attribute = name.rpartition(".")
     try:
-        found = resolve_name(name)
-    except (AttributeError, ImportError, ValueError) as error:
+        found = getattr(import_own(module), attribute)
+    except Exception as error:  # whatever a module raises that is imported
+        text = str(error) if isinstance(error, AttributeError | ImportError) else repr(error)
         raise ValueError(
-            f"'models' must be names of ours or import paths of your own (got '{name}': {error})"
+            f"'models' must be names of ours or import paths of your own (got '{name}': {text})"
         ) from error
+    need(
+        callable(found),
+        f"'models' must be names of ours, or import paths of a class or function of your own (got "
+        f"'{name}', which is of type {type(found).__name__})",
+    )
     title = f"{name}, a model of your own"
     if not (isinstance(found, type) and issubclass(found, Module)):
         return _Estimator(name, title, name, room="")

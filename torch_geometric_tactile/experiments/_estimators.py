@@ -9,6 +9,7 @@ import numpy as np
 from sklearn.utils import get_tags
 from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
 from torch_geometric_tactile.experiments._building import build_object, find_class
 from torch_geometric_tactile.experiments._experiment import Experiment, Fitted
@@ -66,9 +67,28 @@ def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -
     # Its `layout`, if it has such an argument, is that of the data; its random state, if it is left
     # open, is the seed.
     arguments = dict(model.get("init_args") or {})
-    if "layout" in inspect.signature(find_class(model["class_path"])).parameters:
+    path = model["class_path"]
+    known = inspect.signature(find_class(path)).parameters
+    if "layout" in known:
         arguments.setdefault("layout", layout)
+    missing = [
+        name
+        for name, parameter in known.items()
+        if parameter.default is parameter.empty
+        and parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
+        and name not in arguments
+    ]
+    need(
+        not missing,
+        f"'{path}' must not need arguments other than 'layout', the only one that it is called "
+        f"with if it has it (it needs {', '.join(missing)}); give the others a default",
+    )
     estimator = build_object({**model, "init_args": arguments})
+    need(
+        all(hasattr(estimator, name) for name in ("get_params", "set_params", "fit", "predict")),
+        f"'{path}' must return an estimator of scikit-learn; of a network, give the class itself",
+        type(estimator).__name__,
+    )
     parameters = estimator.get_params()
     open_states = [
         name

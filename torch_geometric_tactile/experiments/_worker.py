@@ -1,8 +1,8 @@
 r"""Experiments in a process of their own, which measures its own memory and may be killed alone.
 
-``python -m torch_geometric_tactile.experiments._worker`` reads experiments, one line of
-JSON each, and answers with one line of JSON each. It ends when its input does, so that it never
-outlives the process that started it, and when there was nothing to do for a while.
+:func:`run_worker` reads experiments, one line of JSON each, and answers with one line of JSON each.
+It ends when its input does, so that it never outlives the process that started it, and when there
+was nothing to do for a while.
 """
 
 import json
@@ -16,12 +16,23 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+# PyTorch imports it when a process ends, and would then take a file of the working directory where
+# this comes first on the search path, as in 'python -c' and 'python -m'.
+import tabulate  # noqa: F401
+
 from torch_geometric_tactile._parallel import KEPT_MEMORY
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._memory import PeakMemory
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
 
-_MODULE = "torch_geometric_tactile.experiments._worker"
+# With the search path of the process that starts it behind its own, and without the working
+# directory, whose files must not take the place of installed modules.
+_START = f"""\
+import sys
+sys.path += [folder for folder in sys.argv[1:] if folder not in sys.path]
+from {__name__} import run_worker
+run_worker()
+"""
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _IDLE_SECONDS = 20.0
 _SIGKILL = -9
@@ -80,7 +91,7 @@ class _Process:
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
         environment = {**KEPT_MEMORY, **os.environ, **dict.fromkeys(_THREADS, str(threads))}
         self._popen = subprocess.Popen(
-            [sys.executable, "-m", _MODULE],
+            [sys.executable, "-P", "-c", _START, *filter(None, sys.path)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._said,
@@ -144,7 +155,3 @@ def _read(put: Callable[[bytes], None]) -> None:
         for line in iter(file.readline, b""):
             put(line)
     os._exit(1)
-
-
-if __name__ == "__main__":
-    run_worker()

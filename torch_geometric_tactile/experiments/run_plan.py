@@ -1,5 +1,6 @@
 r"""Running a plan: on many processes, finished experiments kept."""
 
+import logging
 import signal
 import threading
 import time
@@ -24,6 +25,7 @@ from torch_geometric_tactile.experiments._run_store import RunStore
 from torch_geometric_tactile.experiments._worker import close_process, run_safely
 from torch_geometric_tactile.experiments.plan import Plan
 
+_logger = logging.getLogger(__name__)
 _PROBE = 256  # samples
 _PROBE_EPOCHS = 3
 _SQUARE = ("rbf_svm", "signal_svm")  # their time grows with the square of the samples
@@ -104,7 +106,10 @@ def run_plan(
     failed: dict[str, str] = {}
     try:
         if on_estimate is not None and train:
-            seconds = _estimate_seconds([e for e in todo if e.choice is not None])
+            with _noticed_stop() as stopped:
+                seconds = _estimate_seconds([e for e in todo if e.choice is not None])
+            if stopped.is_set():
+                raise KeyboardInterrupt
             on_estimate(seconds)
             todo.sort(key=lambda experiment: seconds.get(experiment.name, 0.0))
         with _noticed_stop() as stopped, closing(_run(todo, jobs)) as running:
@@ -153,11 +158,14 @@ def _estimate_seconds(todo: Sequence[Experiment]) -> dict[str, float]:
     warm: set[bool] = set()
     for experiment in {e.name: e for e in reversed(todo)}.values():
         torch.set_num_threads(experiment.threads)
+        found[experiment.name] = 0.0
         try:
             if experiment.is_estimator not in warm:  # the first of a kind imports much
                 warm.add(experiment.is_estimator)
                 _of_run(experiment)
             found[experiment.name] = count[experiment.name] * _of_run(experiment)
+        except Exception as error:  # of a model of the user's own: its runs tell
+            _logger.debug("no estimate for '%s': %r", experiment.name, error)
         finally:
             torch.set_num_threads(threads)
     return found
@@ -175,13 +183,10 @@ def _of_run(experiment: Experiment) -> float:
     tried = others + len(cuts) + (len(cuts) - 1) * others // 2 if others else 0
     finals = 1 if experiment.is_estimator else choice.members
     trainings = tried * len(parts.fit) + finals * len(parts.train)
-    try:
-        if experiment.is_estimator:
-            return _of_estimator(experiment, parts, few, trainings)
-        probe = replace(experiment, epochs=_PROBE_EPOCHS, choice=replace(choice, members=1))
-        whole, steps = _seconds(probe, few, _some(parts.val, 8))
-    except ValueError:  # the run tells
-        return 0.0
+    if experiment.is_estimator:
+        return _of_estimator(experiment, parts, few, trainings)
+    probe = replace(experiment, epochs=_PROBE_EPOCHS, choice=replace(choice, members=1))
+    whole, steps = _seconds(probe, few, _some(parts.val, 8))
     epochs = experiment.epochs * trainings / (_PROBE_EPOCHS * len(few))
     return (whole - steps) * (tried + finals) + steps * epochs
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile import datasets
+from torch_geometric_tactile._own_modules import find_own_modules
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Protocol, Split, StaticDataset, Trials, Windows
 from torch_geometric_tactile.predictor import (
@@ -103,9 +104,8 @@ def _own_data(settings: dict[str, Any]) -> Any:
     from lightning.pytorch.cli import instantiate_module
 
     from torch_geometric_tactile.training import TactileDataModule
-    from torch_geometric_tactile.training._given_arguments import own_modules
 
-    own_modules()
+    find_own_modules()
     return instantiate_module(TactileDataModule, settings)
 
 

@@ -1,6 +1,5 @@
 r"""The arguments of ``fit`` and its like before they are parsed, to build the data first."""
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -69,15 +68,6 @@ def parted(
         else:
             others.append(arg)
     return found, others
-
-
-def own_modules() -> None:
-    r"""Makes the modules of the working directory importable, as :obj:`python -m` does, for
-    classes of one's own in a configuration.
-    """
-    here = str(Path.cwd())
-    if here not in sys.path and "" not in sys.path:
-        sys.path.insert(0, here)
 
 
 def read_config(path: Path) -> dict[str, Any]:

@@ -24,12 +24,12 @@ from lightning.pytorch.cli import (
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from tabulate import tabulate
 
+from torch_geometric_tactile._own_modules import find_own_modules
 from torch_geometric_tactile.training._checkpoint_file import compare_settings
 from torch_geometric_tactile.training._config_files import merged, scratch_folder
 from torch_geometric_tactile.training._given_arguments import (
     CONFIG,
     GivenArguments,
-    own_modules,
     parted,
     read_config,
 )
@@ -106,7 +106,7 @@ class TactileCLI(LightningCLI):
 
     def parse_arguments(self, parser: LightningArgumentParser, args: ArgsType) -> None:
         r"""Builds the data, fills in the sizes of the model, and parses the arguments."""
-        own_modules()
+        find_own_modules()
         args = sys.argv[1:] if args is None else args
         with _explained("the configuration cannot be used"):
             if isinstance(args, list):
@@ -252,7 +252,7 @@ def _build_data(given: GivenArguments) -> TactileDataModule:
 
 def run_lightning(args: Sequence[str]) -> None:
     r"""Runs a subcommand."""
-    own_modules()
+    find_own_modules()
     args, folder = _output_folder(args)
     args, name = resolve_config_names(args)
     with warnings.catch_warnings(), _no_adverts():

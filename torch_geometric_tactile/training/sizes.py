@@ -1,6 +1,5 @@
 r"""The sizes of a model, taken from the data that it is trained on."""
 
-import importlib
 import inspect
 import types
 from collections.abc import Mapping
@@ -10,6 +9,7 @@ from typing import Any, Literal, Self, Union, get_args, get_origin, get_type_hin
 from jsonargparse.typing import register_type
 from torch import Tensor
 
+from torch_geometric_tactile._own_modules import import_own
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._checks import check_labels, num_outputs
 from torch_geometric_tactile.training._collected_metrics import Task, check_task
@@ -270,7 +270,7 @@ def _accepts(annotation: Any, *kinds: type) -> bool:
 def _find(class_path: str) -> Any:
     module, _, name = class_path.rpartition(".")
     try:
-        return getattr(importlib.import_module(module or _MODELS), name)
+        return getattr(import_own(module or _MODELS), name)
     except (ImportError, AttributeError):
         return None
 
