@@ -255,10 +255,8 @@ def _imports(tree: ast.AST, package: str) -> Iterator[str]:
         elif isinstance(node, ast.Assign) and package:
             targets = [getattr(target, "id", None) for target in node.targets]
             if "__all__" in targets:  # 'from package import *' imports modules of these names
-                names = (
-                    item.value for item in ast.walk(node.value) if isinstance(item, ast.Constant)
-                )
-                yield from (f"{package}.{item}" for item in names)
+                items = [item for item in ast.walk(node.value) if isinstance(item, ast.Constant)]
+                yield from (".".join([package, str(item.value)]) for item in items)
 
 
 def _versions(libraries: Iterable[str]) -> dict[str, str]:

@@ -304,6 +304,7 @@ def test_arguments_are_kept_no_longer_than_needed(tmp_path):
 
 
 class Listed(Binned):
+    raw_file_names = ()
 
 
 def test_no_raw_file_is_named_though_settings_change(tmp_path):

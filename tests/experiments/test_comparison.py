@@ -510,3 +510,23 @@ def test_model_that_is_edited_during_its_run_is_not_kept(tmp_path, edited_nets, 
     importlib.reload(sys.modules["edited_nets"])
     with pytest.raises(ValueError, match="edited after the comparison"):
         deploy(summarize(run), "edited_nets.nearest")
+
+
+def test_given_parts_that_share_trials_are_told(tmp_path, caplog):
+    settings = ComparisonSettings(models=("svm_linear", "constant"), by="given")
+    found = plan(tmp_path, settings, part=np.arange(48) % 2 * 2)
+    (sentence,) = found.shared
+    assert sentence.startswith("12 trials are in more than one part (trial 0, trial 1, trial 2 and")
+    assert [r.getMessage() for r in caplog.records].count(sentence) == 1
+    page = comparison_markdown(summarize(run_plan(found, tmp_path / "out")))
+    assert "**Scores are too high:** 12 trials are in more than one part" in page
+    assert plan(tmp_path, settings, part=GIVEN).shared == ()
+
+
+def test_recordings_that_are_there_twice_are_told(tmp_path):
+    content = touches(tmp_path / "b.npz")
+    x = np.concatenate([content["x"][:24]] * 2)
+    settings = ComparisonSettings(models=("constant",), folds=3)
+    (sentence,) = plan(tmp_path, settings, x=x).shared
+    assert "trials have the same readings as a trial in another part" in sentence
+    assert plan(tmp_path, settings).shared == ()

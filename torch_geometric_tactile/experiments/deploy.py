@@ -30,6 +30,7 @@ from torch_geometric_tactile.experiments._networks import (
 )
 from torch_geometric_tactile.experiments.advice import advice, recommended
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
+from torch_geometric_tactile.experiments.source import quiet_split
 from torch_geometric_tactile.predictor import (
     AverageModel,
     MeasuredScore,
@@ -113,7 +114,7 @@ def _samples(experiment: Experiment) -> tuple[StaticDataset, str]:
     samples = experiment.data.samples()
     if experiment.protocol.by != "given":
         return samples, f"all {len(samples):,} samples"
-    split = experiment.protocol.split(samples)
+    split = quiet_split(experiment.protocol, samples)
     known = torch.cat([split.train, split.val]).sort().values
     return samples[known], f"the {len(known):,} samples of the parts to train and choose on"
 
