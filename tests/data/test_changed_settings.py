@@ -1,4 +1,5 @@
 import copy
+import importlib
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import torch
 from torch_geometric.transforms import BaseTransform, Compose, Distance
 
 from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data._processed_dataset import ProcessedDataset
 from torch_geometric_tactile.data._processed_file import read_processed
 from torch_geometric_tactile.datasets import BioTacSP
 from torch_geometric_tactile.sensors import grid
@@ -78,7 +80,7 @@ def test_other_class_is_processed_again(binned, tmp_path, caplog):
     Other("a", root=tmp_path)
     (text,) = messages(caplog)
     assert text.startswith("class: ")
-    assert ".Binned -> " in text
+    assert ".Binned[source " in text
 
 
 def test_other_layout_is_processed_again(binned, caplog):
@@ -276,9 +278,11 @@ def process_often(root):
 
 def test_two_processes_at_once(binned, tmp_path):
     # New processes: a fork of one in which PyTorch has used threads may wait for ever.
-    code = "import runpy, sys; runpy.run_path(sys.argv[1])['process_often'](sys.argv[2])"
-    command = [sys.executable, "-c", code, __file__, str(tmp_path)]
-    children = [subprocess.Popen(command) for _ in range(2)]
+    # Its source is in a file: without one, the count of `reads` is a constant of the class.
+    code = f"import sys; import {__name__} as module; module.process_often(sys.argv[1])"
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    folder = Path(__file__).parents[2]
+    children = [subprocess.Popen(command, cwd=folder) for _ in range(2)]
     assert [child.wait(timeout=240) for child in children] == [0, 0]
     assert [path.name for path in (tmp_path / "processed").iterdir()] == ["binned.pt"]
 
@@ -320,3 +324,57 @@ def test_methods_of_pygs_in_memory_data_sets_name_ours(binned, name):
         getattr(dataset, name)
     with pytest.raises(AttributeError, match=r"has no attribute 'other'$"):
         _ = dataset.other
+
+
+OWN = """
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from own_helpers import scaled
+
+class OwnSet(StaticDataset):
+    processed_file_names = "own.pt"
+
+    def __init__(self, root, layout, **kwargs):
+        self.layout = layout
+        super().__init__(root, **kwargs)
+
+    def read(self):
+        return StaticData(x=scaled(torch.ones(3, 4, 1)), pos=self.layout.pos), {{}}
+"""
+HELPERS = "GAIN = {gain}\ndef scaled(x):\n    return GAIN * x\n"
+
+
+@pytest.fixture
+def own_set(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    (tmp_path / "own_set.py").write_text("import torch\n" + OWN.format())
+
+    def load(gain, **arguments):
+        (tmp_path / "own_helpers.py").write_text(HELPERS.format(gain=gain))
+        for name in ("own_set", "own_helpers"):
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        kind = importlib.import_module("own_set").OwnSet
+        return kind(tmp_path / "root", grid(2, 2, pitch=0.01), **arguments)
+
+    yield load
+    for name in ("own_set", "own_helpers"):
+        sys.modules.pop(name, None)
+
+
+def test_edited_constant_of_an_own_data_set_is_processed_again(own_set, caplog):
+    assert own_set(1.0).x.unique() == 1
+    assert own_set(1.0).x.unique() == 1
+    assert messages(caplog) == []
+    assert own_set(10.0).x.unique() == 10
+    (text,) = messages(caplog)
+    assert text.startswith("class: own_set.OwnSet[source ")
+
+
+def test_edited_code_without_raw_files_is_told(own_set, caplog, monkeypatch):
+    own_set(1.0)
+    monkeypatch.setattr(ProcessedDataset, "raw_file_names", (), raising=False)
+    assert own_set(10.0).x.unique() == 1  # they cannot be made again
+    assert "was made by other code (class: own_set.OwnSet[source " in caplog.text
+    with pytest.raises(ValueError, match=r"cannot be used \(class: .*pre_transform: None -> "):
+        own_set(10.0, pre_transform=KNNGraph(k=2))

@@ -1,6 +1,9 @@
+import importlib
 import json
 import logging
 import re
+import sys
+import types
 from dataclasses import replace
 
 import pytest
@@ -10,6 +13,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import numpy as np
 import torch
 from compared import GIVEN, touches
+from own_models import neighbours
 
 from torch_geometric_tactile.experiments import _networks as networks
 from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models, model_of
@@ -21,6 +25,7 @@ from torch_geometric_tactile.experiments.comparison import (
     comparison_plan,
     summarize,
 )
+from torch_geometric_tactile.experiments.deploy import deploy
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun, _estimate_seconds, run_plan
 from torch_geometric_tactile.experiments.source import DataSource
@@ -530,3 +535,85 @@ def test_models_of_ones_own_are_trained(tmp_path):
     run = run_plan(plan(tmp_path, settings), tmp_path / "out")
     assert not run.failed
     assert {result.model.name for result in summarize(run).results} == {*names}
+
+
+ESTIMATOR = """
+from sklearn.neighbors import KNeighborsClassifier
+def nearest(): return KNeighborsClassifier({k})
+"""
+
+
+def own_run(tmp_path, name="edited_nets.nearest"):
+    settings = ComparisonSettings(models=(name,), folds=2)
+    return run_plan(plan(tmp_path, settings), tmp_path / "out")
+
+
+@pytest.fixture
+def edited_nets(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    file = tmp_path / "edited_nets.py"
+    file.write_text(ESTIMATOR.format(k=1))
+    yield file
+    sys.modules.pop("edited_nets", None)
+
+
+def test_edited_model_of_ones_own_is_trained_again(tmp_path, edited_nets):
+    assert own_run(tmp_path).kept == 0
+    assert own_run(tmp_path).kept == 2
+    edited_nets.write_text(ESTIMATOR.format(k=24))
+    importlib.reload(sys.modules["edited_nets"])
+    again = own_run(tmp_path)
+    assert again.kept == 0
+    accuracy = summarize(again).results[0].scores["accuracy"].mean
+    assert accuracy < 0.5  # the votes of all are those of the most frequent class
+    edited_nets.write_text(ESTIMATOR.format(k=1))
+    importlib.reload(sys.modules["edited_nets"])
+    assert own_run(tmp_path).kept == 2  # as it was
+
+
+def test_model_without_source_is_not_kept(tmp_path, caplog):
+    made = types.ModuleType("made_nets")
+    made.nearest = neighbours
+    sys.modules["made_nets"] = made
+    try:
+        for _ in range(2):
+            run = own_run(tmp_path, "made_nets.nearest")
+            assert (run.kept, len(run.results), run.missing) == (0, 2, 0)
+    finally:
+        del sys.modules["made_nets"]
+    assert not (tmp_path / "out" / "runs").exists()
+    assert "runs with 'made_nets' are not kept" in caplog.text
+
+
+def test_model_that_is_edited_during_its_run_is_not_kept(tmp_path, edited_nets, caplog):
+    found = plan(tmp_path, ComparisonSettings(models=("edited_nets.nearest",), folds=2))
+    assert found.experiments[0].code  # read before the training
+    edited_nets.write_text(ESTIMATOR.format(k=3))
+    run = run_plan(found, tmp_path / "out")
+    assert len(run.results) == 2
+    assert not (tmp_path / "out" / "runs").exists()
+    assert "edited_nets) was edited during the run" in caplog.text
+    importlib.reload(sys.modules["edited_nets"])
+    with pytest.raises(ValueError, match="edited after the comparison"):
+        deploy(summarize(run), "edited_nets.nearest")
+
+
+def test_given_parts_that_share_trials_are_told(tmp_path, caplog):
+    settings = ComparisonSettings(models=("svm_linear", "constant"), by="given")
+    found = plan(tmp_path, settings, part=np.arange(48) % 2 * 2)
+    (sentence,) = found.shared
+    assert sentence.startswith("12 trials are in more than one part (trial 0, trial 1, trial 2 and")
+    assert [r.getMessage() for r in caplog.records].count(sentence) == 1
+    page = comparison_markdown(summarize(run_plan(found, tmp_path / "out")))
+    assert "**Scores are too high:** 12 trials are in more than one part" in page
+    assert plan(tmp_path, settings, part=GIVEN).shared == ()
+
+
+def test_recordings_that_are_there_twice_are_told(tmp_path):
+    content = touches(tmp_path / "b.npz")
+    x = np.concatenate([content["x"][:24]] * 2)
+    settings = ComparisonSettings(models=("constant",), folds=3)
+    (sentence,) = plan(tmp_path, settings, x=x).shared
+    assert "trials have the same readings as a trial in another part" in sentence
+    assert plan(tmp_path, settings).shared == ()

@@ -6,6 +6,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.data import Protocol, Split, StaticDataset
+from torch_geometric_tactile.data.splits import SharedDataWarning
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.sensors import biotac, grid
 from torch_geometric_tactile.training import TactileDataModule
@@ -253,3 +254,10 @@ def test_data_sets_of_other_kinds_are_refused():
 def test_split_of_nothing_is_refused():
     with pytest.raises(ValueError, match=r"'split' must be one of .* \(got None\)"):
         TactileDataModule(FakeTactileDataset(4), split=None)
+
+
+def test_given_indices_that_share_a_trial_are_told():
+    dataset = FakeTactileDataset(num_samples=40)
+    even, odd = torch.arange(0, 40, 2), torch.arange(1, 40, 2)
+    with pytest.warns(SharedDataWarning, match="trials are in more than one part"):
+        TactileDataModule(dataset, split=Split(even, even[:0], odd)).setup()

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile._sources import has_source, own_sources, source_mark
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _PLAIN = (bool, int, float, complex, str, bytes, torch.dtype, torch.device, torch.layout)
@@ -27,6 +28,7 @@ _COUNTED = (
 _OF_MODULES = vars(torch.nn.Module()).keys()
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _BYTECODE = re.compile(r"bytecode (\d+\.\d+) [0-9a-f]+")
+_SOURCE = re.compile(r"\[source [0-9a-f]+\]")
 _LONG = 400  # characters of a description, beyond which only its hash is kept
 _SHORT = 60  # characters of a description in a message
 
@@ -41,6 +43,10 @@ def describe(value: Any) -> str:
     private attributes that are data, functions, layouts or transforms, or lists, tuples, sets or
     dictionaries of such. What :obj:`__getstate__` leaves out, such as a cache, does not count.
 
+    Functions and classes of the user's own also have a hash of their source code and that of all
+    modules that they import. Where there is no source file, as in a notebook, the functions and
+    values that their code names are described.
+
     Examples:
         >>> from torch_geometric.transforms import Constant
         >>> describe(Constant(2.0))
@@ -49,7 +55,10 @@ def describe(value: Any) -> str:
     text = _describe(value, ())
     if len(text) <= _LONG:
         return text
-    return f"{text[:_SHORT]}... (sha256 {_sha256(text.encode())})"
+    sources = " ".join(_SOURCE.findall(text))
+    mark = f"[source {_sha256(sources.encode())}]" if sources else ""
+    text = _SOURCE.sub("", text)
+    return f"{text[:_SHORT]}... (sha256 {_sha256(text.encode())}){mark}"
 
 
 def _describe(value: Any, inside: tuple[int, ...]) -> str:
@@ -90,10 +99,12 @@ def _describe_array(value: Any) -> str:
 
 def _describe_callable(value: Any, inside: tuple[int, ...]) -> str | None:
     if isinstance(value, type):
-        return _path(value)
+        return _describe_class(value, inside)
     if isinstance(value, types.FunctionType):
         cells = [_cell(cell) for cell in value.__closure__ or ()]
-        state = (value.__defaults__, value.__kwdefaults__, cells)
+        state: tuple[Any, ...] = (value.__defaults__, value.__kwdefaults__, cells)
+        if not has_source(value):
+            state = (*state, _named_globals(value))
         code = _sha256(_describe_code(value.__code__).encode())
         text = f"{_path(value)}(bytecode {sys.version_info.major}.{sys.version_info.minor} {code}"
         return f"{text}, {_describe(state, inside)})"
@@ -104,6 +115,34 @@ def _describe_callable(value: Any, inside: tuple[int, ...]) -> str | None:
     if isinstance(value, functools.partial):
         return "partial" + _describe((value.func, value.args, value.keywords), inside)
     return None
+
+
+def _describe_class(kind: type, inside: tuple[int, ...] = ()) -> str:
+    # Of a class in a notebook, for example, the code of its methods and its constants.
+    if has_source(kind):
+        return _path(kind)
+    content: dict[str, Any] = {}
+    for name, item in vars(kind).items():
+        function = item.__func__ if isinstance(item, staticmethod | classmethod) else item
+        function = function.fget if isinstance(function, property) else function
+        if isinstance(function, types.FunctionType) or (name[:2] != "__" and _counts(function)):
+            content[name] = function
+    bases = [base for base in kind.__bases__ if base is not object]
+    return f"{_path(kind)}[{_describe((content, bases), (*inside, id(kind)))}]"
+
+
+def _named_globals(function: types.FunctionType) -> dict[str, Any]:
+    # What the code of a function names in its module: other functions, classes and values.
+    names = _names(function.__code__) & function.__globals__.keys()
+    found = {name: function.__globals__[name] for name in names}
+    modules = [value for value in found.values() if isinstance(value, types.ModuleType)]
+    named = {name: value for name, value in found.items() if _counts(value)}
+    return {**named, **own_sources(sorted(module.__name__ for module in modules)).modules}
+
+
+def _names(code: types.CodeType) -> set[str]:
+    inner = (const for const in code.co_consts if isinstance(const, types.CodeType))
+    return set(code.co_names).union(*map(_names, inner))
 
 
 def _cell(cell: Any) -> Any:
@@ -140,9 +179,9 @@ def _describe_object(value: Any, inside: tuple[int, ...]) -> str:
     if isinstance(value, BaseTransform) and hasattr(value, "arguments"):
         state |= value.arguments()
     if not state and type(value).__repr__ is not object.__repr__:
-        return f"{_path(type(value))}: {_ADDRESS.sub('', repr(value))}"
+        return f"{_describe_class(type(value), inside)}: {_ADDRESS.sub('', repr(value))}"
     text = ", ".join(f"{name}={_describe(state[name], inside)}" for name in sorted(state))
-    return f"{_path(type(value))}({text})"
+    return f"{_describe_class(type(value), inside)}({text})"
 
 
 def _slots(kind: type) -> Sequence[str]:
@@ -160,7 +199,8 @@ def _counts(value: Any) -> bool:
 
 
 def _path(value: Any) -> str:
-    return f"{value.__module__}.{value.__qualname__}"
+    mark = source_mark(value) if isinstance(value, type | types.FunctionType) else ""
+    return f"{value.__module__}.{value.__qualname__}" + (f"[source {mark}]" if mark else "")
 
 
 def _sha256(content: bytes) -> str:
@@ -201,6 +241,16 @@ def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
         for key in {**before, **now}
         if not _is_same(before.get(key), now.get(key))
     ]
+
+
+def without_code(settings: Mapping[str, str]) -> dict[str, str]:
+    r"""Returns settings without the hashes of the user's own source code.
+
+    Examples:
+        >>> without_code({"class": "my_data.MyData[source 0123456789abcdef]"})
+        {'class': 'my_data.MyData'}
+    """
+    return {key: _SOURCE.sub("", text) for key, text in settings.items()}
 
 
 def _is_same(old: str | None, new: str | None) -> bool:

@@ -16,6 +16,7 @@ from torch_geometric_tactile.data._fingerprint import (
     constructor_arguments,
     describe,
     state_changes,
+    without_code,
 )
 from torch_geometric_tactile.data._processed_file import (
     OtherFormatError,
@@ -38,7 +39,8 @@ class ProcessedDataset(Dataset):
     r"""A PyG data set with a processed file that records what it was made with: the class, the
     arguments of its constructor, :obj:`layout`, :obj:`pre_transform`, :obj:`pre_filter` and
     :meth:`raw_state`. If one of them differs, the raw files are processed again, and a warning is
-    logged that names it.
+    logged that names it. So they are if the source code of the user's own class, transform or
+    filter, or of a module that it imports, was edited.
 
     It is the base of :class:`~torch_geometric_tactile.data.StaticDataset`.
     """
@@ -82,7 +84,7 @@ class ProcessedDataset(Dataset):
         args, kwargs = self.__dict__.get("_given", ((), {}))
         arguments = constructor_arguments(kind, args, kwargs)
         skipped = {*_OTHER_ARGS, *self.selection_args}
-        settings = {"class": f"{kind.__module__}.{kind.__qualname__}"}
+        settings = {"class": describe(kind)}
         for key, value in arguments.items():
             if key not in skipped:
                 settings[key] = describe(value)
@@ -164,6 +166,15 @@ class ProcessedDataset(Dataset):
         why = changes(file.settings, self._settings())
         if self._has_raw():  # what is missing has not changed
             why += state_changes(file.raw_state, self.raw_state())
+        elif why and not changes(without_code(file.settings), without_code(self._settings())):
+            _logger.warning(
+                "'%s' was made by other code (%s) and cannot be made again, since the raw files "
+                "are missing in '%s': its samples are used as they are",
+                path,
+                short_list(why, _NUM_CHANGES),
+                self.raw_dir,
+            )
+            why = []
         return (None, short_list(why, _NUM_CHANGES)) if why else (file, "")
 
     def _has_raw(self) -> bool:

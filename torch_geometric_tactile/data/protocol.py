@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import need
+from torch_geometric_tactile.data._shared_samples import column_of, warn_of_shared
 from torch_geometric_tactile.data._unit_draws import (
     Classes,
     Folds,
@@ -189,6 +190,10 @@ class Protocol:
                 samples do not have an attribute that they
                 are split or stratified by, there are fewer units than folds, a part above 0 would
                 be empty, or the classes do not allow to stratify.
+
+        Warns:
+            SharedDataWarning: If given parts share a trial, or a recording is in the data set twice
+                and its copies are in different parts.
         """
         if self.by == "frame" and isinstance(dataset, Windows) and dataset.overlap:
             raise ValueError(
@@ -197,6 +202,13 @@ class Protocol:
                 f"of {dataset.length} frames, one every {dataset.hop}); or take hop="
                 f"{dataset.length}"
             )
+        split = self._split(dataset, seed, fold)
+        # Frames of one trial are in several parts of a split by frame: that is what was asked for.
+        if self.by != "frame" or column_of(dataset, "trial") is None:
+            warn_of_shared(dataset, split, given=self.by == "given")
+        return split
+
+    def _split(self, dataset: Samples, seed: int, fold: int) -> Split:
         num_folds = self.num_folds(dataset)
         need(0 <= fold < num_folds, f"'fold' must be between 0 and {num_folds - 1}", fold)
         if self.by == "given":

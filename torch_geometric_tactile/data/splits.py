@@ -5,11 +5,18 @@ from typing import NamedTuple
 
 from torch import Tensor
 
+from torch_geometric_tactile.data._shared_samples import (
+    SharedDataWarning,
+    num_shared,
+    shared_recordings,
+    shared_units,
+)
 from torch_geometric_tactile.data.protocol import Protocol, Samples, Split, Unit
 
 __all__ = [
     "Fold",
     "Protocol",
+    "SharedDataWarning",
     "Split",
     "Unit",
     "by_frame",
@@ -17,6 +24,9 @@ __all__ = [
     "by_trial",
     "k_fold",
     "leave_one_group_out",
+    "num_shared",
+    "shared_recordings",
+    "shared_units",
 ]
 
 

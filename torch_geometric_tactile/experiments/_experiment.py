@@ -3,9 +3,10 @@ r"""One experiment as a value: what is trained and tested, and what came of the 
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -14,6 +15,7 @@ import torch_geometric
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._sources import OwnSources, own_sources
 from torch_geometric_tactile._typing import ThresholdMetric
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments.source import DataSource
@@ -22,6 +24,7 @@ from torch_geometric_tactile.training._collected_metrics import Task
 from torch_geometric_tactile.training._config_files import merged
 
 _METRICS = ("accuracy", "balanced_accuracy", "mae")
+_MINIROCKET = "torch_geometric_tactile.baselines.minirocket"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +107,8 @@ class Experiment:
             chosen["threshold"] = self.threshold
         if self.studies:
             chosen["studies"] = self.studies
+        if self.sources.modules:
+            chosen["sources"] = self.sources.modules
         return {
             **chosen,
             "config": _sha256(config),
@@ -115,8 +120,21 @@ class Experiment:
             "batch_size": self.batch_size,
             "accelerator": self.accelerator,
             "measure_memory": self.measure_memory,
-            "versions": versions(),
+            "versions": {**self.sources.libraries, **versions(self.model)},
         }
+
+    @cached_property
+    def sources(self) -> OwnSources:
+        r"""The source code of the user's own models, estimators, transforms, data sets and studies,
+        when it was first asked for.
+        """
+        return self.read_sources()
+
+    def read_sources(self) -> OwnSources:
+        r"""Returns the source code of the user's own classes and functions as it is now."""
+        content = [self.model, self.transform, self.trainer, self.studies, self.data.identity()]
+        choice = None if self.choice is None else self.choice.to_dict()
+        return own_sources(sorted({*_import_paths([*content, choice])}))
 
     @cached_property
     def code(self) -> str:
@@ -139,7 +157,8 @@ class Experiment:
         r"""Returns it as plain data, for another process."""
         content = {**vars(self), "data": self.data.to_dict(), "protocol": self.protocol.to_dict()}
         content["choice"] = None if self.choice is None else self.choice.to_dict()
-        content.pop("code", None)  # a cached property
+        for name in ("code", "sources"):  # cached properties
+            content.pop(name, None)
         return content
 
     @classmethod
@@ -171,13 +190,41 @@ class Fitted(NamedTuple):
     trained: Trained | None = None
 
 
-def versions() -> dict[str, str]:
-    r"""Returns the versions that results depend on."""
+def versions(model: Mapping[str, Any]) -> dict[str, str]:
+    r"""Returns the versions of this package and of the libraries that draw splits and train a
+    model.
+    """
+    libraries = ["scikit-learn"]  # draws the folds as well
+    path = model.get("class_path")
+    if path is None:
+        libraries.append("lightning")
+    elif path == _MINIROCKET:
+        libraries.append("sktime")
     return {
         "torch-geometric-tactile": __version__,
         "torch": torch.__version__,
         "torch-geometric": torch_geometric.__version__,
+        **{name: _version(name) for name in libraries},
     }
+
+
+def _version(library: str) -> str:
+    try:
+        return version(library)
+    except PackageNotFoundError:  # an extra that is missing: the run tells
+        return "none"
+
+
+def _import_paths(content: Any) -> Iterator[str]:
+    # Every text with a dot: a class, or a function that is given by its import path.
+    if isinstance(content, Mapping):
+        for value in content.values():
+            yield from _import_paths(value)
+    elif isinstance(content, list | tuple):
+        for value in content:
+            yield from _import_paths(value)
+    elif isinstance(content, str) and "." in content:
+        yield content
 
 
 def _sha256(content: Any) -> str:

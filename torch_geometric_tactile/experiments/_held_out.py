@@ -12,6 +12,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Protocol, StaticDataset, Windows
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.experiments._experiment import Experiment
+from torch_geometric_tactile.experiments.source import quiet_split
 
 _logger = logging.getLogger(__name__)
 _FOLDS = 5
@@ -47,7 +48,7 @@ def balanced_protocol(
             if quiet:
                 warnings.simplefilter("ignore")
             try:
-                splits = [stratified.split(dataset, 0, fold) for fold in range(number)]
+                splits = [quiet_split(stratified, dataset, 0, fold) for fold in range(number)]
             except ValueError:  # the most frequent class has fewer units than folds
                 continue
         if all(len(split.test) for split in splits):
@@ -72,7 +73,7 @@ def compared_protocol(dataset: StaticDataset, by: str | None, folds: int) -> Pro
     r"""Returns how a comparison holds out samples: by trial if there are trials, unless told."""
     by = by or _default_unit(dataset)
     if by == "given":
-        Protocol("given").split(dataset)  # tells that there are no parts
+        quiet_split(Protocol("given"), dataset)  # tells that there are no parts
         _check_cut(dataset, by)
         return Protocol("given")
     count = _num_units(dataset, by)
@@ -155,7 +156,7 @@ def choice_cuts(
     protocol = experiment.protocol
     if protocol.by == "given":
         dataset = experiment.data.load()
-        split = protocol.split(dataset)
+        split = quiet_split(protocol, dataset)
         if len(split.val):
             train = torch.cat([split.train, split.val]).sort().values
             part = _some(dataset[split.train], most, experiment.seed)

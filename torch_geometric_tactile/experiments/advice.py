@@ -50,6 +50,7 @@ def advice(comparison: Comparison) -> str:
         *_choice(comparison, recommendation, result),
         _over_constant(comparison, result),
         _few_units(comparison),
+        *(f"{text[0].upper()}{text[1:]}." for text in comparison.run.plan.shared),
         quotation(comparison, result),
     ]
     return " ".join(filter(None, sentences))

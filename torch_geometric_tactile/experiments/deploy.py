@@ -9,6 +9,7 @@ import torch
 from sklearn.pipeline import Pipeline
 from torch.nn import Module
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.baselines import TemperatureScaling
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._building import build_object
@@ -29,6 +30,7 @@ from torch_geometric_tactile.experiments._networks import (
 )
 from torch_geometric_tactile.experiments.advice import advice, recommended
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
+from torch_geometric_tactile.experiments.source import quiet_split
 from torch_geometric_tactile.predictor import (
     AverageModel,
     MeasuredScore,
@@ -62,7 +64,8 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
             out.
 
     Raises:
-        ValueError: If no model is recommended, or there is no result of :obj:`name`.
+        ValueError: If no model is recommended, there is no result of :obj:`name`, or the source
+            code of a model of one's own was edited after the comparison.
 
     Examples:
         >>> deploy(compare(data_source("touches.npz", grid="28x50"))).save("best.predictor")
@@ -76,6 +79,10 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
     experiment = next(e for e in comparison.run.plan.experiments if e.name == result.model.name)
     choice = experiment.choice
     assert choice is not None
+    need(
+        experiment.read_sources().modules == experiment.sources.modules,
+        f"the source code of '{result.model.name}' was edited after the comparison; compare again",
+    )
     experiment = experiment.with_setting(_setting(result, choice))
     samples, trained_on = _samples(experiment)
     threads = torch.get_num_threads()
@@ -109,7 +116,7 @@ def _samples(experiment: Experiment) -> tuple[StaticDataset, str]:
     samples = experiment.data.samples()
     if experiment.protocol.by != "given":
         return samples, f"all {len(samples):,} samples"
-    split = experiment.protocol.split(samples)
+    split = quiet_split(experiment.protocol, samples)
     known = torch.cat([split.train, split.val]).sort().values
     return samples[known], f"the {len(known):,} samples of the parts to train and choose on"
 

@@ -68,7 +68,9 @@ def run_plan(
 
     A finished run is a JSON file in :obj:`out/runs`, whole or absent, and is not run again: a run
     that was stopped or killed goes on where it was. Runs with other settings, recordings or
-    versions have other files in the same folder and do not get into the table.
+    versions, or of other source code of the user's own classes, have other files in the same folder
+    and do not get into the table. Runs of own classes whose source code is in no file, such as
+    those of a notebook, are not kept, and a warning is logged.
 
     Args:
         plan (Plan): What is to be run.
@@ -98,7 +100,11 @@ def run_plan(
     store = RunStore(Path(out) / "runs")
     # Two names may stand for one configuration, which is trained once.
     different = {experiment.code: experiment for experiment in experiments}
-    found = {code: store.read(experiment) for code, experiment in different.items()}
+    _warn_of_unknown_sources(different.values())
+    found = {
+        code: None if experiment.sources.unknown else store.read(experiment)
+        for code, experiment in different.items()
+    }
     results = {code: result for code, result in found.items() if result is not None}
     kept = set(results)
     wanted = {experiment.code for experiment in experiments if experiment.name in chosen and train}
@@ -119,7 +125,8 @@ def run_plan(
                         raise KeyboardInterrupt
                     failed[experiment.label] = result["error"]
                 else:
-                    store.write(experiment, result)
+                    if _may_keep(experiment):
+                        store.write(experiment, result)
                     results[experiment.code] = result
                 if on_progress is not None:
                     on_progress(experiment, ended, len(todo))
@@ -147,6 +154,29 @@ def run_plan(
         failed=failed,
         missing=len(experiments) - _count(experiments, results),
     )
+
+
+def _warn_of_unknown_sources(experiments: Iterable[Experiment]) -> None:
+    unknown = {name: reason for e in experiments for name, reason in e.sources.unknown.items()}
+    for name, reason in unknown.items():
+        _logger.warning(
+            "runs with '%s' are not kept, since its source code is not known: %s", name, reason
+        )
+
+
+def _may_keep(experiment: Experiment) -> bool:
+    # Whether the source code is known, and was not edited during the run.
+    if experiment.sources.unknown:
+        return False
+    if experiment.read_sources() == experiment.sources:
+        return True
+    _logger.warning(
+        "%s is not kept: its source code (%s) was edited during the run, which may be of the old "
+        "code or of the new; run the same command again",
+        experiment.label,
+        ", ".join(experiment.sources.modules),
+    )
+    return False
 
 
 def _estimate_seconds(todo: Sequence[Experiment]) -> dict[str, float]:

@@ -111,6 +111,7 @@ def comparison_markdown(comparison: Comparison) -> str:
     plan = comparison.run.plan
     header, rows = comparison_rows(comparison)
     lines = [f"# {printable(plan.table.title)}", "", printable(advice(comparison)), ""]
+    lines += [f"**Scores are too high:** {markdown_text(text)}\n" for text in plan.shared]
     lines += [markdown_text(text) for text in _facts(comparison)]
     lines += ["", *markdown_table(header, _escaped(rows)), ""]
     lines += [

@@ -10,6 +10,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
 from torch_geometric_tactile.data._batches import check_same_names
+from torch_geometric_tactile.data._shared_samples import warn_of_shared
 from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.loader._random_states import kept_rng
@@ -216,6 +217,8 @@ class TactileDataModule(L.LightningDataModule):
                 split = Protocol(split, val=self.val, test=self.test)
             if isinstance(split, Protocol):
                 split = split.split(self.dataset, self.seed, self.fold)
+            else:
+                warn_of_shared(self.dataset, split, given=True)
             names = ("train", "val", "test")
             parts = {name: self.dataset[getattr(split, name)] for name in names}
         given = {"val": self.val_dataset, "test": self.test_dataset}
