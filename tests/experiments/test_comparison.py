@@ -14,6 +14,7 @@ import torch
 from compared import GIVEN, touches
 from own_models import neighbours
 
+from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments import _networks as networks
 from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models, model_of
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
@@ -21,6 +22,7 @@ from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import (
     ComparisonSettings,
+    _predicts_numbers,
     comparison_plan,
     summarize,
 )
@@ -530,3 +532,10 @@ def test_recordings_that_are_there_twice_are_told(tmp_path):
     (sentence,) = plan(tmp_path, settings, x=x).shared
     assert "trials have the same readings as a trial in another part" in sentence
     assert plan(tmp_path, settings).shared == ()
+
+
+def test_negative_class_is_refused():
+    y = torch.arange(-1, 2).repeat(8)
+    data = StaticDataset.from_arrays(torch.randn(24, 6, 1), y, layout=grid(2, 3, pitch=0.01))
+    with pytest.raises(ValueError, match=r"'y' must be classes from 0; leave .* \(got -1\)"):
+        _predicts_numbers(data)
