@@ -17,11 +17,11 @@ from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.papers._table_caption import NOTHING
 from torch_geometric_tactile.papers._table_numbers import table_numbers
+from torch_geometric_tactile.papers._table_part import selected_part
 from torch_geometric_tactile.papers.write_table import (
     _runs_csv,
     csv_text,
     markdown,
-    selected_part,
     write_table,
 )
 

