@@ -160,7 +160,7 @@ def _selected(source: DataSource, noun: str) -> str:
 
 def _ordinal(number: int) -> str:
     last = 0 if number // 10 % 10 == 1 else number % 10  # 11th
-    suffixes = ("th", "st", "n" + "d", "rd")  # codespell takes the third for a word
+    suffixes = ("th", "st", "nd", "rd")
     return f"{number}{suffixes[last] if last < len(suffixes) else 'th'}"
 
 
