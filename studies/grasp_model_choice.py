@@ -112,9 +112,6 @@ def accuracy(name, seed, fold, session, folds, root):
         for key in path[:-1]:
             section = section[key]
         section[path[-1]] = value
-    scheduler = config["model"]["lr_scheduler"]
-    if scheduler is not None:
-        scheduler["init_args"]["T_max"] = epochs
     data = TactileDataModule(
         train,
         test,

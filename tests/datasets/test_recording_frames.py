@@ -432,3 +432,24 @@ def test_channels_that_were_not_declared_are_asked_for(tmp_path):
     options = {**COLUMNS, "num_channels": 1}
     with pytest.raises(ValueError, match=r"3 taxels \(got 6\): if each has 2 .* num_channels=2"):
         RecordingFrames(tmp_path, layout=grid(1, 3, 0.01), read_options=options, **LABELLED)
+
+
+def test_spellings_of_labels_and_objects_are_one():
+    labels, objects = ("slip", "Slip ", "hold", "slip"), ("Cup", "cup", "pen", "cup ")
+    recordings = [
+        recording(label=label, object=name, trial=i)
+        for i, (label, name) in enumerate(zip(labels, objects, strict=True))
+    ]
+    layout = grid(1, 2, pitch=0.01)
+    frames = RecordingFrames(layout=layout, recordings=recordings, target="label")
+    assert frames.class_names == ["hold", "slip"]
+    assert frames.y[::3].tolist() == [1, 1, 0, 1]
+    assert (frames.group_names, frames.group[::3].tolist()) == (["Cup", "pen"], [0, 0, 1, 0])
+
+
+def test_label_minus_one_beside_zero_is_no_class(caplog):
+    recordings = [recording(label=i, object="cup", trial=i + 1) for i in (-1, 0, 1)]
+    frames = RecordingFrames(layout=grid(1, 2, pitch=0.01), recordings=recordings, target="label")
+    assert (frames.class_names, frames.y[::3].tolist()) == (["0", "1"], [-1, 0, 1])
+    assert "3 of 9 frames have the label -1 beside 0" in caplog.text
+    assert frames[frames.y >= 0].y.unique().tolist() == [0, 1]

@@ -83,8 +83,8 @@ def test_whole_numbers_that_are_many_or_never_repeat_are_numbers(
 def test_names_of_groups_in_floating_point(tmp_path):
     names = {"2": 2.0, "9007199254740991": 2.0**53 - 1}
     assert samples(tmp_path, group=[*names.values()] * 3).group_names == [*names]
-    assert samples(tmp_path, group=[0.5, 2.0] * 3).group_names == ["0.5", "2.0"]
-    assert samples(tmp_path, group=[2.0, 1e20] * 3).group_names == ["2.0", "1e+20"]
+    assert samples(tmp_path, group=[0.5, 2.0] * 3).group_names == ["0.5", "2"]
+    assert samples(tmp_path, group=[2.0, 1e20] * 3).group_names == ["2", "1e+20"]
 
 
 def test_windows_that_are_cut_already_have_their_frames(tmp_path):
@@ -177,3 +177,28 @@ def test_missing_readings_stay_missing(tmp_path):
 def test_what_does_not_fit_is_refused(tmp_path, options, arrays, match):
     with pytest.raises(ValueError, match=match):
         samples(tmp_path, options, **arrays)
+
+
+@pytest.mark.parametrize("dtype", [np.int64, np.float64])
+def test_samples_without_a_label_are_left_out(tmp_path, caplog, dtype):
+    y = np.r_[[-1] * 5, np.arange(55) % 2].astype(dtype)
+    x = np.arange(60.0)[:, None] * np.ones(6)
+    np.savez(tmp_path / "a.npz", x=x, y=y, trial=np.arange(60))
+    dataset = SamplesFile(tmp_path / "a.npz", grid="2x3")
+    assert (dataset.class_names, len(dataset)) == (["0", "1"], 55)
+    assert dataset.x[0].unique().tolist() == [5.0]
+    assert len(dataset.trial.unique()) == 55
+    assert "5 of 60 samples have the label -1 beside 0" in caplog.text
+
+
+@pytest.mark.parametrize("y", [[-1, 1], [-2, -1, 0], ["-1", "0"]])
+def test_minus_one_is_a_class_elsewhere(tmp_path, y):
+    np.savez(tmp_path / "a.npz", x=np.ones((12, 6)), y=np.resize(y, 12))
+    dataset = SamplesFile(tmp_path / "a.npz", grid="2x3")
+    assert (len(dataset), dataset.class_names[0]) == (12, str(sorted(y)[0]))
+
+
+def test_spellings_of_one_class_in_a_file(tmp_path):
+    np.savez(tmp_path / "a.npz", x=np.ones((4, 6)), y=["slip", "Slip ", "hold", "slip"])
+    dataset = SamplesFile(tmp_path / "a.npz", grid="2x3")
+    assert (dataset.class_names, dataset.y.tolist()) == (["hold", "slip"], [1, 1, 0, 1])

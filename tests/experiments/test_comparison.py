@@ -15,6 +15,7 @@ import torch
 from compared import GIVEN, touches
 from own_models import neighbours
 
+from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments import _networks as networks
 from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models, model_of
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
@@ -22,6 +23,7 @@ from torch_geometric_tactile.experiments.advice import advice, recommended, to_d
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import (
     ComparisonSettings,
+    _predicts_numbers,
     comparison_plan,
     summarize,
 )
@@ -604,8 +606,8 @@ def test_given_parts_that_share_trials_are_told(tmp_path, caplog):
     found = plan(tmp_path, settings, part=np.arange(48) % 2 * 2)
     (sentence,) = found.shared
     assert sentence.startswith("12 trials are in more than one part (trial 0, trial 1, trial 2 and")
-    assert [r.getMessage() for r in caplog.records].count(sentence) == 1
     page = comparison_markdown(summarize(run_plan(found, tmp_path / "out")))
+    assert [r.getMessage() for r in caplog.records].count(sentence) == 1
     assert "**Scores are too high:** 12 trials are in more than one part" in page
     assert plan(tmp_path, settings, part=GIVEN).shared == ()
 
@@ -617,3 +619,10 @@ def test_recordings_that_are_there_twice_are_told(tmp_path):
     (sentence,) = plan(tmp_path, settings, x=x).shared
     assert "trials have the same readings as a trial in another part" in sentence
     assert plan(tmp_path, settings).shared == ()
+
+
+def test_negative_class_is_refused():
+    y = torch.arange(-1, 2).repeat(8)
+    data = StaticDataset.from_arrays(torch.randn(24, 6, 1), y, layout=grid(2, 3, pitch=0.01))
+    with pytest.raises(ValueError, match=r"'y' must be classes from 0; leave .* \(got -1\)"):
+        _predicts_numbers(data)

@@ -297,3 +297,12 @@ def test_file_that_is_not_there(tmp_path):
 def test_data_file_is_shipped():
     text = (Path(__file__).parents[2] / "pyproject.toml").read_text()
     assert '"papers/*.yaml"' in text
+
+
+def test_list_of_an_own_table_names_no_training_on_other_data(own_table, capsys):
+    assert main(["table", str(own_table), "--list"]) == 0  # the configuration is for BioTacSP
+    assert "tactile fit" not in capsys.readouterr().out
+    text = OWN.replace("FakeTactileDataset", "BioTacSP").replace("num_samples: 40", "split: all")
+    own_table.write_text(text.replace("num_objects: 4", "root: null"))
+    assert main(["table", str(own_table), "--list"]) == 0
+    assert "tactile fit --config" in capsys.readouterr().out

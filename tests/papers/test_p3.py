@@ -45,8 +45,8 @@ def test_tables_train_as_their_configurations(name):
         for key in ("ragged", "pre_transform"):
             assert dataset["init_args"][key] == table.data.arguments[key]
         if cell.experiment in OURS:
-            scheduler = config["model"]["lr_scheduler"]["init_args"]
-            assert scheduler["T_max"] == config["trainer"]["max_epochs"]
+            scheduler = config["model"]["lr_scheduler"]
+            assert scheduler == {"class_path": "torch_geometric_tactile.training.CosineAnnealing"}
             continue
         optimizer = config["model"]["optimizer"]
         assert (optimizer["class_path"], optimizer["init_args"]["lr"]) == ("torch.optim.Adam", 1e-3)

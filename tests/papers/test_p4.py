@@ -109,8 +109,8 @@ def test_training_is_that_of_the_paper_but_for_the_epochs():
         given = {key: recordings[key] for key in ("layout", "task", "tare")}
         assert given.items() <= table().data.arguments.items()
     ours = load_config("p4_tables/taxel_net")
-    scheduler = ours["model"]["lr_scheduler"]["init_args"]
-    assert scheduler["T_max"] == ours["trainer"]["max_epochs"]
+    scheduler = ours["model"]["lr_scheduler"]
+    assert scheduler == {"class_path": "torch_geometric_tactile.training.CosineAnnealing"}
 
 
 def test_forest_is_built_as_the_table_says():

@@ -17,7 +17,13 @@ from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.papers._table_caption import NOTHING
 from torch_geometric_tactile.papers._table_numbers import table_numbers
-from torch_geometric_tactile.papers.write_table import _runs_csv, csv_text, markdown, write_table
+from torch_geometric_tactile.papers._table_part import selected_part
+from torch_geometric_tactile.papers.write_table import (
+    _runs_csv,
+    csv_text,
+    markdown,
+    write_table,
+)
 
 CAPTION = (
     "**Simulated**, not a result of a real hand: 80 trials of `tactile simulate` (objects "
@@ -265,3 +271,76 @@ def test_pictures_are_drawn_of_all_kinds(name, tmp_path):
     paths = write_table(run(name, entries), tmp_path)
     assert paths[2].stat().st_size > 20_000
     assert NOTHING not in paths[0].read_text()
+
+
+def with_data(whole, of_cell, **of_table):
+    """The run with arguments of the table's data set, and others for some cells."""
+    plan, renamed = whole.plan, {}
+    data = replace(plan.data, selection={}, arguments={**plan.data.arguments, **of_table})
+    cells = tuple(replace(c, data=of_cell.get(c.experiment, {})) for c in plan.table.cells)
+    for e in plan.experiments:
+        own = {**data.arguments, **of_cell.get(e.name, {})}
+        renamed[e.code] = replace(e, data=replace(data, arguments=own))
+    table = replace(plan.table, data=data, cells=cells)
+    plan = replace(plan, table=table, data=data, experiments=tuple(renamed.values()))
+    return whole._replace(plan=plan, results=[(renamed[e.code], r) for e, r in whole.results])
+
+
+def test_caption_tells_of_arguments_of_the_table(objects):
+    given = {"stride": 10, "phases": ["lift", "hold"], "rate": 30.0, "samples_per_trial": 25}
+    caption = markdown(with_data(objects, {}, **given)).splitlines()[2]
+    assert (
+        "25 of each trial, drawn from every 10th frame at 30 Hz of the phases lift, hold: 7,000 in "
+        "all; 600 to train and 300 to test by trial" in caption
+    )
+
+
+def test_caption_tells_of_arguments_of_a_shown_data_set(objects):
+    inner = {"class_path": "a.B", "init_args": {"stride": 3, "root": "x"}}
+    caption = markdown(with_data(objects, {}, dataset=inner)).splitlines()[2]
+    assert "Every 3rd frame: 7,000 in all" in caption
+
+
+def test_caption_and_costs_tell_of_data_of_a_cell(objects):
+    page = markdown(with_data(objects, {"x_tac_joint": {"stride": 5}}))
+    assert (
+        "Every frame: 7,000 in all; 600 to train and 300 to test by trial; 600 to train and 300 to "
+        "test by frame. Every 5th frame for x_tac_joint: 600 to train and 300 to test by trial."
+        in page.splitlines()[2]
+    )
+    names = [row[0] for row in rows_of(page, "Cost of the models")]
+    assert "`x_tac_joint`" in names
+    assert "`p2_table2/ii_tac_joint`" in names
+
+
+def test_two_models_of_one_configuration_have_a_row_of_costs_each(objects):
+    plan = objects.plan
+    first = next(c for c in plan.table.cells if c.experiment == "x_tac_joint")
+    cells = tuple(
+        replace(c, config=first.config) if c.experiment == "ii_tac_joint" else c
+        for c in plan.table.cells
+    )
+    whole = objects._replace(plan=replace(plan, table=replace(plan.table, cells=cells)))
+    costs = {row[0]: row[1:] for row in rows_of(markdown(whole), "Cost of the models")}
+    assert costs["`ii_tac_joint`"][2] == "62 ± 2"
+    assert costs["`x_tac_joint`"][2] == "124"
+    # The same code is one model: two places of it share a row.
+    mine = next(e for e in plan.experiments if e.name == "x_tac_joint")
+    same = tuple(
+        replace(e, model=mine.model) if e.name == "ii_tac_joint" else e for e in plan.experiments
+    )
+    whole = whole._replace(plan=replace(whole.plan, experiments=same))
+    names = [row[0] for row in rows_of(markdown(whole), "Cost of the models")]
+    assert names.count("`p2_table2/x_tac_joint`") == 1
+    assert "`ii_tac_joint`" not in names
+
+
+def test_table_of_the_models_that_were_asked_for(objects):
+    part = selected_part(objects, ["i_*"])
+    rows = rows_of(markdown(part), "Cost of the models")
+    names = {row[0].strip("`").rpartition("/")[2] for row in rows[2:]}
+    asked = {c.experiment for c in objects.plan.table.cells if c.experiment.startswith("i_")}
+    assert names == asked | {"ii_tac_joint", "x_tac_joint"}  # and those with runs
+    total = 4 * len(names)
+    assert f"**{total - 4} of {total} runs are missing**" in markdown(part)
+    assert selected_part(objects, None) is objects

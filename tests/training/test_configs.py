@@ -28,7 +28,7 @@ def test_taxel_nets_differ_in_their_readings_only():
     assert names == ["CommonMode", "SelectChannels", "ZScore"]
     assert raw["data"].pop("transform")["class_path"].endswith("SessionZScore")
     assert common == raw
-    assert raw["model"]["lr_scheduler"]["init_args"]["T_max"] == raw["trainer"]["max_epochs"]
+    assert raw["model"]["lr_scheduler"]["class_path"].endswith(".CosineAnnealing")
     assert isinstance(classifier_from_config(raw["model"]).model, TaxelNet)
 
 
@@ -114,3 +114,15 @@ def test_names_on_the_command_line_become_paths():
 def test_a_configuration_of_no_module_is_one_kind_of_error(config):
     with pytest.raises(ValueError, match="'config' must describe a TactileModule"):
         classifier_from_config(config)
+
+
+def test_no_schedule_has_epochs_of_its_own():
+    # `--epochs` and `--trainer.max_epochs` would not change them.
+    lengths = {"T_max", "T_0", "total_steps", "epochs", "milestones", "step_size", "patience"}
+    scheduled = 0
+    for name in (*config_names(), "p3_table2/temporal", "p4_tables/taxel_net"):
+        scheduler = load_config(name)["model"].get("lr_scheduler")
+        if scheduler is not None:
+            scheduled += 1
+            assert not lengths & (scheduler.get("init_args") or {}).keys(), name
+    assert scheduled >= 13

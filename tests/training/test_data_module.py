@@ -257,7 +257,8 @@ def test_split_of_nothing_is_refused():
 
 
 def test_given_indices_that_share_a_trial_are_told():
-    dataset = FakeTactileDataset(num_samples=40)
+    x, trial = torch.randn(40, 6, 1), torch.arange(40) // 4
+    dataset = StaticDataset.from_arrays(x, trial % 2, layout=grid(2, 3, pitch=0.01), trial=trial)
     even, odd = torch.arange(0, 40, 2), torch.arange(1, 40, 2)
-    with pytest.warns(SharedDataWarning, match="trials are in more than one part"):
+    with pytest.warns(SharedDataWarning, match="10 trials are in more than one part"):
         TactileDataModule(dataset, split=Split(even, even[:0], odd)).setup()

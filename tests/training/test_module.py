@@ -13,6 +13,7 @@ from torch_geometric_tactile.nn.models import GraspGCN
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.training import (
     AtomicCheckpointIO,
+    CosineAnnealing,
     TactileDataModule,
     TactileModule,
     classifier_from_config,
@@ -116,6 +117,46 @@ def test_classifier_steps_its_scheduler(tmp_path):
     fitter = trainer(tmp_path, max_epochs=1)
     fitter.fit(classifier, datamodule=data)
     assert fitter.optimizers[0].param_groups[0]["lr"] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "rates"),
+    [({}, [0.075, 0.025, 0.0]), ({"T_max": 2, "eta_min": 0.02}, [0.06, 0.02, 0.06])],
+)
+def test_learning_rate_falls_over_the_epochs_of_the_run(tmp_path, arguments, rates):
+    class Rates(L.Callback):
+        def on_train_epoch_start(self, trainer, pl_module):
+            seen.append(trainer.optimizers[0].param_groups[0]["lr"])
+
+    seen = []
+    classifier = TactileModule(
+        GraspGCN(),
+        optimizer=partial(torch.optim.Adam, lr=0.1),
+        lr_scheduler=partial(CosineAnnealing, **arguments),
+    )
+    data = TactileDataModule(fake(), transform=ZScore(), batch_size=32)
+    fitter = trainer(tmp_path, max_epochs=3, callbacks=[Rates()])
+    fitter.fit(classifier, datamodule=data)
+    seen.append(fitter.optimizers[0].param_groups[0]["lr"])
+    assert seen == pytest.approx([0.1, *rates])
+
+
+def test_epochs_of_a_checkpoint_are_not_those_of_the_run():
+    def scheduler(**arguments):
+        parameter = torch.nn.Parameter(torch.zeros(1))
+        return CosineAnnealing(torch.optim.SGD([parameter], lr=1.0), **arguments)
+
+    first, longer, given = scheduler(), scheduler(), scheduler(T_max=7)
+    first.follow(10)
+    longer.follow(20)
+    longer.load_state_dict(first.state_dict())
+    assert longer.T_max == 20
+    given.follow(20)
+    assert given.T_max == 7
+    with pytest.raises(ValueError, match=r"'max_epochs' must be given .* \(got -1, no end\)"):
+        scheduler().follow(-1)
+    with pytest.raises(ValueError, match=r"'T_max' must be at least 1 \(got 0\)"):
+        scheduler(T_max=0)
 
 
 def test_the_loss_of_a_validation_batch_is_that_of_all_processes(monkeypatch):

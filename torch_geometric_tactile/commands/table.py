@@ -23,7 +23,7 @@ from torch_geometric_tactile.commands._runs import (
 )
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.experiments.tables import Table
+    from torch_geometric_tactile.experiments.tables import Cell, Table
 
 # As in `experiments`, which is too slow to import for its names.
 TABLES = (
@@ -181,7 +181,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="GLOB",
         type=str,
         nargs="+",
-        help="train only the experiments with matching names",
+        help="train only the experiments with matching names; the table is of these, and of those "
+        "with earlier runs",
     )
     training.add_argument(
         "--no-train",
@@ -236,6 +237,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _run(table: "Table", arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
+    from torch_geometric_tactile.papers._table_part import selected_part
     from torch_geometric_tactile.papers.write_table import write_table
     from torch_geometric_tactile.visualization._style import new_figure
 
@@ -263,10 +265,18 @@ def _run(table: "Table", arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt as stop:
         more = "; --no-train writes the table of those" if str(stop) else ""
         raise KeyboardInterrupt(f"{stop}{more}") from None
-    paths = write_table(finished, arguments.out)
+    paths = write_table(selected_part(finished, arguments.only), arguments.out)
     for text in (finished.describe(), *(f"wrote {path}" for path in paths)):
         print(printable(text), flush=True)
     return exit_status(finished)
+
+
+def _is_alone(cell: "Cell", table: "Table") -> bool:
+    # Whether `tactile fit --config` trains the model of a cell, on the data of the table.
+    if not isinstance(cell.config, str) or cell.data or cell.transform:
+        return False
+    dataset = (cell.configuration.get("data") or {}).get("dataset") or {}
+    return bool(dataset.get("class_path") == table.data.class_path)
 
 
 def _listed(table: "Table") -> str:
@@ -290,6 +300,6 @@ def _listed(table: "Table") -> str:
     protocols = "; ".join(f"{p.name} ({p.protocol.describe()})" for p in table.protocols)
     text = f"{table.title}\n{len(rows)} experiments{published}:\n\n{tabulate(rows, headers)}\n\n"
     text += f"Held out: {protocols}"
-    alone = next((cell.config for cell in table.cells if isinstance(cell.config, str)), None)
+    alone = next((str(cell.config) for cell in table.cells if _is_alone(cell, table)), None)
     text = text if alone is None else f"{text}\nA single one: tactile fit --config {alone}"
     return "\n".join(map(printable, text.split("\n")))

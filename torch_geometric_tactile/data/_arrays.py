@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import need
+from torch_geometric_tactile.data._label_names import label_numbers, number_labels
 from torch_geometric_tactile.data._levels import NAMED
 from torch_geometric_tactile.data._recording_arrays import (
     checked_numbers,
@@ -140,11 +141,14 @@ def _numbered(key: str, value: Any, found: dict[str, list[str]]) -> Any:
         return value
     need(array.ndim == 1, f"'{key}' must have one name for each sample (got shape {array.shape})")
     what = NAMED[key]
-    names = found.setdefault(what, sorted(map(str, set(array.tolist()))))
-    unknown = sorted({*array.tolist()} - {*names})
+    if what not in found:
+        found[what], codes = number_labels(array.tolist())
+        return torch.from_numpy(codes)
+    names, labels = found[what], array.tolist()
+    of_label = dict(zip(labels, label_numbers(names, labels), strict=True))
+    unknown = sorted(label for label, number in of_label.items() if number is None)
     need(not unknown, f"'{what}_names' must name every '{key}' (got {names} without {unknown})")
-    number = {name: i for i, name in enumerate(names)}
-    return torch.tensor([number[str(name)] for name in array.tolist()], dtype=torch.long)
+    return torch.tensor([of_label[label] for label in labels], dtype=torch.long)
 
 
 def layout_of(data: StaticData) -> TaxelLayout:

@@ -45,7 +45,8 @@ class FromArrays:
         r"""Returns a data set of arrays in memory, NumPy's or PyTorch's.
 
         Numbers in double precision are converted to single precision, except :obj:`time`. Names in
-        :obj:`y`, :obj:`group` and :obj:`session` are numbered. If the layout has one link, the
+        :obj:`y`, :obj:`group` and :obj:`session` are numbered; names that differ by surrounding
+        blanks or case only, or are equal as numbers, are one. If the layout has one link, the
         samples share its positions and normals; those of a hand follow from its joint angles, see
         :class:`~torch_geometric_tactile.transforms.TaxelPose`.
 

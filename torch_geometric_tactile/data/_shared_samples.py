@@ -2,7 +2,8 @@ r"""What two parts of a split share: trials, groups and sessions, and copies of 
 
 import hashlib
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 from weakref import ref
 
@@ -74,7 +75,7 @@ def shared_units(dataset: Samples, split: Sequence[Tensor]) -> dict[str, list[in
     """
     found = {}
     for unit in _UNITS:
-        values = column_of(dataset, unit)
+        values = sample_column(dataset, unit)
         if values is not None and values.dim() == 1:
             shared = {
                 number
@@ -101,7 +102,7 @@ def shared_recordings(dataset: Samples, split: Sequence[Tensor]) -> list[Copy]:
     groups = _equal_recordings(dataset)
     if not groups:
         return []
-    numbers = column_of(dataset, "trial")
+    numbers = sample_column(dataset, "trial")
     if numbers is None:
         indices = None if isinstance(dataset, StaticData) else dataset._indices
         size = dataset.num_samples if isinstance(dataset, StaticData) else len(dataset)
@@ -139,7 +140,7 @@ def describe_shared(
             )
     copies = sorted({copy for split in splits for copy in shared_recordings(dataset, split)})
     if copies:
-        unit = "sample" if column_of(dataset, "trial") is None else "trial"
+        unit = "sample" if sample_column(dataset, "trial") is None else "trial"
         pairs = [
             f"{_name(dataset, copy.held_out, unit)} is {_name(dataset, copy.known, unit)}"
             for copy in copies
@@ -158,6 +159,14 @@ def warn_of_shared(dataset: Samples, split: Sequence[Tensor], *, given: bool) ->
         warnings.warn(sentence, SharedDataWarning, stacklevel=4)
 
 
+@contextmanager
+def sharing_ignored() -> Iterator[None]:
+    r"""Splits without warnings of what the parts share: a plan tells it once."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SharedDataWarning)
+        yield
+
+
 def _known_copy(number: int, group: tuple[int, ...], parts: Sequence[set[int]]) -> int | None:
     # A copy that is in an earlier part, and not in that of the number.
     own = [number in part for part in parts]
@@ -173,7 +182,7 @@ def _shared(values: Tensor, first: Tensor, second: Tensor) -> list[int]:
     return [int(value) for value in np.intersect1d(one, other, assume_unique=True)]
 
 
-def column_of(dataset: Samples, key: str) -> Tensor | None:
+def sample_column(dataset: Samples, key: str) -> Tensor | None:
     r"""Returns an attribute of the samples; :obj:`None` if there is no such."""
     if isinstance(dataset, StaticData):
         value = dataset[key] if key in dataset else None  # noqa: SIM401 - Data is no mapping
@@ -196,7 +205,7 @@ def _equal_recordings(dataset: Any) -> _Groups:
         return []
     known, groups = _cache.get(id(data), (None, []))
     if known is None or known() is not data:  # it is compared once
-        x, trial = column_of(data, "x"), column_of(data, "trial")
+        x, trial = sample_column(data, "x"), sample_column(data, "trial")
         is_usable = x is not None and not data.is_shared("x") and len(x) == data.num_samples
         groups = _find_equal(x, trial) if is_usable and x is not None else []
         _cache[id(data)] = (ref(data), groups)

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.data._shared_samples import column_of, warn_of_shared
+from torch_geometric_tactile.data._shared_samples import sample_column, warn_of_shared
 from torch_geometric_tactile.data._unit_draws import (
     Classes,
     Folds,
@@ -204,7 +204,7 @@ class Protocol:
             )
         split = self._split(dataset, seed, fold)
         # Frames of one trial are in several parts of a split by frame: that is what was asked for.
-        if self.by != "frame" or column_of(dataset, "trial") is None:
+        if self.by != "frame" or sample_column(dataset, "trial") is None:
             warn_of_shared(dataset, split, given=self.by == "given")
         return split
 

@@ -1,5 +1,6 @@
 r"""What recordings tell of their objects, labels and phases, as attributes of the frames."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -8,8 +9,10 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data._label_names import label_numbers, number_labels
 from torch_geometric_tactile.datasets._trial import ANNOTATION, Trial, checked_labels, checked_names
 
+_logger = logging.getLogger(__name__)
 # What else trials may be split by, if all of them name it in their metadata.
 GROUPINGS = ("session", "placement", "size")
 
@@ -21,7 +24,7 @@ class ObjectLabels:
 
     def object_names(self, trials: Sequence[Trial]) -> list[str]:
         r"""Returns the names of the objects, in the order of their numbers."""
-        return sorted({trial.object_name for trial in trials if trial.object_name is not None})
+        return number_labels([t.object_name for t in trials if t.object_name is not None])[0]
 
     def properties(self, trial: Trial) -> tuple[tuple[str, ...], tuple[int, ...]] | None:
         r"""Returns names and values of the properties of a trial, if they are known."""
@@ -76,7 +79,7 @@ def frame_labels(
     if trials[0].joint is not None:
         out["joint"] = torch.from_numpy(np.concatenate([trial.joint for trial in trials]))
     if all(trial.object_name is not None for trial in trials):
-        group = [objects.index(trial.object_name or "") for trial in trials]
+        group = label_numbers(objects, [trial.object_name for trial in trials])
         out["group"] = torch.tensor(group).repeat_interleave(num_frames)
     for key in GROUPINGS:
         values = [trial.meta.get(key) for trial in trials]
@@ -90,17 +93,28 @@ def frame_labels(
         out["phase"] = torch.cat([trial.numbered_phase(names["phase"]) for trial in trials])
     if target is not None:
         labels = [label for trial in trials for label in trial.target(target).tolist()]
-        names["class"], out["y"] = _numbered(labels)
+        names["class"], out["y"] = _without_unlabelled(*_numbered(labels))
         if target == ANNOTATION:  # by its own name as well, for windows
             names[target], out[target] = names["class"], out["y"]
     return names, out
 
 
+def _without_unlabelled(names: list[str], y: Tensor) -> tuple[list[str], Tensor]:
+    # -1 beside 0 is no class, but -1, as in scikit-learn, where nobody labelled a frame.
+    if names[:2] != ["-1", "0"]:
+        return names, y
+    _logger.warning(
+        "%d of %d frames have the label -1 beside 0, which stands for no label: leave them out "
+        "with dataset[dataset.y >= 0] (or give them another label if it is a class)",
+        int((y == 0).sum()),
+        len(y),
+    )
+    return names[1:], y - 1
+
+
 def _numbered(values: list[Any]) -> tuple[list[str], Tensor]:
-    # Integers in their order, before texts.
-    found = sorted(set(values), key=lambda value: (isinstance(value, str), value))
-    number = {value: i for i, value in enumerate(found)}
-    return [str(value) for value in found], torch.tensor([number[value] for value in values])
+    names, codes = number_labels(values)
+    return names, torch.from_numpy(codes)
 
 
 def _property_rows(

@@ -11,6 +11,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._arrays import static_data_from_arrays
+from torch_geometric_tactile.data._label_names import number_labels
 from torch_geometric_tactile.data._recording_arrays import warn_of_rounding
 from torch_geometric_tactile.io.samples_npz import read_samples_npz
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
@@ -18,6 +19,7 @@ from torch_geometric_tactile.sensors import grid as planar_grid
 
 _PITCH = 0.005
 _PARTS = {"train": 0, "val": 1, "validation": 1, "test": 2, "0": 0, "1": 1, "2": 2}
+_OF_SAMPLES = ("x", "y", "trial", "group", "session", "set", "part", "time", "joint")
 _MOST_WHOLE = 50
 _TASKS = ("auto", "multiclass", "regression")
 _logger = logging.getLogger(__name__)
@@ -33,7 +35,9 @@ class SamplesFile(StaticDataset):
 
     Labels :obj:`y` that are names, whole numbers (any codes) or booleans are classes, numbered in
     their order; others are numbers to be predicted. Whole numbers in floating point are taken for
-    classes if they are few, and the log says so; :obj:`task` decides otherwise.
+    classes if they are few, and the log says so; :obj:`task` decides otherwise. Spellings of one
+    class are joined (:obj:`"slip"` and :obj:`"Slip "`, 1 and :obj:`"1"`). Samples with the number
+    -1 beside class 0 have no label and are left out, and the log says how many.
 
     Args:
         path (str or PathLike): The file.
@@ -85,6 +89,7 @@ class SamplesFile(StaticDataset):
             self.layout = _layout(content, layout, size, pitch)
             x = content["x"] if time_axis is None else _time_last(content["x"], time_axis)
             content["x"] = _taxels_first(x, self.layout, size)
+            content = _without_unlabelled(content, task, self.path)
             self._num_frames = None if time_axis is None else x.shape[-1]
             self._content: dict[str, np.ndarray] | None = content
             super().__init__(None, transform)
@@ -115,6 +120,27 @@ class SamplesFile(StaticDataset):
         if self._num_frames is not None:
             data.num_frames = self._num_frames
         return data, names
+
+
+def _without_unlabelled(
+    content: dict[str, np.ndarray], task: str, path: str
+) -> dict[str, np.ndarray]:
+    # Without samples of class -1 beside 0: as in scikit-learn, nobody labelled them.
+    y = content["y"].reshape(-1)
+    count = len(content["x"])
+    if task == "regression" or len(y) != count or y.dtype.kind not in "if":
+        return content
+    if y.min() != -1 or not (y == 0).any() or (y.dtype.kind == "f" and not _are_few_codes(y)):
+        return content
+    is_labelled = y != -1
+    _logger.warning(
+        "'%s': %d of %d samples have the label -1 beside 0, which stands for no label: they are "
+        "left out (write -1 as a text in 'y' if it is a class)",
+        path,
+        count - int(is_labelled.sum()),
+        count,
+    )
+    return {key: v[is_labelled] if key in _OF_SAMPLES else v for key, v in content.items()}
 
 
 def _grid_size(text: str) -> tuple[int, int]:
@@ -233,10 +259,12 @@ def _numbered(key: str, values: np.ndarray) -> tuple[list[str], Tensor]:
     need(values.ndim == 1, f"'{key}' must have one value a sample (got shape {values.shape})")
     if values.dtype.kind == "f" and np.isnan(values).any():
         raise ValueError(f"'{key}' must be known for every sample (got NaN)")
-    found, codes = np.unique(values, return_inverse=True)
-    if found.dtype.kind == "f" and (found == np.round(found)).all() and np.abs(found).max() < 2**53:
-        found = found.astype(np.int64)
-    return [str(value) for value in found.tolist()], torch.from_numpy(codes.reshape(-1))
+    found, first, of_value = np.unique(values, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # the spelling that comes first is the name
+    names, codes = number_labels(found[order].tolist())
+    code_of_found = np.empty(len(found), dtype=np.int64)
+    code_of_found[order] = codes
+    return names, torch.from_numpy(code_of_found[of_value.reshape(-1)])
 
 
 def _part(values: np.ndarray) -> Tensor:

@@ -11,8 +11,8 @@ from torch import Tensor
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Protocol, StaticDataset, Windows
 from torch_geometric_tactile.data._frame_view import FrameView
+from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments.source import quiet_split
 
 _logger = logging.getLogger(__name__)
 _FOLDS = 5
@@ -44,11 +44,11 @@ def balanced_protocol(
         return plain
     for number in range(min(folds, count), 1, -1):
         stratified = Protocol(by, folds=number, stratify="y")  # type: ignore[arg-type]
-        with warnings.catch_warnings():
+        with sharing_ignored():
             if quiet:
                 warnings.simplefilter("ignore")
             try:
-                splits = [quiet_split(stratified, dataset, 0, fold) for fold in range(number)]
+                splits = [stratified.split(dataset, 0, fold) for fold in range(number)]
             except ValueError:  # the most frequent class has fewer units than folds
                 continue
         if all(len(split.test) for split in splits):
@@ -73,7 +73,8 @@ def compared_protocol(dataset: StaticDataset, by: str | None, folds: int) -> Pro
     r"""Returns how a comparison holds out samples: by trial if there are trials, unless told."""
     by = by or _default_unit(dataset)
     if by == "given":
-        quiet_split(Protocol("given"), dataset)  # tells that there are no parts
+        with sharing_ignored():
+            Protocol("given").split(dataset)  # tells that there are no parts
         _check_cut(dataset, by)
         return Protocol("given")
     count = _num_units(dataset, by)
@@ -156,7 +157,8 @@ def choice_cuts(
     protocol = experiment.protocol
     if protocol.by == "given":
         dataset = experiment.data.load()
-        split = quiet_split(protocol, dataset)
+        with sharing_ignored():
+            split = protocol.split(dataset)
         if len(split.val):
             train = torch.cat([split.train, split.val]).sort().values
             part = _some(dataset[split.train], most, experiment.seed)

@@ -9,11 +9,11 @@ import torch
 
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.data._frame_view import innermost
+from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._held_out import column_of
 from torch_geometric_tactile.experiments._scores import prediction_scores
 from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.source import quiet_split
 
 _KEYS = ("trial", "group", "session")
 
@@ -38,7 +38,8 @@ def comparison_splits(plan: Plan) -> list[SeenAndTest]:
     is_selected = plan.data.is_selected(dataset)
     parts = []
     for experiment in splits:
-        split = quiet_split(experiment.protocol, dataset, experiment.seed, experiment.fold)
+        with sharing_ignored():
+            split = experiment.protocol.split(dataset, experiment.seed, experiment.fold)
         seen = torch.cat([split.train, split.val])
         parts.append(SeenAndTest(*(part[is_selected[part]].numpy() for part in (seen, split.test))))
     return parts

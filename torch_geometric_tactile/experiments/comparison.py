@@ -407,6 +407,12 @@ def _predicts_numbers(dataset: StaticDataset) -> bool:
     if y is None:
         raise ValueError("'data' must have 'y', a class or numbers for each sample (got none)")
     if y.dim() == 1 and not y.is_floating_point():
+        need(
+            not len(y) or int(y.min()) >= 0,
+            "'y' must be classes from 0; leave out samples without a class, with "
+            "dataset[dataset.y >= 0]",
+            int(y.min()) if len(y) else 0,
+        )
         return False
     if y.dim() > 1 and bool(((y == 0) | (y == 1)).all()):
         raise ValueError(

@@ -12,6 +12,7 @@ from torch.nn import Module
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.baselines import TemperatureScaling
 from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._estimators import (
     estimator_input,
@@ -30,7 +31,6 @@ from torch_geometric_tactile.experiments._networks import (
 )
 from torch_geometric_tactile.experiments.advice import advice, recommended
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
-from torch_geometric_tactile.experiments.source import quiet_split
 from torch_geometric_tactile.predictor import (
     AverageModel,
     MeasuredScore,
@@ -116,7 +116,8 @@ def _samples(experiment: Experiment) -> tuple[StaticDataset, str]:
     samples = experiment.data.samples()
     if experiment.protocol.by != "given":
         return samples, f"all {len(samples):,} samples"
-    split = quiet_split(experiment.protocol, samples)
+    with sharing_ignored():
+        split = experiment.protocol.split(samples)
     known = torch.cat([split.train, split.val]).sort().values
     return samples[known], f"the {len(known):,} samples of the parts to train and choose on"
 

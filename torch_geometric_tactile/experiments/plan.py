@@ -1,10 +1,10 @@
 r"""A table resolved into its experiments, once: what is run, stored, counted and written about."""
 
 import json
-import logging
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from torch_geometric_tactile.data._shared_samples import describe_shared
@@ -12,7 +12,6 @@ from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments.source import DataFacts, DataSource
 from torch_geometric_tactile.experiments.tables import Cell, Table, TableProtocol
 
-_logger = logging.getLogger(__name__)
 _ACCELERATORS = ("cpu", "gpu")
 
 
@@ -63,8 +62,6 @@ class Plan:
         facts (DataFacts): What they hold.
         experiments (tuple of Experiment): All that is to be run: the first seed of all models
             first, so that a run that is stopped has something of every model.
-        shared (tuple of str): What the parts of its splits share and thus makes scores too high: a
-            sentence for each kind; usually none. They are logged as well.
     """
 
     table: Table
@@ -73,7 +70,25 @@ class Plan:
     data: DataSource
     facts: DataFacts
     experiments: tuple[Experiment, ...]
-    shared: tuple[str, ...] = ()
+
+    @cached_property
+    def shared(self) -> tuple[str, ...]:
+        r"""What the parts of its splits share, and thus makes scores too high: trials of given
+        parts, and copies of recordings. A sentence for each; usually none.
+        """
+        sentences: dict[str, None] = {}
+        drafts = {e.protocol_name: e for e in reversed(self.experiments)}
+        for name, draft in drafts.items():
+            dataset, protocol = draft.data.load(), draft.protocol
+            if protocol.by == "frame" and dataset.column("trial") is not None:
+                continue  # frames of one trial are in several parts: that is what was asked for
+            splits = {(e.seed, e.fold) for e in self.experiments if e.protocol_name == name}
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of classes with few units, which were told before
+                parts = [protocol.split(dataset, seed, fold) for seed, fold in sorted(splits)]
+            found = describe_shared(dataset, parts, given=protocol.by == "given")
+            sentences.update(dict.fromkeys(found))
+        return tuple(sentences)
 
     def of_cell(self, cell: Cell) -> Experiment:
         r"""Returns the first experiment of a cell, for facts that all of them share.
@@ -158,26 +173,7 @@ def list_experiments(
         for fold in range(folds[protocol.name])
         for cell in table.cells
     )
-    shared = _describe_shared([drafts[first, p.name] for p in protocols], folds)
-    return Plan(table, protocols, seeds, data, facts, experiments, shared)
-
-
-def _describe_shared(drafts: Sequence[Experiment], folds: Mapping[str, int]) -> tuple[str, ...]:
-    sentences: dict[str, None] = {}
-    for draft in drafts:
-        dataset, protocol = draft.data.load(), draft.protocol
-        if protocol.by == "frame" and dataset.column("trial") is not None:
-            continue  # frames of one trial are in several parts: that is what was asked for
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of classes with few units, which were told before
-            splits = [
-                protocol.split(dataset, fold=fold) for fold in range(folds[draft.protocol_name])
-            ]
-        found = describe_shared(dataset, splits, given=protocol.by == "given")
-        sentences.update(dict.fromkeys(found))
-    for sentence in sentences:
-        _logger.warning("%s", sentence)
-    return tuple(sentences)
+    return Plan(table, protocols, seeds, data, facts, experiments)
 
 
 def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:

@@ -100,6 +100,8 @@ def run_plan(
     store = RunStore(Path(out) / "runs")
     # Two names may stand for one configuration, which is trained once.
     different = {experiment.code: experiment for experiment in experiments}
+    for sentence in plan.shared if experiments else ():
+        _logger.warning("%s", sentence)
     _warn_of_unknown_sources(different.values())
     found = {
         code: None if experiment.sources.unknown else store.read(experiment)

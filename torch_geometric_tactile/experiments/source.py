@@ -2,7 +2,6 @@ r"""Where the samples of an experiment come from, as a value."""
 
 import hashlib
 import json
-import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
@@ -14,9 +13,9 @@ from torch import Tensor
 
 from torch_geometric_tactile._files import file_sha256
 from torch_geometric_tactile._texts import printable, read_json
-from torch_geometric_tactile.data import Protocol, Split, StaticDataset
+from torch_geometric_tactile.data import Protocol, StaticDataset
 from torch_geometric_tactile.data._frame_view import innermost
-from torch_geometric_tactile.data._shared_samples import SharedDataWarning
+from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._building import (
     argument_names,
     build_object,
@@ -98,7 +97,8 @@ class DataSource:
     ) -> tuple[StaticDataset, StaticDataset]:
         r"""Returns the samples to train on, and those to test on."""
         dataset = self.load()
-        train, _, test = quiet_split(protocol, dataset, seed, fold)
+        with sharing_ignored():
+            train, _, test = protocol.split(dataset, seed, fold)
         is_chosen = self.is_selected(dataset)
         train, test = train[is_chosen[train]], test[is_chosen[test]]
         for name, part in (("train", train), ("test", test)):
@@ -170,13 +170,6 @@ class DataFacts:
             session_names=tuple(dataset.session_names),
             num_frames=None if frames is None else int(torch.as_tensor(frames).view(-1)[0]),
         )
-
-
-def quiet_split(protocol: Protocol, dataset: StaticDataset, seed: int = 0, fold: int = 0) -> Split:
-    r"""Returns a split. What its parts share is not warned of: the plan tells it once."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SharedDataWarning)
-        return protocol.split(dataset, seed, fold)
 
 
 def _laid_over(

@@ -1,10 +1,12 @@
 r"""What a table of ours is made of."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.source import DataSource
 
 NOTHING = "\N{EN DASH}"
 
@@ -107,28 +109,59 @@ def _last(class_path: str) -> str:
 
 
 def _samples(run: PlanRun) -> str:
-    selection, facts = run.plan.data.selection, run.plan.facts
+    # The samples of the table, and those of models and protocols with other ones.
+    plan, facts = run.plan, run.plan.facts
     noun = "frame" if 0 < facts.num_trials < facts.num_samples else "sample"
-    stride, phases = selection.get("stride", 1), selection.get("phases")
-    every = f"Every {noun}" if stride == 1 else f"Every {stride}th {noun}"
-    rate, drawn = selection.get("rate"), selection.get("samples_per_trial")
+    of_table = _selected(plan.data, noun)
+    selected = {(e.name, e.protocol_name): _selected(e.data, noun) for e in plan.experiments}
+    sentences = []
+    for text in dict.fromkeys([of_table, *selected.values()]):
+        if text not in selected.values():
+            continue
+        counts = []
+        for name in (protocol.name for protocol in plan.protocols):
+            mine = [
+                result
+                for e, result in run.results
+                if e.protocol_name == name and _selected(e.data, noun) == text
+            ]
+            if mine:
+                train, test = (_range([r[key] for r in mine]) for key in ("num_train", "num_test"))
+                where = name if name.startswith("by ") else f"({name})"
+                counts.append(f"{train} to train and {test} to test {where}")
+        if text == of_table:
+            sentences.append("; ".join([f"{text}: {facts.num_samples:,} in all", *counts]))
+        else:
+            names = dict.fromkeys(name for (name, _), told in selected.items() if told == text)
+            listed = "" if len(names) == len(plan.table.cells) else f" for {', '.join(names)}"
+            told = f": {'; '.join(counts)}" if counts else ""
+            sentences.append(f"{text}{listed}{told}")
+    return f"{'. '.join(sentences)}.{_rest(plan.data.arguments.get('tare'))}"
+
+
+def _selected(source: DataSource, noun: str) -> str:
+    # Which samples a source has: by its arguments, or by those of the data set that it shows.
+    given: dict[str, Any] = {}
+    arguments: Any = source.arguments
+    while isinstance(arguments, Mapping):
+        given = {**arguments, **given}
+        inner = arguments.get("dataset")
+        arguments = inner.get("init_args") if isinstance(inner, Mapping) else None
+    given |= source.selection
+    stride, phases = given.get("stride") or 1, given.get("phases")
+    every = f"Every {noun}" if stride == 1 else f"Every {_ordinal(stride)} {noun}"
+    rate, drawn = given.get("rate"), given.get("samples_per_trial")
     if rate is not None:
         every += f" at {rate:g} Hz"
     if drawn is not None:
         every = f"{drawn} of each trial, drawn from {every[0].lower()}{every[1:]}"
-    of_phases = "" if phases is None else f" of the phases {', '.join(phases)}"
-    counts = []
-    for name in (protocol.name for protocol in run.plan.protocols):
-        mine = [result for e, result in run.results if e.protocol_name == name]
-        if mine:
-            train, test = (_range([r[key] for r in mine]) for key in ("num_train", "num_test"))
-            where = name if name.startswith("by ") else f"({name})"
-            counts.append(f"{train} to train and {test} to test {where}")
-    return (
-        f"{every}{of_phases}: {facts.num_samples:,} in all"
-        + "".join(f"; {text}" for text in counts)
-        + f".{_rest(run.plan.data.arguments.get('tare'))}"
-    )
+    return every if phases is None else f"{every} of the phases {', '.join(phases)}"
+
+
+def _ordinal(number: int) -> str:
+    last = 0 if number // 10 % 10 == 1 else number % 10  # 11th
+    suffixes = ("th", "st", "nd", "rd")
+    return f"{number}{suffixes[last] if last < len(suffixes) else 'th'}"
 
 
 def _rest(tare: float | str | None) -> str:

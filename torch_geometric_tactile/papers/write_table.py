@@ -4,6 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import markdown_table, markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.io._csv_table import safe_cell
@@ -179,7 +181,7 @@ def markdown(run: PlanRun) -> str:
     lines += study_lines(run)
     lines += ["## Cost of the models", "", cost_note(run.plan), ""]
     metrics = ("num_parameters", "frames_per_second", "peak_memory_mb", "train_seconds")
-    once = {_config_name(cell): cell for cell in table.cells}  # two places may have one model
+    once = _named_models(run.plan)
     lines += markdown_table(
         ["experiment", "parameters", "frames/s", "peak memory (MB)", "seconds of training"],
         [
@@ -191,6 +193,21 @@ def markdown(run: PlanRun) -> str:
         ],
     )
     return "\n".join([*lines, ""])
+
+
+def _named_models(plan: Plan) -> dict[str, Cell]:
+    # Two places may have one model, which is trained once. Two models of one configuration, with
+    # other data or transforms, are named by their experiments.
+    codes = {c.experiment: replace(plan.of_cell(c), studies=[]).code for c in plan.table.cells}
+    of_config: dict[str, set[str]] = {}
+    for cell in plan.table.cells:
+        of_config.setdefault(_config_name(cell), set()).add(codes[cell.experiment])
+    names: dict[str, Cell] = {}
+    for cell in plan.table.cells:
+        name = _config_name(cell)
+        is_shared = len(of_config[name]) > 1 or cell.data
+        names[cell.experiment if is_shared else name] = cell
+    return names
 
 
 def _config_name(cell: Cell) -> str:

@@ -17,6 +17,7 @@ except ImportError as error:
 from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.config import config_names, find_config, load_config
+from torch_geometric_tactile.training.cosine_annealing import CosineAnnealing
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import classification_metrics, regression_metrics
 from torch_geometric_tactile.training.module import TactileModule, classifier_from_config
@@ -27,6 +28,7 @@ from torch_geometric_tactile.training.training_recipe import TrainingRecipe, tra
 
 __all__ = [
     "AtomicCheckpointIO",
+    "CosineAnnealing",
     "DataSizes",
     "OneCycle",
     "TactileDataModule",

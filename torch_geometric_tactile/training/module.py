@@ -39,6 +39,7 @@ from torch_geometric_tactile.training._losses import (
     task_loss,
 )
 from torch_geometric_tactile.training._threshold import check_threshold
+from torch_geometric_tactile.training.cosine_annealing import CosineAnnealing
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
@@ -66,6 +67,7 @@ class TactileModule(CheckpointedModule):
             :obj:`None`, which a model refuses that has a true attribute :obj:`needs_edges`.
         optimizer (callable): Makes an optimizer of parameters.
         lr_scheduler (callable, optional): Makes a scheduler of an optimizer, stepped every epoch.
+            :class:`~torch_geometric_tactile.training.CosineAnnealing` knows the epochs of the run.
         num_classes (int, optional): Number of classes, labels or targets :math:`C`. If left out,
             that of the data module, or two without one.
         task (str): :obj:`"multiclass"`, where :obj:`y` is one class a sample :math:`(B,)`, trained
@@ -298,7 +300,10 @@ class TactileModule(CheckpointedModule):
         optimizer = self.optimizer(self.parameters())
         if self.lr_scheduler is None:
             return optimizer
-        return {"optimizer": optimizer, "lr_scheduler": self.lr_scheduler(optimizer)}
+        scheduler = self.lr_scheduler(optimizer)
+        if isinstance(scheduler, CosineAnnealing):
+            scheduler.follow(self.trainer.max_epochs)
+        return {"optimizer": optimizer, "lr_scheduler": scheduler}
 
     def _log_metrics(self, stage: str, metrics: MetricCollection) -> None:
         names = self.class_names if len(self.class_names) == self.num_classes else ()

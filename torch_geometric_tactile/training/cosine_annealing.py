@@ -1,0 +1,68 @@
+r"""A learning rate that falls over the epochs of the run."""
+
+from typing import Any
+
+from torch.optim import Optimizer
+from torch.optim.lr_scheduler import CosineAnnealingLR
+
+from torch_geometric_tactile._checks import need
+
+
+class CosineAnnealing(CosineAnnealingLR):
+    r"""Lets the learning rate fall along half a cosine over all epochs of the run, as
+    :class:`torch.optim.lr_scheduler.CosineAnnealingLR` does over :obj:`T_max` epochs. Beyond these
+    PyTorch's rate climbs again; this one asks the trainer for their number, unless it is given.
+
+    Args:
+        optimizer (torch.optim.Optimizer): What it steps.
+        T_max (int, optional): Number of epochs; the trainer's :obj:`max_epochs` if left out.
+        eta_min (float): The learning rate at the end.
+
+    Raises:
+        ValueError: If :obj:`T_max` is below 1.
+
+    Examples:
+        >>> import torch
+        >>> optimizer = torch.optim.SGD([torch.nn.Parameter(torch.zeros(1))], lr=1.0)
+        >>> scheduler = CosineAnnealing(optimizer)
+        >>> scheduler.follow(max_epochs=2)
+        >>> optimizer.step(); scheduler.step(); round(scheduler.get_last_lr()[0], 6)
+        0.5
+    """
+
+    def __init__(
+        self,
+        optimizer: Optimizer,
+        T_max: int | None = None,  # noqa: N803 - PyTorch's name
+        eta_min: float = 0.0,
+    ) -> None:
+        need(T_max is None or T_max >= 1, "'T_max' must be at least 1", T_max)
+        self.follows_run = T_max is None
+        super().__init__(optimizer, 1 if T_max is None else T_max, eta_min)
+
+    def follow(self, max_epochs: int | None) -> None:
+        r"""Takes the number of epochs of the run, unless :obj:`T_max` was given.
+
+        Args:
+            max_epochs (int, optional): The trainer's number.
+
+        Raises:
+            ValueError: If it is not known.
+        """
+        if not self.follows_run:
+            return
+        if max_epochs is None or max_epochs < 1:
+            raise ValueError(
+                "'max_epochs' must be given for CosineAnnealing without 'T_max' (got "
+                f"{max_epochs}, no end)"
+            )
+        self.T_max = max_epochs
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        r"""Takes over the state of a checkpoint, but for the number of epochs of its run.
+
+        Args:
+            state_dict (dict): Of another scheduler of this class.
+        """
+        kept = {"T_max": self.T_max, "follows_run": self.follows_run}
+        super().load_state_dict({**state_dict, **(kept if self.follows_run else {})})
