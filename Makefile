@@ -4,7 +4,7 @@ VENV := .venv
 # Recordings that lie beside the checkout are used in place of a download.
 DATA ?= $(wildcard ../shared/data)
 
-.PHONY: demo test test-full check tutorials lint docs linkcheck dist clean
+.PHONY: demo test test-random test-full check tutorials lint docs linkcheck dist clean
 TESTS = OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup
 SPHINX = OMP_NUM_THREADS=1 $(VENV)/bin/python -m sphinx -W --keep-going -j auto -d docs/build/doctrees
 
@@ -14,13 +14,20 @@ demo: $(VENV)/demo
 test: $(VENV)/installed
 	$(TESTS) -m "not full"
 
+# The same tests, the files and the tests of each file in a random order. The order of a run comes again
+# with the seed that it printed: make test-random SEED=4711
+SEED := $(or $(SEED),$(shell date +%s))
+test-random: $(VENV)/installed
+	@echo "order of the tests: make test-random SEED=$(SEED)"
+	$(TESTS) -m "not full" --random-order --random-order-seed=$(SEED)
+
 # What takes long: kills, full disks, clusters, mutated checkpoints, whole pages.
 test-full: $(VENV)/installed
 	$(TESTS) -m full
 
 # All that must hold before a change lands, on one machine: about 30 minutes.
 check: export TACTILE_CHECKPOINT_CASES = 10000
-check: test test-full lint docs tutorials dist
+check: test-random test-full lint docs tutorials dist
 	$(MAKE) docs  # once as in a fresh clone, and once with the tutorials that have run
 	OMP_NUM_THREADS=1 $(VENV)/bin/python tests/fuzz/run.py --cases 20000
 

@@ -34,3 +34,27 @@ def test_many_small_tensors_end_it_too(monkeypatch):
             torch.zeros(1)
         with pytest.raises(ValueError, match=r"more than 1800 bytes or 7 tensors\)"):
             torch.zeros(1)
+
+
+def test_size_is_counted_before_the_memory_is_taken():
+    with AllocationLimit([]):
+        for make in (
+            lambda: torch.full((2**50,), 1.0),
+            lambda: torch.zeros(2**50, dtype=torch.double),
+            lambda: torch.rand(2**25, 2**25, generator=torch.Generator()),
+            lambda: torch.arange(2**50),
+            lambda: torch.eye(2**25),
+        ):
+            with pytest.raises(ValueError, match="the model must not be larger than its weights"):
+                make()
+    tensor = torch.zeros(1)
+    with AllocationLimit([]), pytest.raises(ValueError, match="must not be larger"):
+        tensor.new_zeros(2**50)
+
+
+def test_each_naming_of_a_tensor_is_counted_in_double_precision():
+    tensor = torch.zeros(200, dtype=torch.uint8)
+    limit = AllocationLimit([tensor])
+    assert limit.name(tensor) is tensor  # 1600 of 2600 bytes
+    with pytest.raises(ValueError, match=r"named again and again \(got more than 2600 bytes"):
+        limit.name(tensor)

@@ -147,6 +147,22 @@ def test_default_root_follows_the_environment(monkeypatch, tmp_path, write_bts3)
     assert default_root("a") == Path.home() / "touch" / "a"
 
 
+@pytest.mark.parametrize("spelling", ["pressure_mat", "PRESSURE-MAT", "pressuremat"])
+def test_default_root_takes_other_spellings(monkeypatch, tmp_path, spelling):
+    monkeypatch.setenv("TACTILE_DATA", str(tmp_path))
+    (tmp_path / "pressure_mats").mkdir()
+    (tmp_path / "pressure_mat.zip").touch()
+    assert default_root("PressureMat") == tmp_path / "PressureMat"
+    (tmp_path / spelling).mkdir()
+    assert default_root("PressureMat") == tmp_path / spelling
+    (tmp_path / "Pressure_Mat").mkdir()
+    with pytest.raises(ValueError, match=r"must have one folder of the data set 'PressureMat'"):
+        default_root("PressureMat")
+    (tmp_path / "PressureMat").mkdir()
+    assert default_root("PressureMat") == tmp_path / "PressureMat"
+    assert default_root("other") == tmp_path / "other"
+
+
 @pytest.mark.parametrize("value", [None, ""])
 def test_default_root_without_the_environment_is_the_users_cache(monkeypatch, value):
     monkeypatch.delenv("TACTILE_DATA")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import read_recording, read_wide_csv, write_wide_csv
+from torch_geometric_tactile.io import read_recording, read_wide_csv, wide_csv, write_wide_csv
 
 SMALL = {"num_taxels": 2, "num_channels": 3, "num_joints": 1}
 ROW = "1,2,3,4,5,6,0.5"
@@ -370,3 +370,26 @@ def test_many_names_are_quick_to_understand(write):
     names = [f"note_{i}" for i in range(30_000)]
     with pytest.raises(ValueError, match=r"must name the columns .*\(got 'note_0'\)"):
         read_wide_csv(write(",".join(["taxel_0_x", *names]), "1"))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "unit", "expected"),
+    [
+        ("_n", "newton", 1.5),
+        ("_newton", "newton", 1.5),
+        ("_mn", "newton", 0.0015),
+        ("_count", "count", 1.5),
+        ("_counts", "count", 1.5),
+        ("", None, 1.5),
+    ],
+)
+def test_units_of_columns_and_their_factors(tmp_path, suffix, unit, expected):
+    (tmp_path / "a.csv").write_text(f"time,taxel_0_0{suffix}\n0,1.5\n0.5,1.5\n")
+    recording = read_wide_csv(tmp_path / "a.csv")
+    assert recording.meta.get("unit") == unit
+    assert recording.tactile.reshape(-1).tolist() == pytest.approx([expected, expected])
+
+
+def test_every_unit_of_columns_is_tested():
+    names = {"n", "newton", "mn", "count", "counts"}
+    assert set(wide_csv._UNITS) == names

@@ -3,6 +3,7 @@ own, which is given again when the file is read."""
 
 import inspect
 import json
+import resource
 
 import pytest
 import small_models
@@ -372,3 +373,100 @@ def test_models_are_built_again(name, tmp_path):
         data[key] = torch.randn(3, *small_models.SIZES[key])
     with torch.no_grad():
         assert again.logits(data).equal(predictor.logits(data))
+
+
+@pytest.mark.parametrize(
+    "described",
+    [
+        {"class": "DropTaxels", "arguments": {"generator": 5}},
+        {"class": "DropPatches", "arguments": {"layout": {"$layout": None}, "generator": 5}},
+        *(
+            {"class": f"Random{name}", "arguments": {"generator": [1]}}
+            for name in ("Noise", "Offset", "Gain", "TimeShift", "Contrast", "Inversion")
+        ),
+        {"class": "RandomMirror", "arguments": {"layout": {"$layout": None}, "generator": 5}},
+        {"class": "RandomShift", "arguments": {"layout": {"$layout": None}, "generator": "a"}},
+    ],
+    ids=lambda described: described["class"],
+)
+def test_other_generators_are_refused_when_built(described):
+    with pytest.raises(ValueError, match=r"'generator' must be a torch\.Generator, .*\(got "):
+        Builder(LAYOUT if "Patches" in described["class"] else GRID, {}).transform(described)
+
+
+def test_random_transforms_all_check_their_generators():
+    takes = {
+        name
+        for name, kind in classes.transform_classes().items()
+        if "generator" in inspect.signature(kind.__init__).parameters
+    }
+    assert takes == {"DropTaxels", "DropPatches"} | {
+        f"Random{name}"
+        for name in ("Noise", "Offset", "Gain", "TimeShift", "Contrast", "Inversion", "Mirror")
+    } | {"RandomShift"}
+
+
+def references(kind):
+    """What names one tensor many times."""
+    tensor = {"$tensor": "big"}
+    if kind == "transform":
+        one = {"class": "Calibrate", "arguments": {"coefficients": tensor, "degree": 1}}
+        parts = [{"$transform": one}] * 3000
+        return torch.zeros(100, 4000), {"class": "Compose", "arguments": {"transforms": parts}}
+    if kind == "state":
+        state = {"center": [tensor] * 3000, "scale": tensor, "key_values": tensor}
+        return torch.zeros(400_000), {"class": "ZScore", "arguments": {}, "state": state}
+    beside = {"step": "Beside", "models": [[{"step": "Constant", "values": tensor}]] * 3000}
+    steps = [{"step": "Readings"}, beside]
+    return torch.zeros(400_000).bool(), {"class": "EstimatorModel", "arguments": {"steps": steps}}
+
+
+@pytest.mark.parametrize("kind", ["transform", "state", "model"])
+def test_tensor_that_is_named_many_times_is_refused(kind):
+    big, described = references(kind)
+    builder = Builder(GRID, {"big": big})
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ValueError, match="its tensors must not be named again and again"):
+        (builder.model if kind == "model" else builder.transform)(described)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 600_000  # KiB
+
+
+def test_models_and_transforms_of_a_file_share_one_limit(monkeypatch):
+    big = torch.zeros(4000)
+    monkeypatch.setattr("torch_geometric_tactile.data._allocation_limit.MODEL_BYTES", 0)
+    builder = Builder(GRID, {"big": big})
+    for _ in range(4):
+        builder.tensor("big")
+    with pytest.raises(ValueError, match="must not be named again and again"):
+        builder.tensor("big")
+
+
+SIZES = [
+    ("TaxelNet", {"num_sectors": 10**6}, r"'num_sectors' must be at most 360"),
+    ("TaxelNet", {"depth": 10**9}, r"'depth' must be at most 1000"),
+    ("TaxelNet", {"in_channels": 10**9}, "must not be larger than its weights"),
+    ("TaxelNet", {"widths": [10**9]}, "must not be larger than its weights"),
+    ("TaxelNet", {"hidden_channels": 10**9}, "must not be larger than its weights"),
+    ("TemporalTaxelNet", {"num_sectors": 10**6}, r"'num_sectors' must be at most 360"),
+    ("GraspGCN", {"num_layers": 10**9}, r"'num_layers' must be at most 1000"),
+    ("GraspLSTM", {"num_layers": 10**9}, r"'num_layers' must be at most 1000"),
+    ("PosedTaxelNet", {"in_channels": 10**9}, "must not be larger than its weights"),
+    ("SmallCNN", {"hidden_channels": 10**9}, "must not be larger than its weights"),
+]
+
+
+@pytest.mark.parametrize(("name", "size", "match"), SIZES)
+def test_sizes_beyond_all_measure_are_refused_before_memory_is_taken(name, size, match):
+    layout = {} if name.startswith("Grasp") else {"layout": {"$layout": None}}
+    builder = Builder(grid(4, 4, 0.01), {})
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ValueError, match=match):
+        builder.model({"class": name, "arguments": {**layout, **size}})
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 600_000  # KiB
+
+
+def test_sectors_of_a_transform_are_limited():
+    described = {"class": "SectorGraph", "arguments": {"layout": {"$layout": None}}}
+    described["arguments"]["num_sectors"] = 10**6
+    with pytest.raises(ValueError, match=r"'num_sectors' must be at most 360, one for each degree"):
+        Builder(GRID, {}).transform(described)

@@ -11,6 +11,7 @@ from torch_geometric.explain.config import MaskType, ModelMode, ModelReturnType
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.nn.conv._own_propagate import restore_propagate
 
 
 class IntegratedGradients(ExplainerAlgorithm):
@@ -164,6 +165,7 @@ def taxel_attribution(
         torch.Size([4])
     """
     samples = _Samples(model, batch, target)
+    restore_propagate(model)
     explainer = Explainer(
         samples,
         IntegratedGradients() if algorithm is None else algorithm,

@@ -8,12 +8,16 @@ from torch import Tensor
 
 from torch_geometric_tactile._checks import need
 
+_MAX_LAYERS = 1000
+
 
 def check_sizes(advice: str = "", **sizes: Any) -> None:
-    r"""Checks that sizes are whole numbers from one on."""
+    r"""Checks that sizes are whole numbers from one on, and that layers can be counted."""
     for name, size in sizes.items():
         if not isinstance(size, Integral) or size < 1:
             raise ValueError(f"'{name}' must be at least 1 (got {size}){advice}")
+        if name in ("depth", "num_layers"):  # a list of so many is made before the first layer
+            need(size <= _MAX_LAYERS, f"'{name}' must be at most {_MAX_LAYERS}", size)
 
 
 def given_widths(widths: Sequence[int]) -> tuple[int, ...]:

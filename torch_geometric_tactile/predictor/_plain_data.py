@@ -9,7 +9,8 @@ import copy
 import inspect
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -55,9 +56,27 @@ class Builder:
         self.layout = layout
         self.tensors = tensors
         self._own = [part for transform in own or () for part in flat(transform)]
+        self._limit = AllocationLimit(tensors.values())  # of all that is built
+        self._is_limited = False
+
+    @contextmanager
+    def _limited(self) -> Iterator[None]:
+        if self._is_limited:  # inside another part
+            yield
+            return
+        self._is_limited = True
+        try:
+            with self._limit:
+                yield
+        finally:
+            self._is_limited = False
 
     def transform(self, described: Any) -> Any:
         r"""Returns a transform, with its state."""
+        with self._limited():
+            return self._transform(described)
+
+    def _transform(self, described: Any) -> Any:
         state = None if "state" not in described else self.value(described["state"])
         if "own" in described:
             transform = self._given(described)
@@ -88,7 +107,7 @@ class Builder:
                 "is not built by name",
                 "model",
             )
-        with torch.random.fork_rng(devices=[]), AllocationLimit(self.tensors.values()):
+        with torch.random.fork_rng(devices=[]), self._limited():
             return self._built(described)
 
     def _built(self, described: Any) -> Module:
@@ -139,7 +158,7 @@ class Builder:
     def tensor(self, name: Any) -> Tensor:
         r"""Returns a tensor by its name."""
         need(name in self.tensors, f"it must hold the tensor '{name}' (got none)")
-        return self.tensors[name]
+        return self._limit.name(self.tensors[name])
 
 
 _READERS: dict[str, Callable[[Builder, Any], Any]] = {

@@ -13,6 +13,7 @@ from torch_geometric_tactile.sensors.layout import TaxelLayout
 # Positions are single precision, in metres: distances and angles closer than this are equal.
 _TIE = 1e-4
 _MOST_PAIRS = 1 << 22  # computed at once
+_MAX_SECTORS = 360
 _REACH = 3.0  # times the distance between neighbours
 
 
@@ -91,6 +92,11 @@ def sector_edges(
             f"(got {tuple(axes.shape)})"
         )
     need(num_sectors >= 1, "'num_sectors' must be at least 1", num_sectors)
+    need(
+        num_sectors <= _MAX_SECTORS,
+        f"'num_sectors' must be at most {_MAX_SECTORS}, one for each degree",
+        num_sectors,
+    )
     need(radius is None or radius > 0, "'radius' must be positive metres", radius)
     if group is None:
         group = torch.zeros(num_taxels, dtype=torch.long)

@@ -7,7 +7,7 @@ from torch import Tensor
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.transforms._attributes import add_mark, require_floats
-from torch_geometric_tactile.transforms._random import check_probability, uniform
+from torch_geometric_tactile.transforms._random import check_generator, check_probability, uniform
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _P = 0.1
@@ -38,7 +38,7 @@ class DeadTaxels(TactileTransform):
             raise ValueError(f"only one of 'p' and '{chosen_name}' may be given (got both)")
         self.p = None if chosen is not None else check_probability(_P if p is None else p)
         self.value = float(value)
-        self.generator = generator
+        self.generator = check_generator(generator)
 
     def draw(self, count: int, x: Tensor) -> Tensor:
         r"""Returns which of some things are dropped, each with the probability :obj:`p`.

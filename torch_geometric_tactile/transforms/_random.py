@@ -49,7 +49,7 @@ class SegmentDraws(RandomTransform):
         generator: torch.Generator | None = None,
     ) -> None:
         self.std = check_deviation(std)
-        self.generator = generator
+        self.generator = check_generator(generator)
         self._segments = Segments(segments, layout)
 
     def arguments(self) -> dict[str, Any]:
@@ -93,6 +93,16 @@ def normal(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
     # PyTorch draws many normal numbers at once in another order than one by one.
     drawn = uniform(count, x, generator).double()
     return torch.special.ndtri(drawn + 2.0**-25).float()  # the middles of the steps of `rand`
+
+
+def check_generator(generator: torch.Generator | None) -> torch.Generator | None:
+    r"""Returns a source of random numbers."""
+    if generator is not None and not isinstance(generator, torch.Generator):
+        raise ValueError(
+            "'generator' must be a torch.Generator, such as torch.Generator().manual_seed(0), or "
+            f"None (got {generator!r:.80})"
+        )
+    return generator
 
 
 def check_deviation(std: float, name: str = "std") -> float:

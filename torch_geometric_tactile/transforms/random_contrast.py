@@ -7,7 +7,7 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.transforms._random import RandomTransform, uniform
+from torch_geometric_tactile.transforms._random import RandomTransform, check_generator, uniform
 from torch_geometric_tactile.transforms._segments import samples_of_rows, segment_means
 
 
@@ -61,7 +61,7 @@ class RandomContrast(RandomTransform):
         self.low = float(low)
         self.high = float(high)
         self.center = None if center is None else float(center)
-        self.generator = generator
+        self.generator = check_generator(generator)
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
         r"""Stretches the readings."""

@@ -7,7 +7,12 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.transforms._random import RandomTransform, check_probability, uniform
+from torch_geometric_tactile.transforms._random import (
+    RandomTransform,
+    check_generator,
+    check_probability,
+    uniform,
+)
 from torch_geometric_tactile.transforms._segments import samples_of_rows
 
 
@@ -57,7 +62,7 @@ class RandomInversion(RandomTransform):
         self.p = check_probability(p)
         self.low = float(low)
         self.high = float(high)
-        self.generator = generator
+        self.generator = check_generator(generator)
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
         r"""Inverts the readings."""

@@ -12,7 +12,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import FRAMES, check_num_taxels, require_x
 from torch_geometric_tactile.transforms._image_map import require_map, taxels_at
-from torch_geometric_tactile.transforms._random import check_probability, uniform
+from torch_geometric_tactile.transforms._random import check_generator, check_probability, uniform
 from torch_geometric_tactile.transforms._windows import num_channels_and_frames, repeated
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
@@ -74,7 +74,7 @@ class RandomMirror(TactileTransform):
         self.p = check_probability(p)
         self.along = along
         self.negate = negate
-        self.generator = generator
+        self.generator = check_generator(generator)
         dim = 1 if along == "columns" else 0
         cells = image_map.clone()
         cells[:, dim] = image_map[:, dim].min() + image_map[:, dim].max() - image_map[:, dim]

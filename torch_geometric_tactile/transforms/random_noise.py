@@ -5,7 +5,12 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.transforms._random import RandomTransform, check_deviation, normal
+from torch_geometric_tactile.transforms._random import (
+    RandomTransform,
+    check_deviation,
+    check_generator,
+    normal,
+)
 
 
 @functional_transform("random_noise")
@@ -36,7 +41,7 @@ class RandomNoise(RandomTransform):
 
     def __init__(self, std: float = 0.1, generator: torch.Generator | None = None) -> None:
         self.std = check_deviation(std)
-        self.generator = generator
+        self.generator = check_generator(generator)
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
         r"""Adds the noise."""

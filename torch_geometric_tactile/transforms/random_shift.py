@@ -9,7 +9,12 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import check_num_taxels
 from torch_geometric_tactile.transforms._image_map import require_map, taxels_at
-from torch_geometric_tactile.transforms._random import RandomTransform, check_whole, uniform
+from torch_geometric_tactile.transforms._random import (
+    RandomTransform,
+    check_generator,
+    check_whole,
+    uniform,
+)
 
 _MOST_STEPS = 100
 
@@ -61,7 +66,7 @@ class RandomShift(RandomTransform):
         self.columns = check_whole("columns", columns, 0, _MOST_STEPS)
         self.layout, self._map = require_map(self, layout)
         self.value = float(value)
-        self.generator = generator
+        self.generator = check_generator(generator)
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
         r"""Shifts the readings."""

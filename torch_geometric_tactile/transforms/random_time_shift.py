@@ -6,7 +6,12 @@ from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
 from torch_geometric_tactile.transforms._attributes import FRAMES
-from torch_geometric_tactile.transforms._random import RandomTransform, check_whole, uniform
+from torch_geometric_tactile.transforms._random import (
+    RandomTransform,
+    check_generator,
+    check_whole,
+    uniform,
+)
 from torch_geometric_tactile.transforms._segments import samples_of_rows
 from torch_geometric_tactile.transforms._windows import given_num_frames, refuse_ragged
 
@@ -59,7 +64,7 @@ class RandomTimeShift(RandomTransform):
         if num_frames is not None:
             num_frames = check_whole("num_frames", num_frames, 1, _MOST_STEPS)
         self.num_frames = num_frames
-        self.generator = generator
+        self.generator = check_generator(generator)
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
         r"""Shifts the readings."""

@@ -17,9 +17,10 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_edge_features,
     check_edge_form,
 )
+from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
 
 
-class EdgeMessageEncoder(MessagePassing):
+class EdgeMessageEncoder(OwnPropagate, MessagePassing):
     r"""One small network on the features of each edge, aggregated at the target.
 
     .. math::
@@ -158,10 +159,6 @@ class EdgeAttentionEncoder(EdgeMessageEncoder):
         EdgeAttentionEncoder(4, 4, hidden_channels=16)
     """
 
-    # PyG puts a compiled form into the class of the first layer that is made, and subclasses would
-    # inherit it where they need the one that can be explained.
-    propagate = MessagePassing.propagate
-
     def __init__(
         self, edge_dim: int = 4, out_channels: int = 4, hidden_channels: int = 16, **kwargs: Any
     ) -> None:
@@ -220,10 +217,6 @@ class EdgePatchEncoder(EdgeMessageEncoder):
     """
 
     segment: Tensor
-
-    # PyG puts a compiled form into the class of the first layer that is made, and subclasses would
-    # inherit it where they need the one that can be explained.
-    propagate = MessagePassing.propagate
 
     def __init__(
         self,

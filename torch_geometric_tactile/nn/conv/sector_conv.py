@@ -15,6 +15,7 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_tensor,
     compute_on_edges,
 )
+from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
 from torch_geometric_tactile.nn.conv._plain import is_static_batch, sums_messages
 from torch_geometric_tactile.nn.conv._sector_product import (
     SectorCache,
@@ -24,7 +25,7 @@ from torch_geometric_tactile.nn.conv._sector_product import (
 )
 
 
-class SectorConv(MessagePassing):
+class SectorConv(OwnPropagate, MessagePassing):
     r"""A graph convolution with separate weights for the taxel itself and for the neighbour in each
     direction, the counterpart of an image's :math:`3 \times 3` convolution on any layout.
 
@@ -72,9 +73,6 @@ class SectorConv(MessagePassing):
         >>> conv(torch.zeros(5, 2, 3), torch.tensor([[0, 1], [1, 0]]), torch.tensor([0, 2])).shape
         torch.Size([5, 2, 8])
     """
-
-    # Its own, as of all subclasses: PyG puts a compiled form into the class of the first layer.
-    propagate = MessagePassing.propagate
 
     def __init__(
         self,

@@ -20,10 +20,11 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_tensor,
     compute_on_edges,
 )
+from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
 from torch_geometric_tactile.nn.conv._plain import is_hooked, sums_messages
 
 
-class SegmentedGCNConv(MessagePassing):
+class SegmentedGCNConv(OwnPropagate, MessagePassing):
     r"""A graph convolution within each segment of a hand, with separate weights, as in the
     "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional Networks using
     Topological Graph Segmentation" paper (eq. 2 and 3), without its activation.

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Optional
 import torch
 from torch import Tensor
 from torch_geometric import EdgeIndex
-from torch_geometric.nn import GCNConv, MessagePassing
+from torch_geometric.nn import GCNConv
 from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.typing import Adj, OptTensor
 from torch_geometric.utils import is_torch_sparse_tensor
@@ -19,6 +19,7 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     is_traced,
     sorted_form,
 )
+from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate, original_propagate
 from torch_geometric_tactile.nn.conv._plain import (
     MESSAGE_METHODS,
     is_hooked,
@@ -39,7 +40,7 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
 )
 
 
-class StaticGCNConv(GCNConv):
+class StaticGCNConv(OwnPropagate, GCNConv):
     r"""The graph convolution of the "Tactile Object Property Recognition using Geometrical Graph
     Edge Features and Multi-Thread Graph Convolutional Network" paper (eq. 1), without its
     activation.
@@ -101,7 +102,7 @@ class StaticGCNConv(GCNConv):
 
     # Its own, as in all subclasses: PyG puts a compiled form into the class of the first layer that
     # is made, and its subclasses would inherit it where they need the one that can be explained.
-    propagate = MessagePassing.propagate
+    propagate = original_propagate()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -115,7 +116,7 @@ class StaticGCNConv(GCNConv):
             base._has_own_propagate for base in parents
         )
         if not cls._has_own_propagate:
-            cls.propagate = MessagePassing.propagate
+            cls.propagate = original_propagate()
 
     def __init__(
         self,
