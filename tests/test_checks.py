@@ -16,7 +16,7 @@ from torch_geometric_tactile.commands._runs import options_named
 
 def fail(error, **more):
     with (
-        pytest.raises(ValueError) as caught,
+        pytest.raises(ValueError, match=r".") as caught,
         options_named(Namespace(model=1, time_axis=2), **more),
     ):
         raise error
