@@ -55,7 +55,7 @@ linkcheck: $(VENV)/installed
 	$(SPHINX) -b linkcheck docs docs/build/linkcheck
 
 dist: $(VENV)/installed
-	rm -rf dist
+	rm -rf dist build packaging/live/build
 	$(VENV)/bin/python -m build
 	$(VENV)/bin/python -m build --wheel --outdir dist packaging/live
 	$(VENV)/bin/twine check --strict dist/*

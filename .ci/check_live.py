@@ -17,11 +17,12 @@ from torch_geometric_tactile import __version__  # noqa: E402
 from torch_geometric_tactile.commands import VERBS  # noqa: E402
 from torch_geometric_tactile.io import read_recording, write_recording  # noqa: E402
 
+PACKAGE = "torch_geometric_tactile"
 LARGEST = 400e6  # bytes of the environment; that of the whole package has gigabytes
 
 
 def main(folder):
-    """Installs the wheel, uses it, and installs the whole package over it."""
+    """Installs the wheel, uses it, and installs the whole package beside it."""
     (wheel,) = folder.glob("tactile_live-*.whl")
     (whole,) = folder.glob("torch_geometric_tactile-*.whl")
     with tempfile.TemporaryDirectory() as place:
@@ -75,11 +76,26 @@ def main(folder):
         text = run("tactile", "live", "whole.npz", "--model", "a.predictor", fails=True)
         assert 'pip install "torch-geometric-tactile' in text, text
 
-        # docs/install.md: the whole package over it brings the other commands, of the same files.
-        pip("install", "--no-deps", whole)
-        page = run("tactile", "--help")
-        assert all(re.search(rf"^    {verb}\s", page, re.MULTILINE) for verb in VERBS), page
-        assert __version__ in run("tactile", "--version")
+        # docs/install.md: in either order, no file belongs to both, the whole package is imported
+        # where it is there, and what stays after the other is removed works.
+        for first, second in ((wheel, whole), (whole, wheel)):
+            pip("uninstall", "--yes", "tactile-live", "torch-geometric-tactile")
+            for removed in (whole, wheel):
+                pip("install", "--no-deps", "--force-reinstall", first)
+                pip("install", "--no-deps", "--force-reinstall", second)
+                page = run("python", "-m", PACKAGE, "--help")
+                assert all(re.search(rf"^    {verb}\s", page, re.MULTILINE) for verb in VERBS), page
+                assert __version__ in run("tactile", "--version")
+                pip("uninstall", "--yes", re.match(r"\w+", removed.name)[0].replace("_", "-"))
+                page = run("python", "-m", PACKAGE, "--help")
+                kept = "live" if removed == whole else "fit"
+                assert re.search(rf"^    {kept}\s", page, re.MULTILINE), page
+                assert bool(re.search(r"^    fit\s", page, re.MULTILINE)) == (removed == wheel), (
+                    page
+                )
+                run("python", "-c", f"import {PACKAGE}.io, {PACKAGE}.live, {PACKAGE}.sensors")
+                if removed == whole:
+                    assert __version__ in run("tactile-live", "--version")
     print(
         f"tactile-live {__version__} works without PyTorch in {size / 1e6:.0f} MB: {sorted(names)}"
     )

@@ -13,7 +13,7 @@ from itertools import islice
 from threading import Thread
 from typing import TypeVar
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import need_argument
 from torch_geometric_tactile._interrupts import interrupts_ignored
 
 # By default glibc gives every activation back to the system and asks for it again in the next
@@ -66,7 +66,7 @@ def run_parallel(
     Raises:
         ValueError: If :obj:`jobs` is below one.
     """
-    need(jobs is None or jobs >= 1, "'jobs' must be at least 1", jobs)
+    need_argument(jobs is None or jobs >= 1, "jobs", "must be at least 1", jobs)
     from joblib import Parallel, delayed, effective_n_jobs, parallel_config
     from joblib.parallel import BACKENDS, get_active_backend
 

@@ -125,8 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _with_pip_line(error: ModuleNotFoundError, argv: Sequence[str]) -> str:
     if error.name and error.name.startswith("torch_geometric_tactile."):
         return (
-            f"'{error.name}' is not in tactile-live: pip uninstall tactile-live, then "
-            'pip install "torch-geometric-tactile[live]"'
+            f"'{error.name}' is not in tactile-live: pip install \"torch-geometric-tactile[live]\""
         )
     extras = getattr(_verb(argv[0]), "EXTRAS", None) if argv and argv[0] in VERBS else None
     if extras is None or ("pip install" in str(error) and "[train]" not in str(error)):

@@ -123,6 +123,16 @@ def test_bad_input(tmp_path, capsys):
     assert "--force" in capsys.readouterr().err
 
 
+def test_columns_that_are_called_as_options_keep_their_names(tmp_path, capsys):
+    path = tmp_path / "a.csv"
+    path.write_text("time,fz,pad,degree\n0,1,2,cup\n0.01,1,2,cup\n")
+    (other,) = recordings(tmp_path, count=1)
+    text = complaint(capsys, path, other, "--force", "fz", "--unit", "count")
+    assert "'degree'" in text
+    assert "'--degree'" not in text
+    assert "give it as '--label' or '--ignore'" in text
+
+
 def test_published_runs(eflesh_probe, tmp_path, capsys):
     folders = sorted((eflesh_probe / "normal_force").iterdir())
     out = tmp_path / "eflesh.json"

@@ -8,7 +8,8 @@ are read from the files, in the order of the code. The definitions:
   on to the function, whose parameters it then is. Each function is read once; further calls of it
   are counted and not read again. A method is that of the only class of the package with a method of
   this name; where several classes have one, or a type of Python has, nothing is followed.
-  A guard (``need``) refuses values and passes none on: it is not followed, as ``raise`` is not.
+  A guard (``_checks``) refuses values and passes none on: it is not followed, as ``raise`` is
+  not.
 * A **room** is a module into which the value is passed. A **stay** is a run of calls into one
   module with none into another in between; a **return** is a stay in a module that had one before.
   That a function ends is no return.
@@ -32,7 +33,7 @@ from house.measure import PACKAGE, House, imports
 
 VERBS = ("table", "compare")
 FIT = "run_plan"
-GUARD = "need"
+GUARDS = "_checks"  # a module
 PYTHON = (str, dict, list, set, tuple, int, Path)
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -133,7 +134,7 @@ class _Reader(ast.NodeVisitor):
         if isinstance(node.func, ast.Attribute):
             self.visit(node.func.value)
         found = self.walk.callee(self.module, node, of_value)
-        if found is None or found[1].name == GUARD:
+        if found is None or found[0] == GUARDS:
             return
         module, function = found
         spec = function.args

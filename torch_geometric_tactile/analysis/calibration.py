@@ -8,7 +8,7 @@ import torch
 from sklearn.linear_model import Ridge
 from torch import Tensor
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile.transforms import Calibrate
 from torch_geometric_tactile.transforms._polynomial import (
     num_terms,
@@ -189,17 +189,18 @@ def fit_calibration(
 def _checked(x: Tensor, force: Tensor, recording: Tensor, per: str) -> _Rows:
     x, force = torch.as_tensor(x).double(), torch.as_tensor(force).double()
     recording = torch.as_tensor(recording)
-    need(
-        not force.isinf().any(), "'force' must be finite, or NaN where none was measured (got inf)"
+    need_argument(
+        not force.isinf().any(), "force", "must be finite, or NaN where none was measured (got inf)"
     )
-    need(per in ("taxel", "sensor"), f"'per' must be 'taxel' or 'sensor' (got {per!r})")
+    need_argument(per in ("taxel", "sensor"), "per", f"must be 'taxel' or 'sensor' (got {per!r})")
     need(x.dim() == 3, "'x' must have shape (num_frames, num_taxels, num_channels)", x.shape)
     if per == "sensor" and force.dim() == 1:
         force = force.unsqueeze(-1)
     size = (len(x),) if per == "sensor" else (len(x), x.size(1))
     if force.shape[:-1] != size or not force.size(-1):
-        raise ValueError(
-            f"'force' must have shape {(*size, 'num_forces')}, per {per} (got {tuple(force.shape)})"
+        raise ArgumentError(
+            Argument("force"),
+            f" must have shape {(*size, 'num_forces')}, per {per} (got {tuple(force.shape)})",
         )
     need(recording.shape == (len(x),), "'recording' must have a number a frame", recording.shape)
     if per == "sensor":
@@ -216,7 +217,9 @@ def _checked(x: Tensor, force: Tensor, recording: Tensor, per: str) -> _Rows:
         )
     for number in numbers.tolist():
         if force[:, recording == number].isnan().all():
-            raise ValueError(f"'force' must be measured in each recording (got none in {number})")
+            raise ArgumentError(
+                Argument("force"), f" must be measured in each recording (got none in {number})"
+            )
     order = recording.argsort(stable=True)
     order = order[~unknown.all(0)[order]]
     return _Rows(x[:, :, order], force[:, order], recording[order])
@@ -240,9 +243,10 @@ def _fitted(rows: _Rows, degree: int, strengths: Sequence[float]) -> _Fit:
     coefficients, low, high = [], [], []
     for taxel, (x, force) in enumerate(zip(rows.x, rows.force, strict=True)):
         known = ~force.isnan().any(-1)
-        need(
+        need_argument(
             known.any(),
-            f"'force' must be measured in two recordings or more, and more than once, on each "
+            "force",
+            f"must be measured in two recordings or more, and more than once, on each "
             f"taxel (got fewer on taxel {taxel})",
         )
         x, force = x[:, known], force[known]

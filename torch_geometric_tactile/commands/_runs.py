@@ -1,12 +1,12 @@
 r"""What verbs that run experiments share: options, how errors name them, and a progress bar."""
 
 import argparse
-import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from torch_geometric_tactile._checks import ArgumentError
 from torch_geometric_tactile.commands._arguments import positive, small_count
 
 if TYPE_CHECKING:
@@ -17,16 +17,14 @@ if TYPE_CHECKING:
 
 @contextmanager
 def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
-    r"""Names the options of a verb in the messages of errors, where these name the arguments of
-    Python functions that they become.
+    r"""Names the options of a command in the messages of errors about the arguments of Python
+    functions that they become. All else in a message stays as it is.
     """
     options = {name: f"--{name.replace('_', '-')}" for name in vars(arguments)} | more
     try:
         yield
-    except ValueError as error:
-        pattern = rf"(?<!got )'({'|'.join(options)})'"
-        text = re.sub(pattern, lambda found: f"'{options[found[1]]}'", str(error))
-        raise ValueError(text) from error
+    except ArgumentError as error:
+        raise ValueError(error.renamed(options)) from error
 
 
 def add_rest(group: Any) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile._texts import printable, short_list
 from torch_geometric_tactile.commands._arguments import READABLE
 from torch_geometric_tactile.commands._file_kinds import CALIBRATION
@@ -151,13 +152,15 @@ def _read(paths: Sequence[Path], arguments: argparse.Namespace) -> list["Recordi
 def _force(path: Path, recording: "Recording", name: str) -> np.ndarray:
     signals = {**recording.privileged, **recording.extra}
     if name not in signals:
-        raise ValueError(
-            f"'force' must be a signal of '{path}': {', '.join(signals) or 'it has none'} (got "
-            f"'{name}')"
+        raise ArgumentError(
+            Argument("force"),
+            f" must be a signal of '{path}': {', '.join(signals) or 'it has none'} (got '{name}')",
         )
     value = signals[name]
     if value.dtype.kind not in "iuf":
-        raise ValueError(f"'force' must be numbers in '{path}' (got {value.dtype} in '{name}')")
+        raise ArgumentError(
+            Argument("force"), f" must be numbers in '{path}' (got {value.dtype} in '{name}')"
+        )
     return value.astype(np.float64)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data._batches import joined
@@ -68,9 +68,10 @@ class FrameView(StaticDataset):
         # Counts, names and logs the trials that are left out.
         longest, short = int(runs.length.max()), (runs.length < length).nonzero().view(-1)
         if longest < length:
-            raise ValueError(
-                f"'length' must be at most that of the longest trial, {longest} frames in "
-                f"{runs.name(int(runs.length.argmax()))} (got {length})"
+            raise ArgumentError(
+                Argument("length"),
+                f" must be at most that of the longest trial, {longest} frames in "
+                f"{runs.name(int(runs.length.argmax()))} (got {length})",
             )
         self.too_short = [runs.name(int(i)) for i in short]
         if len(short):

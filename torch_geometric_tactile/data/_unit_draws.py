@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile.data._levels import NAMED
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
@@ -51,9 +52,10 @@ class Classes:
     def check_folds(self, folds: int) -> None:
         r"""Warns of classes that cannot be in every fold."""
         if self.of_unit is not None and folds > self.num_units.max():
-            raise ValueError(
-                f"'folds' must be at most {self.num_units.max()}, the {self.by}s of the most "
-                f"frequent {self.what}, to be stratified by '{self.key}' (got {folds})"
+            raise ArgumentError(
+                Argument("folds"),
+                f" must be at most {self.num_units.max()}, the {self.by}s of the most "
+                f"frequent {self.what}, to be stratified by '{self.key}' (got {folds})",
             )
         few = [
             f"'{name}' ({count})"
@@ -124,9 +126,9 @@ class Folds:
 
         num_units = len(np.unique(unit))
         if self.count > num_units:
-            raise ValueError(
-                f"'folds' must be between 2 and the {num_units} {self.by}s there are "
-                f"(got {self.count})"
+            raise ArgumentError(
+                Argument("folds"),
+                f" must be between 2 and the {num_units} {self.by}s there are (got {self.count})",
             )
         drawn = {"n_splits": self.count, "shuffle": True, "random_state": seed}
         if classes is None:
@@ -161,7 +163,9 @@ class Fractions:
         num_val, num_test = round(self.val * count), round(self.test * count)
         for name, part, num in (("val", self.val, num_val), ("test", self.test, num_test)):
             if part > 0 and num == 0:
-                raise ValueError(f"'{name}' of {part} leaves nothing of {count} {self.by}s")
+                raise ArgumentError(
+                    Argument(name), f" of {part} leaves nothing of {count} {self.by}s"
+                )
         if num_val + num_test >= count:
             raise ValueError(f"'val' and 'test' leave nothing of {count} {self.by}s to train on")
         order = np.random.default_rng(seeds).permutation(units)

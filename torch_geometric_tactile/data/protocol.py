@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile.data._shared_samples import sample_column, warn_of_shared
 from torch_geometric_tactile.data._unit_draws import (
     Classes,
@@ -119,7 +119,7 @@ class Protocol:
     def __post_init__(self) -> None:
         if self.by not in (*_UNITS, "given"):
             listed = ", ".join(f"'{unit}'" for unit in _UNITS)
-            raise ValueError(f"'by' must be {listed} or 'given' (got '{self.by}')")
+            raise ArgumentError(Argument("by"), f" must be {listed} or 'given' (got '{self.by}')")
         if self.by == "given":
             for field in fields(self)[1:]:
                 if getattr(self, field.name) != field.default:
@@ -129,9 +129,11 @@ class Protocol:
                     )
             return
         if self.folds is not None and self.folds < 2:
-            raise ValueError(f"'folds' must be at least 2 (got {self.folds})")
+            raise ArgumentError(Argument("folds"), f" must be at least 2 (got {self.folds})")
         if self.folds is not None and self.leave_one_out:
-            raise ValueError(f"'folds' must be None with 'leave_one_out' (got {self.folds})")
+            raise ArgumentError(
+                Argument("folds"), f" must be None with 'leave_one_out' (got {self.folds})"
+            )
         if self.stratify is not None and self.leave_one_out:
             raise ValueError(f"'stratify' must be None with 'leave_one_out' (got {self.stratify})")
         if self.unseen is not None and not self._has_folds:
@@ -142,7 +144,7 @@ class Protocol:
         test = (0.0 if self._has_folds else 0.2) if self.test is None else self.test
         for name, part in (("val", val), ("test", test), ("val + test", val + test)):
             if not 0 <= part < 1:
-                raise ValueError(f"'{name}' must be at least 0 and below 1 (got {part})")
+                raise ArgumentError(Argument(name), f" must be at least 0 and below 1 (got {part})")
         object.__setattr__(self, "val", float(val))
         object.__setattr__(self, "test", None if self._has_folds else float(test))
 

@@ -3,7 +3,7 @@ r"""Whole trials as samples."""
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data._dataset_info import joined_info
 from torch_geometric_tactile.data._frame_view import FrameView
@@ -66,8 +66,10 @@ class Trials(FrameView):
     ) -> None:
         need(ragged in _RAGGED, f"'ragged' must be one of {list(_RAGGED)} (got {ragged!r})")
         if length is not None and ragged == "error":
-            raise ValueError(f"'length' must be left out with ragged='error' (got {length})")
-        need(length is None or length >= 1, "'length' must be at least 1", length)
+            raise ArgumentError(
+                Argument("length"), f" must be left out with ragged='error' (got {length})"
+            )
+        need_argument(length is None or length >= 1, "length", "must be at least 1", length)
         self.ragged = ragged
         self.length = length
         #: Number of frames of a sample, before any transform.
@@ -88,9 +90,10 @@ class Trials(FrameView):
         chosen = {"length": length, "target": self._label(runs, constant=True)}
         if self.ragged == "pad":
             if longest > length:
-                raise ValueError(
-                    f"'length' must be at least that of the longest trial, {longest} in "
-                    f"{runs.name(int(runs.length.argmax()))}, with ragged='pad' (got {length})"
+                raise ArgumentError(
+                    Argument("length"),
+                    f" must be at least that of the longest trial, {longest} in "
+                    f"{runs.name(int(runs.length.argmax()))}, with ragged='pad' (got {length})",
                 )
             if not self.dataset._data["x"].is_floating_point():
                 raise ValueError(

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import torch
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data._dataset_info import selected_frames
 from torch_geometric_tactile.data._frame_view import FrameView
@@ -87,10 +87,12 @@ class Windows(FrameView):
         need(label in _LABELS, f"'label' must be one of {list(_LABELS)} (got {label!r})")
         for name, number in (("length", length), ("hop", hop)):
             if number < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {number})")
+                raise ArgumentError(Argument(name), f" must be at least 1 (got {number})")
         if (horizon < 1) if label == "ahead" else (horizon != 0):
             needed = "at least 1" if label == "ahead" else "0"
-            raise ValueError(f"'horizon' must be {needed} with label='{label}' (got {horizon})")
+            raise ArgumentError(
+                Argument("horizon"), f" must be {needed} with label='{label}' (got {horizon})"
+            )
         need(max_gap is None or max_gap > 0, "'max_gap' must be positive, in seconds", max_gap)
         self.length = length
         self.max_gap = max_gap
@@ -126,9 +128,10 @@ class Windows(FrameView):
         kept = torch.div(labelled, self.hop, rounding_mode="floor") + 1
         self.num_beyond = int((count - kept).sum())
         if int(kept.sum()) == 0:
-            raise ValueError(
-                f"'horizon' must leave a window its label (got {self.horizon} frames after windows "
-                f"of {self.length} in trials of at most {int(runs.length.max())})"
+            raise ArgumentError(
+                Argument("horizon"),
+                f" must leave a window its label (got {self.horizon} frames after windows "
+                f"of {self.length} in trials of at most {int(runs.length.max())})",
             )
         if self.num_beyond:
             _logger.info("%d windows have their label beyond their trial", self.num_beyond)

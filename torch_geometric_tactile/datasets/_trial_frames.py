@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch_geometric.transforms import Compose
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need_argument
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import FrameInfo, Protocol, Recording
 from torch_geometric_tactile.data._dataset_info import dataset_info, selected_at_rate
@@ -169,17 +169,19 @@ class TrialFrames(RawFiles):
 
     def _at_rest(self, phase: str) -> Tensor:
         if phase not in self.phase_names:
-            raise ValueError(
-                f"'tare' must be seconds, or a phase of the recordings: {self.phase_names or None} "
-                f"(got '{phase}')"
+            raise ArgumentError(
+                Argument("tare"),
+                f" must be seconds, or a phase of the recordings: {self.phase_names or None} "
+                f"(got '{phase}')",
             )
         kept: Tensor = self._data.phase == self.phase_names.index(phase)
         trials = self._data.trial
         without = trials[~torch.isin(trials, trials[kept])].unique().tolist()
         if without:
-            raise ValueError(
-                f"'tare' must be a phase that every trial has (got '{phase}', which is not in "
-                f"'{self.trial_names[without[0]]}')"
+            raise ArgumentError(
+                Argument("tare"),
+                f" must be a phase that every trial has (got '{phase}', which is not in "
+                f"'{self.trial_names[without[0]]}')",
             )
         return kept
 
@@ -195,12 +197,15 @@ class TrialFrames(RawFiles):
 
     def _in_phases(self, phases: Sequence[str]) -> Tensor:
         if not self.phase_names:
-            raise ValueError(
-                f"'phases' must be None, since no recording in '{self.root}' has "
-                f"'phase_names' (got {phases})"
+            raise ArgumentError(
+                Argument("phases"),
+                f" must be None, since no recording in '{self.root}' has "
+                f"'phase_names' (got {phases})",
             )
         unknown = [name for name in phases if name not in self.phase_names]
-        need(not unknown and phases, f"'phases' must be some of {self.phase_names}", phases)
+        need_argument(
+            not unknown and phases, "phases", f"must be some of {self.phase_names}", phases
+        )
         wanted = torch.tensor([self.phase_names.index(name) for name in phases])
         return torch.isin(self._data.phase, wanted)
 

@@ -7,7 +7,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import (
+    Argument,
+    ArgumentError,
+    need,
+    need_argument,
+    with_context,
+)
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._arrays import static_data_from_arrays
@@ -78,9 +84,12 @@ class SamplesFile(StaticDataset):
         time_axis: int | None = None,
         transform: Transform | None = None,
     ) -> None:
-        need(task in _TASKS, f"'task' must be one of {list(_TASKS)} (got '{task}')")
+        need_argument(task in _TASKS, "task", f"must be one of {list(_TASKS)} (got '{task}')")
         if layout is not None and grid is not None:
-            raise ValueError(f"only one of 'layout' and 'grid' may be given (got '{grid}' too)")
+            raise ArgumentError(
+                *("only one of ", Argument("layout"), " and ", Argument("grid")),
+                f" may be given (got '{grid}' too)",
+            )
         self.path = str(path)
         self.task = task
         content = read_samples_npz(path)
@@ -94,7 +103,7 @@ class SamplesFile(StaticDataset):
             self._content: dict[str, np.ndarray] | None = content
             super().__init__(None, transform)
         except ValueError as error:
-            raise ValueError(f"'{self.path}': {error}") from error
+            raise with_context(f"'{self.path}': ", error) from error
         self._content = None
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
@@ -146,7 +155,9 @@ def _without_unlabelled(
 def _grid_size(text: str) -> tuple[int, int]:
     rows, _, cols = text.lower().partition("x")
     if not (rows.isascii() and rows.isdigit() and cols.isascii() and cols.isdigit()):
-        raise ValueError(f"'grid' must be rows and columns such as 28x50 (got '{text}')")
+        raise ArgumentError(
+            Argument("grid"), f" must be rows and columns such as 28x50 (got '{text}')"
+        )
     return int(rows), int(cols)
 
 
@@ -162,9 +173,10 @@ def _layout(
         return planar_grid(*size, pitch)
     shape = content["x"].shape
     if "pos" not in content:
-        raise ValueError(
-            "its taxels must be known: give a 'layout' or a 'grid' of rows and columns, or put "
-            f"their positions 'pos' in metres into the file (got none for 'x' of shape {shape})"
+        raise ArgumentError(
+            *("its taxels must be known: give a ", Argument("layout"), " or a ", Argument("grid")),
+            " of rows and columns, or put "
+            f"their positions 'pos' in metres into the file (got none for 'x' of shape {shape})",
         )
     edges = content.get("edge_index")
     normal = content.get("normal")
@@ -178,9 +190,10 @@ def _layout(
 
 def _time_last(x: np.ndarray, axis: int) -> np.ndarray:
     if not 0 < axis < x.ndim or x.shape[axis] < 2:
-        raise ValueError(
-            f"'time_axis' must be a dimension of 'x' of at least 2 frames, from 1 to {x.ndim - 1} "
-            f"(got {axis} for shape {x.shape})"
+        raise ArgumentError(
+            Argument("time_axis"),
+            f" must be a dimension of 'x' of at least 2 frames, from 1 to {x.ndim - 1} "
+            f"(got {axis} for shape {x.shape})",
         )
     return np.moveaxis(x, axis, -1)
 

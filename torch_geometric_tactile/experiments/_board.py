@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source
 from torch_geometric_tactile.experiments.comparison import (
@@ -171,7 +172,9 @@ def board_plans(
     known = [board_set.name for board_set in BOARD]
     unknown = [name for name in names or () if name not in known]
     if unknown:
-        raise ValueError(f"'names' must be some of {', '.join(known)} (got '{unknown[0]}')")
+        raise ArgumentError(
+            Argument("names"), f" must be some of {', '.join(known)} (got '{unknown[0]}')"
+        )
     for board_set in BOARD:
         if names is not None and board_set.name not in names:
             continue

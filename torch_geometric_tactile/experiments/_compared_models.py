@@ -6,7 +6,7 @@ from typing import Any
 
 from torch.nn import Module
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need_argument
 from torch_geometric_tactile._own_modules import import_own
 from torch_geometric_tactile.experiments._compared_task import (
     MANY_TAXELS,
@@ -322,16 +322,18 @@ def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[Comp
     for name in names:
         reason = model_of(name).lacks(task)
         if reason:
-            raise ValueError(f"'models' must fit the data (got '{name}', but {reason})")
+            raise ArgumentError(
+                Argument("models"), f" must fit the data (got '{name}', but {reason})"
+            )
     own = [model_of(name) for name in names if name not in _BY_NAME]
     return (*(model for model in MODELS if model.name in names), *own)
 
 
 def check_model_names(names: Sequence[str]) -> None:
     r"""Checks that names are those of models, or import paths."""
-    known = f"'models' must be some of {', '.join(_BY_NAME)}, or import paths of your own"
+    known = f"must be some of {', '.join(_BY_NAME)}, or import paths of your own"
     unknown = [f"'{name}'" for name in names if name not in _BY_NAME and "." not in name]
-    need(names and not unknown, known, unknown[0] if unknown else "none")
+    need_argument(names and not unknown, "models", known, unknown[0] if unknown else "none")
 
 
 def model_of(name: str) -> ComparedModel:
@@ -345,12 +347,14 @@ def model_of(name: str) -> ComparedModel:
         found = getattr(import_own(module), attribute)
     except Exception as error:  # whatever a module raises that is imported
         text = str(error) if isinstance(error, AttributeError | ImportError) else repr(error)
-        raise ValueError(
-            f"'models' must be names of ours or import paths of your own (got '{name}': {text})"
+        raise ArgumentError(
+            Argument("models"),
+            f" must be names of ours or import paths of your own (got '{name}': {text})",
         ) from error
-    need(
+    need_argument(
         callable(found),
-        f"'models' must be names of ours, or import paths of a class or function of your own (got "
+        "models",
+        f"must be names of ours, or import paths of a class or function of your own (got "
         f"'{name}', which is of type {type(found).__name__})",
     )
     title = f"{name}, a model of your own"

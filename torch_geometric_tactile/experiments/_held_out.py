@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile.data import Protocol, StaticDataset, Windows
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
@@ -85,9 +85,10 @@ def compared_protocol(dataset: StaticDataset, by: str | None, folds: int) -> Pro
             f"'dataset' must have at least {_LEAST} {by}s, to train, to choose and to test on "
             f"(got {count}){hint}"
         )
-    need(
+    need_argument(
         count > _LEAST or folds >= _LEAST,
-        f"'folds' must be at least 3 for 3 {by}s, so that 2 are left to train and to choose on",
+        "folds",
+        f"must be at least 3 for 3 {by}s, so that 2 are left to train and to choose on",
         folds,
     )
     _check_cut(dataset, by)
@@ -112,10 +113,11 @@ def _check_cut(dataset: StaticDataset, by: str) -> None:
         reach = dataset.length + dataset.horizon
         if dataset.hop < reach:
             what = "windows" if not dataset.horizon else "windows and the frames of their labels"
-            raise ValueError(
-                f"'by' must be 'trial' or 'group' where {what} overlap (got 'frame', with windows "
+            raise ArgumentError(
+                Argument("by"),
+                f" must be 'trial' or 'group' where {what} overlap (got 'frame', with windows "
                 f"of {dataset.length} frames every {dataset.hop}): their frames would be on both "
-                f"sides of a split; or let 'hop' be at least {reach}"
+                f"sides of a split; or let 'hop' be at least {reach}",
             )
         _logger.warning(
             "windows are split one by one: those of one trial are on both sides, and the scores "

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._estimators import fit_estimator
@@ -70,7 +71,9 @@ def run_experiment(experiment: Experiment) -> dict[str, Any]:
     """
     start = time.perf_counter()
     if experiment.accelerator == "gpu" and not torch.cuda.is_available():
-        raise ValueError("'accelerator' must be 'cpu': torch finds no GPU here (got 'gpu')")
+        raise ArgumentError(
+            Argument("accelerator"), " must be 'cpu': torch finds no GPU here (got 'gpu')"
+        )
     threads = torch.get_num_threads()
     torch.set_num_threads(experiment.threads)
     try:

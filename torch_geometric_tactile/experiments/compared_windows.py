@@ -13,6 +13,7 @@ from typing import Any
 import torch
 from torch_geometric.transforms import Compose
 
+from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset, Windows
 from torch_geometric_tactile.data._frame_view import FrameView
@@ -51,21 +52,26 @@ class FrameCut:
         if self.window is None:
             for name, number in (("hop", self.hop), ("horizon", self.horizon)):
                 if number is not None:
-                    raise ValueError(
-                        f"'{name}' must come with 'window', the number of frames of a window (got "
-                        f"{number} without)"
+                    raise ArgumentError(
+                        Argument(name),
+                        " must come with ",
+                        Argument("window"),
+                        f", the number of frames of a window (got {number} without)",
                     )
             if self.trials is None:
-                raise ValueError("one of 'window' and 'trials' must be given (got none)")
+                raise ArgumentError(
+                    *("one of ", Argument("window"), " and ", Argument("trials")),
+                    " must be given (got none)",
+                )
         elif self.trials is not None:
-            raise ValueError(
-                f"only one of 'window' and 'trials' may be given (got {self.window} and "
-                f"{self.trials})"
+            raise ArgumentError(
+                *("only one of ", Argument("window"), " and ", Argument("trials")),
+                f" may be given (got {self.window} and {self.trials})",
             )
         for name, least in (("window", 2), ("hop", 1), ("horizon", 1), ("trials", 2)):
             number = getattr(self, name)
             if number is not None and number < least:
-                raise ValueError(f"'{name}' must be at least {least} (got {number})")
+                raise ArgumentError(Argument(name), f" must be at least {least} (got {number})")
 
     def cut(self, frames: DataSource) -> DataSource:
         r"""Returns the samples as a data source. What only chose among the frames, such as a
@@ -103,15 +109,17 @@ def data_source(
 ) -> DataSource:
     r"""Returns the data set that a text stands for."""
     if time_axis is not None and cut is not None:
-        raise ValueError(
-            f"'time_axis' must be left out where windows or trials are cut (got {time_axis})"
+        raise ArgumentError(
+            Argument("time_axis"),
+            f" must be left out where windows or trials are cut (got {time_axis})",
         )
     frames = _frames(data, layout, grid, task, time_axis, arguments)
     if resample is not None:
         if "resample" not in (argument_names(frames.class_path) or ["resample"]):
-            raise ValueError(
-                f"'resample' must be left out for {frames.class_path.rpartition('.')[2]}, whose "
-                f"frames are not read from recordings (got {resample:g})"
+            raise ArgumentError(
+                Argument("resample"),
+                f" must be left out for {frames.class_path.rpartition('.')[2]}, whose "
+                f"frames are not read from recordings (got {resample:g})",
             )
         frames = replace(frames, arguments={**frames.arguments, "resample": resample})
     frames = frames if stride is None else with_stride(frames, stride)
@@ -130,7 +138,9 @@ def _frames(
     given = dict(arguments or {})
     if path.is_file() or path.suffix == ".npz":
         if path.suffix != ".npz":
-            raise ValueError(f"'data' must be an npz file, a folder or a class (got '{text}')")
+            raise ArgumentError(
+                Argument("data"), f" must be an npz file, a folder or a class (got '{text}')"
+            )
         own = {"layout": layout, "grid": grid, "task": task, "time_axis": time_axis}
         given |= {key: value for key, value in own.items() if value is not None}
         return DataSource(f"{_DATASETS}.SamplesFile", {"path": text, **given})
@@ -168,7 +178,9 @@ def _frames(
 def _grid(text: str) -> dict[str, Any]:
     rows, _, cols = text.lower().partition("x")
     if not (rows.isascii() and rows.isdigit() and cols.isascii() and cols.isdigit()):
-        raise ValueError(f"'grid' must be rows and columns such as 28x50 (got '{text}')")
+        raise ArgumentError(
+            Argument("grid"), f" must be rows and columns such as 28x50 (got '{text}')"
+        )
     size = {"rows": int(rows), "cols": int(cols), "pitch": _PITCH}
     return {"class_path": "torch_geometric_tactile.sensors.grid", "init_args": size}
 
@@ -192,15 +204,17 @@ def _without_rest(source: DataSource, tare: Mapping[str, Any]) -> DataSource:
     """
     given = dict(tare)
     if given.pop("key", "session") != "trial":
-        raise ValueError(
-            f"'tare' must be of each trial, key='trial', for samples of several frames (got {tare})"
+        raise ArgumentError(
+            Argument("tare"),
+            f" must be of each trial, key='trial', for samples of several frames (got {tare})",
         )
     inner = source.arguments.get("dataset")
     if not isinstance(inner, Mapping) or "class_path" not in inner:
-        raise ValueError(
-            "'tare' must be left out for samples of several frames, unless the source has the "
+        raise ArgumentError(
+            Argument("tare"),
+            " must be left out for samples of several frames, unless the source has the "
             "'dataset' that they are cut from: subtract rest readings before cutting (got "
-            f"{source.class_path.rpartition('.')[2]})"
+            f"{source.class_path.rpartition('.')[2]})",
         )
     frames = {"class_path": _TARED, "init_args": {"dataset": inner, **given}}
     return replace(source, arguments={**source.arguments, "dataset": frames}, fingerprint="")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need_argument
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._compared_models import (
@@ -91,13 +91,16 @@ class ComparisonSettings:
         )
         if self.models is not None:
             check_model_names(self.models)
-        need(self.by in (None, *_UNITS), f"'by' must be one of {list(_UNITS)} (got '{self.by}')")
+        need_argument(
+            self.by in (None, *_UNITS), "by", f"must be one of {list(_UNITS)} (got '{self.by}')"
+        )
         if self.metric not in (None, "accuracy", "balanced_accuracy", "mae"):
-            raise ValueError(
-                f"'metric' must be 'accuracy', 'balanced_accuracy' or 'mae' (got '{self.metric}')"
+            raise ArgumentError(
+                Argument("metric"),
+                f" must be 'accuracy', 'balanced_accuracy' or 'mae' (got '{self.metric}')",
             )
-        need(
-            self.members is None or self.members >= 1, "'members' must be at least 1", self.members
+        need_argument(
+            self.members is None or self.members >= 1, "members", "must be at least 1", self.members
         )
         self.of_plan()
 
@@ -207,7 +210,7 @@ class Comparison:
             if result.model.name == name:
                 return result
         known = [result.model.name for result in self.results]
-        raise ValueError(f"'name' must be one of {known} (got '{name}')")
+        raise ArgumentError(Argument("name"), f" must be one of {known} (got '{name}')")
 
     def difference(self, first: str, second: str) -> Difference:
         r"""Returns the score of one model less that of another on the same splits.
@@ -268,9 +271,10 @@ def comparison_plan(
     source, tare, selection = of_frames(source, settings.tare, selection)
     source, facts = source.with_arguments({}, selection).resolve()
     if facts.num_frames is not None and tare is not None:
-        raise ValueError(
-            "'tare' must be left out for samples of several frames: subtract rest readings before "
-            "they are cut"
+        raise ArgumentError(
+            Argument("tare"),
+            " must be left out for samples of several frames: subtract rest readings before "
+            "they are cut",
         )
     dataset = source.load()
     numbers = _predicts_numbers(dataset)
@@ -278,7 +282,7 @@ def comparison_plan(
     if (metric == "mae") != numbers:
         allowed = "'mae'" if numbers else "'accuracy' or 'balanced_accuracy'"
         kind = "numbers" if numbers else "classes"
-        raise ValueError(f"'metric' must be {allowed} for {kind} (got '{metric}')")
+        raise ArgumentError(Argument("metric"), f" must be {allowed} for {kind} (got '{metric}')")
     protocol = compared_protocol(dataset, settings.by, settings.folds)
     part = _CHOOSE_ON * (1 - 1 / (protocol.folds or settings.folds))
     task = ComparedTask.of(
@@ -405,7 +409,9 @@ def _mean(values: list[Any]) -> float | None:
 def _predicts_numbers(dataset: StaticDataset) -> bool:
     y = dataset.column("y")
     if y is None:
-        raise ValueError("'data' must have 'y', a class or numbers for each sample (got none)")
+        raise ArgumentError(
+            Argument("data"), " must have 'y', a class or numbers for each sample (got none)"
+        )
     if y.dim() == 1 and not y.is_floating_point():
         need(
             not len(y) or int(y.min()) >= 0,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile.data._shared_samples import describe_shared
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments.source import DataFacts, DataSource
@@ -43,10 +44,11 @@ class Settings:
         for name, least in (("seeds", 1), ("epochs", 1), ("folds", 2), ("threads", 1)):
             number = getattr(self, name)
             if number is not None and number < least:
-                raise ValueError(f"'{name}' must be at least {least} (got {number})")
+                raise ArgumentError(Argument(name), f" must be at least {least} (got {number})")
         if self.accelerator not in _ACCELERATORS:
-            raise ValueError(
-                f"'accelerator' must be one of {list(_ACCELERATORS)} (got '{self.accelerator}')"
+            raise ArgumentError(
+                Argument("accelerator"),
+                f" must be one of {list(_ACCELERATORS)} (got '{self.accelerator}')",
             )
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile._typing import PathLike, ThresholdMetric
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments._experiment import Choice
@@ -258,9 +258,10 @@ class Table:
         for pattern in patterns:
             if not any(fnmatchcase(cell.experiment, pattern) for cell in self.cells):
                 names = ", ".join(cell.experiment for cell in self.cells)
-                raise ValueError(
-                    f"'only' must fit the name of an experiment of {self.name}: {names} "
-                    f"(got '{pattern}')"
+                raise ArgumentError(
+                    Argument("only"),
+                    f" must fit the name of an experiment of {self.name}: {names} "
+                    f"(got '{pattern}')",
                 )
         return tuple(
             cell
@@ -285,8 +286,10 @@ class Table:
         wanted = known if names is None else list(names)
         for name in wanted:
             if not {name, f"by {name}"} & set(known):
-                raise ValueError(f"'protocols' must be some of {known} (got '{name}')")
-        need(wanted, f"'protocols' must be some of {known} (got none)")
+                raise ArgumentError(
+                    Argument("protocols"), f" must be some of {known} (got '{name}')"
+                )
+        need_argument(wanted, "protocols", f"must be some of {known} (got none)")
         chosen = {*wanted, *(f"by {name}" for name in wanted)}
         return tuple(p.with_folds(folds) for p in self.protocols if p.name in chosen)
 

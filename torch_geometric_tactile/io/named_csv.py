@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need_argument
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
@@ -107,10 +107,12 @@ def read_named_csv(
         Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100, label='cup')
     """
     path = checked_file(path)
-    need(rate is None or rate > 0, "'rate' must be positive", rate)
+    need_argument(rate is None or rate > 0, "rate", "must be positive", rate)
     if time_unit not in (None, *TIME_UNITS):
-        raise ValueError(f"'time_unit' must be one of {list(TIME_UNITS)} (got {time_unit})")
-    need(num_channels >= 1, "'num_channels' must be at least 1", num_channels)
+        raise ArgumentError(
+            Argument("time_unit"), f" must be one of {list(TIME_UNITS)} (got {time_unit})"
+        )
+    need_argument(num_channels >= 1, "num_channels", "must be at least 1", num_channels)
     lines = csv_rows(path)
     columns = _columns(
         path,
@@ -161,7 +163,10 @@ def _with_advice(error: ValueError, is_guess: bool) -> ValueError:
     text = str(error)
     if not is_guess or "must be a number" not in text or text.endswith("(got '')"):
         return error
-    return ValueError(f"{error}; if the column is no reading, give it as 'label' or 'ignore'")
+    return ArgumentError(
+        f"{error}; if the column is no reading, give it as ",
+        *(Argument("label"), " or ", Argument("ignore")),
+    )
 
 
 def _columns(
@@ -249,7 +254,9 @@ def _time(path: Path, names: Sequence[str], used: set[int | None]) -> int | None
 def _unit(name: str, given: str | None) -> str:
     said = re.fullmatch(rf".*_({'|'.join(TIME_UNITS)})", name.lower())
     if said is not None and given not in (None, said[1]):
-        raise ValueError(f"'time_unit' must be '{said[1]}', as column '{name}' says (got {given})")
+        raise ArgumentError(
+            Argument("time_unit"), f" must be '{said[1]}', as column '{name}' says (got {given})"
+        )
     return given or (said[1] if said is not None else "s")
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import need_argument
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
@@ -144,7 +144,7 @@ def read_wide_csv(
         [[[1.0, 2.0, 3.0]], [[1.0, 2.0, nan]]]
     """
     path = checked_file(path)
-    need(rate > 0, "'rate' must be positive", rate)
+    need_argument(rate > 0, "rate", "must be positive", rate)
     sizes = {"num_taxels": num_taxels, "num_channels": num_channels, "num_joints": num_joints}
     for name, size in sizes.items():
         if size is not None and size < (name != "num_joints"):

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile.experiments.tables import Table, read_table, table_of
 from torch_geometric_tactile.training._config_files import expand_template, merged
 
@@ -64,7 +65,8 @@ def load_table(name: str) -> Table:
     if name in _content():
         return table_of(name, _content()[name])
     if Path(name).suffix not in (".yaml", ".yml"):
-        raise ValueError(
-            f"'name' must be one of {table_names()}, or a file that ends with .yaml (got '{name}')"
+        raise ArgumentError(
+            Argument("name"),
+            f" must be one of {table_names()}, or a file that ends with .yaml (got '{name}')",
         )
     return read_table(name)

@@ -6,7 +6,7 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
@@ -29,7 +29,7 @@ def stock_path(kind: str, name: str) -> Path:
     """
     need(kind in _KINDS, f"'kind' must be one of {list(_KINDS)} (got '{kind}')")
     if name not in stock_names(kind):
-        raise ValueError(f"'name' must be one of {stock_names(kind)} (got '{name}')")
+        raise ArgumentError(Argument("name"), f" must be one of {stock_names(kind)} (got '{name}')")
     return _folder(kind) / f"{name}.json"
 
 
@@ -88,9 +88,10 @@ def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
     if isinstance(layout, TaxelLayout):
         return layout
     if not isinstance(layout, str | os.PathLike):
-        raise ValueError(
-            "'layout' must be a TaxelLayout, the name of one or the path of its file (got "
-            f"{type(layout).__name__})"
+        raise ArgumentError(
+            Argument("layout"),
+            " must be a TaxelLayout, the name of one or the path of its file (got "
+            f"{type(layout).__name__})",
         )
     text = str(layout)
     is_path = not isinstance(layout, str) or text.endswith(".json") or Path(text).name != text
@@ -103,8 +104,9 @@ def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
             )
         return TaxelLayout.load(path)
     if text not in stock_names("layouts"):
-        raise ValueError(
-            f"'layout' must be one of {stock_names('layouts')}, or the path of a layout file "
-            f"(.json) (got '{text}')"
+        raise ArgumentError(
+            Argument("layout"),
+            f" must be one of {stock_names('layouts')}, or the path of a layout file "
+            f"(.json) (got '{text}')",
         )
     return stock_layout(text)
