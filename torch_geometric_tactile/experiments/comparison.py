@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from torch_geometric_tactile._checks import Argument, ArgumentError, need_argument
+from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._compared_models import (
@@ -84,9 +84,10 @@ class ComparisonSettings:
     tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        need(
+        need_argument(
             self.tolerance is None or 0 <= self.tolerance < 1,
-            "'tolerance' must be at least 0 and below 1",
+            "tolerance",
+            "must be at least 0 and below 1",
             self.tolerance,
         )
         if self.models is not None:
