@@ -13,6 +13,10 @@ from torch_geometric_tactile.data import StaticData
 EDGES = torch.tensor([[0, 1], [1, 0]])
 
 
+def first_of(samples):  # no lambda, which workers that are not forked cannot take
+    return samples[0]
+
+
 def two_taxels(samples=3, **kwargs):
     x = torch.arange(samples * 4.0).view(samples, 2, 2)
     return StaticData(x=x, edge_index=EDGES, y=torch.arange(samples), **kwargs)
@@ -61,7 +65,7 @@ def test_static_data_rejects_x_of_other_dimensions(shape):
         lambda data: pickle.loads(pickle.dumps(data)),
         lambda data: data.to("cpu"),
         lambda data: data.index_select(slice(None)),
-        lambda data: next(iter(DataLoader([data], collate_fn=lambda x: x[0], num_workers=1))),
+        lambda data: next(iter(DataLoader([data], collate_fn=first_of, num_workers=1))),
     ],
     ids=["copy", "deepcopy", "clone", "pickle", "to", "index_select", "worker"],
 )

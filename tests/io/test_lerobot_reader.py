@@ -320,6 +320,40 @@ def test_two_dimensions_are_taxels_and_channels_or_a_grid(root, shape, num_chann
     assert np.array_equal(found.tactile.ravel(), values[:6].ravel())
 
 
+@pytest.mark.parametrize(
+    ("shape", "names", "expected"),
+    [
+        ((3, 16), ["channels", "taxels"], (16, 3)),
+        ((3, 16), ["Axes", "Taxel"], (16, 3)),
+        ((16, 3), ["taxels", "channels"], (16, 3)),
+        ((12, 8), ["taxels", "channels"], (12, 8)),  # no grid, since the names say so
+        ((2, 3), ["channel", "taxel"], (3, 2)),
+        ((16, 3), ["rows", "columns"], (16, 3)),
+    ],
+)
+def test_names_of_two_dimensions_say_which_are_taxels(root, shape, names, expected):
+    values = write_grid(root, shape, names=names)
+    found = read_lerobot(root)[0].tactile
+    assert found.shape[1:] == expected
+    rows = values[:6].reshape(6, *shape)
+    assert np.array_equal(found, rows if shape == expected else rows.swapaxes(1, 2))
+
+
+@pytest.mark.parametrize(
+    "names", [["taxels", "taxels"], ["channels", "axes"], ["channels", "x"], ["x", "taxel"]]
+)
+def test_names_of_two_dimensions_that_contradict_are_refused(root, names):
+    write_grid(root, (16, 3), names=names)
+    with pytest.raises(ValueError, match=r"names of 'observation\.tactile' .* one of channels"):
+        read_lerobot(root)
+
+
+def test_channels_that_the_names_contradict_are_refused(root):
+    write_grid(root, (3, 16), names=["channels", "taxels"])
+    with pytest.raises(ValueError, match=r"'num_channels' must be that .*\[16, 3\] \(got 16\)"):
+        read_lerobot(root, num_channels=16)
+
+
 def test_our_file_says_that_taxels_have_many_channels(tmp_path):
     many = Recording(TIME, np.arange(96.0).reshape(6, 2, 8))
     write_lerobot([many], tmp_path / "set", fps=10)

@@ -384,7 +384,7 @@ def test_many_names_are_quick_to_understand(write):
     ],
 )
 def test_units_of_columns_and_their_factors(tmp_path, suffix, unit, expected):
-    (tmp_path / "a.csv").write_text(f"time,taxel_0_0{suffix}\n0,1.5\n0.5,1.5\n")
+    (tmp_path / "a.csv").write_text(f"time,taxel_0_x{suffix}\n0,1.5\n0.5,1.5\n")
     recording = read_wide_csv(tmp_path / "a.csv")
     assert recording.meta.get("unit") == unit
     assert recording.tactile.reshape(-1).tolist() == pytest.approx([expected, expected])

@@ -186,3 +186,18 @@ def test_parts_without_an_attribute_of_their_own_keep_their_numbers():
     assert [batch.num_samples for batch in StaticLoader(moved, batch_size=2)] == [2, 1]
     crossing = ConcatDataset([first, second])
     assert [batch.num_samples for batch in StaticLoader(crossing, batch_size=4)] == [4, 1]
+
+
+@pytest.mark.parametrize("context", ["forkserver", "spawn"])
+def test_lambda_is_named_where_workers_are_not_forked(context):
+    dataset = FakeTactileDataset(4, transform=lambda sample: sample)
+    loader = StaticLoader(dataset, 2, num_workers=1, multiprocessing_context=context)
+    with pytest.raises(TypeError, match=r"can be pickled .*lambda.* functions or classes of a mod"):
+        next(iter(loader))
+    assert len(list(StaticLoader(dataset, 2))) == 2
+
+
+def test_function_of_a_module_works_where_workers_are_not_forked():
+    dataset = FakeTactileDataset(4, transform=ToUndirected())
+    loader = StaticLoader(dataset, 2, num_workers=1, multiprocessing_context="forkserver")
+    assert [batch.num_samples for batch in loader] == [2, 2]

@@ -1,6 +1,7 @@
 r"""Data sets of files: where they are, where they come from, and whether they have changed."""
 
 import hashlib
+import logging
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +14,7 @@ from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.datasets.root import default_root
 
+_logger = logging.getLogger(__name__)
 _END = 1 << 16  # bytes of a file that are read at each end
 
 
@@ -63,6 +65,13 @@ class RawFiles(StaticDataset):
         is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
         if not is_processed:
             self._need_files()
+            _logger.info(
+                "reading %d files in '%s' for the first time into '%s': it may take minutes, later "
+                "runs take the result",
+                len(self.raw_file_names),
+                self.raw_dir,
+                self.processed_paths[0],
+            )
         super()._process()
 
     def _need_files(self) -> None:
@@ -142,6 +151,10 @@ class PublishedFiles(RawFiles):
 
     def _verify(self) -> None:
         # Compares the files with the checksums of the published ones, if that is wanted.
+        if self.checksum:
+            _logger.info(
+                "comparing %d files in '%s' with their checksums", len(self.raw_paths), self.raw_dir
+            )
         for path in self.raw_paths if self.checksum else ():
             published, found = self._sha256[Path(path).name], self._hash(path)
             if found != published:

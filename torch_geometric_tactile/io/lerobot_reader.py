@@ -36,6 +36,9 @@ from torch_geometric_tactile.io._lerobot_tables import read_numbers, require_pya
 
 # Above so many channels of a taxel a feature of two dimensions is a grid: no sensor has more.
 _MAX_CHANNELS = 6
+_TAXELS_FIRST, _SWAPPED = ("taxels", "channels"), ("channels", "taxels")
+_AXES = {"taxel": "taxels", "taxels": "taxels", "axis": "channels", "axes": "channels"}
+_AXES |= {"channel": "channels", "channels": "channels"}
 _INDICES = ("frame_index", "episode_index", "task_index")
 
 
@@ -98,7 +101,9 @@ def read_lerobot(
     if num_channels is not None and num_channels < 1:
         raise ValueError(f"'num_channels' must be at least 1 (got {num_channels})")
     shape = _shape(root, features, tactile, own.shape, num_channels)
-    columns = {tactile: _Column(_sizes(root, features, tactile, 2), shape)}
+    sizes = _sizes(root, features, tactile, 2)
+    is_swapped = len(sizes) == 2 and _order_of_names(root, features, tactile) == _SWAPPED
+    columns = {tactile: _Column(sizes, shape, is_swapped=is_swapped)}
     if state in features:
         sizes = _sizes(root, features, state, 1)
         columns[state] = _Column(sizes, sizes)
@@ -124,10 +129,13 @@ class _Column:
     written: tuple[int, ...]
     shape: tuple[int, ...]
     dtype: str = "float32"  # in the recording
+    is_swapped: bool = False  # written with the channels before the taxels
 
     def values(self, path: Path, rows: Any, name: str) -> np.ndarray:
         dtype = "float32" if self.dtype == "float32" else "float64"
         values = row_values(path, rows, name, self.written, dtype)
+        if self.is_swapped:
+            values = values.reshape(len(rows), *self.written).swapaxes(1, 2)
         return values.reshape(len(rows), *self.shape)
 
 
@@ -205,6 +213,9 @@ def _shape(
             f"'{tactile}' of '{root}' must have the shape of its names, {named} "
             f"(got {own or sizes[0]})"
         )
+    order = _order_of_names(root, features, tactile) if len(sizes) == 2 else None
+    if order is not None:
+        named = (sizes[0], sizes[1]) if order == _TAXELS_FIRST else (sizes[1], sizes[0])
     shape = own or named
     total = math.prod(sizes)
     if num_channels is None:
@@ -217,6 +228,23 @@ def _shape(
             f"{list(shape or sizes)} (got {num_channels})"
         )
     return (total // num_channels, num_channels)
+
+
+def _order_of_names(root: Path, features: dict[str, Any], tactile: str) -> tuple[str, str] | None:
+    # Which of two dimensions the names of a feature say are taxels and channels, if they do.
+    names = features[tactile].get("names")
+    if not isinstance(names, list) or len(names) != 2:
+        return None
+    order = [_AXES.get(name.lower()) if isinstance(name, str) else None for name in names]
+    if order == [None, None]:
+        return None
+    pair = (order[0] or "", order[1] or "")
+    if pair not in (_TAXELS_FIRST, _SWAPPED):
+        raise ValueError(
+            f"the names of '{tactile}' of '{root}' must be one of taxels and one of channels, as "
+            f"['taxels', 'channels'] (got {printable(names)[:60]})"
+        )
+    return pair
 
 
 def _extra_columns(

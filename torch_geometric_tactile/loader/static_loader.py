@@ -4,6 +4,7 @@ import copy
 import logging
 from collections.abc import Mapping
 from functools import cache
+from pickle import PicklingError
 from typing import Any, Literal
 
 import torch
@@ -124,7 +125,16 @@ class StaticLoader(DataLoader):
         loader = copy.copy(self)
         loader.__dict__["dataset"] = CutBatches(self.dataset)
         loader.__dict__[self._sampler_name] = self._batches
-        return DataLoader._get_iterator(loader)
+        try:
+            return DataLoader._get_iterator(loader)
+        except (AttributeError, TypeError, PicklingError) as error:
+            if "pickle" not in str(error).lower():
+                raise
+            raise TypeError(
+                "'dataset' must be one that can be pickled for workers that are not forked, the "
+                f"default from Python 3.14 on (got: {error}): define transforms and filters as "
+                "functions or classes of a module, not as a lambda, or use num_workers=0"
+            ) from error
 
 
 def _has_sampler(kwargs: Mapping[str, Any]) -> bool:
