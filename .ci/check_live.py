@@ -93,7 +93,7 @@ def main(folder):
                 assert bool(re.search(r"^    fit\s", page, re.MULTILINE)) == (removed == wheel), (
                     page
                 )
-                run("python", "-c", f"import {PACKAGE}.io, {PACKAGE}.live, {PACKAGE}.sensors")
+                run("python", "-c", f"import {PACKAGE}.io, {PACKAGE}.live")
                 if removed == whole:
                     assert __version__ in run("tactile-live", "--version")
     print(
