@@ -100,8 +100,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     r"""Runs the command line."""
     if argv is None and isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # for file names that are not valid text
-    if logging.lastResort is not None:  # prints our warnings
+    if logging.lastResort is not None:  # prints warnings, and that a data set takes long to read
         logging.lastResort.setFormatter(_OneLine())
+        logging.lastResort.setLevel(logging.INFO)
+        logging.getLogger("torch_geometric_tactile.datasets").setLevel(logging.INFO)
     try:
         status = _run(list(sys.argv[1:] if argv is None else argv))
         if sys.stdout is not None:

@@ -1,7 +1,10 @@
+import logging
 import os
 
+import numpy as np
 import pytest
 
+from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.datasets import (
     AllegroUSkin,
     BiGS,
@@ -10,11 +13,15 @@ from torch_geometric_tactile.datasets import (
     BrailleLetters,
     ICubGrasp,
     LetterShape,
+    RecordingFrames,
     SparshSkin,
     TactileGlove,
     USkinPick,
 )
+from torch_geometric_tactile.datasets import _raw_files as raw_files
 from torch_geometric_tactile.datasets._raw_files import file_state
+from torch_geometric_tactile.io import write_npz
+from torch_geometric_tactile.sensors import grid
 
 KIB = 1024
 NEXT_STEPS = {
@@ -38,6 +45,24 @@ def test_without_files_the_default_folder_and_the_next_step_are_named(kind, monk
         kind()
     assert str(tmp_path / kind.__name__) in str(error.value)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_long_first_reading_is_told_once(monkeypatch, tmp_path, caplog):
+    (tmp_path / "raw").mkdir()
+    for name in ("mug_1", "mug_2"):
+        write_npz(
+            Recording(time=[0.0, 0.1], tactile=np.zeros((2, 6, 1))),
+            tmp_path / "raw" / f"{name}.npz",
+        )
+    size = sum(path.stat().st_size for path in tmp_path.glob("raw/*.npz"))
+    caplog.set_level(logging.INFO, logger="torch_geometric_tactile.datasets")
+    told = f"reading 2 files (0 MB) of '{tmp_path / 'raw'}' for the first time; later runs read '"
+    for limit, expected in ((size + 1, 0), (size, 1), (size, 1)):
+        monkeypatch.setattr(raw_files, "_LONG_READING_BYTES", limit)
+        RecordingFrames(tmp_path, layout=grid(2, 3, 0.01))
+        assert sum(told in message for message in caplog.messages) == expected
+        if limit > size:
+            next(tmp_path.glob("processed/*.pt")).unlink()
 
 
 def changed(path, edit, time=None):

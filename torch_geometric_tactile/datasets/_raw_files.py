@@ -16,6 +16,7 @@ from torch_geometric_tactile.datasets.root import default_root
 
 _logger = logging.getLogger(__name__)
 _END = 1 << 16  # bytes of a file that are read at each end
+_LONG_READING_BYTES = 20_000_000  # of all files, which take seconds to minutes
 
 
 class RawFiles(StaticDataset):
@@ -65,14 +66,20 @@ class RawFiles(StaticDataset):
         is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
         if not is_processed:
             self._need_files()
+            self._log_long_reading()
+        super()._process()
+
+    def _log_long_reading(self) -> None:
+        paths = [Path(path) for path in self.raw_paths]
+        size = sum(path.stat().st_size for path in paths if path.is_file())
+        if size >= _LONG_READING_BYTES:
             _logger.info(
-                "reading %d files in '%s' for the first time into '%s': it may take minutes, later "
-                "runs take the result",
-                len(self.raw_file_names),
+                "reading %s (%.0f MB) of '%s' for the first time; later runs read '%s'",
+                "1 file" if len(paths) == 1 else f"{len(paths)} files",
+                size / 1e6,
                 self.raw_dir,
                 self.processed_paths[0],
             )
-        super()._process()
 
     def _need_files(self) -> None:
         # Checks that there is something to process.
@@ -151,10 +158,6 @@ class PublishedFiles(RawFiles):
 
     def _verify(self) -> None:
         # Compares the files with the checksums of the published ones, if that is wanted.
-        if self.checksum:
-            _logger.info(
-                "comparing %d files in '%s' with their checksums", len(self.raw_paths), self.raw_dir
-            )
         for path in self.raw_paths if self.checksum else ():
             published, found = self._sha256[Path(path).name], self._hash(path)
             if found != published:
