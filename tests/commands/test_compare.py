@@ -276,6 +276,7 @@ def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
         (["--init", "stride"], "'--init' must be KEY=VALUE, such as root=DIR (got 'stride')"),
         (["--init", "stride=[1"], "'--init stride' must be a plain value"),
         (["--init", "no=1"], "'no' must be an argument of SamplesFile"),
+        (["--init", "models=1"], "'models' must be an argument of SamplesFile"),  # no '--models'
         (["--layout", "biotac"], "only one of '--layout' and '--grid'"),
         (["--grid", "8x8"], "'x' must have shape (num_samples, 64, ...)"),
         (["--time-axis", "9"], "'--time-axis' must be a dimension of 'x' of at least 2 frames"),

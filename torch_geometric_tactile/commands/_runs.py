@@ -2,7 +2,7 @@ r"""What verbs that run experiments share: options, how errors name them, and a 
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +16,15 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
+def options_named(
+    arguments: argparse.Namespace, unnamed: Collection[str] = (), **more: str
+) -> Iterator[None]:
     r"""Names the options of a command in the messages of errors about the arguments of Python
-    functions that they become. All else in a message stays as it is.
+    functions that they become. All else in a message stays as it is, and so do the names that are
+    :obj:`unnamed`, such as those of the arguments of a data set.
     """
     options = {name: f"--{name.replace('_', '-')}" for name in vars(arguments)} | more
+    options = {name: option for name, option in options.items() if name not in unnamed}
     try:
         yield
     except ArgumentError as error:

@@ -286,7 +286,8 @@ def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
 
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the verb and returns the exit status."""
-    with options_named(arguments, data="DATA", tare="--rest", length="--window", num="--trials"):
+    names = {"data": "DATA", "tare": "--rest", "length": "--window", "num": "--trials"}
+    with options_named(arguments, {*_init_names(arguments.init)}, **names):
         return _run(arguments)
 
 
@@ -417,6 +418,10 @@ def _row(run: "PlanRun") -> str:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _init_names(pairs: list[str]) -> list[str]:
+    return [pair.partition("=")[0] for pair in pairs]
 
 
 def _init(pairs: list[str]) -> dict[str, Any]:

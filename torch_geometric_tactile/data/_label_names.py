@@ -39,7 +39,7 @@ def number_labels(values: Sequence[Any]) -> tuple[list[str], np.ndarray]:
     spellings = list(dict.fromkeys((type(item), item) for item in items))
     of_class: dict[_Key, list[Any]] = {}
     for _, spelling in spellings:
-        of_class.setdefault(_key(spelling), []).append(spelling)
+        of_class.setdefault(_spelling_key(spelling), []).append(spelling)
     _warn(of_class)
     names = {key: _name(key, written[0]) for key, written in of_class.items()}
     # Numbers in their order, before texts.
@@ -49,7 +49,7 @@ def number_labels(values: Sequence[Any]) -> tuple[list[str], np.ndarray]:
     }
     order = sorted(of_class, key=lambda k: (is_text[k], names[k] if is_text[k] else k[1]))
     number = {key: i for i, key in enumerate(order)}
-    code = {spelling: number[_key(spelling[1])] for spelling in spellings}
+    code = {spelling: number[_spelling_key(spelling[1])] for spelling in spellings}
     codes = np.array([code[type(item), item] for item in items], dtype=np.int64)
     return [names[key] for key in order], codes
 
@@ -62,11 +62,11 @@ def label_numbers(names: Sequence[str], values: Iterable[Any]) -> list[int | Non
         >>> label_numbers(["hold", "slip"], ["Slip", "hold ", "push"])
         [1, 0, None]
     """
-    number = {_key(name): i for i, name in reversed(list(enumerate(names)))}
-    return [number.get(_key(value)) for value in values]
+    number = {_spelling_key(name): i for i, name in reversed(list(enumerate(names)))}
+    return [number.get(_spelling_key(value)) for value in values]
 
 
-def _key(value: Any) -> _Key:
+def _spelling_key(value: Any) -> _Key:
     if isinstance(value, bool):
         return "text", str(value).casefold()
     if isinstance(value, int | float):

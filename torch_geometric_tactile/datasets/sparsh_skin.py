@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 import torch
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import need_argument
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import FrameInfo, StaticData, measure_rate
 from torch_geometric_tactile.datasets._placed_files import PlacedFiles, frames_of_trials
@@ -130,7 +130,9 @@ class SparshSkin(PlacedFiles):
         force_reload: bool = False,
     ) -> None:
         check_choice(rate, None, 0)
-        need(tare in (_BASELINE, None), f"'tare' must be '{_BASELINE}' or None", repr(tare))
+        need_argument(
+            tare in (_BASELINE, None), "tare", f"must be '{_BASELINE}' or None", repr(tare)
+        )
         self.layout = allegro_uskin_368()
         self.layout.edge_index(adjacency)  # an unknown one is an error before any file is read
         self.rate = rate

@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any
 
+from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile._own_modules import import_own
 
 
@@ -33,9 +34,10 @@ def check_arguments(class_path: str, arguments: Mapping[str, Any]) -> None:
     known = argument_names(class_path)
     for name in arguments:
         if known is not None and name not in known:
-            raise ValueError(
-                f"'{name}' must be an argument of {class_path.rpartition('.')[2]}: "
-                f"{', '.join(known)} (got none)"
+            raise ArgumentError(
+                Argument(name),
+                f" must be an argument of {class_path.rpartition('.')[2]}: "
+                f"{', '.join(known)} (got none)",
             )
     for value in arguments.values():  # also of the data set that a view shows
         if isinstance(value, Mapping) and "class_path" in value:
