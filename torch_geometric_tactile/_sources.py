@@ -69,9 +69,8 @@ def own_sources(import_paths: Iterable[str]) -> OwnSources:
     while pending:
         name = pending.pop()
         top = name.partition(".")[0]
-        if (
-            name != top and top not in visited and top != _PACKAGE
-        ):  # nothing is searched in installed libraries
+        # The top package comes first, so that nothing is searched in installed libraries.
+        if name != top and top not in visited and top != _PACKAGE:
             pending += [name, top]
             continue
         if name in visited or top == _PACKAGE or top in libraries:
