@@ -290,8 +290,8 @@ GOOD, FAIR, POOR = [1.0, 1.0, 1.0], [0.75, 0.75, 0.75], [0.25, 0.25, 0.25]
             {"forest": FAIR, "fnn": GOOD, "constant": POOR},
             "Take fnn (accuracy 100.0 %): forest, the next best model, is 25.0 points worse",
         ),
-        ({"fnn": GOOD, "constant": POOR}, "Take fnn (accuracy 100.0 %); no other model was comp"),
-        ({"gcn": GOOD}, "Take gcn (accuracy 100.0 %); no other model was compared."),
+        ({"fnn": GOOD, "constant": POOR}, "Take fnn (accuracy 100.0 %); no other model has a sc"),
+        ({"gcn": GOOD}, "Take gcn (accuracy 100.0 %); no other model has a score."),
         (
             {"gcn": POOR, "fnn": POOR, "constant": FAIR},
             "Take none: no model is better than always answering '0' (25.0 %).",

@@ -108,7 +108,7 @@ def _choice(
     others = [r for r in comparison.results if r is not result and r.model.name != FLOOR]
     of_other_kind = [r for r in others if r.model.is_graph != result.model.is_graph]
     if not others:
-        return [f"{text}; no other model was compared."]
+        return [f"{text}; no other model has a score."]
     rival = max(of_other_kind or others, key=comparison.goodness)
     kind = "the best graph model" if rival.model.is_graph else "the best plain model"
     if not of_other_kind:
