@@ -1,6 +1,7 @@
 import csv
 import os
 import shutil
+import sys
 from pathlib import Path
 from uuid import uuid4
 
@@ -309,3 +310,16 @@ def toy():
     """The class of a small data set, with a fresh count of its reads."""
     ToyDataset.reads = 0
     return ToyDataset
+
+
+@pytest.fixture(autouse=True)
+def forget_modules_of_the_test(tmp_path_factory):
+    """A module that a test writes and imports is not that of the next test."""
+    known, path = set(sys.modules), list(sys.path)
+    yield
+    sys.path[:] = path
+    folder = str(tmp_path_factory.getbasetemp())
+    for name in sys.modules.keys() - known:
+        file = getattr(sys.modules[name], "__file__", None)
+        if isinstance(file, str) and file.startswith(folder):
+            del sys.modules[name]
