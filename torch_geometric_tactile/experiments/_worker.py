@@ -20,6 +20,7 @@ from typing import Any
 # this comes first on the search path, as in 'python -c' and 'python -m'.
 import tabulate  # noqa: F401
 
+from torch_geometric_tactile._checks import ArgumentError
 from torch_geometric_tactile._parallel import KEPT_MEMORY
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._memory import PeakMemory
@@ -53,7 +54,8 @@ def run_here(experiment: Experiment) -> dict[str, Any]:
     try:
         return run_experiment(experiment)
     except Exception as error:
-        return {"error": " ".join(f"{type(error).__name__}: {error}".split())[:1000]}
+        name = "ValueError" if isinstance(error, ArgumentError) else type(error).__name__
+        return {"error": " ".join(f"{name}: {error}".split())[:1000]}
 
 
 def run_in_process(experiment: Experiment) -> dict[str, Any]:
