@@ -9,7 +9,7 @@ pytest.importorskip("pyarrow", reason="needs the extra 'lerobot'")
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from torch_geometric_tactile.io._lerobot_tables import check_pages
+from torch_geometric_tactile.io._lerobot_tables import _check_columns, check_pages
 
 ROWS = 1_000_000
 
@@ -72,7 +72,7 @@ def test_a_footer_that_declares_less_is_refused(tmp_path):
     ("place", "data", "match"),
     [
         (4, b"\0", "must have sizes .got a header without"),
-        (4, b"\x19", "must have headers of Parquet .got a field of 9"),
+        (4, b"\x1b", "must have headers of Parquet .got a field of 11"),
         (4, b"\x15" + b"\xff" * 10 + b"\1", "got a number that is too long"),
         (4, b"\x18" + unsigned(2**40), "must have whole headers .got the end"),
         (20, None, "must end where its footer declares"),
@@ -120,3 +120,21 @@ def test_values_of_a_page_are_counted_by_its_header(tmp_path, fields, num_values
     check_pages(path, [SimpleNamespace(num_values=num_values, **place, **size)])
     with pytest.raises(ValueError, match=f"got {num_values} in 0"):
         check_pages(path, [SimpleNamespace(num_values=8, **place, **size)])
+
+
+@pytest.mark.parametrize(("levels", "is_right"), [((1, 0), True), ((2, 0), False), ((0, 0), False)])
+def test_columns_whose_statistics_are_of_another_kind_are_refused(tmp_path, levels, is_right):
+    # pyarrow's description of such a column ends the process.
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"a": pa.array([1, None, 3]), "b": [[1], None, []]}), path)
+    _check_columns(path, pq.read_metadata(path))
+    column = SimpleNamespace(
+        path="a", max_definition_level=levels[0], max_repetition_level=levels[1]
+    )
+    schema = SimpleNamespace(column=lambda j: column)
+    metadata = SimpleNamespace(schema=schema, num_columns=1)
+    if is_right:
+        _check_columns(path, metadata)
+    else:
+        with pytest.raises(ValueError, match="its column 'a' must have statistics of its own kind"):
+            _check_columns(path, metadata)

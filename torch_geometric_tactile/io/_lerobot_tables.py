@@ -18,7 +18,12 @@ _SCHEMA_KEY = b"huggingface"
 _DATA_PAGES = (0, 3)
 # Numbers of the fields of a header, and of those of the two kinds of data pages in it.
 _KIND, _UNPACKED, _PACKED, _COUNTS = 1, 2, 3, (5, 8)
-_BOOLEANS, _INTEGERS, _BYTE, _DOUBLE, _BINARY, _STRUCT = (1, 2), (4, 5, 6), 3, 7, 8, 12
+_BOOLEANS, _INTEGERS, _BYTE, _DOUBLE, _BINARY, _LIST, _STRUCT = (1, 2), (4, 5, 6), 3, 7, 8, 9, 12
+# Numbers of the fields of a footer, of its row groups, and of their columns.
+_ROW_GROUPS, _COLUMNS, _COLUMN, _ENCRYPTION = 4, 1, 3, 8
+_TYPE, _SIZE_STATISTICS, _TEXT_BYTES, _REPETITIONS, _DEFINITIONS = 1, 16, 1, 2, 3
+_BYTE_ARRAY = 6  # a physical type
+_MAX_DEPTH = 12  # of structures and lists: six in a footer
 
 
 def require_pyarrow() -> Any:
@@ -107,11 +112,47 @@ def _read(path: Path, read: Any, **settings: Any) -> Any:
             raise ValueError("it must be a regular file (got a folder, pipe or device)")
         file = pa.parquet.ParquetFile(path, page_checksum_verification=True, **settings)
         with file:
+            _check_columns(path, file.metadata)
             return read(file)
     except (pa.ArrowException, ValueError, OSError) as error:
         if isinstance(error, FileNotFoundError | PermissionError):
             raise
         raise ValueError(f"'{path}' cannot be read as Parquet: {error}") from error
+
+
+def _check_columns(path: Path, metadata: Any) -> None:
+    # Of what is checked here, pyarrow's description of a column ends the process.
+    with path.open("rb") as stream:
+        stream.seek(-8, 2)
+        length = int.from_bytes(stream.read(4), "little")
+        stream.seek(-8 - length, 2)
+        footer = _Header(stream.read(length)).struct()
+    for group in _list_of(footer, _ROW_GROUPS):
+        for j, chunk in enumerate(_list_of(group, _COLUMNS)[: metadata.num_columns]):
+            column = _struct_of(chunk, _COLUMN)
+            statistics = _struct_of(column, _SIZE_STATISTICS)
+            kind = metadata.schema.column(j)
+            levels = (
+                (_list_of(statistics, _REPETITIONS), kind.max_repetition_level),
+                (_list_of(statistics, _DEFINITIONS), kind.max_definition_level),
+            )
+            is_wrong = any(len(counts) not in (0, most + 1) for counts, most in levels)
+            has_texts = _TEXT_BYTES in statistics and column.get(_TYPE) != _BYTE_ARRAY
+            if is_wrong or has_texts or _struct_of(chunk, _ENCRYPTION):
+                raise ValueError(
+                    f"its column '{printable(kind.path)}' must have statistics of its own kind, "
+                    "and no encryption"
+                )
+
+
+def _struct_of(struct: Any, number: int) -> dict[int, Any]:
+    value = struct.get(number) if isinstance(struct, dict) else None
+    return value if isinstance(value, dict) else {}
+
+
+def _list_of(struct: Any, number: int) -> list[Any]:
+    value = struct.get(number) if isinstance(struct, dict) else None
+    return value if isinstance(value, list) else []
 
 
 def _check_once(file: Any, name: str) -> None:
@@ -239,7 +280,7 @@ def _totals(file: BinaryIO, chunk: Any, size: int) -> tuple[int, int]:
 
 
 class _Header:
-    # Thrift's compact protocol, as far as headers of pages use it.
+    # Thrift's compact protocol, as far as footers and headers of pages use it.
     def __init__(self, data: bytes) -> None:
         self.data, self.place = data, 0
 
@@ -251,18 +292,26 @@ class _Header:
             if not head >> 4:
                 number = self._integer()
             kind = head & 15
-            if kind in _INTEGERS:
-                out[number] = self._integer()
-            elif kind == _STRUCT and depth < 3:
-                out[number] = self.struct(depth + 1)
-            elif kind == _BINARY:
-                length = self._unsigned()
-                self.place += length
-            elif kind in (_BYTE, _DOUBLE):
-                self.place += 1 if kind == _BYTE else 8
-            elif kind not in _BOOLEANS:
-                raise ValueError(f"its pages must have headers of Parquet (got a field of {kind})")
+            out[number] = kind if kind in _BOOLEANS else self._value(kind, depth)
         return out
+
+    def _value(self, kind: int, depth: int) -> Any:
+        if kind in _INTEGERS:
+            return self._integer()
+        if kind == _STRUCT and depth < _MAX_DEPTH:
+            return self.struct(depth + 1)
+        if kind == _LIST and depth < _MAX_DEPTH:
+            head = self._byte()
+            size = head >> 4 if head >> 4 < 15 else self._unsigned()
+            return [self._value(head & 15, depth + 1) for _ in range(size)]
+        if kind == _BINARY:
+            length = self._unsigned()
+            self.place += length
+        elif kind in (*_BOOLEANS, _BYTE, _DOUBLE):
+            self.place += 8 if kind == _DOUBLE else 1
+        else:
+            raise ValueError(f"its pages must have headers of Parquet (got a field of {kind})")
+        return None
 
     def _byte(self) -> int:
         need(self.place < len(self.data), "its pages must have whole headers (got the end)")
