@@ -122,6 +122,7 @@ def test_a_package_without_init_is_followed(folder):
 
 
 def test_libraries_are_told_by_version(folder):
+    pytest.importorskip("yaml", reason="needs the extra 'train'")
     (folder / "late.py").write_text("import yaml\nimport json\n")
     found = sources()
     assert found.libraries == {"PyYAML": importlib.metadata.version("PyYAML")}

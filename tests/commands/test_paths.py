@@ -129,6 +129,8 @@ def test_no_command_replaces_a_file_of_another_kind(name, target, tmp_path, caps
 
 @pytest.mark.parametrize("name", [n for n, m in MODULES.items() if hasattr(m, "list_outputs")])
 def test_no_file_of_another_kind_is_replaced_within_a_folder(name, tmp_path, monkeypatch, capsys):
+    if name == "table":
+        pytest.importorskip("jsonargparse", reason="needs the extra 'train'")
     monkeypatch.chdir(tmp_path)
     module, out = MODULES[name], tmp_path / "out"
     out.mkdir()
@@ -161,6 +163,8 @@ def test_no_file_of_another_kind_is_replaced_within_a_folder(name, tmp_path, mon
     "name", [n for n, m in MODULES.items() if any(map(is_output, taking_text(m)))]
 )
 def test_outputs_that_cannot_be_written_are_errors_before_the_run(name, tmp_path, capsys):
+    if name == "table":
+        pytest.importorskip("jsonargparse", reason="needs the extra 'train'")
     file = tmp_path / "file"
     file.write_bytes(NOT_OURS)
     for action in filter(is_output, taking_text(MODULES[name])):
@@ -208,6 +212,7 @@ def test_one_file_by_several_names(way, tmp_path, monkeypatch):
 
 
 def test_what_a_configuration_names_is_read(tmp_path, monkeypatch):
+    pytest.importorskip("jsonargparse", reason="needs the extra 'train'")
     monkeypatch.chdir(tmp_path)
     Path("a.npz").write_bytes(NOT_OURS)
     Path("data").mkdir()
@@ -237,6 +242,7 @@ def test_no_recording_is_added_to_a_folder_that_is_read(tmp_path):
 
 
 def test_files_of_the_same_kind_are_replaced(tmp_path):
+    pytest.importorskip("h5py", reason="needs the extra 'io'")
     recording = Recording(time=np.arange(3) / 100, tactile=np.ones((3, 4, 3)))
     for suffix in (".h5", ".npz", ".mcap", ".csv", ".jsonl"):
         path = tmp_path / f"a{suffix}"

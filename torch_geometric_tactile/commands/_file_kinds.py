@@ -80,6 +80,8 @@ def _is_recording(path: Path) -> bool:
 
 
 def _is_hdf5_recording(path: Path) -> bool:
+    if not _start(path).startswith(b"\x89HDF\r\n"):
+        return False
     import h5py  # which wrote the file
 
     with h5py.File(path, locking=False) as file:
