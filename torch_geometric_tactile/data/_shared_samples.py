@@ -1,4 +1,4 @@
-r"""What two parts of a split share: trials, groups and sessions, and copies of recordings."""
+r"""Trials, groups, sessions and copies of recordings that are in several parts of a split."""
 
 import hashlib
 import warnings

@@ -9,7 +9,7 @@ import torch
 
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.data._frame_view import innermost
-from torch_geometric_tactile.data._shared_samples import sharing_ignored
+from torch_geometric_tactile.data._shared_samples import shared_units, sharing_ignored
 from torch_geometric_tactile.experiments._held_out import column_of
 from torch_geometric_tactile.experiments._scores import prediction_scores
 from torch_geometric_tactile.experiments.plan import Plan
@@ -72,15 +72,12 @@ class ScoreUnits:
         """
         columns = {key: column_of(dataset, key) for key in _KEYS}
         numbers = {key: column for key, column in columns.items() if column is not None}
-        leaked: dict[str, set[int]] = {}
-        tested: dict[str, set[int]] = {}
-        for key, column in numbers.items():
-            pairs = [(np.unique(column[s.seen]), np.unique(column[s.test])) for s in splits]
-            leaked[key] = {n for pair in pairs for n in np.intersect1d(*pair).tolist()}
-            tested[key] = {n for _, test in pairs for n in test.tolist()}
-        new = [key for key in numbers if not leaked[key]]
-        if new:
-            key = min(new, key=lambda key: len(tested[key]))
+        shared = [shared_units(dataset, [torch.from_numpy(part) for part in s]) for s in splits]
+        leaked = {key: {n for units in shared for n in units[key]} for key in numbers}
+        unseen_keys = [key for key in numbers if not leaked[key]]
+        if unseen_keys:
+            tested = np.concatenate([split.test for split in splits])
+            key = min(unseen_keys, key=lambda key: len(np.unique(numbers[key][tested])))
             name = innermost(dataset).group_kind if key == "group" else key
             return cls(name, _by_stored_place(dataset, numbers[key]))
         if "trial" not in numbers:

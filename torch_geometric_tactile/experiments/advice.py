@@ -105,11 +105,11 @@ def _choice(
             f", which is simpler than {best.model.name}, the best model, and about as good "
             f"({_simplicity(result, best)})"
         )
-    others = [r for r in comparison.results if r is not result and r.model.name != FLOOR]
-    of_other_kind = [r for r in others if r.model.is_graph != result.model.is_graph]
-    if not others:
+    rivals = [r for r in comparison.results if r is not result and r.model.name != FLOOR]
+    of_other_kind = [r for r in rivals if r.model.is_graph != result.model.is_graph]
+    if not rivals:
         return [f"{text}; no other model has a score."]
-    rival = max(of_other_kind or others, key=comparison.goodness)
+    rival = max(of_other_kind or rivals, key=comparison.goodness)
     kind = "the best graph model" if rival.model.is_graph else "the best plain model"
     if not of_other_kind:
         kind = "the next best model" if best is result else "the best of the others"

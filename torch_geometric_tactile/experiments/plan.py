@@ -75,7 +75,7 @@ class Plan:
 
     @cached_property
     def shared(self) -> tuple[str, ...]:
-        r"""What the parts of its splits share, and thus makes scores too high: trials of given
+        r"""The samples that parts of its splits share, which make scores too high: trials of given
         parts, and copies of recordings. A sentence for each; usually none.
         """
         sentences: dict[str, None] = {}
