@@ -157,12 +157,16 @@ def _limit_problems(result: Result, limits: Limits) -> list[str]:
 
 
 def link_data(data: Path, folder: Path) -> None:
-    r"""Makes a folder that has all that another has, into which data sets write their processed
-    files in its place, and names it to the tutorials as :obj:`TACTILE_DATA`.
+    r"""Makes a folder with links to all files of another, and names it to the tutorials as
+    :obj:`TACTILE_DATA`. Folders are new ones and processed files are left out, so that data sets
+    write beside the links, and read nothing that another run has processed.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    for path in data.iterdir():
-        link = folder / path.name
+    for path in data.rglob("*"):
+        inside = path.relative_to(data)
+        if path.is_dir() or "processed" in inside.parts:
+            continue
+        link = folder / inside
+        link.parent.mkdir(parents=True, exist_ok=True)
         if not link.exists():
             link.unlink(missing_ok=True)
             link.symlink_to(path.resolve())

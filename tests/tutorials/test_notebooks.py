@@ -211,14 +211,18 @@ def test_other_connection_errors_are_failures(script, tmp_path, monkeypatch, cap
 
 def test_data_is_linked_and_never_written_to(tmp_path, monkeypatch):
     monkeypatch.delenv("TACTILE_DATA", raising=False)
-    (tmp_path / "data" / "biotacsp").mkdir(parents=True)
-    (tmp_path / "data" / "biotacsp" / "a.csv").write_text("1")
-    run.link_data(tmp_path / "data", tmp_path / "linked")
-    run.link_data(tmp_path / "data", tmp_path / "linked")
-    linked = Path(run.os.environ["TACTILE_DATA"])
-    (linked / "BioTacSP").mkdir()
-    assert (linked / "biotacsp" / "a.csv").read_text() == "1"
-    assert [path.name for path in (tmp_path / "data").iterdir()] == ["biotacsp"]
+    for name in ("a.csv", "processed/biotac_sp.pt"):
+        path = tmp_path / "data" / "biotacsp" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("1")
+    for _ in range(2):
+        run.link_data(tmp_path / "data", tmp_path / "linked")
+    linked = Path(run.os.environ["TACTILE_DATA"]) / "biotacsp"
+    assert (linked / "a.csv").read_text() == "1"
+    assert [path.name for path in linked.iterdir()] == ["a.csv"]
+    (linked / "processed").mkdir()
+    (linked / "processed" / "biotac_sp.pt").write_text("2")
+    assert (tmp_path / "data" / "biotacsp" / "processed" / "biotac_sp.pt").read_text() == "1"
 
 
 class FakeShell:
