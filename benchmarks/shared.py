@@ -5,6 +5,8 @@ import json
 import os
 import platform
 import statistics
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
@@ -116,10 +118,44 @@ def memory(*keys: str) -> int:
     return sum(int(values[key].split()[0]) * 1024 for key in keys)
 
 
+# What is printed of a state of the allocator, and the variables that a process starts with.
+ALLOCATOR_STATES = {
+    "usual": ("As usually started", {}),
+    "resident": (
+        "Without page faults: MALLOC_MMAP_MAX_=0 MALLOC_TRIM_THRESHOLD_=8000000000",
+        {"MALLOC_MMAP_MAX_": "0", "MALLOC_TRIM_THRESHOLD_": "8000000000"},
+    ),
+}
+
+
+def run_in_each_state(
+    script: str, argv: Sequence[str] | None, states: Sequence[str]
+) -> dict[str, Any]:
+    """Returns what `script --child` prints as JSON, in a process for each allocator state."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    results = {}
+    for state in states:
+        base = {name: value for name, value in os.environ.items() if "MALLOC_" not in name}
+        child = subprocess.run(
+            [sys.executable, script, *arguments, "--child"],
+            env={**base, **ALLOCATOR_STATES[state][1]},
+            stdout=subprocess.PIPE,
+            check=True,
+            text=True,
+        )
+        results[state] = json.loads(child.stdout)
+    return results
+
+
 def two_nearest(layout: TaxelLayout) -> Tensor:
     """Returns edges of each taxel to its two nearest, in both directions."""
-    near = torch.cdist(layout.pos, layout.pos).topk(3, largest=False).indices[:, 1:].flatten()
-    row = torch.arange(layout.num_taxels).repeat_interleave(2)
+    return two_nearest_edges(layout.pos)
+
+
+def two_nearest_edges(pos: Tensor) -> Tensor:
+    """Returns edges of each taxel to its two nearest, in both directions."""
+    near = torch.cdist(pos, pos).topk(3, largest=False).indices[:, 1:].flatten()
+    row = torch.arange(len(pos)).repeat_interleave(2)
     return torch.stack([torch.cat([row, near]), torch.cat([near, row])]).unique(dim=1)
 
 

@@ -3,11 +3,11 @@ import torch
 from small_models import EDGE_INDEX, NUM_EDGES, assert_close, samples
 
 from torch_geometric_tactile.nn._pooled_gcn import pooled_gcn
-from torch_geometric_tactile.nn.conv._static_adjacency import StaticAdjacency, dense_norm
+from torch_geometric_tactile.nn.conv._static_adjacency import StaticAdjacency, edge_norm
 
 
 def adjacency(edge_index=EDGE_INDEX, edge_weight=None, num_nodes=11, dtype=torch.double):
-    return StaticAdjacency(dense_norm(edge_index, edge_weight, num_nodes, dtype))
+    return StaticAdjacency(*edge_norm(edge_index, edge_weight, num_nodes, dtype), num_nodes)
 
 
 def plain(h, adj, weight, bias=None, pool=1, segment=None):

@@ -16,7 +16,7 @@ from torch.autograd.function import once_differentiable
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv._plain import is_hooked, is_static_batch
-from torch_geometric_tactile.nn.conv._static_adjacency import MAX_DENSE_NODES, StaticAdjacency
+from torch_geometric_tactile.nn.conv._static_adjacency import StaticAdjacency, sparse_product
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 # The widest activation of a block of this size stays in a processor's second-level cache.
@@ -29,7 +29,7 @@ _MIN_SAMPLES = 8
 
 def may_run_fast(x: Tensor) -> bool:
     r"""Tells whether :func:`pooled_gcn` pays for features: those of many samples on a processor."""
-    return is_static_batch(x) and x.size(0) >= _MIN_SAMPLES and x.size(1) <= MAX_DENSE_NODES
+    return is_static_batch(x) and x.size(0) >= _MIN_SAMPLES
 
 
 def may_merge(layers: Iterable[tuple[Any, ChannelMaxPool]]) -> bool:
@@ -151,7 +151,9 @@ class _PooledGCN(Function):
                 torch.bmm(back, part, out=grad_u[start:stop])
         grad_h = None
         if grad_u is not None:
-            grad_h = _propagate(ctx.adjacency.transposed, grad_u.flatten(1)).view_as(h)
+            grad_h = sparse_product(ctx.adjacency.csr(transposed=True), grad_u.flatten(1)).view_as(
+                h
+            )
         return grad_h, grad_weight[..., :-1], grad_weight[..., -1], None, None, None
 
 
@@ -183,7 +185,7 @@ class _Block:
         r"""Sums over the neighbours."""
         rows = self.adjacency.rows(start, stop)
         u = self.u[: stop - start]
-        u[:, :-1] = _propagate(rows, self.h).view(stop - start, u.size(1) - 1, u.size(2))
+        u[:, :-1] = sparse_product(rows, self.h).view(stop - start, u.size(1) - 1, u.size(2))
         return u
 
     def product(self, start: int, stop: int) -> Tensor:
@@ -200,9 +202,3 @@ class _Block:
     def groups(self, z: Tensor) -> Tensor:
         r"""Returns the channels by what shares one maximum."""
         return z.unflatten(1, (z.size(1) // self.pool, self.pool))
-
-
-def _propagate(matrix: Tensor, h: Tensor) -> Tensor:
-    # With a reduction, this is PyTorch's own kernel: as fast as that of MKL, which is not on every
-    # machine.
-    return torch.sparse.mm(matrix, h, "sum")

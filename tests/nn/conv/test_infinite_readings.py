@@ -115,7 +115,7 @@ def test_self_gcn_conv_of_a_taxel_without_neighbours(bad):
     conv = SelfGCNConv(3, 4, difference=True)
     x = samples(3, 3, torch.float32, bad, taxels=(5,))
     found = conv(x, EDGES)
-    assert_same(found[0, 5], conv.lin(x[0, 5]))
+    assert_same(found[0, 5], conv.lin_root(x[0, 5]) + conv.lin_rel.bias)
     assert found[:, :5].isfinite().all()
 
 

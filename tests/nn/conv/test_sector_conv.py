@@ -302,8 +302,8 @@ def test_sector_conv_refuses_what_it_cannot_do():
     with pytest.raises(ValueError, match=r"'decomposed_layers' must be 1: .* \(got 2\)"):
         SectorConv(2, 4, decomposed_layers=2)
     assert SectorConv(2, 4, decomposed_layers=1).decomposed_layers == 1
-    with pytest.raises(ValueError, match=r"'in_channels' must be .* only StaticGCNConv takes -1"):
-        SectorConv(-1, 4)
+    with pytest.raises(ValueError, match=r"'in_channels' must be at least 1 \(got 0\), or -1"):
+        SectorConv(0, 4)
     x, edges = torch.zeros(3, 2), torch.tensor([[0, 1], [1, 0]])
     with pytest.raises(ValueError, match=r"'x' must be a tensor, .* \(got tuple\)"):
         SectorConv(2, 4)((x, x), edges, torch.tensor([0, 1]))

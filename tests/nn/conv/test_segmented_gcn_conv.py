@@ -301,8 +301,8 @@ def test_segmented_gcn_conv_misplaced_arguments():
         SegmentedGCNConv(34, 8, torch.tensor([0, 0, 1]))
     with pytest.raises(ValueError, match=r"'out_channels' must be at least 1 \(got \[4\]\)"):
         SegmentedGCNConv([0, 0, 1], 8, [4])
-    with pytest.raises(ValueError, match=r"'in_channels' must be .* only StaticGCNConv takes -1"):
-        SegmentedGCNConv([0, 0, 1], -1, 4)
+    with pytest.raises(ValueError, match=r"'in_channels' must be at least 1 \(got 0\), or -1"):
+        SegmentedGCNConv([0, 0, 1], 0, 4)
     x, edges = torch.zeros(3, 2), torch.tensor([[0, 1], [1, 0]])
     with pytest.raises(ValueError, match=r"'x' must be a tensor, .* \(got tuple\)"):
         SegmentedGCNConv([0, 0, 1], 2, 4)((x, x), edges)

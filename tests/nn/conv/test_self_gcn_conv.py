@@ -16,8 +16,8 @@ WEIGHT = samples(NUM_EDGES, seed=3).exp()
 def conv(difference=False, dtype=torch.float, **kwargs):
     torch.manual_seed(0)
     layer = SelfGCNConv(3, 5, difference, **kwargs).to(dtype)
-    if layer.lin.bias is not None:
-        torch.nn.init.normal_(layer.lin.bias)
+    if layer.lin_rel.bias is not None:
+        torch.nn.init.normal_(layer.lin_rel.bias)
     return layer
 
 
@@ -33,7 +33,7 @@ def formula(layer, x, weight=None):
     else:
         scale = degree.pow(-0.5).masked_fill(degree == 0, 0.0)
         a = scale.view(-1, 1) * a * scale
-    return layer.lin(x) + a @ layer.conv.lin(x)
+    return layer.lin_root(x) + a @ x @ layer.lin_rel.weight.t() + layer.lin_rel.bias
 
 
 def test_self_gcn_conv_repr():
@@ -48,9 +48,9 @@ def test_self_gcn_conv_repr():
 def test_self_gcn_conv_by_hand(difference, expected):
     layer = SelfGCNConv(1, 1, difference)
     with torch.no_grad():
-        layer.lin.weight.fill_(1.0)
-        layer.lin.bias.fill_(0.5)
-        layer.conv.lin.weight.fill_(10.0)
+        layer.lin_root.weight.fill_(1.0)
+        layer.lin_rel.bias.fill_(0.5)
+        layer.lin_rel.weight.fill_(10.0)
     # 0 and 1 are neighbours, 2 is alone.
     x, edge_index = torch.tensor([[2.0], [4.0], [7.0]]), torch.tensor([[0, 1], [1, 0]])
     for form in (x, x[None], x.expand(9, 3, 1)):
@@ -69,7 +69,7 @@ def test_self_gcn_conv_equals_the_formula(difference, weight, fast):
 
 def test_self_gcn_conv_differences_do_not_see_an_offset():
     layer = conv(True)
-    torch.nn.init.zeros_(layer.lin.weight)
+    torch.nn.init.zeros_(layer.lin_root.weight)
     x = samples(9, 11, 3)
     assert torch.allclose(layer(x + 100, EDGE_INDEX), layer(x, EDGE_INDEX), atol=1e-3)
 
@@ -115,7 +115,7 @@ def test_self_gcn_conv_parameter_count():
     for difference in (False, True):
         layer = SelfGCNConv(3, 8, difference)
         assert sum(p.numel() for p in layer.parameters()) == 2 * 3 * 8 + 8
-    assert SelfGCNConv(3, 8, bias=False).lin.bias is None
+    assert SelfGCNConv(3, 8, bias=False).lin_rel.bias is None
 
 
 def test_self_gcn_conv_reset():
@@ -129,7 +129,8 @@ def test_self_gcn_conv_empty():
     none = torch.empty(2, 0, dtype=torch.long)
     for difference in (False, True):
         layer, x = conv(difference), samples(9, 11, 3)
-        assert torch.allclose(layer(x, none), layer.lin(x), atol=1e-6)
+        expected = layer.lin_root(x) + layer.lin_rel.bias
+        assert torch.allclose(layer(x, none), expected, atol=1e-6)
         assert layer(x[:0], EDGE_INDEX).shape == (0, 11, 5)
         assert layer(samples(9, 1, 3), none).shape == (9, 1, 5)
 
@@ -158,7 +159,7 @@ def test_difference_that_is_masked_is_left_out(edges, lead):
     set_masks(layer, torch.ones(edges.size(1)), edges, apply_sigmoid=False)
     assert torch.allclose(layer(x, edges), expected, atol=1e-6)
     set_masks(layer, torch.zeros(edges.size(1)), edges, apply_sigmoid=False)
-    assert torch.allclose(layer(x, edges), layer.lin(x))
+    assert torch.allclose(layer(x, edges), layer.lin_root(x) + layer.lin_rel.bias)
     clear_masks(layer)
     assert layer(x, edges).equal(expected)
 
@@ -167,8 +168,8 @@ def test_each_difference_has_its_own_mask():
     layer, edges = conv(difference=True), torch.tensor([[0, 1, 2], [1, 1, 1]])
     x = samples(3, 3)
     set_masks(layer, torch.tensor([0.0, 1.0, 0.5]), edges, apply_sigmoid=False)
-    expected = layer.lin(x)
-    expected[1] += layer.conv.lin(x[1] - x[2]) / 6
+    expected = layer.lin_root(x) + layer.lin_rel.bias
+    expected[1] += (x[1] - x[2]) @ layer.lin_rel.weight.t() / 6
     assert torch.allclose(layer(x, edges), expected, atol=1e-6)
 
 
@@ -205,5 +206,20 @@ def test_double_weights_give_double(difference):
 def test_other_inputs_and_sizes_are_refused():
     with pytest.raises(ValueError, match=r"'x' must be a tensor, .* \(got tuple\)"):
         conv()((samples(11, 3), samples(11, 3)), EDGE_INDEX)
-    with pytest.raises(ValueError, match=r"'in_channels' must be .*-1\); only StaticGCNConv takes"):
-        SelfGCNConv(-1, 5)
+    with pytest.raises(ValueError, match=r"'in_channels' must be .*-2\), or -1 to take it from"):
+        SelfGCNConv(-2, 5)
+
+
+def test_weights_of_files_before_it_passed_messages():
+    layer = conv()
+    state = layer.state_dict()
+    old = {
+        "lin.weight": state["lin_root.weight"],
+        "lin.bias": state["lin_rel.bias"],
+        "conv.lin.weight": state["lin_rel.weight"],
+    }
+    other = torch.nn.Sequential(SelfGCNConv(3, 5))
+    other.load_state_dict({f"0.{name}": value for name, value in old.items()})
+    x = samples(9, 11, 3)
+    assert other[0](x, EDGE_INDEX).equal(layer(x, EDGE_INDEX))
+    assert set(old) == {"lin.weight", "lin.bias", "conv.lin.weight"}

@@ -17,6 +17,7 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
     GCNNorm,
     StaticAdjacency,
     dense_norm,
+    edge_norm,
 )
 
 EDGES = torch.tensor([[0, 1, 3, 2], [1, 2, 2, 2]])
@@ -113,7 +114,7 @@ def test_adjacency_cache_keeps_one(monkeypatch):
 
 def test_static_adjacency_keeps_few_rows(monkeypatch):
     monkeypatch.setattr(static_adjacency, "_MAX_ROWS", 3)
-    adjacency = StaticAdjacency(dense_norm(EDGES, WEIGHT, 4, torch.float))
+    adjacency = StaticAdjacency(*edge_norm(EDGES, WEIGHT, 4, torch.float), 4)
     for start in range(4):
         for _ in range(2):
             rows = adjacency.rows(start, 4)

@@ -107,14 +107,16 @@ def may_be_kept(edge_index: Adj, edge_weight: OptTensor = None) -> bool:
         tensor.requires_grad
         or type(tensor) not in _PLAIN
         or tensor.device.type == "meta"
-        or _is_wrapped(tensor)
+        or is_wrapped(tensor)
         for tensor in (edge_index, edge_weight)
         if tensor is not None
     )
 
 
-def _is_wrapped(tensor: Tensor) -> bool:
-    # By a transform of torch.func, whose tensors have no memory of their own.
+def is_wrapped(tensor: Tensor) -> bool:
+    r"""Tells whether a tensor is wrapped by a transform of :mod:`torch.func`, whose tensors have no
+    memory of their own.
+    """
     if tensor.layout != torch.strided:
         return False
     try:

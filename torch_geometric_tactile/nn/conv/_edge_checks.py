@@ -56,11 +56,23 @@ def is_traced() -> bool:
     return bool(torch.compiler.is_compiling() or torch.jit.is_tracing())
 
 
+def is_exported() -> bool:
+    r"""Tells whether the operations are recorded for another runtime, and not for a compiler."""
+    # PyTorch before 2.7 does not tell an export from a compiler.
+    is_exporting = getattr(torch.compiler, "is_exporting", torch.compiler.is_compiling)
+    return bool(is_exporting() or torch.jit.is_tracing())
+
+
 def check_conv_sizes(in_channels: Any, **others: Any) -> None:
     r"""Checks the sizes of a convolution."""
-    lazy = "; only StaticGCNConv takes -1, for the size of the first input"
-    check_sizes(lazy, in_channels=in_channels)
+    check_lazy_size("in_channels", in_channels)
     check_sizes(**others)
+
+
+def check_lazy_size(name: str, size: Any) -> None:
+    r"""Checks a size that may be -1."""
+    if size != -1:
+        check_sizes(", or -1 to take it from the first input", **{name: size})
 
 
 def compute_on_edges(
@@ -90,6 +102,19 @@ def check_tensor(x: Any) -> None:
         raise ValueError(
             f"'x' must be a tensor, the features of one set of nodes (got {type(x).__name__})"
         )
+
+
+def check_features(x: Tensor, in_channels: Optional[int]) -> None:
+    r"""Checks the shape, the type and, where it is known, the width of node features."""
+    if x.dim() < 2:
+        raise ValueError(
+            "'x' must have shape (num_nodes, in_channels) or (batch_size, num_nodes, "
+            f"in_channels) (got {tuple(x.shape)})"
+        )
+    if not (x.is_floating_point() or x.is_complex()):
+        raise ValueError(f"'x' must hold floating-point numbers (got {x.dtype})")
+    if in_channels is not None and x.size(-1) != in_channels:
+        raise ValueError(f"'x' must have {in_channels} features (got shape {tuple(x.shape)})")
 
 
 def check_edge_form(edge_index: Adj, num_nodes: int) -> None:

@@ -2,26 +2,30 @@ r"""The normalised adjacency of one topology, computed once."""
 
 import math
 import warnings
-from typing import NamedTuple, Optional
+from typing import Any, NamedTuple, Optional
 
 import torch
 from torch import Tensor
+from torch.autograd import Function
 from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.typing import Adj, OptTensor
 from torch_geometric.utils import is_torch_sparse_tensor
 
-from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, may_be_kept
+from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, is_wrapped, may_be_kept
 from torch_geometric_tactile.nn.conv._edge_checks import (
     EdgeCheck,
     as_edges,
     check_edge_index,
     check_edge_weight,
+    is_exported,
     is_traced,
     sorted_form,
 )
 
 # Above this number of nodes, a dense matrix of them costs more than gathering the edges.
 MAX_DENSE_NODES = 1024
+# Others have no sparse product with a sum.
+_SPARSE_TYPES = (torch.float32, torch.float64)
 # The most row blocks that one adjacency keeps: several batch sizes of the largest graph.
 _MAX_ROWS = 4096
 
@@ -46,15 +50,31 @@ class StaticAdjacency:
     r"""The matrix of a graph convolution :math:`(N, N)`, in the forms that products need.
 
     Args:
-        dense (torch.Tensor): The matrix.
+        edge_index (torch.Tensor): Sources and targets of its values :math:`(2, |\mathcal{E}|)`.
+            The values of a pair that occurs twice add up.
+        weight (torch.Tensor): Its values :math:`(|\mathcal{E}|,)`, also those that are zero.
+        num_nodes (int): Number of taxels :math:`N`.
     """
 
-    def __init__(self, dense: Tensor) -> None:
-        self.dense = dense
+    def __init__(self, edge_index: Tensor, weight: Tensor, num_nodes: int) -> None:
+        self.num_nodes = num_nodes
+        # Copies: the caller may write to edges before the transposed form is made.
+        self._edges, self._weight = edge_index.clone(), weight.clone()
+        # Whether products may change their order: infinity times a sum is not a sum of infinities.
+        self.may_reorder = not bool(self._weight.isinf().any())
+        self._csr: dict[bool, Tensor] = {}
         self._rows: dict[tuple[int, int], Tensor] = {}
         self._blocks: dict[int, Tensor] = {}
-        self._transposed: OptTensor = None
+        self._dense: OptTensor = None
         self._pattern: OptTensor = None
+
+    @property
+    def dense(self) -> Tensor:
+        r"""The matrix with all its zeros :math:`(N, N)`."""
+        if self._dense is None:
+            with torch.inference_mode(False):
+                self._dense = dense_matrix(self._edges, self._weight, self.num_nodes)
+        return self._dense
 
     @property
     def pattern(self) -> Tensor:
@@ -64,12 +84,19 @@ class StaticAdjacency:
                 self._pattern = edge_pattern(self.dense)
         return self._pattern
 
-    @property
-    def transposed(self) -> Tensor:
-        r"""The transposed matrix, in CSR format."""
-        if self._transposed is None:
-            self._transposed = _sparse(self.dense.t())
-        return self._transposed
+    def csr(self, transposed: bool = False) -> Tensor:
+        r"""Returns the matrix, or the transposed one, in CSR format, computed once."""
+        csr = self._csr.get(transposed)
+        if csr is None:
+            with torch.inference_mode(False):
+                source, target = self._edges.flip(0) if transposed else self._edges
+                # In the order of the edges, in which messages add up as well.
+                order = target.argsort(stable=True)
+                ends = target.bincount(minlength=self.num_nodes).cumsum(0)
+                starts = torch.cat([ends.new_zeros(1), ends])
+                csr = _sparse(starts, source[order], self._weight[order], self.num_nodes)
+            self._csr[transposed] = csr
+        return csr
 
     def rows(self, start: int, stop: int) -> Tensor:
         r"""Returns some rows in CSR format :math:`(S, N)`, computed once.
@@ -82,7 +109,12 @@ class StaticAdjacency:
         if rows is None:
             if len(self._rows) >= _MAX_ROWS:
                 self._rows = {}  # not cleared in place: another thread may be reading it
-            rows = self._rows[start, stop] = _sparse(self.dense[start:stop])
+            csr = self.csr()
+            starts = csr.crow_indices()[start : stop + 1]
+            part = slice(int(starts[0]), int(starts[-1]))
+            columns, values = csr.col_indices()[part], csr.values()[part]
+            rows = _sparse(starts - starts[0], columns, values, self.num_nodes)
+            self._rows[start, stop] = rows
         return rows
 
     def blocks(self, group: int, nodes: Tensor) -> Tensor:
@@ -99,6 +131,76 @@ class StaticAdjacency:
             with torch.inference_mode(False):  # a validation may come before the training
                 self._blocks[group] = adjacency_blocks(self.dense, nodes)
         return self._blocks[group]
+
+    def product(self, x: Tensor, transposed: bool = False) -> Tensor:
+        r"""Multiplies features by the matrix or the transposed one, with gradients of any order.
+
+        It multiplies along the edges and nowhere else, so that missing and infinite features and
+        weights reach the same taxels as messages do.
+
+        Shapes:
+            - **x:** Features :math:`(\ldots, N, F)`, for which :func:`may_multiply`.
+            - **output:** Sums of the same shape, with the taxels in the outermost dimension of the
+              memory.
+        """
+        out: Tensor = _Product.apply(x, self, transposed)
+        return out
+
+    def dense_product(self, x: Tensor) -> Tensor:
+        r"""Multiplies features by the matrix with all its zeros; see :func:`contained_product`.
+
+        Shapes:
+            - **x:** Features :math:`(\ldots, N, F)`.
+        """
+        return contained_product(self.dense, self.pattern, x)
+
+
+class _Product(Function):
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, adjacency: StaticAdjacency, transposed: bool) -> Tensor:
+        ctx.adjacency, ctx.transposed = adjacency, transposed
+        h = x.movedim(-2, 0)
+        out = sparse_product(adjacency.csr(transposed), h.reshape(len(h), -1))
+        return out.view(h.shape).movedim(0, -2)
+
+    @staticmethod
+    def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:
+        return _Product.apply(grad, ctx.adjacency, not ctx.transposed), None, None
+
+    @staticmethod
+    def jvp(ctx: Any, tangent: Tensor, *_: None) -> Tensor:
+        out: Tensor = _Product.apply(tangent, ctx.adjacency, ctx.transposed)
+        return out
+
+
+def sparse_product(matrix: Tensor, h: Tensor) -> Tensor:
+    r"""Multiplies a CSR matrix by a dense one.
+
+    Shapes:
+        - **matrix:** The sparse matrix :math:`(M, N)`.
+        - **h:** The dense matrix :math:`(N, K)`.
+        - **output:** :math:`(M, K)`.
+    """
+    # With a reduction, this is PyTorch's own kernel: as fast as that of MKL, which is not on every
+    # machine.
+    return torch.sparse.mm(matrix, h, "sum")
+
+
+def may_multiply(x: Tensor) -> bool:
+    r"""Tells whether :meth:`StaticAdjacency.product` serves features: those of samples on one
+    topology :math:`(\ldots, N, F)`, on a processor and in eager mode, outside of autocast and of
+    the transforms of :mod:`torch.func`.
+    """
+    return (
+        not is_traced()
+        and x.dim() > 2
+        and x.is_cpu
+        and x.dtype in _SPARSE_TYPES
+        and x.layout == torch.strided
+        and x.numel() > 0
+        and not torch.is_autocast_enabled("cpu")
+        and not is_wrapped(x)
+    )
 
 
 class AdjacencyCache(EdgeCache[StaticAdjacency]):
@@ -142,10 +244,30 @@ class AdjacencyCache(EdgeCache[StaticAdjacency]):
         check_edge_weight(edge_index, edge_weight)
 
         def adjacency() -> StaticAdjacency:
-            dense = dense_norm(edge_index, edge_weight, num_nodes, dtype, segment, GCNNorm(*norm))
-            return StaticAdjacency(dense)
+            edges = self.normalize(edge_index, edge_weight, num_nodes, dtype, segment, norm)
+            return StaticAdjacency(*edges, num_nodes)
 
         return self._keep(key, tensors, adjacency)
+
+    def normalize(
+        self,
+        edge_index: Adj,
+        edge_weight: OptTensor,
+        num_nodes: int,
+        dtype: torch.dtype,
+        segment: OptTensor = None,
+        norm: Norm = GCN_NORM,
+    ) -> tuple[Tensor, Tensor]:
+        r"""Returns the values of the matrix; see :func:`edge_norm`."""
+        return edge_norm(edge_index, edge_weight, num_nodes, dtype, segment, GCNNorm(*norm))
+
+
+def may_multiply_dense(x: Tensor) -> bool:
+    r"""Tells whether a product of matrices is the fastest for features :math:`(\ldots, N, F)`: on
+    GPUs, and in exports, for whose runtimes the matrix is a constant. A compiler on a processor
+    writes a faster one from messages.
+    """
+    return x.size(-2) <= MAX_DENSE_NODES and (not x.is_cpu or is_exported())
 
 
 def _tensors(edge_index: Adj, edge_weight: OptTensor) -> tuple[Tensor, ...]:
@@ -156,10 +278,27 @@ def _tensors(edge_index: Adj, edge_weight: OptTensor) -> tuple[Tensor, ...]:
     return (edge_index,) if edge_weight is None else (edge_index, edge_weight)
 
 
-def _sparse(dense: Tensor) -> Tensor:
+def _sparse(starts: Tensor, columns: Tensor, values: Tensor, num_columns: int) -> Tensor:
+    size = (len(starts) - 1, num_columns)
     with warnings.catch_warnings(), torch.inference_mode(False):
         warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
-        return dense.contiguous().to_sparse_csr()
+        return torch.sparse_csr_tensor(starts, columns, values, size, check_invariants=False)
+
+
+def dense_matrix(edge_index: Tensor, weight: Tensor, num_nodes: int) -> Tensor:
+    r"""Returns the matrix of targets and sources :math:`(N, N)`.
+
+    Shapes:
+        - **edge_index:** Sources and targets :math:`(2, |\mathcal{E}|)`.
+        - **weight:** Their values :math:`(|\mathcal{E}|,)`, which add up.
+    """
+    source, target = edge_index
+    return _scatter(target, source, weight, num_nodes)
+
+
+def _scatter(target: Tensor, source: Tensor, weight: Tensor, num_nodes: int) -> Tensor:
+    empty = weight.new_zeros(num_nodes * num_nodes)
+    return empty.scatter_add(0, target * num_nodes + source, weight).view(num_nodes, num_nodes)
 
 
 def edge_pattern(dense: Tensor) -> Tensor:
@@ -217,6 +356,44 @@ def adjacency_blocks(dense: Tensor, nodes: Tensor) -> Tensor:
     return dense[nodes.unsqueeze(2), nodes.unsqueeze(1)]
 
 
+def edge_norm(
+    edge_index: Adj,
+    edge_weight: OptTensor,
+    num_nodes: int,
+    dtype: torch.dtype,
+    segment: OptTensor = None,
+    norm: GCNNorm = GCN_NORM,
+) -> tuple[Tensor, Tensor]:
+    r"""Returns PyG's :func:`~torch_geometric.nn.conv.gcn_conv.gcn_norm` as sources and targets
+    :math:`(2, |\mathcal{E}'|)` and their weights :math:`(|\mathcal{E}'|,)`.
+
+    Shapes:
+        - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+          :math:`(N, N)` of targets and sources.
+        - **edge_weight:** Their weights :math:`(|\mathcal{E}|,)`.
+        - **num_nodes:** Number of taxels :math:`N`.
+        - **segment:** The segment of each taxel :math:`(N,)`; edges between segments are left out.
+    """
+    if is_torch_sparse_tensor(edge_index) and segment is None:
+        matrix = sparse_norm(sorted_form(edge_index), num_nodes, dtype, norm)
+        edges, weight = as_edges(matrix)
+        assert weight is not None
+        return edges, weight.to(dtype)
+    edges, edge_weight = as_edges(edge_index, edge_weight)
+    edges = edges.long()
+    weight = None if edge_weight is None else edge_weight.view(-1).to(dtype)
+    if segment is not None:
+        is_within = segment[edges[0]] == segment[edges[1]]
+        edges, weight = edges[:, is_within], None if weight is None else weight[is_within]
+    if norm.normalize:
+        edges, weight = gcn_norm(
+            edges, weight, num_nodes, norm.improved, norm.add_self_loops, norm.flow, dtype
+        )
+    if weight is None:
+        weight = torch.ones(edges.size(1), dtype=dtype, device=edges.device)
+    return edges.flip(0) if norm.flow == "target_to_source" else edges, weight
+
+
 def dense_norm(
     edge_index: Adj,
     edge_weight: OptTensor,
@@ -256,8 +433,7 @@ def dense_norm(
     add_self_loops, loop_edge_weight = norm.normalize and norm.add_self_loops, weight
     if add_self_loops:
         weight = weight.masked_fill(is_loop, 0.0)
-    place, empty = target * num_nodes + source, weight.new_zeros(num_nodes * num_nodes)
-    adjacency = empty.scatter_add(0, place, weight).view(num_nodes, num_nodes)
+    adjacency = _scatter(target, source, weight, num_nodes)
     if add_self_loops:
         loop = loop_weights(source, is_loop, loop_edge_weight, num_nodes, loop_weight)
         adjacency = adjacency + loop.diag_embed()
@@ -269,7 +445,7 @@ def dense_norm(
     weight = scale[target] * weight * scale[source]
     if segment is not None:
         weight = weight.masked_fill(segment[source] != segment[target], 0.0)
-    adjacency = empty.scatter_add(0, place, weight).view(num_nodes, num_nodes)
+    adjacency = _scatter(target, source, weight, num_nodes)
     return adjacency + (scale * loop * scale).diag_embed() if add_self_loops else adjacency
 
 

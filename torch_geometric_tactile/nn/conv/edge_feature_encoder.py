@@ -4,11 +4,11 @@ from typing import Optional
 
 import torch
 from torch import Tensor
-from torch.nn import Linear
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn._sizes import check_sizes
 from torch_geometric_tactile.nn.conv._edge_checks import check_edge_features
+from torch_geometric_tactile.nn.conv._lazy_weight import lazy_linear
 
 
 class EdgeFeatureEncoder(torch.nn.Module):
@@ -26,7 +26,7 @@ class EdgeFeatureEncoder(torch.nn.Module):
     Args:
         num_nodes (int): Number of taxels :math:`N`.
         num_edges (int): Number of directed edges :math:`|\mathcal{E}|`.
-        edge_dim (int): Features of each edge :math:`D`.
+        edge_dim (int): Features of each edge :math:`D`, or -1 to take it from the first input.
         out_channels (int): Features of each taxel.
 
     Shapes:
@@ -49,14 +49,12 @@ class EdgeFeatureEncoder(torch.nn.Module):
         self, num_nodes: int, num_edges: int, edge_dim: int = 4, out_channels: int = 4
     ) -> None:
         super().__init__()
-        check_sizes(
-            num_nodes=num_nodes, num_edges=num_edges, edge_dim=edge_dim, out_channels=out_channels
-        )
+        check_sizes(num_nodes=num_nodes, num_edges=num_edges, out_channels=out_channels)
         self.num_nodes = num_nodes
         self.num_edges = num_edges
         self.edge_dim = edge_dim
         self.out_channels = out_channels
-        self.lin = Linear(num_edges * edge_dim, num_nodes * out_channels)
+        self.lin = lazy_linear("edge_dim", edge_dim, num_edges, num_nodes * out_channels)
 
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
@@ -79,6 +77,8 @@ class EdgeFeatureEncoder(torch.nn.Module):
                 f"'edge_attr' must have {self.num_edges} rows, one an edge in the order it was "
                 f"made for (got shape {tuple(edge_attr.shape)})"
             )
+        if self.edge_dim == -1:
+            self.edge_dim = edge_attr.size(-1)
         check_edge_features(edge_attr, self.edge_dim)
         out = self.lin(edge_attr.reshape(-1, self.num_edges * self.edge_dim))
         if edge_attr.dim() == 3:

@@ -17,6 +17,7 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_edge_features,
     check_edge_form,
 )
+from torch_geometric_tactile.nn.conv._lazy_weight import lazy_linear
 from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
 
 
@@ -31,7 +32,7 @@ class EdgeMessageEncoder(OwnPropagate, MessagePassing):
     zeros.
 
     Args:
-        edge_dim (int): Features of each edge :math:`D`.
+        edge_dim (int): Features of each edge :math:`D`, or -1 to take it from the first input.
         out_channels (int): Features of each taxel.
         hidden_channels (int): Width of the network's hidden layer.
         aggr (str): How messages meet at the target, any of PyG's aggregations.
@@ -102,6 +103,8 @@ class EdgeMessageEncoder(OwnPropagate, MessagePassing):
                 f"'edge_attr' must have {num_edges} rows, one for each edge of 'edge_index' "
                 f"(got shape {tuple(edge_attr.shape)})"
             )
+        if self.edge_dim == -1:
+            self.edge_dim = edge_attr.size(-1)
         check_edge_features(edge_attr, self.edge_dim)
         if num_nodes is None:
             num_nodes = int(edge_index.max()) + 1 if num_edges else 0
@@ -142,7 +145,7 @@ class EdgeAttentionEncoder(EdgeMessageEncoder):
     A variant of the paper's :class:`EdgeFeatureEncoder` that is ours.
 
     Args:
-        edge_dim (int): Features of each edge :math:`D`.
+        edge_dim (int): Features of each edge :math:`D`, or -1 to take it from the first input.
         out_channels (int): Features of each taxel.
         hidden_channels (int): Width of the network's hidden layer.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
@@ -196,7 +199,7 @@ class EdgePatchEncoder(EdgeMessageEncoder):
     Args:
         segment (sequence of int or torch.Tensor): The patch :math:`s_i` of each taxel
             :math:`(N,)`, as :obj:`layout.segments("patch")`.
-        edge_dim (int): Features of each edge :math:`D`.
+        edge_dim (int): Features of each edge :math:`D`, or -1 to take it from the first input.
         out_channels (int): Features of each taxel.
         hidden_channels (int): Width of the networks' hidden layers.
         aggr (str): How messages meet at the target, any of PyG's aggregations.
@@ -267,7 +270,6 @@ class EdgePatchEncoder(EdgeMessageEncoder):
 
 
 def _mlp(edge_dim: int, hidden_channels: int, out_channels: int) -> Sequential:
-    check_sizes(edge_dim=edge_dim, hidden_channels=hidden_channels, out_channels=out_channels)
-    return Sequential(
-        Linear(edge_dim, hidden_channels), ReLU(), Linear(hidden_channels, out_channels)
-    )
+    check_sizes(hidden_channels=hidden_channels, out_channels=out_channels)
+    first = lazy_linear("edge_dim", edge_dim, 1, hidden_channels)
+    return Sequential(first, ReLU(), Linear(hidden_channels, out_channels))

@@ -15,6 +15,7 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_tensor,
     compute_on_edges,
 )
+from torch_geometric_tactile.nn.conv._lazy_weight import LazyWeight
 from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
 from torch_geometric_tactile.nn.conv._plain import is_static_batch, sums_messages
 from torch_geometric_tactile.nn.conv._sector_product import (
@@ -25,7 +26,7 @@ from torch_geometric_tactile.nn.conv._sector_product import (
 )
 
 
-class SectorConv(OwnPropagate, MessagePassing):
+class SectorConv(LazyWeight, OwnPropagate, MessagePassing):
     r"""A graph convolution with separate weights for the taxel itself and for the neighbour in each
     direction, the counterpart of an image's :math:`3 \times 3` convolution on any layout.
 
@@ -46,7 +47,7 @@ class SectorConv(OwnPropagate, MessagePassing):
     :obj:`fast=False`, and wherever something has to see the messages.
 
     Args:
-        in_channels (int): Size of each input feature.
+        in_channels (int): Size of each input feature, or -1 to take it from the first input.
         out_channels (int): Size of each output feature.
         num_sectors (int): Number of sectors :math:`S`.
         bias (bool): Whether to add a learnable bias.
@@ -98,12 +99,11 @@ class SectorConv(OwnPropagate, MessagePassing):
         check_conv_sizes(
             in_channels=in_channels, out_channels=out_channels, num_sectors=num_sectors
         )
-        self.in_channels = in_channels
         self.out_channels = out_channels
         self.num_sectors = num_sectors
         self.fast = fast
         # That of the taxel itself first.
-        self.weight = Parameter(torch.empty(1 + num_sectors, in_channels, out_channels))
+        self._add_weight(in_channels)
         if bias:
             self.bias = Parameter(torch.empty(out_channels))
         else:
@@ -114,8 +114,13 @@ class SectorConv(OwnPropagate, MessagePassing):
     def reset_parameters(self) -> None:
         r"""Draws the weights anew and sets the bias to zero."""
         super().reset_parameters()
-        glorot(self.weight.flatten(0, 1))
+        if not self._is_lazy():
+            glorot(self.weight.flatten(0, 1))
         zeros(self.bias)
+
+    def weight_size(self, in_channels: int) -> tuple[int, ...]:
+        r"""Returns the shape of the weight."""
+        return 1 + self.num_sectors, in_channels, self.out_channels
 
     def forward(self, x: Tensor, edge_index: Adj, edge_sector: Tensor) -> Tensor:
         r"""Convolves node features.
@@ -126,6 +131,7 @@ class SectorConv(OwnPropagate, MessagePassing):
             edge_sector (torch.Tensor): The sector of the taxel in which each neighbour lies.
         """
         check_tensor(x)
+        self._initialize_weight(x)
         if x.dim() not in (2, 3) or x.size(-1) != self.in_channels:
             raise ValueError(
                 f"'x' must have shape (num_nodes, {self.in_channels}) or (batch_size, num_nodes, "

@@ -20,11 +20,13 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_tensor,
     compute_on_edges,
 )
+from torch_geometric_tactile.nn.conv._lazy_weight import LazyWeight
 from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
 from torch_geometric_tactile.nn.conv._plain import is_hooked, sums_messages
+from torch_geometric_tactile.nn.conv._static_adjacency import GCN_NORM, AdjacencyCache, may_multiply
 
 
-class SegmentedGCNConv(OwnPropagate, MessagePassing):
+class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
     r"""A graph convolution within each segment of a hand, with separate weights, as in the
     "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional Networks using
     Topological Graph Segmentation" paper (eq. 2 and 3), without its activation.
@@ -33,16 +35,18 @@ class SegmentedGCNConv(OwnPropagate, MessagePassing):
         \mathbf{X}'_s = \hat{\mathbf{A}}_s \mathbf{X}_s \mathbf{W}_s + \mathbf{b}_s
 
     It equals one :class:`~torch_geometric.nn.GCNConv` for each segment on its induced subgraph:
-    edges between segments do not count. This class passes messages and serves any form of the data;
-    :class:`~torch_geometric_tactile.nn.models.SegmentedThread` multiplies the segments of equal
-    size at once.
+    edges between segments do not count. For many samples on one topology :math:`(B, N, F)` on a
+    processor it multiplies by a sparse matrix, which it keeps for as long as the same edges and
+    weights come in, as :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` does; it passes
+    messages for all other forms of the data.
 
     Args:
         segment (sequence of int or torch.Tensor): The segment of each taxel :math:`(N,)`, from zero
             without gaps, as :obj:`layout.segments("patch")`.
-        in_channels (int): Size of each input feature.
+        in_channels (int): Size of each input feature, or -1 to take it from the first input.
         out_channels (int): Size of each output feature.
         bias (bool): Whether to add learnable biases.
+        fast (bool): Whether to multiply the samples of one topology by one matrix.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
@@ -72,17 +76,20 @@ class SegmentedGCNConv(OwnPropagate, MessagePassing):
         in_channels: int,
         out_channels: int,
         bias: bool = True,
+        *,
+        fast: bool = True,
         **kwargs: Any,
     ) -> None:
         super().__init__(**{"aggr": "add", **kwargs})
+        self.fast = fast
+        self._kept = AdjacencyCache()
         segment = _checked_segment(segment)
         check_conv_sizes(in_channels=in_channels, out_channels=out_channels)
-        self.in_channels = in_channels
         self.out_channels = out_channels
         # Not in the state: it is an argument, and a checkpoint must not overrule it.
         self.register_buffer("segment", segment, persistent=False)
         self.num_segments = int(self.segment.max()) + 1
-        self.weight = Parameter(torch.empty(self.num_segments, out_channels, in_channels))
+        self._add_weight(in_channels)
         if bias:
             self.bias = Parameter(torch.empty(self.num_segments, out_channels))
         else:
@@ -92,9 +99,14 @@ class SegmentedGCNConv(OwnPropagate, MessagePassing):
     def reset_parameters(self) -> None:
         r"""Draws the weights anew and sets the biases to zero."""
         super().reset_parameters()
-        for weight in self.weight:
-            glorot(weight)
+        if not self._is_lazy():
+            for weight in self.weight:
+                glorot(weight)
         zeros(self.bias)
+
+    def weight_size(self, in_channels: int) -> tuple[int, ...]:
+        r"""Returns the shape of the weight."""
+        return self.num_segments, self.out_channels, in_channels
 
     def forward(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor = None) -> Tensor:
         r"""Convolves node features.
@@ -106,15 +118,45 @@ class SegmentedGCNConv(OwnPropagate, MessagePassing):
             edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
         check_tensor(x)
+        self._initialize_weight(x)
         num_taxels = len(self.segment)
         if not is_of_taxels(x, num_taxels, self.in_channels):
             raise ValueError(
                 f"'x' must have {num_taxels} taxels, as 'segment', and {self.in_channels} features "
                 f"(got shape {tuple(x.shape)})"
             )
+        if self._may_multiply(x):
+            out = self._multiply(x, edge_index, edge_weight)
+            if out is not None:
+                return out
         check_edge_form(edge_index, x.size(-2))
         check_edge_weight(edge_index, edge_weight)
         return compute_on_edges(self._convolve, x.size(-2), x, edge_index, edge_weight)
+
+    def _may_multiply(self, x: Tensor) -> bool:
+        return (
+            self.fast
+            and type(self).message is SegmentedGCNConv.message
+            and may_multiply(x)
+            and sums_messages(self)
+        )
+
+    def _multiply(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> OptTensor:
+        norm = (*GCN_NORM[:-1], self.flow)
+        num_taxels, segment = len(self.segment), self.segment
+        kept = self._kept.get(edge_index, edge_weight, num_taxels, x.dtype, segment, norm)
+        if kept is None or not kept.may_reorder:
+            return None  # weights that need a gradient, or are infinite
+        # Taxel by taxel, all samples by the weights of its segment.
+        h = kept.product(x).movedim(-2, 0)
+        weight = self.weight.index_select(0, segment).transpose(1, 2)
+        rows = h.reshape(num_taxels, -1, self.in_channels)
+        if self.bias is None:
+            out = torch.bmm(rows, weight)
+        else:
+            bias = self.bias.index_select(0, segment).unsqueeze(1)
+            out = torch.baddbmm(bias, rows, weight)
+        return out.view(*h.shape[:-1], self.out_channels).movedim(0, -2).contiguous()
 
     def _convolve(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
         num_taxels = len(self.segment)

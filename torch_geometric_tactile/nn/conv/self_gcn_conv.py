@@ -4,6 +4,8 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch_geometric.nn import MessagePassing
+from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.nn.dense.linear import Linear
 from torch_geometric.typing import Adj, OptTensor
 from torch_geometric.utils import scatter
@@ -11,40 +13,65 @@ from torch_geometric.utils import scatter
 from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
     check_conv_sizes,
-    check_edge_index,
+    check_edge_form,
     check_edge_weight,
+    check_features,
     check_tensor,
+    compute_on_edges,
+    is_traced,
 )
-from torch_geometric_tactile.nn.conv._plain import sums_messages
-from torch_geometric_tactile.nn.conv._static_adjacency import all_finite
-from torch_geometric_tactile.nn.conv.static_gcn_conv import StaticGCNConv
+from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
+from torch_geometric_tactile.nn.conv._plain import is_plain_linear, sums_messages
+from torch_geometric_tactile.nn.conv._sparse_gcn import sparse_gcn
+from torch_geometric_tactile.nn.conv._static_adjacency import (
+    GCN_NORM,
+    AdjacencyCache,
+    GCNNorm,
+    Norm,
+    contained_product,
+    dense_matrix,
+    edge_norm,
+    edge_pattern,
+    may_multiply,
+    may_multiply_dense,
+)
+
+_OLD_NAMES = {
+    "lin.weight": "lin_root.weight",
+    "lin.bias": "lin_rel.bias",
+    "conv.lin.weight": "lin_rel.weight",
+}
 
 
-class SelfGCNConv(torch.nn.Module):
+class SelfGCNConv(OwnPropagate, MessagePassing):
     r"""A graph convolution with a separate weight for the taxel itself.
 
     .. math::
-        \mathbf{x}'_i = \mathbf{W}_1 \mathbf{x}_i + \mathbf{b} + \sum_j \hat{a}_{ij} \mathbf{W}_2
+        \mathbf{x}'_i = \mathbf{W}_1 \mathbf{x}_i + \mathbf{b} + \mathbf{W}_2 \sum_j \hat{a}_{ij}
         \mathbf{x}_j, \qquad \hat{\mathbf{A}} = \mathbf{D}^{-1/2} \mathbf{A} \mathbf{D}^{-1/2}
 
     or, with :obj:`difference=True`, of the differences to the neighbours,
 
     .. math::
-        \mathbf{x}'_i = \mathbf{W}_1 \mathbf{x}_i + \mathbf{b} + \frac{1}{\sum_j a_{ij}} \sum_j
-        a_{ij} \mathbf{V} (\mathbf{x}_i - \mathbf{x}_j)
+        \mathbf{x}'_i = \mathbf{W}_1 \mathbf{x}_i + \mathbf{b} + \mathbf{W}_2 \frac{1}{\sum_j
+        a_{ij}} \sum_j a_{ij} (\mathbf{x}_i - \mathbf{x}_j)
 
-    A :class:`~torch_geometric.nn.GCNConv` has one weight for both and smooths: what tells readings
-    apart is often the difference between neighbours, which it cannot express. The convolution of
-    the neighbours is a :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` without self-loops,
-    with its kept adjacency.
+    A :class:`~torch_geometric.nn.GCNConv` has one weight for both and smooths: readings are often
+    told apart by the difference between neighbours, which it cannot express. With
+    :obj:`normalize=False` it is PyG's :class:`~torch_geometric.nn.GraphConv`, with the same numbers
+    and the same :obj:`state_dict`. For many samples on one topology :math:`(B, N, F)` it multiplies
+    by a matrix that it keeps, as :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` does.
 
     Args:
-        in_channels (int): Size of each input feature.
+        in_channels (int): Size of each input feature, or -1 to take it from the first input.
         out_channels (int): Size of each output feature.
         difference (bool): Whether to use the differences to the neighbours, of which a taxel
             without neighbours has none.
         bias (bool): Whether to add a learnable bias.
+        normalize (bool): Whether to normalise the adjacency; if :obj:`False`, messages are weighted
+            by the edge weights and added up.
         fast (bool): Whether to multiply the samples of one topology by one matrix.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
@@ -71,21 +98,31 @@ class SelfGCNConv(torch.nn.Module):
         difference: bool = False,
         bias: bool = True,
         *,
+        normalize: bool = True,
         fast: bool = True,
+        **kwargs: Any,
     ) -> None:
-        super().__init__()
+        super().__init__(**{"aggr": "add", **kwargs})
         check_conv_sizes(in_channels=in_channels, out_channels=out_channels)
-        self.in_channels = in_channels
         self.out_channels = out_channels
         self.difference = difference
-        self.lin = Linear(in_channels, out_channels, bias, weight_initializer="glorot")
-        more: dict[str, Any] = {"normalize": False} if difference else {"add_self_loops": False}
-        self.conv = StaticGCNConv(in_channels, out_channels, bias=False, fast=fast, **more)
+        self.normalize = normalize
+        self.fast = fast
+        self.lin_root = Linear(in_channels, out_channels, False, weight_initializer="glorot")
+        self.lin_rel = Linear(in_channels, out_channels, bias, weight_initializer="glorot")
+        self._kept = _DifferenceCache() if difference else AdjacencyCache()
+        self.register_load_state_dict_pre_hook(_rename_weights)
+
+    @property
+    def in_channels(self) -> int:
+        r"""Size of each input feature."""
+        return int(self.lin_root.in_channels)
 
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
-        self.lin.reset_parameters()
-        self.conv.reset_parameters()
+        super().reset_parameters()
+        self.lin_root.reset_parameters()
+        self.lin_rel.reset_parameters()
 
     def forward(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor = None) -> Tensor:
         r"""Convolves node features.
@@ -96,51 +133,125 @@ class SelfGCNConv(torch.nn.Module):
             edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
         check_tensor(x)
-        if not self.difference or x.dim() < 2:
-            near = self.conv(x, edge_index, edge_weight)  # first: it checks
-        else:
-            edges, share, loops = _shares(edge_index, edge_weight, x)
-            if sums_messages(self.conv):
-                near = self._with_loops(x, edges, share, loops)
-            else:  # where messages are watched, each is a difference, which can be left out
-                near = self._as_messages(x, edges, share)
-        return self.lin(x) + near
+        plain = is_plain_linear(self.lin_root) and is_plain_linear(self.lin_rel)
+        check_features(x, self.lin_root.in_channels if plain else None)
+        if self._may_multiply(x):
+            out = self._multiply(x, edge_index, edge_weight, plain)
+            if out is not None:
+                return out
+        check_edge_form(edge_index, x.size(-2))
+        check_edge_weight(edge_index, edge_weight)
+        near = compute_on_edges(self._gather, x.size(-2), x, edge_index, edge_weight)
+        return self._map(x, near)
 
-    def _as_messages(self, x: Tensor, edge_index: Tensor, share: Tensor) -> Tensor:
-        source, target = edge_index
-        mapped = self.conv.lin(x)
-        each = mapped.index_select(-2, target) - mapped.index_select(-2, source)
-        places = torch.stack([torch.arange(len(share), device=x.device), target])
-        size = (len(share), x.size(-2))
-        out: Tensor = self.conv.propagate(places, x=(each, None), edge_weight=share, size=size)
-        return out
+    def _map(self, x: Tensor, near: Tensor) -> Tensor:
+        out: Tensor = self.lin_root(x) + self.lin_rel(near.to(x.dtype))
+        return out if near.dtype == x.dtype else out.to(near.dtype)  # as its weights
 
-    def _with_loops(self, x: Tensor, edge_index: Tensor, share: Tensor, loops: Tensor) -> Tensor:
-        loop = torch.arange(len(loops), device=x.device).expand(2, -1)
-        if all_finite(x) is False:  # zero times infinity is NaN, also in a taxel of its own
-            loop, loops = loop[:, loops], loops[loops]
-        out: Tensor = self.conv(
-            x, torch.cat([edge_index, loop], dim=1), torch.cat([-share, loops.to(share.dtype)])
+    def _may_multiply(self, x: Tensor) -> bool:
+        return (
+            self.fast
+            and type(self).message is SelfGCNConv.message
+            and x.layout == torch.strided
+            and (may_multiply(x) or (x.dim() > 2 and may_multiply_dense(x)))
+            and sums_messages(self)
         )
-        return out
+
+    def _norm(self) -> Norm:
+        return False, False, self.normalize, self.flow
+
+    def _multiply(
+        self, x: Tensor, edge_index: Adj, edge_weight: OptTensor, plain: bool
+    ) -> OptTensor:
+        num_nodes, dtype, norm = x.size(-2), _common_type(x, edge_weight), self._norm()
+        kept = self._kept.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
+        if may_multiply(x):
+            if kept is None or not kept.may_reorder:
+                return None  # weights that need a gradient, or are infinite
+            if plain and dtype == x.dtype:
+                lin = self.lin_rel
+                return sparse_gcn(x, kept, lin.weight, lin.bias, self.lin_root.weight)
+            return self._map(x, kept.product(x.to(dtype)))
+        if kept is not None:
+            return self._map(x, kept.dense_product(x.to(dtype)))
+        edges = self._kept.normalize(edge_index, edge_weight, num_nodes, dtype, norm=norm)
+        dense = dense_matrix(*edges, num_nodes)
+        return self._map(x, contained_product(dense, edge_pattern(dense), x.to(dtype)))
+
+    def _gather(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
+        num_nodes, dtype = x.size(-2), _common_type(x, edge_weight)
+        edge_index, edge_weight = as_edges(edge_index, edge_weight)
+        edge_index = edge_index.long()
+        if edge_weight is not None:
+            edge_weight = edge_weight.view(-1).to(dtype)
+        if not self.difference:
+            if self.normalize:
+                edge_index, edge_weight = gcn_norm(
+                    edge_index, edge_weight, num_nodes, False, False, self.flow, dtype
+                )
+            return self.propagate(edge_index, x=x, edge_weight=edge_weight, center=None)
+        if self.normalize:
+            target = edge_index[1 if self.flow == "source_to_target" else 0]
+            if edge_weight is None:
+                edge_weight = torch.ones(len(target), dtype=dtype, device=x.device)
+            edge_weight, _ = _shares(target, edge_weight, num_nodes)
+        return self.propagate(edge_index, x=x, edge_weight=edge_weight, center=x)
+
+    def message(self, x_j: Tensor, center_i: OptTensor, edge_weight: OptTensor) -> Tensor:
+        r"""Weights the neighbour's features, or the difference to them."""
+        out = x_j if center_i is None else center_i - x_j
+        return out if edge_weight is None else edge_weight.view(-1, 1) * out
 
     def __repr__(self) -> str:
         difference = ", difference=True" if self.difference else ""
         return f"{type(self).__name__}({self.in_channels}, {self.out_channels}{difference})"
 
 
-def _shares(edge_index: Adj, edge_weight: OptTensor, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    # The edges, their shares of the mean, and the sum of the shares: none or one.
-    num_nodes = x.size(-2)
-    check_edge_index(edge_index, num_nodes)
-    check_edge_weight(edge_index, edge_weight)
-    edge_index, edge_weight = as_edges(edge_index, edge_weight)
-    edge_index = edge_index.long()
-    target = edge_index[1]
-    if edge_weight is None:
-        edge_weight = x.new_ones(edge_index.size(1))
-    weight = edge_weight.view(-1)
-    weight = weight.to(torch.promote_types(weight.dtype, x.dtype))
+class _DifferenceCache(AdjacencyCache):
+    def normalize(
+        self,
+        edge_index: Adj,
+        edge_weight: OptTensor,
+        num_nodes: int,
+        dtype: torch.dtype,
+        segment: OptTensor = None,
+        norm: Norm = GCN_NORM,
+    ) -> tuple[Tensor, Tensor]:
+        # A difference is the taxel itself less its neighbours: a loop, and negative edges.
+        edges, weight = edge_norm(
+            edge_index,
+            edge_weight,
+            num_nodes,
+            dtype,
+            segment,
+            GCNNorm(normalize=False, flow=norm[3]),
+        )
+        if norm[2]:
+            weight, loop = _shares(edges[1], weight, num_nodes)
+        else:
+            loop = scatter(weight, edges[1], dim_size=num_nodes, reduce="sum")
+        nodes = torch.arange(num_nodes, device=edges.device)
+        if not is_traced():  # a loop of weight zero would make a missing reading of it NaN
+            is_target = torch.zeros_like(nodes, dtype=torch.bool).index_fill(0, edges[1], True)
+            nodes, loop = nodes[is_target], loop[is_target]
+        return torch.cat([edges, nodes.expand(2, -1)], dim=1), torch.cat([-weight, loop])
+
+
+def _shares(target: Tensor, weight: Tensor, num_nodes: int) -> tuple[Tensor, Tensor]:
+    # The share of each edge in the mean at its target, and their sums: none or one.
     total = scatter(weight, target, dim_size=num_nodes, reduce="sum")
-    some = total != 0
-    return edge_index, weight / torch.where(some, total, 1.0)[target] * some[target], some
+    some = (total != 0).to(weight.dtype)
+    return weight / torch.where(some != 0, total, 1.0)[target] * some[target], some
+
+
+def _common_type(x: Tensor, edge_weight: OptTensor) -> torch.dtype:
+    if edge_weight is None or not edge_weight.is_floating_point():
+        return x.dtype
+    return torch.promote_types(x.dtype, edge_weight.dtype)
+
+
+def _rename_weights(module: SelfGCNConv, state_dict: dict[str, Any], prefix: str, *_: Any) -> None:
+    # The layer was no MessagePassing before version 0.3.
+    for old, new in _OLD_NAMES.items():
+        if prefix + old in state_dict and prefix + new not in state_dict:
+            state_dict[prefix + new] = state_dict.pop(prefix + old)

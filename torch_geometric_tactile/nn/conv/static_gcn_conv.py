@@ -1,9 +1,12 @@
 r"""The graph convolution of the papers, for one topology and many samples."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar, Optional
 
 import torch
 from torch import Tensor
+from torch.nn.functional import linear
 from torch_geometric import EdgeIndex
 from torch_geometric.nn import GCNConv
 from torch_geometric.nn.conv.gcn_conv import gcn_norm
@@ -15,6 +18,7 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_edge_form,
     check_edge_index,
     check_edge_weight,
+    check_features,
     compute_on_edges,
     is_traced,
     sorted_form,
@@ -26,17 +30,18 @@ from torch_geometric_tactile.nn.conv._plain import (
     is_plain_linear,
     sums_messages,
 )
+from torch_geometric_tactile.nn.conv._sparse_gcn import sparse_gcn
 from torch_geometric_tactile.nn.conv._static_adjacency import (
     GCN_NORM,
-    MAX_DENSE_NODES,
     AdjacencyCache,
     GCNNorm,
     Norm,
-    all_finite,
     contained_product,
     dense_norm,
     edge_pattern,
     loop_weights,
+    may_multiply,
+    may_multiply_dense,
 )
 
 
@@ -150,9 +155,11 @@ class StaticGCNConv(OwnPropagate, GCNConv):
         edge_index = sorted_form(edge_index)
         lin: Any = self._modules["lin"]  # not self.lin, which takes longer to look up
         plain = is_plain_linear(lin)
-        _check_x(x, lin.in_channels if plain else None)
-        if self._is_dense(x, edge_index):
-            return self._multiply(x, edge_index, edge_weight, plain)
+        check_features(x, lin.in_channels if plain else None)
+        if self._multiplies(x, edge_index):
+            out = self._multiply(x, edge_index, edge_weight, plain)
+            if out is not None:
+                return out
         num_nodes = x.size(int(self.node_dim))
         check_edge_form(edge_index, num_nodes)
         check_edge_weight(edge_index, edge_weight)
@@ -177,23 +184,27 @@ class StaticGCNConv(OwnPropagate, GCNConv):
     def _norm(self) -> Norm:
         return self.improved, self.add_self_loops, self.normalize, self.flow
 
-    def _is_dense(self, x: Tensor, edge_index: Adj) -> bool:
+    def _multiplies(self, x: Tensor, edge_index: Adj) -> bool:
         return (
             self.fast
             and x.dim() > 2
             and x.layout == torch.strided
-            and x.size(-2) <= MAX_DENSE_NODES
             and not self._has_own_messages
             and sums_messages(self)
             # PyG refuses this pair, and says why.
             and (edge_index.layout == torch.strided or self.flow == "source_to_target")
         )
 
-    def _multiply(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor, plain: bool) -> Tensor:
+    def _multiply(
+        self, x: Tensor, edge_index: Adj, edge_weight: OptTensor, plain: bool
+    ) -> OptTensor:
+        # None where messages are faster, or the only way.
+        is_sparse = may_multiply(x)
+        if not is_sparse and not may_multiply_dense(x):
+            return None
         if type(edge_index) is not Tensor and isinstance(edge_index, EdgeIndex):
             edge_index = edge_index.as_tensor()
         num_nodes, norm = x.size(-2), self._norm()
-        edges, edge_weights = edge_index, edge_weight
         if self.normalize and self.cached:
             edge_index, edge_weight = self._normed(x, edge_index, edge_weight)
             norm = (*norm[:2], False, self.flow)
@@ -201,24 +212,20 @@ class StaticGCNConv(OwnPropagate, GCNConv):
         if edge_weight is not None and edge_weight.is_floating_point():
             dtype = torch.promote_types(dtype, edge_weight.dtype)  # as PyG's messages
         kept = self._kept.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
-        if kept is None:
-            adjacency = dense_norm(edge_index, edge_weight, num_nodes, dtype, norm=GCNNorm(*norm))
+        if is_sparse and (kept is None or not kept.may_reorder):
+            return None  # weights that need a gradient, or are infinite
+        if kept is not None:
+            if is_sparse and plain and dtype == x.dtype:
+                return sparse_gcn(x, kept, self.lin.weight, self.bias)
+            product: Callable[[Tensor], Tensor] = kept.product if is_sparse else kept.dense_product
         else:
-            adjacency = kept.dense
+            dense = dense_norm(edge_index, edge_weight, num_nodes, dtype, norm=GCNNorm(*norm))
+            product = partial(contained_product, dense, edge_pattern(dense))
         # The product with the adjacency is cheaper on the narrower side of the linear map.
-        is_narrow = plain and x.size(-1) < self.out_channels and dtype == x.dtype
-        h = x if is_narrow else self.lin(x).to(dtype)
-        finite = all_finite(h)
-        if finite:
-            out = torch.matmul(adjacency, h)
-        elif finite is None:
-            pattern = edge_pattern(adjacency) if kept is None else kept.pattern
-            out = contained_product(adjacency, pattern, h)
-        else:  # zero times infinity would be in every sum of a product of matrices
-            return compute_on_edges(self._gather, num_nodes, x, edges, edge_weights)
-        out = self.lin(out) if is_narrow else out
-        bias = self.bias
-        return out if bias is None else out + bias
+        if plain and x.size(-1) <= self.out_channels and dtype == x.dtype:
+            return linear(product(x), self.lin.weight, self.bias)
+        out = product(self.lin(x).to(dtype))
+        return out.contiguous() if self.bias is None else (out + self.bias).contiguous()
 
     def _gather(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
         if not is_torch_sparse_tensor(edge_index):
@@ -270,15 +277,3 @@ class StaticGCNConv(OwnPropagate, GCNConv):
             if self.cached:
                 self._cached_edge_index = pair
         return pair
-
-
-def _check_x(x: Tensor, in_channels: Optional[int]) -> None:
-    if x.dim() < 2:
-        raise ValueError(
-            "'x' must have shape (num_nodes, in_channels) or (batch_size, num_nodes, "
-            f"in_channels) (got {tuple(x.shape)})"
-        )
-    if not (x.is_floating_point() or x.is_complex()):
-        raise ValueError(f"'x' must hold floating-point numbers (got {x.dtype})")
-    if in_channels is not None and x.size(-1) != in_channels:
-        raise ValueError(f"'x' must have {in_channels} features (got shape {tuple(x.shape)})")
