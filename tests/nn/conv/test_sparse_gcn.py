@@ -80,8 +80,10 @@ def test_missing_and_infinite_readings_reach_the_taxels_of_pyg(kind, widths, bad
 
 
 @pytest.mark.parametrize("kind", ["gcn", "self"])
-@pytest.mark.parametrize("widths", WIDTHS)
-def test_second_and_forward_derivatives(kind, widths):
+@pytest.mark.parametrize("block", [1, 2**20])
+@pytest.mark.parametrize("widths", [(2, 2), (3, 2)])
+def test_second_and_forward_derivatives(kind, widths, block, monkeypatch):
+    monkeypatch.setattr(_sparse_gcn, "_BLOCK_BYTES", block)
     ours, _ = pair(kind, widths)
     parameters = list(ours.parameters())
     x = samples(2, 11, widths[0], dtype=torch.double).requires_grad_()
