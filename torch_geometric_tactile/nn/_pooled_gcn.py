@@ -74,9 +74,9 @@ def pooled_gcn(
         + \mathbf{b} \right) \right)
 
     It works block by block of taxels, so that the wide activation before the maximum is never
-    written to memory. The backward pass computes it again, which costs less than reading it: only
-    input and output are kept. The gradient goes to the channel that was the maximum (to all of them
-    where several are equal to the last bit). There is no second derivative.
+    written to memory. The backward pass computes it again from the sums over the neighbours, which
+    costs less than reading it. The gradient goes to the channel that was the maximum (to all of
+    them where several are equal to the last bit). There is no second derivative.
 
     Shapes:
         - **input:** features :math:`(N, F, B)`, weights :math:`(O, F)` or :math:`(S, O, F)`, biases
@@ -102,15 +102,19 @@ class _PooledGCN(Function):
         adjacency: StaticAdjacency,
         segment: OptTensor,
     ) -> Tensor:
-        block = _Block(h, weight, bias, pool, adjacency, segment)
+        block = _Block(h, weight, bias, segment)
         out = h.new_empty(h.size(0), weight.size(-2) // pool, h.size(2))
+        is_kept = any(ctx.needs_input_grad)
+        sums = block.empty_sums(len(h) if is_kept else len(block.z))
         for start, stop in block.ranges:
+            u = sums[start:stop] if is_kept else sums[: stop - start]
+            u[:, :-1] = sparse_product(adjacency.rows(start, stop), h.flatten(1)).view_as(u[:, :-1])
+            z = torch.bmm(block.weights(start, stop), u, out=block.z[: stop - start])
             if pool == 1:
-                torch.clamp(block.product(start, stop), min=0, out=out[start:stop])
+                torch.clamp(z, min=0, out=out[start:stop])
             else:
-                groups = block.groups(block.product(start, stop))
-                torch.amax(groups, dim=2, out=out[start:stop]).clamp_(min=0)
-        ctx.save_for_backward(h, weight, bias, out)
+                torch.amax(_groups(z, pool), dim=2, out=out[start:stop]).clamp_(min=0)
+        ctx.save_for_backward(weight, bias, out, sums if is_kept else None)
         ctx.pool, ctx.adjacency, ctx.segment = pool, adjacency, segment
         return out
 
@@ -118,22 +122,21 @@ class _PooledGCN(Function):
     @once_differentiable
     @custom_bwd(device_type="cpu")
     def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:  # type: ignore[override]
-        h, weight, bias, out = ctx.saved_tensors
+        weight, bias, out, sums = ctx.saved_tensors
+        h, pool = sums[:, :-1], ctx.pool
         grad = grad.contiguous()
-        block = _Block(h, weight, bias, ctx.pool, ctx.adjacency, ctx.segment)
+        block = _Block(h, weight, bias, ctx.segment)
         narrow = h.new_empty(len(block.z), *out.shape[1:])
-        grad_weight = torch.zeros_like(block.weight)
-        grad_u = torch.empty_like(h) if ctx.needs_input_grad[0] else None
+        grad_weight = torch.zeros_like(block.weight.mT, memory_format=torch.contiguous_format)
+        grad_u = h.new_empty(h.shape) if ctx.needs_input_grad[0] else None
         for start, stop in block.ranges:
-            size = stop - start
+            size, u = stop - start, sums[start:stop]
             part = torch.ops.aten.threshold_backward.grad_input(
                 grad[start:stop], out[start:stop], 0, grad_input=narrow[:size]
             )
-            if ctx.pool == 1:
-                block.gather(start, stop)
-            else:
-                z = block.product(start, stop)
-                below = block.groups(z)
+            if pool > 1:
+                z = torch.bmm(block.weights(start, stop), u, out=block.z[:size])
+                below = _groups(z, pool)
                 # Compared with its own maximum, not with `out`: a product may differ in the last
                 # bit from one run to the next.
                 below.sub_(below.amax(dim=2, keepdim=True))
@@ -141,7 +144,7 @@ class _PooledGCN(Function):
                     part.unsqueeze(2).expand_as(below), below, -_TINY, grad_input=below
                 )
                 part = z
-            outer = torch.bmm(part, block.u[:size].transpose(1, 2))
+            outer = torch.bmm(u, part.transpose(1, 2))  # faster than its transpose
             if ctx.segment is None:
                 grad_weight += outer.sum(dim=0)
             else:
@@ -151,47 +154,30 @@ class _PooledGCN(Function):
                 torch.bmm(back, part, out=grad_u[start:stop])
         grad_h = None
         if grad_u is not None:
-            grad_h = sparse_product(ctx.adjacency.csr(transposed=True), grad_u.flatten(1)).view_as(
-                h
-            )
+            transposed = ctx.adjacency.csr(transposed=True)
+            grad_h = sparse_product(transposed, grad_u.flatten(1)).view_as(h)
+        grad_weight = grad_weight.mT
         return grad_h, grad_weight[..., :-1], grad_weight[..., -1], None, None, None
 
 
 class _Block:
-    r"""Propagates and maps a block of taxels at a time, in buffers that stay in the cache."""
+    r"""Maps a block of taxels at a time, in a buffer that stays in the cache."""
 
-    def __init__(
-        self,
-        h: Tensor,
-        weight: Tensor,
-        bias: Tensor,
-        pool: int,
-        adjacency: StaticAdjacency,
-        segment: OptTensor,
-    ) -> None:
-        num_nodes, width, num_samples = h.shape
+    def __init__(self, h: Tensor, weight: Tensor, bias: Tensor, segment: OptTensor) -> None:
+        num_nodes, self.width, num_samples = h.shape
         wide = weight.size(-2)
         size = _BLOCK_BYTES // max(1, wide * num_samples * h.element_size())
         size = max(1, min(num_nodes, size))
-        self.h, self.pool = h.flatten(1), pool
-        self.adjacency, self.segment = adjacency, segment
+        self.segment = segment
         self.weight = torch.cat([weight, bias.unsqueeze(-1)], dim=-1)
         self.z = h.new_empty(size, wide, num_samples)
-        self.u = h.new_empty(size, width + 1, num_samples)
-        self.u[:, -1] = 1  # multiplies the bias
         self.ranges = [(start, min(start + size, num_nodes)) for start in range(0, num_nodes, size)]
 
-    def gather(self, start: int, stop: int) -> Tensor:
-        r"""Sums over the neighbours."""
-        rows = self.adjacency.rows(start, stop)
-        u = self.u[: stop - start]
-        u[:, :-1] = sparse_product(rows, self.h).view(stop - start, u.size(1) - 1, u.size(2))
-        return u
-
-    def product(self, start: int, stop: int) -> Tensor:
-        r"""Returns what is before the maximum."""
-        u = self.gather(start, stop)
-        return torch.bmm(self.weights(start, stop), u, out=self.z[: stop - start])
+    def empty_sums(self, num_nodes: int) -> Tensor:
+        r"""Returns memory for the sums over neighbours, behind which ones multiply the bias."""
+        sums = self.z.new_empty(num_nodes, self.width + 1, self.z.size(2))
+        sums[:, -1] = 1
+        return sums
 
     def weights(self, start: int, stop: int) -> Tensor:
         r"""Returns weights and biases of each taxel."""
@@ -199,6 +185,7 @@ class _Block:
             return self.weight.expand(stop - start, -1, -1)
         return self.weight[self.segment[start:stop]]
 
-    def groups(self, z: Tensor) -> Tensor:
-        r"""Returns the channels by what shares one maximum."""
-        return z.unflatten(1, (z.size(1) // self.pool, self.pool))
+
+def _groups(z: Tensor, pool: int) -> Tensor:
+    # The channels by what shares one maximum.
+    return z.unflatten(1, (z.size(1) // pool, pool))
