@@ -14,7 +14,7 @@ import sys
 import time
 
 import torch
-from shared import parse, print_setting
+from shared import parse, print_setting, run_in_both_states
 from torch_geometric.loader import DataLoader
 
 from torch_geometric_tactile.data import StaticDataset
@@ -86,6 +86,9 @@ def seconds_per_epoch(dataset: StaticDataset, args: argparse.Namespace) -> list[
 
 def main(argv: list[str] | None = None) -> int:
     args = parse(__doc__, OPTIONS, argv, EPILOG)
+    exit_code = run_in_both_states(__file__, argv)
+    if exit_code is not None:
+        return exit_code
     torch.set_num_threads(args.threads)
     dataset, source = build_dataset(args.root, args.seed)
     difference = largest_difference(dataset, args.batch_size, args.seed)

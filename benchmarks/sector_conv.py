@@ -15,7 +15,7 @@ from functools import partial
 from itertools import pairwise
 
 import torch
-from shared import in_turns, parse
+from shared import in_turns, parse, run_in_both_states
 from torch import Tensor
 from torch.nn import Linear, Module, ModuleList
 from torch.nn.functional import cross_entropy
@@ -93,6 +93,9 @@ def _same_weights(nets: dict[str, Net]) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     args = parse(__doc__, OPTIONS, argv, EPILOG)
+    status = run_in_both_states(__file__, argv)
+    if status is not None:
+        return status
     torch.set_num_threads(args.threads)
     torch.manual_seed(0)
     layout, size = allegro_uskin(), args.batch_size

@@ -118,6 +118,7 @@ def memory(*keys: str) -> int:
     return sum(int(values[key].split()[0]) * 1024 for key in keys)
 
 
+_STATE = "BENCHMARK_ALLOCATOR"
 # What is printed of a state of the allocator, and the variables that a process starts with.
 ALLOCATOR_STATES = {
     "usual": ("As usually started", {}),
@@ -135,16 +136,34 @@ def run_in_each_state(
     arguments = list(sys.argv[1:] if argv is None else argv)
     results = {}
     for state in states:
-        base = {name: value for name, value in os.environ.items() if "MALLOC_" not in name}
         child = subprocess.run(
             [sys.executable, script, *arguments, "--child"],
-            env={**base, **ALLOCATOR_STATES[state][1]},
+            env=_environment(state),
             stdout=subprocess.PIPE,
             check=True,
             text=True,
         )
         results[state] = json.loads(child.stdout)
     return results
+
+
+def run_in_both_states(script: str, argv: Sequence[str] | None) -> int | None:
+    """Runs a benchmark in both allocator states and returns the larger exit code; in those runs,
+    prints the state and returns None."""
+    state = os.environ.get(_STATE)
+    if state is not None:
+        print(f"\n{ALLOCATOR_STATES[state][0]}\n", flush=True)
+        return None
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    return max(
+        subprocess.run([sys.executable, script, *arguments], env=_environment(state)).returncode
+        for state in ALLOCATOR_STATES
+    )
+
+
+def _environment(state: str) -> dict[str, str]:
+    base = {name: value for name, value in os.environ.items() if "MALLOC_" not in name}
+    return {**base, **ALLOCATOR_STATES[state][1], _STATE: state}
 
 
 def two_nearest(layout: TaxelLayout) -> Tensor:
