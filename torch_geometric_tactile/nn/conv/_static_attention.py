@@ -22,6 +22,7 @@ from torch_geometric.utils import (
 from torch_geometric_tactile.nn.conv._attention_edges import AttentionCache, AttentionEdges
 from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
+    check_edge_features,
     check_edge_form,
     is_traced,
     sorted_form,
@@ -52,6 +53,7 @@ class StaticAttention(OwnPropagate, MessagePassing):
     :class:`~torch_geometric_tactile.nn.conv.StaticGATv2Conv` share: a base class before PyG's.
     """
 
+    in_channels: Any
     heads: int
     out_channels: int
     concat: bool
@@ -183,7 +185,7 @@ class StaticAttention(OwnPropagate, MessagePassing):
 
 
 def check_attention_input(
-    x: Tensor, edge_index: Adj, edge_attr: OptTensor, in_channels: Any
+    conv: StaticAttention, x: Tensor, edge_index: Adj, edge_attr: OptTensor
 ) -> None:
     r"""Checks the shapes and types of the input of an attention layer.
 
@@ -192,7 +194,6 @@ def check_attention_input(
         - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
           :math:`(N, N)`.
         - **edge_attr:** Edge features :math:`(|\mathcal{E}|, D)` or :math:`(|\mathcal{E}|,)`.
-        - **in_channels:** Size of the features, -1 before the first input.
     """
     if x.dim() < 2:
         raise ValueError(
@@ -201,8 +202,9 @@ def check_attention_input(
         )
     if not x.is_floating_point():
         raise ValueError(f"'x' must hold floating-point numbers (got {x.dtype})")
-    if isinstance(in_channels, int) and in_channels not in (-1, x.size(-1)):
-        raise ValueError(f"'x' must have {in_channels} features (got shape {tuple(x.shape)})")
+    size = conv.in_channels
+    if isinstance(size, int) and size != -1 and x.size(-1) != size:
+        raise ValueError(f"'x' must have {size} features (got shape {tuple(x.shape)})")
     check_edge_form(edge_index, x.size(-2))
     if edge_attr is None or is_torch_sparse_tensor(edge_index):
         return
@@ -211,6 +213,8 @@ def check_attention_input(
             f"'edge_attr' must have {edge_index.size(1)} rows, one for each edge "
             f"(got shape {tuple(edge_attr.shape)})"
         )
+    if conv.edge_dim is not None and conv.edge_dim != -1:
+        check_edge_features(edge_attr.view(len(edge_attr), -1), conv.edge_dim)
 
 
 def as_long(edge_index: Adj) -> Adj:

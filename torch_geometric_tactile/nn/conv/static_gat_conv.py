@@ -1,5 +1,7 @@
 r"""The graph attention layer of PyG, for one topology and many samples."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, Optional, Union
 
 import torch
@@ -120,7 +122,7 @@ class StaticGATConv(StaticAttention, GATConv):
         self.fast = fast
         self._kept = AttentionCache()
 
-    def forward(  # type: ignore[override]
+    def forward(
         self,
         x: Any,
         edge_index: Adj,
@@ -142,7 +144,7 @@ class StaticGATConv(StaticAttention, GATConv):
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
             return super().forward(x, edge_index, edge_attr, size, return_attention_weights)
-        check_attention_input(x, edge_index, edge_attr, self.in_channels)
+        check_attention_input(self, x, edge_index, edge_attr)
         num_nodes = x.size(-2)
         if x.dim() == 2:
             return compute_on_edges(
@@ -159,9 +161,8 @@ class StaticGATConv(StaticAttention, GATConv):
         if not return_attention_weights and self._is_fast(samples, edge_index, edge_attr):
             out = self._multiply(samples, edge_index)
         if out is None:
-            out, weights = compute_on_edges(
-                self._pass_messages, num_nodes, samples, edge_index, edge_attr
-            )
+            messages: Callable[..., Any] = self._pass_messages
+            out, weights = compute_on_edges(messages, num_nodes, samples, edge_index, edge_attr)
         if x.dim() > 3:
             out = out.view(*x.shape[:-1], out.size(-1))
         return (out, weights) if return_attention_weights else out
@@ -180,10 +181,9 @@ class StaticGATConv(StaticAttention, GATConv):
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
         # For a subclass whose own `edge_update` knows only what PyG passes to it.
         samples = x if len(x) > 0 else x.new_zeros(1, *x.shape[1:])
-        outs, pairs = zip(
-            *(super().forward(sample, edge_index, edge_attr, None, True) for sample in samples),
-            strict=True,
-        )
+        compute = super().forward
+        results = [compute(sample, edge_index, edge_attr, None, True) for sample in samples]
+        outs, pairs = zip(*results, strict=True)
         alpha = torch.stack([pair[1] for pair in pairs])
         return torch.stack(outs)[: len(x)], (pairs[0][0], alpha[: len(x)])
 
@@ -293,17 +293,19 @@ class _GATProduct(Function):
         return out
 
     @staticmethod
-    def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:  # type: ignore[override]
+    def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:
         x, weight, att_src, att_dst, folded, features, logits, slots, values, kept = (
             ctx.saved_tensors
         )
         pattern, edges = ctx.pattern, ctx.edges
         heads, channels = att_src.shape[1:]
         if torch.is_grad_enabled():  # somebody asks for a second derivative
-
-            def compute(*inputs: Tensor) -> Tensor:
-                return _by_messages(*inputs, edges, ctx.negative_slope, edge_factors(kept, pattern))
-
+            compute = partial(
+                _by_messages,
+                edges=edges,
+                negative_slope=ctx.negative_slope,
+                kept=edge_factors(kept, pattern),
+            )
             inputs = (x, weight, att_src, att_dst)
             needed = ctx.needs_input_grad[:4]
             return *differentiable_gradients(compute, inputs, needed, grad), None, None, None

@@ -1,6 +1,7 @@
 r"""The dynamic graph attention layer of PyG, for one topology and many samples."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Optional, Union
 
 import torch
@@ -128,7 +129,7 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         self.fast = fast
         self._kept = AttentionCache()
 
-    def forward(  # type: ignore[override]
+    def forward(
         self,
         x: Any,
         edge_index: Adj,
@@ -148,7 +149,12 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
             return super().forward(x, edge_index, edge_attr, return_attention_weights)
-        check_attention_input(x, edge_index, edge_attr, self.in_channels)
+        if edge_attr is not None and self.lin_edge is None:
+            raise ValueError(
+                "'edge_attr' must be None without 'edge_dim', the size of each edge feature "
+                f"(got shape {tuple(edge_attr.shape)})"
+            )
+        check_attention_input(self, x, edge_index, edge_attr)
         num_nodes = x.size(-2)
         if x.dim() == 2:
             return compute_on_edges(
@@ -164,9 +170,8 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         if not return_attention_weights and self._is_fast(samples, edge_index, edge_attr):
             out = self._multiply(samples, edge_index)
         if out is None:
-            out, weights = compute_on_edges(
-                self._pass_messages, num_nodes, samples, edge_index, edge_attr
-            )
+            messages: Callable[..., Any] = self._pass_messages
+            out, weights = compute_on_edges(messages, num_nodes, samples, edge_index, edge_attr)
         if x.dim() > 3:
             out = out.view(*x.shape[:-1], out.size(-1))
         return (out, weights) if return_attention_weights else out
@@ -185,10 +190,9 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
         # For a subclass whose own `edge_update` knows only what PyG passes to it.
         samples = x if len(x) > 0 else x.new_zeros(1, *x.shape[1:])
-        outs, pairs = zip(
-            *(super().forward(sample, edge_index, edge_attr, True) for sample in samples),
-            strict=True,
-        )
+        compute = super().forward
+        results = [compute(sample, edge_index, edge_attr, True) for sample in samples]
+        outs, pairs = zip(*results, strict=True)
         alpha = torch.stack([pair[1] for pair in pairs])
         return torch.stack(outs)[: len(x)], (pairs[0][0], alpha[: len(x)])
 
@@ -283,15 +287,17 @@ class _GATv2Product(Function):
         return out.view(*source.shape[:-1], heads, channels)
 
     @staticmethod
-    def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:  # type: ignore[override]
+    def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:
         source, target, att, slots, values, kept = ctx.saved_tensors
         pattern, edges = ctx.pattern, ctx.edges
         heads, channels = att.shape[1:]
         if torch.is_grad_enabled():  # somebody asks for a second derivative
-
-            def compute(*inputs: Tensor) -> Tensor:
-                return _by_messages(*inputs, edges, ctx.negative_slope, edge_factors(kept, pattern))
-
+            compute = partial(
+                _by_messages,
+                edges=edges,
+                negative_slope=ctx.negative_slope,
+                kept=edge_factors(kept, pattern),
+            )
             inputs, needed = (source, target, att), ctx.needs_input_grad[:3]
             return *differentiable_gradients(compute, inputs, needed, grad), None, None, None
         grad = grad.reshape(-1, channels)
@@ -324,7 +330,7 @@ def _edge_blocks(
     source: Tensor, target: Tensor, edges: AttentionEdges
 ) -> Iterator[tuple[int, int, Tensor, EdgeBlock]]:
     # A few samples at a time: which, the sums of both ends of their edges, and these edges.
-    num_samples, num_nodes, width = source.shape
+    num_samples, _, width = source.shape
     size = max(1, _BLOCK_SIZE // (edges.num_edges * width))
     for start in range(0, num_samples, size):
         stop = min(start + size, num_samples)
