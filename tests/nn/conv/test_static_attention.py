@@ -617,7 +617,9 @@ def subclass(mixin, layer):
         if issubclass(layer, GATConv):
 
             def edge_update(self, alpha_j, alpha_i, edge_attr, index, ptr, dim_size):
-                return layer.edge_update(self, alpha_j, alpha_i, edge_attr, index, ptr, dim_size)**2
+                return (
+                    layer.edge_update(self, alpha_j, alpha_i, edge_attr, index, ptr, dim_size) ** 2
+                )
         else:
 
             def edge_update(self, x_j, x_i, edge_attr, index, ptr, dim_size):

@@ -139,8 +139,8 @@ class StaticGATConv(StaticAttention, GATConv):
             edge_attr (torch.Tensor, optional): Edge features.
             size (tuple, optional): Numbers of sources and targets, for PyG's form.
             return_attention_weights (bool, optional): Whether to return the edges with self-loops
-                and their attention coefficients as well, :math:`(|\mathcal{E}'|, H)` or
-                :math:`(B, |\mathcal{E}'|, H)`.
+                and their attention coefficients as well, :math:`(|\mathcal{E}'|, H)` of each
+                sample.
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
             return super().forward(x, edge_index, edge_attr, size, return_attention_weights)
@@ -163,9 +163,11 @@ class StaticGATConv(StaticAttention, GATConv):
         if out is None:
             messages: Callable[..., Any] = self._pass_messages
             out, weights = compute_on_edges(messages, num_nodes, samples, edge_index, edge_attr)
-        if x.dim() > 3:
-            out = out.view(*x.shape[:-1], out.size(-1))
-        return (out, weights) if return_attention_weights else out
+        out = out.view(*x.shape[:-1], out.size(-1))
+        if not return_attention_weights:
+            return out
+        edge_index, alpha = weights
+        return out, (edge_index, alpha.reshape(*x.shape[:-2], *alpha.shape[1:]))
 
     def _compute_sample(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *more: Any) -> Any:
         size, return_attention_weights = more

@@ -144,8 +144,8 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
             edge_index (torch.Tensor): Edges, or a sparse matrix.
             edge_attr (torch.Tensor, optional): Edge features.
             return_attention_weights (bool, optional): Whether to return the edges with self-loops
-                and their attention coefficients as well, :math:`(|\mathcal{E}'|, H)` or
-                :math:`(B, |\mathcal{E}'|, H)`.
+                and their attention coefficients as well, :math:`(|\mathcal{E}'|, H)` of each
+                sample.
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
             return super().forward(x, edge_index, edge_attr, return_attention_weights)
@@ -172,9 +172,11 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         if out is None:
             messages: Callable[..., Any] = self._pass_messages
             out, weights = compute_on_edges(messages, num_nodes, samples, edge_index, edge_attr)
-        if x.dim() > 3:
-            out = out.view(*x.shape[:-1], out.size(-1))
-        return (out, weights) if return_attention_weights else out
+        out = out.view(*x.shape[:-1], out.size(-1))
+        if not return_attention_weights:
+            return out
+        edge_index, alpha = weights
+        return out, (edge_index, alpha.reshape(*x.shape[:-2], *alpha.shape[1:]))
 
     def _compute_sample(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *more: Any) -> Any:
         (return_attention_weights,) = more
