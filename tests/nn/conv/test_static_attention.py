@@ -8,8 +8,9 @@ from functools import partial
 
 import pytest
 import torch
+from attachments import ATTACHMENTS, WITHOUT_EFFECT
 from attention_pairs import EDGES, LAYERS, assert_same, gradients, on_batch, pair
-from small_models import samples
+from small_models import EDGE_INDEX, samples
 from torch.autograd import forward_ad
 from torch.func import functional_call, grad, jvp, vmap
 from torch_geometric import EdgeIndex
@@ -579,6 +580,56 @@ def test_attention_explained(kind):
     assert not torch.allclose(found, unmasked)
     clear_masks(ours)
     assert torch.equal(ours(x, edge_index), unmasked)
+
+
+class OfSources(StaticGATv2Conv):
+    """Gives the map of the sources the name that the attachments know."""
+
+    @property
+    def lin(self):
+        return self.lin_l
+
+
+class OfSourcesOfPyG(GATv2Conv):
+    @property
+    def lin(self):
+        return self.lin_l
+
+
+ATTACHED = {"gat": LAYERS["gat"], "gatv2": (OfSources, OfSourcesOfPyG)}
+
+
+@both
+@pytest.mark.parametrize("name", [name for name in ATTACHMENTS if name != "explained"])
+def test_attached_to_attention_as_to_pygs(kind, name):
+    if (kind, name) == ("gatv2", "adapter"):
+        pytest.skip("replaces a map by its name")
+    x, found = samples(8, 11, 3, dtype=torch.double), []
+    state = pair(kind, 3, 4, heads=2)[1].state_dict()
+    for cls in ATTACHED[kind]:
+        conv, calls = cls(3, 4, heads=2).double().eval(), []
+        conv.load_state_dict(state)
+
+        def compute(layer, x):
+            return layer(x, EDGE_INDEX)
+
+        run = compute if cls is ATTACHED[kind][0] else partial(on_batch, edge_index=EDGE_INDEX)
+        plain = run(conv, x).detach()
+        calls.clear()
+        torch.manual_seed(0)  # for a norm that is estimated
+        ATTACHMENTS[name](conv, calls)
+        out = run(conv, x).detach()
+        calls.clear()
+        grads = gradients(conv, x, run)
+        found.append((out, grads, list(calls)))
+        assert torch.allclose(out, plain) == (name in WITHOUT_EFFECT)
+    (out, grads, calls), (expected, expected_grads, expected_calls) = found
+    assert_same(out, expected, atol=1e-8)
+    assert calls == expected_calls
+    for a, b in zip(grads, expected_grads, strict=True):
+        assert (a is None) == (b is None)
+        if a is not None:
+            assert_same(a, b, atol=1e-8)
 
 
 @both
