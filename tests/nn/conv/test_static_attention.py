@@ -162,8 +162,15 @@ def test_attention_second_derivatives(kind, dropout):
         named = dict(zip(dict(ours.named_parameters()), weights, strict=True))
         return functional_call(ours, named, (x, edge_index)).square()
 
-    assert torch.autograd.gradcheck(compute, (x, *ours.parameters()))
-    assert torch.autograd.gradgradcheck(compute, (x, *ours.parameters()))
+    inputs = (x, *ours.parameters())
+    assert torch.autograd.gradcheck(compute, inputs)
+    assert torch.autograd.gradgradcheck(compute, inputs)
+    first, again = (
+        torch.autograd.grad(compute(*inputs).sum(), inputs, create_graph=create_graph)
+        for create_graph in (False, True)
+    )
+    for a, b in zip(first, again, strict=True):
+        assert_same(a, b)
 
 
 @both
@@ -260,6 +267,24 @@ def test_attention_to_infinite_and_missing_readings(kind, bad, loops, edges, pro
         assert torch.allclose(found[is_fine], expected[is_fine])
         assert found[::2].isfinite().all()
     assert products or edges == "none"
+
+
+@both
+@pytest.mark.parametrize("bad", [math.inf, math.nan])
+@pytest.mark.parametrize("loops", [False, True])
+@pytest.mark.parametrize("edges", ["one_way", "star", "twice"])
+def test_attention_gradients_of_infinite_and_missing_readings(kind, bad, loops, edges):
+    # The places of nodes with fewer neighbours take no part, in this sample or in another.
+    ours, theirs = pair(kind, 3, 4, heads=2, add_self_loops=loops)
+    for node in range(5):
+        x = samples(3, 5, 3, dtype=torch.double)
+        x[0, node, 0] = bad
+        found = gradients(ours, x, lambda layer, x: layer(x, EDGES[edges]))[0]
+        expected = gradients(theirs, x, lambda layer, x: on_batch(layer, x, EDGES[edges]))[0]
+        assert found.isfinite().equal(expected.isfinite())
+        is_fine = expected.isfinite()
+        assert torch.allclose(found[is_fine], expected[is_fine])
+        assert found[1:].isfinite().all()
 
 
 @both
@@ -558,11 +583,12 @@ def test_attention_under_transforms(kind):
 
 
 @both
-def test_attention_autocast(kind):
+def test_attention_autocast(kind, products):
     ours, theirs = pair(kind, 3, 4, heads=2, dtype=torch.float)
     x = samples(6, 5, 3)
     with torch.autocast("cpu", dtype=torch.bfloat16):
         found, expected = ours(x, EDGES["star"]), on_batch(theirs, x, EDGES["star"])
+    assert products == []
     assert found.dtype == expected.dtype
     assert torch.allclose(found.float(), expected.float(), atol=0.05)
 
