@@ -43,6 +43,8 @@ def _edges(batch: int) -> Tensor:
 
 LAYERS: dict[str, Layer] = {
     "StaticGCNConv": (lambda f: conv.StaticGCNConv(f, 8), lambda b: (_taxels(b), EDGES)),
+    "StaticGATConv": (lambda f: conv.StaticGATConv(f, 8), lambda b: (_taxels(b), EDGES)),
+    "StaticGATv2Conv": (lambda f: conv.StaticGATv2Conv(f, 8), lambda b: (_taxels(b), EDGES)),
     "SegmentedGCNConv": (
         lambda f: conv.SegmentedGCNConv(small_models.PATCH, f, 8),
         lambda b: (_taxels(b), EDGES),

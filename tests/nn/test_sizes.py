@@ -29,7 +29,8 @@ NEEDED = {
     "TactileModel": {"layout": 3, "out_channels": 2, "inputs": ("tactile",)},
     "Thread": {"in_channels": 3, "widths": (4,), "pools": (1,), "conv": torch.nn.Linear},
 }
-OTHERS = {"BilinearFeature", "StaticGCNConv", "TaxelPool"}  # no sizes, and PyG's own
+# No sizes, and PyG's own.
+OTHERS = {"BilinearFeature", "StaticGATConv", "StaticGATv2Conv", "StaticGCNConv", "TaxelPool"}
 NO_SIZES = ("layout", "finger", "dim", "pool_dim", "channels", "conv")
 NOT_NEGATIVE = {"num_joints", "direct_channels", "descriptor_channels"}
 

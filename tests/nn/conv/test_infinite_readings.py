@@ -14,6 +14,8 @@ from torch_geometric_tactile.nn import (
     SegmentedGCNConv,
     SegmentedThread,
     SelfGCNConv,
+    StaticGATConv,
+    StaticGATv2Conv,
     StaticGCNConv,
     TaxelPool,
 )
@@ -202,7 +204,7 @@ def test_product_without_a_branch(dtype, bad):
     assert found[0, 2].tolist() == [5.5, 7.0]
 
 
-@pytest.mark.parametrize("make", [StaticGCNConv, SelfGCNConv])
+@pytest.mark.parametrize("make", [StaticGCNConv, SelfGCNConv, StaticGATConv, StaticGATv2Conv])
 def test_exported_and_mapped_forms_keep_other_taxels(make):
     conv = make(2, 3).eval()
     x = samples(2, 2, torch.float32)

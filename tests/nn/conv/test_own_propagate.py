@@ -12,7 +12,7 @@ from torch_geometric.nn import GCNConv, MessagePassing
 if {early}:
     MessagePassing()
 from torch_geometric_tactile.nn import SectorConv, SegmentedGCNConv
-from torch_geometric_tactile.nn import SelfGCNConv, StaticGCNConv
+from torch_geometric_tactile.nn import SelfGCNConv, StaticGATConv, StaticGATv2Conv, StaticGCNConv
 from torch_geometric_tactile.nn.conv._own_propagate import restore_propagate
 
 class Scaled(StaticGCNConv):
@@ -57,6 +57,8 @@ for conv, more in (
     (Child(2, 3, 4), (sectors,)),
     (SegmentedGCNConv([0, 0, 0], 2, 3), ()),
     (SelfGCNConv(2, 3), ()),
+    (StaticGATConv(2, 3), ()),
+    (StaticGATv2Conv(2, 3), ()),
 ):
     whole, none = masked(conv, x, edges, *more)
     assert torch.allclose(whole, conv(x, edges, *more), atol=1e-6), conv

@@ -10,6 +10,8 @@ from torch_geometric_tactile.nn.conv.edge_message_encoder import (
 from torch_geometric_tactile.nn.conv.sector_conv import SectorConv
 from torch_geometric_tactile.nn.conv.segmented_gcn_conv import SegmentedGCNConv
 from torch_geometric_tactile.nn.conv.self_gcn_conv import SelfGCNConv
+from torch_geometric_tactile.nn.conv.static_gat_conv import StaticGATConv
+from torch_geometric_tactile.nn.conv.static_gatv2_conv import StaticGATv2Conv
 from torch_geometric_tactile.nn.conv.static_gcn_conv import StaticGCNConv
 
 __all__ = [
@@ -21,5 +23,7 @@ __all__ = [
     "SectorConv",
     "SegmentedGCNConv",
     "SelfGCNConv",
+    "StaticGATConv",
+    "StaticGATv2Conv",
     "StaticGCNConv",
 ]

@@ -1,0 +1,143 @@
+r"""Attention over the neighbours of one topology as products of sparse matrices."""
+
+from collections.abc import Callable, Sequence
+from typing import Optional
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+from torch_geometric.typing import OptTensor
+from torch_geometric.utils import softmax
+
+from torch_geometric_tactile.nn.conv._attention_edges import AttentionEdges, AttentionPattern
+
+
+class Attention:
+    r"""Attention coefficients of a batch, and their products.
+
+    The neighbours are the first dimension of the softmax, which is then as fast as a sum: over a
+    last dimension of a few neighbours it takes twenty times as long. The products go through
+    :func:`~torch.nn.functional.embedding_bag`, the fastest weighted sum of rows of PyTorch on a
+    processor, and no message of an edge is ever written to memory.
+
+    Args:
+        logits (torch.Tensor): Logits of the slots :math:`(K, R)`, which are overwritten.
+        pattern (AttentionPattern): Indices.
+        dropout (float): Probability of dropping a coefficient.
+    """
+
+    def __init__(self, logits: Tensor, pattern: AttentionPattern, dropout: float) -> None:
+        self.pattern = pattern
+        if pattern.padding is not None:
+            logits.masked_fill_(pattern.padding, -torch.inf)
+        self.slots = logits.softmax(dim=0)
+        values = self.slots.view(-1).index_select(0, pattern.slots)
+        self.kept: OptTensor = None
+        if dropout > 0:
+            self.kept = F.dropout(torch.ones_like(values), dropout)
+            values = values * self.kept
+        self.values = values
+
+    def apply(self, rows: Tensor) -> Tensor:
+        r"""Returns the weighted sum over the neighbours of each row :math:`(R, C)`.
+
+        Args:
+            rows (torch.Tensor): Features :math:`(R, C)`.
+        """
+        pattern = self.pattern
+        return _sum_rows(rows, pattern.columns, pattern.row_starts, self.values)
+
+    @staticmethod
+    def apply_transposed(values: Tensor, rows: Tensor, pattern: AttentionPattern) -> Tensor:
+        r"""Returns the weighted sum over the rows that each source is a neighbour of
+        :math:`(R, C)`.
+        """
+        values = values.index_select(0, pattern.by_column)
+        return _sum_rows(rows, pattern.rows_by_column, pattern.column_starts, values)
+
+
+def slot_gradient(
+    slots: Tensor, kept: OptTensor, grad: Tensor, rows: Tensor, pattern: AttentionPattern
+) -> Tensor:
+    r"""Returns the gradient of the logits of the slots :math:`(K, R)`.
+
+    Shapes:
+        - **slots:** Coefficients of the slots :math:`(K, R)`.
+        - **kept:** Factors of the dropout, in the order of the coefficients.
+        - **grad:** Gradient of the weighted sums :math:`(R, C)`.
+        - **rows:** Features :math:`(R, C)`.
+    """
+    grad_values = torch.sparse.sampled_addmm(pattern.matrix, grad, rows.t(), beta=0.0).values()
+    if kept is not None:
+        grad_values = grad_values * kept
+    grad_slots = grad_values.index_select(0, pattern.slot_coefficients).view_as(slots)
+    grad_logits: Tensor = torch.ops.aten._softmax_backward_data(grad_slots, slots, 0, slots.dtype)
+    return grad_logits if pattern.empty is None else grad_logits.masked_fill_(pattern.empty, 0.0)
+
+
+def sum_edges(edge_rows: Tensor, edges: Tensor, starts: Tensor) -> Tensor:
+    r"""Returns the sums of the rows of each node's edges :math:`(N, F)`.
+
+    Shapes:
+        - **edge_rows:** Rows of the edges :math:`(|\mathcal{E}|, F)`.
+        - **edges:** Numbers of the edges, ordered by node :math:`(|\mathcal{E}|,)`.
+        - **starts:** Where the edges of each node begin :math:`(N + 1,)`.
+    """
+    return _sum_rows(edge_rows, edges, starts)
+
+
+def _sum_rows(rows: Tensor, numbers: Tensor, starts: Tensor, weights: OptTensor = None) -> Tensor:
+    return F.embedding_bag(
+        numbers,
+        rows,
+        starts,
+        mode="sum",
+        per_sample_weights=weights,
+        include_last_offset=True,
+    )
+
+
+def attend_by_messages(
+    logits: Tensor, features: Tensor, edges: AttentionEdges, kept: OptTensor
+) -> Tensor:
+    r"""Returns the same numbers from ordinary operations, which have all derivatives.
+
+    Shapes:
+        - **logits:** Logits of the edges :math:`(B, |\mathcal{E}|, H)`.
+        - **features:** Features :math:`(B, N, H, C)`.
+        - **kept:** Factors of the dropout :math:`(B \cdot |\mathcal{E}| \cdot H,)`.
+    """
+    alpha = softmax(logits, edges.target, num_nodes=edges.num_nodes, dim=1)
+    alpha = alpha if kept is None else alpha * kept.view_as(alpha)
+    messages = alpha.unsqueeze(-1) * features.index_select(1, edges.source)
+    return torch.zeros_like(features).index_add(1, edges.target, messages)
+
+
+def edge_factors(kept: OptTensor, pattern: AttentionPattern) -> OptTensor:
+    r"""Returns the factors of the dropout in the order of :func:`attend_by_messages`.
+
+    Shapes:
+        - **kept:** Factors in the order of the coefficients.
+    """
+    return None if kept is None else kept.index_select(0, pattern.edge_coefficients)
+
+
+def differentiable_gradients(
+    compute: Callable[..., Tensor],
+    inputs: Sequence[Tensor],
+    needed: Sequence[bool],
+    grad: Tensor,
+) -> list[Optional[Tensor]]:
+    r"""Returns the gradients of inputs in a form that has derivatives of its own.
+
+    Args:
+        compute (callable): The function of the inputs, in ordinary operations.
+        inputs (list): Its inputs.
+        needed (list): Which of them need a gradient.
+        grad (torch.Tensor): Gradient of the output.
+    """
+    with torch.enable_grad():
+        out = compute(*inputs)
+        wanted = [tensor for tensor, is_needed in zip(inputs, needed, strict=True) if is_needed]
+        grads = iter(torch.autograd.grad(out, wanted, grad, create_graph=True, allow_unused=True))
+    return [next(grads) if is_needed else None for is_needed in needed]

@@ -1,0 +1,240 @@
+r"""Shared by the attention layers for one topology and many samples."""
+
+from typing import Any, ClassVar, Optional
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+from torch.autograd import forward_ad
+from torch.nn import Parameter
+from torch_geometric import EdgeIndex
+from torch_geometric.nn import MessagePassing
+from torch_geometric.nn.aggr import SumAggregation
+from torch_geometric.typing import Adj, OptTensor
+from torch_geometric.utils import (
+    add_self_loops,
+    is_torch_sparse_tensor,
+    remove_self_loops,
+    scatter,
+    softmax,
+)
+
+from torch_geometric_tactile.nn.conv._attention_edges import AttentionCache, AttentionEdges
+from torch_geometric_tactile.nn.conv._edge_checks import (
+    as_edges,
+    check_edge_features,
+    check_edge_form,
+    is_traced,
+    sorted_form,
+)
+from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate, original_propagate
+from torch_geometric_tactile.nn.conv._plain import (
+    MESSAGE_METHODS,
+    any_global_hook,
+    is_hooked,
+    is_static_batch,
+)
+
+_EDGE_METHODS = ("edge_update", "edge_updater")
+_METHODS = (*MESSAGE_METHODS, *_EDGE_METHODS)
+# What may be set on one instance; `propagate` and `edge_updater` are not among them: PyG itself
+# sets them there.
+_PATCHED = frozenset(_METHODS) - {"propagate", "edge_updater"}
+_HOOKS = tuple(
+    f"_{method}_forward{kind}"
+    for method in ("propagate", "message", "aggregate", "message_and_aggregate", "edge_update")
+    for kind in ("_pre_hooks", "_hooks")
+)
+_PLAIN = (Tensor, Parameter)
+
+
+class StaticAttention(OwnPropagate, MessagePassing):
+    r"""What :class:`~torch_geometric_tactile.nn.conv.StaticGATConv` and
+    :class:`~torch_geometric_tactile.nn.conv.StaticGATv2Conv` share: a base class before PyG's.
+    """
+
+    in_channels: Any
+    heads: int
+    out_channels: int
+    concat: bool
+    dropout: float
+    negative_slope: float
+    add_self_loops: bool
+    edge_dim: Optional[int]
+    fill_value: Any
+    lin_edge: Any
+    res: Any
+    bias: OptTensor
+    fast: bool
+    _kept: AttentionCache
+    _has_own_messages: ClassVar[bool] = False
+    _has_own_edge_update: ClassVar[bool] = False
+    _has_own_propagate: ClassVar[bool] = False
+
+    # Its own, as in all subclasses; see StaticGCNConv.
+    propagate = original_propagate()
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if StaticAttention in cls.__bases__:
+            return
+        layer = next(base for base in cls.__mro__ if StaticAttention in base.__bases__)
+        before = cls.__mro__[1 : cls.__mro__.index(layer)]
+        # PyG puts compiled methods into the class of a layer that was made, so that these tell
+        # nothing about it; what was found when the class was defined does.
+        parents = [base for base in before if issubclass(base, StaticAttention)]
+        own = set(vars(cls)).union(*(vars(base) for base in before if base not in parents))
+        cls._has_own_messages = not own.isdisjoint(_METHODS) or any(
+            base._has_own_messages for base in parents
+        )
+        cls._has_own_edge_update = not own.isdisjoint(_EDGE_METHODS) or any(
+            base._has_own_edge_update for base in parents
+        )
+        cls._has_own_propagate = "propagate" in own or any(
+            base._has_own_propagate for base in parents
+        )
+        if not cls._has_own_propagate:
+            cls.propagate = original_propagate()
+
+    def _is_fast(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor) -> bool:
+        own = self.__dict__
+        aggr_module: Any = self.aggr_module
+        return (
+            self.fast
+            and edge_attr is None
+            and is_static_batch(x)
+            and type(x) in _PLAIN
+            and edge_index.layout == torch.strided
+            and not self._has_own_messages
+            and not any(map(own.get, _HOOKS))
+            and _PATCHED.isdisjoint(own)
+            and not self.explain
+            and self.node_dim == 0
+            and self.decomposed_layers == 1
+            and type(aggr_module) is SumAggregation
+            and not is_hooked(aggr_module)
+            and not any_global_hook()
+            and not torch.is_autocast_enabled("cpu")
+            and not _is_transformed()
+        )
+
+    def _edges(self, edge_index: Tensor, num_nodes: int) -> Optional[AttentionEdges]:
+        # The edges of the fast form, or `None` where messages are cheaper.
+        if type(edge_index) is not Tensor and isinstance(edge_index, EdgeIndex):
+            edge_index = edge_index.as_tensor()
+        edges = self._kept.get(edge_index, num_nodes, self.add_self_loops, self.flow)
+        return edges if edges is not None and edges.is_padded_cheaply else None
+
+    def _masks_loops(self) -> bool:
+        # PyG removes loops by a mask, whose result has no size that a compiler can know.
+        return self.add_self_loops and is_traced() and not self._has_own_edge_update
+
+    def _looped(
+        self, edge_index: Adj, edge_attr: OptTensor, num_nodes: int
+    ) -> tuple[Tensor, OptTensor, OptTensor]:
+        # The edges with self-loops, their features and, where a compiler records, which of them do
+        # not count.
+        edge_index = as_long(edge_index)
+        if not self.add_self_loops:
+            return *_as_edges(edge_index, edge_attr), None
+        if not self._masks_loops():
+            edge_index, edge_attr = remove_self_loops(edge_index, edge_attr)
+            edge_index, edge_attr = add_self_loops(
+                edge_index, edge_attr, fill_value=self.fill_value, num_nodes=num_nodes
+            )
+            return *_as_edges(edge_index, edge_attr), None
+        edge_index, edge_attr = _as_edges(edge_index, edge_attr)
+        is_loop = edge_index[0] == edge_index[1]
+        if edge_attr is not None:
+            loop_attr = self._loop_attr(edge_index, edge_attr, is_loop, num_nodes)
+            edge_attr = torch.cat([edge_attr, loop_attr])
+        nodes = torch.arange(num_nodes, device=edge_index.device)
+        removed = torch.cat([is_loop, torch.zeros_like(nodes, dtype=torch.bool)])
+        return torch.cat([edge_index, nodes.expand(2, -1)], dim=1), edge_attr, removed
+
+    def _loop_attr(
+        self, edge_index: Tensor, edge_attr: Tensor, is_loop: Tensor, num_nodes: int
+    ) -> Tensor:
+        fill, size = self.fill_value, (num_nodes, *edge_attr.shape[1:])
+        if isinstance(fill, str):
+            # The last place takes all loops, which do not count.
+            places = edge_index[1].masked_fill(is_loop, num_nodes)
+            return scatter(edge_attr, places, dim_size=num_nodes + 1, reduce=fill)[:-1]
+        if isinstance(fill, Tensor):
+            fill = fill.to(edge_attr.device, edge_attr.dtype)
+            fill = fill if edge_attr.dim() == fill.dim() else fill.unsqueeze(0)
+            return fill.expand(size)
+        return edge_attr.new_full(size, fill)
+
+    def _normalize(self, logits: Tensor, index: Tensor, num_nodes: int, removed: Tensor) -> Tensor:
+        # As PyG's `edge_update`, of edges of which some do not count.
+        removed = removed.view(-1, *[1] * (logits.dim() - 1))
+        alpha = softmax(logits.masked_fill(removed, -torch.inf), index, num_nodes=num_nodes)
+        return F.dropout(alpha, self.dropout, self.training)
+
+    def _split_heads(self, x: Tensor) -> Tensor:
+        # With the samples behind the nodes (N, B, H, C), where PyG's methods work on them.
+        return x.view(*x.shape[:2], self.heads, self.out_channels).transpose(0, 1)
+
+    def _finish(self, out: Tensor, residual: OptTensor) -> Tensor:
+        # Of sums (..., H, C).
+        out = out.flatten(-2) if self.concat else out.mean(dim=-2)
+        for term in (residual, self.bias):
+            out = out if term is None else out + term
+        return out
+
+
+def check_attention_input(
+    conv: StaticAttention, x: Tensor, edge_index: Adj, edge_attr: OptTensor
+) -> None:
+    r"""Checks the shapes and types of the input of an attention layer.
+
+    Shapes:
+        - **x:** Node features :math:`(\ldots, N, F)`.
+        - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+          :math:`(N, N)`.
+        - **edge_attr:** Edge features :math:`(|\mathcal{E}|, D)` or :math:`(|\mathcal{E}|,)`.
+    """
+    if x.dim() < 2:
+        raise ValueError(
+            "'x' must have shape (num_nodes, in_channels) or (batch_size, num_nodes, "
+            f"in_channels) (got {tuple(x.shape)})"
+        )
+    if not x.is_floating_point():
+        raise ValueError(f"'x' must hold floating-point numbers (got {x.dtype})")
+    size = conv.in_channels
+    if isinstance(size, int) and size != -1 and x.size(-1) != size:
+        raise ValueError(f"'x' must have {size} features (got shape {tuple(x.shape)})")
+    check_edge_form(edge_index, x.size(-2))
+    if edge_attr is None or is_torch_sparse_tensor(edge_index):
+        return
+    if edge_attr.dim() not in (1, 2) or edge_attr.size(0) != edge_index.size(1):
+        raise ValueError(
+            f"'edge_attr' must have {edge_index.size(1)} rows, one for each edge "
+            f"(got shape {tuple(edge_attr.shape)})"
+        )
+    if conv.edge_dim is not None and conv.edge_dim != -1:
+        check_edge_features(edge_attr.view(len(edge_attr), -1), conv.edge_dim)
+
+
+def as_long(edge_index: Adj) -> Adj:
+    r"""Returns edges with the only type of integers that PyG's messages take on a processor."""
+    if is_torch_sparse_tensor(edge_index) or isinstance(edge_index, EdgeIndex):
+        return edge_index
+    return edge_index.long()
+
+
+def _as_edges(edge_index: Adj, edge_attr: OptTensor) -> tuple[Tensor, OptTensor]:
+    if not is_torch_sparse_tensor(edge_index):
+        return as_edges(edge_index, edge_attr)
+    # As PyG, to which the values of a matrix are features only if they have several columns.
+    edge_index, values = as_edges(sorted_form(edge_index))
+    if edge_attr is None and values is not None and values.dim() > 1:
+        edge_attr = values
+    return edge_index, edge_attr
+
+
+def _is_transformed() -> bool:
+    # Neither has a public way to ask: whether torch.func or forward-mode differentiation is under
+    # way, for which the fast forms have no rule. A test holds both names.
+    return torch._C._are_functorch_transforms_active() or forward_ad._current_level >= 0

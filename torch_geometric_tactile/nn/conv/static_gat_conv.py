@@ -1,0 +1,357 @@
+r"""The graph attention layer of PyG, for one topology and many samples."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Optional, Union
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+from torch.autograd import Function
+from torch_geometric.nn import GATConv
+from torch_geometric.typing import Adj, OptTensor, Size
+from torch_geometric.utils import is_torch_sparse_tensor
+
+from torch_geometric_tactile.nn.conv._attention_edges import AttentionCache, AttentionEdges
+from torch_geometric_tactile.nn.conv._attention_product import (
+    Attention,
+    attend_by_messages,
+    differentiable_gradients,
+    edge_factors,
+    slot_gradient,
+)
+from torch_geometric_tactile.nn.conv._edge_checks import compute_on_edges
+from torch_geometric_tactile.nn.conv._plain import is_plain_linear
+from torch_geometric_tactile.nn.conv._static_attention import (
+    StaticAttention,
+    as_long,
+    check_attention_input,
+)
+
+
+class StaticGATConv(StaticAttention, GATConv):
+    r"""The graph attention layer of the `"Graph Attention Networks"
+    <https://arxiv.org/abs/1710.10903>`_ paper, for many samples on one topology.
+
+    .. math::
+        \mathbf{x}'_i = \sum_{j \in \mathcal{N}(i) \cup \{ i \}} \alpha_{ij} \mathbf{W}
+        \mathbf{x}_j, \qquad \alpha_{ij} = \mathrm{softmax}_j \left( \mathrm{LeakyReLU} \left(
+        \mathbf{a}_s^{\top} \mathbf{W} \mathbf{x}_j + \mathbf{a}_t^{\top} \mathbf{W} \mathbf{x}_i
+        \right) \right)
+
+    It is a :class:`torch_geometric.nn.GATConv`, with the same arguments, the same numbers and the
+    same :obj:`state_dict`, which also takes :math:`(B, N, F)`. For these, on a processor, it folds
+    the attention vectors into the linear map and multiplies by sparse matrices, whose pattern is
+    computed once and kept for as long as the same edges come in.
+
+    It passes messages edge by edge, as PyG does, for a single sample or a PyG batch
+    :math:`(N, F)`, with :obj:`edge_attr` or a sparse matrix, for :obj:`return_attention_weights`,
+    if :obj:`fast=False`, if one node has many times the neighbours of the others, on other devices,
+    in compiled and exported forms, and wherever something has to see the messages: an explainer,
+    hooks, a subclass with its own :meth:`message` or :meth:`edge_update`, another aggregation.
+
+    Args:
+        in_channels (int or tuple): Size of each input feature, or -1 to take it from the first
+            input; a tuple of those of sources and targets for a bipartite graph.
+        out_channels (int): Size of each output feature of one head.
+        heads (int): Number of attention heads.
+        concat (bool): Whether to concatenate the heads; their mean is taken otherwise.
+        negative_slope (float): Slope of the LeakyReLU below zero.
+        dropout (float): Probability of dropping an attention coefficient in training.
+        add_self_loops (bool): Whether to add self-loops.
+        edge_dim (int, optional): Size of each edge feature, if there are any.
+        fill_value (float, torch.Tensor or str): Edge features of added self-loops, or how to
+            compute them from those of the other edges of the node.
+        bias (bool): Whether to add a learnable bias.
+        residual (bool): Whether to add a linear map of the input.
+        fast (bool): Whether to multiply the samples of one topology by sparse matrices.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
+
+    Shapes:
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
+          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+          :math:`(N, N)` of targets and sources (PyG's :obj:`adj_t`), optional edge features
+          :math:`(|\mathcal{E}|, D)`, shared by all samples
+        - **output:** node features of the same leading shape, :math:`H \cdot F_{out}` wide, or
+          :math:`F_{out}` if :obj:`concat=False`
+
+    Raises:
+        ValueError: If :obj:`x` has fewer than two dimensions, other features or no real numbers,
+            :obj:`edge_index` has another shape, holds no integers or joins other nodes, or
+            :obj:`edge_attr` does not hold one row for each edge.
+
+    Examples:
+        >>> conv = StaticGATConv(3, 8, heads=2)
+        >>> conv
+        StaticGATConv(3, 8, heads=2)
+        >>> conv(torch.zeros(5, 4, 3), torch.tensor([[0, 1], [1, 0]])).shape
+        torch.Size([5, 4, 16])
+    """
+
+    def __init__(
+        self,
+        in_channels: Union[int, tuple[int, int]],
+        out_channels: int,
+        heads: int = 1,
+        concat: bool = True,
+        negative_slope: float = 0.2,
+        dropout: float = 0.0,
+        add_self_loops: bool = True,
+        edge_dim: Optional[int] = None,
+        fill_value: Union[float, Tensor, str] = "mean",
+        bias: bool = True,
+        residual: bool = False,
+        *,
+        fast: bool = True,
+        **kwargs: Any,
+    ) -> None:
+        super().__init__(
+            in_channels,
+            out_channels,
+            heads,
+            concat,
+            negative_slope,
+            dropout,
+            add_self_loops,
+            edge_dim,
+            fill_value,
+            bias,
+            residual,
+            **kwargs,
+        )
+        self.fast = fast
+        self._kept = AttentionCache()
+
+    def forward(
+        self,
+        x: Any,
+        edge_index: Adj,
+        edge_attr: OptTensor = None,
+        size: Size = None,
+        return_attention_weights: Optional[bool] = None,
+    ) -> Any:
+        r"""Attends to the neighbours.
+
+        Args:
+            x (torch.Tensor): Node features; a pair of those of sources and targets for a bipartite
+                graph, as in PyG.
+            edge_index (torch.Tensor): Edges, or a sparse matrix.
+            edge_attr (torch.Tensor, optional): Edge features.
+            size (tuple, optional): Numbers of sources and targets, for PyG's form.
+            return_attention_weights (bool, optional): Whether to return the edges with self-loops
+                and their attention coefficients as well, :math:`(|\mathcal{E}'|, H)` of each
+                sample.
+        """
+        if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
+            return super().forward(x, edge_index, edge_attr, size, return_attention_weights)
+        check_attention_input(self, x, edge_index, edge_attr)
+        num_nodes = x.size(-2)
+        if x.dim() == 2:
+            return compute_on_edges(
+                self._compute_sample,
+                num_nodes,
+                x,
+                edge_index,
+                edge_attr,
+                size,
+                return_attention_weights,
+            )
+        samples = x if x.dim() == 3 else x.flatten(0, -3)
+        out = None
+        if not return_attention_weights and self._is_fast(samples, edge_index, edge_attr):
+            out = self._multiply(samples, edge_index)
+        if out is None:
+            messages: Callable[..., Any] = self._pass_messages
+            out, weights = compute_on_edges(messages, num_nodes, samples, edge_index, edge_attr)
+        out = out.view(*x.shape[:-1], out.size(-1))
+        if not return_attention_weights:
+            return out
+        edge_index, alpha = weights
+        return out, (edge_index, alpha.reshape(*x.shape[:-2], *alpha.shape[1:]))
+
+    def _compute_sample(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *more: Any) -> Any:
+        size, return_attention_weights = more
+        if size is not None or is_torch_sparse_tensor(edge_index) or not self._masks_loops():
+            edge_index = as_long(edge_index)
+            return super().forward(x, edge_index, edge_attr, size, return_attention_weights)
+        out, (edge_index, alpha) = self._pass_messages(x.unsqueeze(0), edge_index, edge_attr)
+        out, alpha = out.squeeze(0), alpha.squeeze(0)
+        return (out, (edge_index, alpha)) if return_attention_weights else out
+
+    def _each_sample(
+        self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
+    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        # For a subclass whose own `edge_update` knows only what PyG passes to it.
+        samples = x if len(x) > 0 else x.new_zeros(1, *x.shape[1:])
+        compute = super().forward
+        results = [compute(sample, edge_index, edge_attr, None, True) for sample in samples]
+        outs, pairs = zip(*results, strict=True)
+        alpha = torch.stack([pair[1] for pair in pairs])
+        return torch.stack(outs)[: len(x)], (pairs[0][0], alpha[: len(x)])
+
+    def _multiply(self, x: Tensor, edge_index: Tensor) -> OptTensor:
+        lin = self.lin
+        if lin is None or not is_plain_linear(lin):
+            return None
+        edges = self._edges(edge_index, x.size(1))
+        if edges is None:
+            return None
+        dropout = self.dropout if self.training else 0.0
+        weights = (lin.weight, self.att_src, self.att_dst)
+        parts = [
+            _GATProduct.apply(part, *weights, edges, self.negative_slope, dropout)
+            for part in x.split(edges.max_samples(self.heads))
+        ]
+        out = parts[0] if len(parts) == 1 else torch.cat(parts)
+        return self._finish(out, None if self.res is None else self.res(x))
+
+    def _pass_messages(
+        self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
+    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        # PyG's `forward`, with the samples behind the nodes (N, B, H, C).
+        num_nodes = x.size(1)
+        if edge_attr is not None and self._has_own_edge_update:
+            return self._each_sample(x, as_long(edge_index), edge_attr)
+        edge_index, edge_attr, removed = self._looped(edge_index, edge_attr, num_nodes)
+        maps = (self.lin, self.lin) if self.lin is not None else (self.lin_src, self.lin_dst)
+        source = self._split_heads(maps[0](x))
+        target = source if maps[1] is maps[0] else self._split_heads(maps[1](x))
+        logits = ((source * self.att_src).sum(dim=-1), (target * self.att_dst).sum(dim=-1))
+        if removed is None:
+            # edge_updater_type: (alpha: OptPairTensor, edge_attr: OptTensor)
+            alpha = self.edge_updater(edge_index, alpha=logits, edge_attr=edge_attr, size=None)
+        else:
+            ends = edge_index if self.flow == "source_to_target" else edge_index.flip(0)
+            each = logits[0].index_select(0, ends[0]) + logits[1].index_select(0, ends[1])
+            each = self._with_edge_logits(each, edge_attr)
+            each = F.leaky_relu(each, self.negative_slope)
+            alpha = self._normalize(each, ends[1], num_nodes, removed)
+        # propagate_type: (x: OptPairTensor, alpha: Tensor)
+        out = self.propagate(edge_index, x=(source, target), alpha=alpha, size=None)
+        out = self._finish(out.transpose(0, 1).contiguous(), self.res(x) if self.res else None)
+        return out, (edge_index, alpha.transpose(0, 1))
+
+    def edge_update(
+        self,
+        alpha_j: Tensor,
+        alpha_i: OptTensor,
+        edge_attr: OptTensor,
+        index: Tensor,
+        ptr: OptTensor,
+        dim_size: Optional[int],
+    ) -> Tensor:
+        r"""Returns the attention coefficients of the edges."""
+        if alpha_j.dim() == 3 and edge_attr is not None:
+            alpha_j, edge_attr = self._with_edge_logits(alpha_j, edge_attr), None
+        out: Tensor = super().edge_update(alpha_j, alpha_i, edge_attr, index, ptr, dim_size)
+        return out
+
+    def _with_edge_logits(self, logits: Tensor, edge_attr: OptTensor) -> Tensor:
+        if edge_attr is None or self.lin_edge is None:
+            return logits
+        edge_attr = edge_attr.view(-1, 1) if edge_attr.dim() == 1 else edge_attr
+        features = self.lin_edge(edge_attr).view(-1, 1, self.heads, self.out_channels)
+        return logits + (features * self.att_edge).sum(dim=-1)
+
+
+class _GATProduct(Function):
+    # The whole layer up to its bias, so that a single sample is not slowed down by the number of
+    # operations, and the backward pass keeps no features of edges.
+    @staticmethod
+    def forward(
+        ctx: Any,
+        x: Tensor,
+        weight: Tensor,
+        att_src: Tensor,
+        att_dst: Tensor,
+        edges: AttentionEdges,
+        negative_slope: float,
+        dropout: float,
+    ) -> Tensor:
+        heads, channels = att_src.shape[1:]
+        pattern = edges.pattern(x.size(0), heads, x.dtype)
+        rows = x.reshape(-1, x.size(-1))
+        att = torch.cat([att_src, att_dst]).transpose(0, 1)  # (H, 2, C)
+        folded = _fold(att, weight)
+        features = rows.mm(weight.t()).view(-1, channels)
+        source, target = rows.mm(folded.t()).view(-1, 2, heads).unbind(1)
+        logits = source.reshape(-1).index_select(0, pattern.slot_columns)
+        logits = logits.view(pattern.num_slots, -1).add_(target.reshape(-1))
+        attention = Attention(F.leaky_relu(logits, negative_slope), pattern, dropout)
+        out = attention.apply(features).view(*x.shape[:-1], heads, channels)
+        ctx.save_for_backward(
+            x,
+            weight,
+            att_src,
+            att_dst,
+            folded,
+            features,
+            logits,
+            attention.slots,
+            attention.values,
+            attention.kept,
+        )
+        ctx.edges, ctx.pattern, ctx.negative_slope = edges, pattern, negative_slope
+        return out
+
+    @staticmethod
+    def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:
+        x, weight, att_src, att_dst, folded, features, logits, slots, values, kept = (
+            ctx.saved_tensors
+        )
+        pattern, edges = ctx.pattern, ctx.edges
+        heads, channels = att_src.shape[1:]
+        if torch.is_grad_enabled():  # somebody asks for a second derivative
+            compute = partial(
+                _by_messages,
+                edges=edges,
+                negative_slope=ctx.negative_slope,
+                kept=edge_factors(kept, pattern),
+            )
+            inputs = (x, weight, att_src, att_dst)
+            needed = ctx.needs_input_grad[:4]
+            return *differentiable_gradients(compute, inputs, needed, grad), None, None, None
+        grad = grad.reshape(-1, channels)
+        grad_logits = slot_gradient(slots, kept, grad, features, pattern)
+        grad_logits = torch.ops.aten.leaky_relu_backward(
+            grad_logits, logits, ctx.negative_slope, False
+        )
+        grad_source = grad_logits.new_zeros(grad_logits.size(1))
+        grad_source.index_add_(0, pattern.slot_columns, grad_logits.view(-1))
+        pair = torch.stack([grad_source.view(-1, heads), grad_logits.sum(0).view(-1, heads)], dim=1)
+        pair = pair.view(-1, 2 * heads)
+        grad_features = Attention.apply_transposed(values, grad, pattern).view(-1, weight.size(0))
+        rows = x.reshape(-1, x.size(-1))
+        grad_x = grad_weight = grad_att_src = grad_att_dst = None
+        if ctx.needs_input_grad[0]:
+            grad_x = grad_features.mm(weight).addmm_(pair, folded).view_as(x)
+        if any(ctx.needs_input_grad[1:4]):
+            grad_folded = pair.t().mm(rows).view(2, heads, -1).transpose(0, 1)  # (H, 2, F)
+            att = torch.cat([att_src, att_dst]).transpose(0, 1)
+            grad_weight = grad_features.t().mm(rows)
+            grad_weight.view(heads, channels, -1).baddbmm_(att.transpose(1, 2), grad_folded)
+            grad_att = grad_folded.matmul(weight.view(heads, channels, -1).transpose(1, 2))
+            grad_att_src, grad_att_dst = grad_att.transpose(0, 1).unsqueeze(1).unbind(0)
+        return grad_x, grad_weight, grad_att_src, grad_att_dst, None, None, None
+
+
+def _fold(att: Tensor, weight: Tensor) -> Tensor:
+    # The attention vectors (H, 2, C) as rows of the linear map (2 * H, F).
+    heads, _, channels = att.shape
+    folded = torch.matmul(att, weight.view(heads, channels, -1))
+    return folded.transpose(0, 1).reshape(2 * heads, -1)
+
+
+def _by_messages(
+    x: Tensor,
+    weight: Tensor,
+    att_src: Tensor,
+    att_dst: Tensor,
+    edges: AttentionEdges,
+    negative_slope: float,
+    kept: OptTensor,
+) -> Tensor:
+    features = F.linear(x, weight).view(*x.shape[:-1], *att_src.shape[1:])
+    source, target = (features * att_src).sum(dim=-1), (features * att_dst).sum(dim=-1)
+    logits = source.index_select(1, edges.source) + target.index_select(1, edges.target)
+    return attend_by_messages(F.leaky_relu(logits, negative_slope), features, edges, kept)
