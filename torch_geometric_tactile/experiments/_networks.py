@@ -21,6 +21,7 @@ from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._experiment import Experiment, Fitted
 from torch_geometric_tactile.experiments._memory import PeakMemory
 from torch_geometric_tactile.experiments.studies import Study, Trained
+from torch_geometric_tactile.nn.models._calls import is_graph_model
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._collected_metrics import predicted_classes
 from torch_geometric_tactile.training._predictions import Outputs, collect_predictions
@@ -108,6 +109,7 @@ def fit_network(
         measures=memory.measure if experiment.measure_memory else None,
         label_names=data.class_names if classifier.task == "multilabel" else None,
         trained=_trained(classifier, data, experiment.seed) if studies else None,
+        is_graph=is_graph_model(classifier.model),
     )
 
 

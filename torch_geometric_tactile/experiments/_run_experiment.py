@@ -112,6 +112,7 @@ def _run(experiment: Experiment) -> dict[str, Any]:
         "peak_memory_mb": fitted.peak_memory_mb,
         "measures": fitted.measures,
         "num_parameters": fitted.num_parameters,
+        "is_graph": fitted.is_graph,
         "train_seconds": fitted.seconds,
         "predict_seconds": fitted.predict_seconds,
         **chosen,

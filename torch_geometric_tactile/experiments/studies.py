@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.nn.models._calls import call_model
 from torch_geometric_tactile.sensors import TaxelLayout
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ class Trained:
             for rows in torch.arange(samples.num_samples).split(batch_size):
                 batch = samples.index_select(rows)
                 inputs = {name: getattr(batch, name) for name in names}
-                out.append(self.model(batch.x, batch.edge_index, **inputs))
+                out.append(call_model(self.model, batch, inputs))
         return torch.cat(out)
 
 
