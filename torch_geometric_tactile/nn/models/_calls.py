@@ -87,8 +87,18 @@ def call_model(model: Any, data: Data, inputs: Mapping[str, Any]) -> Tensor:
         # An export stops at what keeps the edges of batches, which one sample does not need.
         data = data.sample(0) if data.num_samples == 1 else data.to_batch()
         inputs = {name: data[name] for name in inputs}
+        if _is_exporting():
+            # So PyG names a single sample: its readouts take their number of samples from the
+            # values of a vector, at which an export stops as well.
+            out = model(data.x, data.edge_index, batch=None, **inputs)
+            return out
     out = model(data.x, data.edge_index, batch=batch_vector(data), **inputs)
     return out
+
+
+def _is_exporting() -> bool:
+    compiler: Any = torch.compiler  # which does not tell in older versions
+    return bool(getattr(compiler, "is_exporting", compiler.is_compiling)())
 
 
 def batch_vector(data: Data) -> Tensor:
