@@ -11,8 +11,9 @@ from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data._graph_samples import GraphSamples, without_transform
 from torch_geometric_tactile.transforms._attributes import FRAMES, require
-from torch_geometric_tactile.transforms._samples import AnySamples, Samples
+from torch_geometric_tactile.transforms._samples import AnySamples, FlatSamples, Samples, is_static
 from torch_geometric_tactile.transforms._scaling import (
     KeptTables,
     by_sample,
@@ -42,37 +43,38 @@ class _Attributes(Protocol):
 
 class FittedTransform(TactileTransform):
     r"""Base class of transforms that subtract a centre from the readings, or from another
-    attribute, and divide by a scale, both fitted before: for each number of a sample (each taxel
-    and channel, for example) or for all numbers of a channel, and separately for each value of the
-    sample attribute :obj:`key`.
+        attribute, and divide by a scale, both fitted before: for each number of a sample (each taxel
+        and channel, for example) or for all numbers of a channel, and separately for each value of the
+        sample attribute :obj:`key`.
 
-    A subclass says with :meth:`moments` what centre and scale are, and with :meth:`measured` on
-    which samples they are fitted.
+        A subclass says with :meth:`moments` what centre and scale are, and with :meth:`measured` on
+        which samples they are fitted.
 
-    An attribute that all samples share, such as edge features :math:`(|\mathcal{E}|, D)` in
-    :class:`~torch_geometric_tactile.data.StaticData`, stays shared. Number by number it never
-    changes, so that nothing but its distance from the centre is left of it, which is zero.
+        An attribute that all samples share, such as edge features :math:`(|\mathcal{E}|, D)` in
+        :class:`~torch_geometric_tactile.data.StaticData`, stays shared. Number by number it never
+        changes, so that nothing but its distance from the centre is left of it, which is zero.
 
-    Args:
-        key (str, optional): Integer attribute of the samples that chooses centre and scale.
-        unit_scale (bool): Whether to leave the scale at one.
-        first (int, optional): How many samples, in their order, of each value of :obj:`key` are
-            used to fit. All if left out.
-        attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers such
-            as :obj:`"edge_attr"`, :obj:`"joint"`, :obj:`"absolute"` or :obj:`"pos"`.
-        per (str): Of what centre and scale are: of each number by itself (:obj:`"taxel"`), one of
-            all taxels, or other rows, of a channel, the last dimension (:obj:`"channel"`), or one
-            of all frames of a taxel and channel in windows (:obj:`"signal"`).
+        Args:
+            key (str, optional): Integer attribute of the samples that chooses centre and scale.
+            unit_scale (bool): Whether to leave the scale at one.
+            first (int, optional): How many samples, in their order, of each value of :obj:`key` are
+                used to fit. All if left out.
+            attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers such
+                as :obj:`"edge_attr"`, :obj:`"joint"`, :obj:`"absolute"` or :obj:`"pos"`.
+            per (str): Of what centre and scale are: of each number by itself (:obj:`"taxel"`), one of
+                all taxels, or other rows, of a channel, the last dimension (:obj:`"channel"`), or one
+                of all frames of a taxel and channel in windows (:obj:`"signal"`).
 
-    Raises:
-        ValueError: If :obj:`per` is none of these, or :obj:`"signal"` of other than :obj:`"x"`.
+        Raises:
+            ValueError: If :obj:`per` is none of these, or :obj:`"signal"` of other than :obj:`"x"`.
 
-    Examples:
-        >>> import torch
-        >>> from torch_geometric_tactile.data import StaticData
-        >>> data = StaticData(x=torch.tensor([[[1.0]], [[3.0]]]))
-        >>> FittedTransform(unit_scale=True).fit(data)(data).x.view(-1)  # subtracts the mean
-        tensor([-1.,  1.])
+        Examples:
+            >>> import torch
+            >>> from torch_geometric_tactile.data import StaticData
+    from torch_geometric_tactile.data._graph_samples import GraphSamples, without_transform
+            >>> data = StaticData(x=torch.tensor([[[1.0]], [[3.0]]]))
+            >>> FittedTransform(unit_scale=True).fit(data)(data).x.view(-1)  # subtracts the mean
+            tensor([-1.,  1.])
     """
 
     @property
@@ -132,7 +134,7 @@ class FittedTransform(TactileTransform):
             ValueError: If there is no sample, or the samples lack the attribute :obj:`key` or
                 :obj:`attr`.
         """
-        samples = Samples(data, before, _CHUNK)
+        samples = self._read(data, before)
         self.center = self.scale = self.key_values = None
         return self._measure(samples, self._keys(samples))
 
@@ -149,10 +151,28 @@ class FittedTransform(TactileTransform):
         """
         if self.key is None:
             return self
-        samples = Samples(data, before, _CHUNK)
+        samples = self._read(data, before)
         return self._measure(samples, self._keys(samples))
 
-    def _keys(self, samples: Samples) -> Tensor:
+    def _read(self, data: AnySamples, before: BaseTransform | None) -> Samples | FlatSamples:
+        if is_static(data):
+            return Samples(data, before, _CHUNK)
+        if self.per == "channel":  # of any taxels
+            return FlatSamples(data, before)
+        samples = Samples(data, before, _CHUNK)
+        if samples.num_samples:
+            self._check_taxels(GraphSamples(without_transform(data)))
+        return samples
+
+    def _check_taxels(self, samples: GraphSamples) -> None:
+        if self.attr == "x" and samples.is_mixed:
+            raise ValueError(
+                f"{type(self).__name__} must be fitted on samples of the same taxels, unless with "
+                f"per='channel', one centre and scale of all taxels of a channel (got samples of "
+                f"{samples.describe_taxels()})"
+            )
+
+    def _keys(self, samples: Samples | FlatSamples) -> Tensor:
         if samples.num_samples == 0:
             raise ValueError(f"{type(self).__name__} must be fitted on samples (got none)")
         if self.key is None:
@@ -181,7 +201,7 @@ class FittedTransform(TactileTransform):
             )
         return values
 
-    def _measure(self, samples: Samples, keys: Tensor) -> Self:
+    def _measure(self, samples: Samples | FlatSamples, keys: Tensor) -> Self:
         values = keys.unique()
         if self.key_values is not None:
             values = values[~torch.isin(values, self.key_values)]
@@ -200,7 +220,7 @@ class FittedTransform(TactileTransform):
         self.center, self.scale, self.key_values = (value[order] for value in new)
         return self
 
-    def measured(self, samples: Samples, index: Tensor) -> Tensor:
+    def measured(self, samples: Samples | FlatSamples, index: Tensor) -> Tensor:
         r"""Returns which samples count, of those with one value of :obj:`key`.
 
         Args:

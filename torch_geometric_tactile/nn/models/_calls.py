@@ -16,7 +16,7 @@ _KINDS = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEY
 
 
 @lru_cache(maxsize=256)
-def _parameters(kind: type) -> tuple[inspect.Parameter, ...]:
+def _parameters(kind: Any) -> tuple[inspect.Parameter, ...]:
     # Those of `forward`, without the module itself.
     try:
         parameters = inspect.signature(kind.forward).parameters  # type: ignore[attr-defined]
@@ -80,19 +80,19 @@ def call_model(model: Any, data: Data, inputs: Mapping[str, Any]) -> Tensor:
         data (Data): The samples: static data, PyG's batch, or one sample.
         inputs (Mapping): The attributes of :obj:`data` that the network takes by keyword.
     """
-    if not takes_batch(model):
-        out: Tensor = model(data.x, data.edge_index, **inputs)
-        return out
-    if isinstance(data, StaticData):
-        # An export stops at what keeps the edges of batches, which one sample does not need.
-        data = data.sample(0) if data.num_samples == 1 else data.to_batch()
-        inputs = {name: data[name] for name in inputs}
-        if _is_exporting():
-            # So PyG names a single sample: its readouts take their number of samples from the
-            # values of a vector, at which an export stops as well.
-            out = model(data.x, data.edge_index, batch=None, **inputs)
-            return out
-    out = model(data.x, data.edge_index, batch=batch_vector(data), **inputs)
+    given = dict(inputs)
+    if takes_batch(model):
+        if isinstance(data, StaticData):
+            is_one = data.num_samples == 1
+            # An export stops at what keeps the edges of batches, which one sample does not need.
+            data = data.sample(0) if is_one else data.to_batch()
+            given = {name: data[name] for name in inputs}
+            # So PyG names a single sample: its readouts take the number of samples from the values
+            # of a vector, at which an export stops as well.
+            given["batch"] = None if is_one and _is_exporting() else batch_vector(data)
+        else:
+            given["batch"] = batch_vector(data)
+    out: Tensor = model(data.x, data.edge_index, **given)
     return out
 
 
