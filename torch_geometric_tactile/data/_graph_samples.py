@@ -100,6 +100,14 @@ class GraphSamples(Dataset):
         out._indices = self._indices[rows]
         return out
 
+    def first(self) -> Data:
+        r"""Returns the first sample that is stored, also of an empty selection, behind
+        :obj:`transform`.
+        """
+        whole = copy.copy(self)
+        whole._indices = torch.arange(1)
+        return whole[0]
+
     def batch(self, index: Tensor | Sequence[int]) -> Batch:
         r"""Returns some samples as PyG's batch, behind :obj:`transform`.
 
@@ -241,6 +249,10 @@ class GraphSamples(Dataset):
         r"""Returns the number of taxels in words, such as :obj:`"30 to 60 taxels"`."""
         fewest, most = self.num_taxels
         return f"{most} taxels" if fewest == most else f"{fewest} to {most} taxels"
+
+
+#: What models are trained on, as columns.
+SampleSet = StaticDataset | GraphSamples
 
 
 def _num_taxels(sample: Data) -> int:

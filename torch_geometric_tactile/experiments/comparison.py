@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
 from torch_geometric_tactile.experiments._compared_models import (
     FLOOR,
     ComparedModel,
@@ -278,6 +278,12 @@ def comparison_plan(
             "they are cut",
         )
     dataset = source.load()
+    if isinstance(dataset, GraphSamples) and tare is not None:
+        raise ArgumentError(
+            Argument("tare"),
+            f" must be left out for samples of different sensors (got samples of "
+            f"{dataset.describe_taxels()}): subtract rest readings sample by sample",
+        )
     numbers = _predicts_numbers(dataset)
     metric = settings.metric or ("mae" if numbers else "accuracy")
     if (metric == "mae") != numbers:
@@ -414,7 +420,7 @@ def _mean(values: list[Any]) -> float | None:
     return None if None in values else statistics.fmean(values)
 
 
-def _predicts_numbers(dataset: StaticDataset) -> bool:
+def _predicts_numbers(dataset: SampleSet) -> bool:
     y = dataset.column("y")
     if y is None:
         raise ArgumentError(

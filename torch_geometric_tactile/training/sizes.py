@@ -35,7 +35,8 @@ class DataSizes:
     r"""The numbers of channels, classes, edges, joints and frames of the samples of a data set.
 
     Args:
-        layout (TaxelLayout): The layout of the sensor.
+        layout (TaxelLayout, optional): The layout of the sensor; :obj:`None` where samples may be
+            of several.
         in_channels (int): Features :math:`F` of each taxel in :obj:`x`.
         num_outputs (int): Number of classes, labels or targets; 0 if the data does not say.
         num_edges (int): Number of edges.
@@ -57,7 +58,7 @@ class DataSizes:
         6
     """
 
-    layout: TaxelLayout
+    layout: TaxelLayout | None
     in_channels: int
     num_outputs: int
     num_edges: int
@@ -88,7 +89,7 @@ class DataSizes:
             layout=data.layout,
             in_channels=sample.x.size(-1),
             num_outputs=num_outputs(data, task),
-            num_edges=0 if edges is None else edges.size(1),
+            num_edges=0 if edges is None or data.layout is None else edges.size(1),
             num_joints=0 if joint is None else joint.size(-1),
             channels={name: x.size(-1) for name, x in found.items() if isinstance(x, Tensor)},
             all_outputs=task != "multiclass" or bool(data.class_names),
@@ -164,7 +165,7 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
                 init_args[name] = value
         elif name != "num_joints" or name in init_args or parameter.default is parameter.empty:
             init_args[name] = value
-    _check_complete(cls, parameters, {**(model.get("dict_kwargs") or {}), **init_args})
+    _check_complete(cls, parameters, {**(model.get("dict_kwargs") or {}), **init_args}, sizes)
     filled["model"] = {**model, "init_args": init_args}
     if filled.get("num_classes") is None and sizes.num_outputs:
         filled["num_classes"] = sizes.num_outputs
@@ -186,12 +187,20 @@ def plain_section(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_complete(
-    cls: Any, parameters: Mapping[str, inspect.Parameter], arguments: Mapping[str, Any]
+    cls: Any,
+    parameters: Mapping[str, inspect.Parameter],
+    arguments: Mapping[str, Any],
+    sizes: DataSizes,
 ) -> None:
     # Of a user's own: a parser would give it None.
     for name, parameter in parameters.items():
         if parameter.default is not parameter.empty or name in arguments:
             continue
+        if sizes.layout is None and name in ("layout", "num_nodes", "num_taxels"):
+            raise ValueError(
+                f"{cls.__name__} must be a model of any sensor, with forward(x, edge_index, batch) "
+                f"and without '{name}': the samples have no layout that all share"
+            )
         if name in _FILLED:
             raise ValueError(
                 f"'{name}' of {cls.__name__} must be given, or have a default: the data does not "
@@ -216,8 +225,12 @@ def _size(
     cls: type,
 ) -> Any:
     # The value of an argument; None for one that is no size, or that the data does not have.
-    if name == "layout":
-        return _stored_layout(sizes.layout, annotation, cls)
+    if name in ("layout", "num_nodes", "num_taxels"):
+        if sizes.layout is None:
+            return None
+        if name == "layout":
+            return _stored_layout(sizes.layout, annotation, cls)
+        return sizes.layout.num_taxels
     if name == "channels":
         if get_origin(annotation) is Literal and init_args.get(name) is not None:
             return None  # a choice of the model, which has its own way to as many
@@ -234,8 +247,6 @@ def _size(
             "angles (got null)"
         )
     return {
-        "num_nodes": sizes.layout.num_taxels,
-        "num_taxels": sizes.layout.num_taxels,
         "out_channels": outputs or None,
         "num_classes": outputs or None,
         "num_edges": sizes.num_edges or None,
@@ -260,6 +271,7 @@ def _of_one_finger(sizes: DataSizes, init_args: Mapping[str, Any], cls: type) ->
 
 def _check(what: str, given: Any, expected: Any, sizes: DataSizes) -> None:
     if what.startswith("'layout'"):
+        assert sizes.layout is not None
         _check_layout(what, given, sizes.layout)
         return
     if isinstance(expected, dict):  # each input for itself: unused ones need not be given

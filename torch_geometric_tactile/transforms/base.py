@@ -43,38 +43,38 @@ class _Attributes(Protocol):
 
 class FittedTransform(TactileTransform):
     r"""Base class of transforms that subtract a centre from the readings, or from another
-        attribute, and divide by a scale, both fitted before: for each number of a sample (each taxel
-        and channel, for example) or for all numbers of a channel, and separately for each value of the
-        sample attribute :obj:`key`.
+    attribute, and divide by a scale, both fitted before: for each number of a sample (each taxel
+    and channel, for example) or for all numbers of a channel, and separately for each value of the
+    sample attribute :obj:`key`.
 
-        A subclass says with :meth:`moments` what centre and scale are, and with :meth:`measured` on
-        which samples they are fitted.
+    A subclass says with :meth:`moments` what centre and scale are, and with :meth:`measured` on
+    which samples they are fitted.
 
-        An attribute that all samples share, such as edge features :math:`(|\mathcal{E}|, D)` in
-        :class:`~torch_geometric_tactile.data.StaticData`, stays shared. Number by number it never
-        changes, so that nothing but its distance from the centre is left of it, which is zero.
+    An attribute that all samples share, such as edge features :math:`(|\mathcal{E}|, D)` in
+    :class:`~torch_geometric_tactile.data.StaticData`, stays shared. Number by number it never
+    changes, so that nothing but its distance from the centre is left of it, which is zero.
 
-        Args:
-            key (str, optional): Integer attribute of the samples that chooses centre and scale.
-            unit_scale (bool): Whether to leave the scale at one.
-            first (int, optional): How many samples, in their order, of each value of :obj:`key` are
-                used to fit. All if left out.
-            attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers such
-                as :obj:`"edge_attr"`, :obj:`"joint"`, :obj:`"absolute"` or :obj:`"pos"`.
-            per (str): Of what centre and scale are: of each number by itself (:obj:`"taxel"`), one of
-                all taxels, or other rows, of a channel, the last dimension (:obj:`"channel"`), or one
-                of all frames of a taxel and channel in windows (:obj:`"signal"`).
+    Args:
+        key (str, optional): Integer attribute of the samples that chooses centre and scale.
+        unit_scale (bool): Whether to leave the scale at one.
+        first (int, optional): How many samples, in their order, of each value of :obj:`key` are
+            used to fit. All if left out.
+        attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers such
+            as :obj:`"edge_attr"`, :obj:`"joint"`, :obj:`"absolute"` or :obj:`"pos"`.
+        per (str): Of what centre and scale are: of each number by itself (:obj:`"taxel"`), one of
+            all taxels, or other rows, of a channel, the last dimension (:obj:`"channel"`), or one
+            of all frames of a taxel and channel in windows (:obj:`"signal"`).
 
-        Raises:
-            ValueError: If :obj:`per` is none of these, or :obj:`"signal"` of other than :obj:`"x"`.
+    Raises:
+        ValueError: If :obj:`per` is none of these, or :obj:`"signal"` of other than :obj:`"x"`.
 
-        Examples:
-            >>> import torch
-            >>> from torch_geometric_tactile.data import StaticData
+    Examples:
+        >>> import torch
+        >>> from torch_geometric_tactile.data import StaticData
     from torch_geometric_tactile.data._graph_samples import GraphSamples, without_transform
-            >>> data = StaticData(x=torch.tensor([[[1.0]], [[3.0]]]))
-            >>> FittedTransform(unit_scale=True).fit(data)(data).x.view(-1)  # subtracts the mean
-            tensor([-1.,  1.])
+        >>> data = StaticData(x=torch.tensor([[[1.0]], [[3.0]]]))
+        >>> FittedTransform(unit_scale=True).fit(data)(data).x.view(-1)  # subtracts the mean
+        tensor([-1.,  1.])
     """
 
     @property
@@ -157,7 +157,7 @@ class FittedTransform(TactileTransform):
     def _read(self, data: AnySamples, before: BaseTransform | None) -> Samples | FlatSamples:
         if is_static(data):
             return Samples(data, before, _CHUNK)
-        if self.per == "channel":  # of any taxels
+        if self.per == "channel" and len(data):  # type: ignore[arg-type]  # of any taxels
             return FlatSamples(data, before)
         samples = Samples(data, before, _CHUNK)
         if samples.num_samples:

@@ -19,16 +19,16 @@ _KINDS = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEY
 def _parameters(kind: Any) -> tuple[inspect.Parameter, ...]:
     # Those of `forward`, without the module itself.
     try:
-        parameters = inspect.signature(kind.forward).parameters  # type: ignore[attr-defined]
+        parameters = inspect.signature(kind.forward).parameters
     except (AttributeError, TypeError, ValueError):  # not written in Python
         return ()
     return tuple(parameters.values())[1:]
 
 
 def _forward_parameters(model: Any) -> tuple[inspect.Parameter, ...]:
-    if isinstance(model, type):
-        return _parameters(model)
-    return _parameters(type(getattr(model, "_orig_mod", model)))  # of a compiled module
+    model = getattr(model, "_orig_mod", model)  # of a compiled module
+    kind: Any = model if isinstance(model, type) else type(model)
+    return _parameters(kind)
 
 
 def takes_batch(model: Any) -> bool:
