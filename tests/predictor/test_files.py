@@ -312,7 +312,7 @@ def test_models_within_models_are_built_by_name_only(tmp_path):
     inner = "model.arguments.models.0.$model"
     for place, value, text in (
         (f"{inner}.class", "os.system", "there is no model 'os.system'"),
-        (inner, {"own": "Mine", "text": "x"}, "a model must have a class"),
+        (inner, {"own": "Mine", "text": "x"}, "'model' must be given: .* weights of a Mine"),
         (f"{inner}.arguments.widths", [10**7], "must not be larger than its weights in the file"),
         ("model.arguments.models", [3.0], "'models' must hold at least one model"),
     ):

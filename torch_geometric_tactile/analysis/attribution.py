@@ -12,6 +12,7 @@ from torch_geometric.explain.config import MaskType, ModelMode, ModelReturnType
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn.conv._own_propagate import restore_propagate
+from torch_geometric_tactile.nn.models._calls import batch_vector, needs_edges, takes_batch
 
 
 class IntegratedGradients(ExplainerAlgorithm):
@@ -254,7 +255,9 @@ class _Samples(Module):
     def __init__(self, model: Module, batch: Data, target: int | Tensor) -> None:
         super().__init__()
         names = tuple(getattr(model, "modalities", ()))
-        edges = ("edge_index",) if getattr(model, "needs_edges", False) else ()
+        edges = ("edge_index",) if needs_edges(model) else ()
+        if takes_batch(model) and isinstance(batch, StaticData):
+            batch = batch.to_batch()
         missing = [name for name in ("x", *edges, *names) if batch.get(name) is None]
         if missing:
             raise ValueError(f"'batch' must have '{missing[0]}', which the model takes (got none)")
@@ -272,6 +275,8 @@ class _Samples(Module):
         need(batch.x.numel() != 0, f"'batch' must hold samples (got 'x' of {tuple(batch.x.shape)})")
         self.num_nodes = batch.x.numel() // batch.x.size(-1) // self.num_samples
         self.inputs = {name: batch[name] for name in names}
+        if takes_batch(model):
+            self.inputs["batch"] = batch_vector(batch)
         target = torch.as_tensor(target, device=batch.x.device)
         if target.dtype != torch.long or target.shape not in ((), (self.num_samples,)):
             raise ValueError(

@@ -292,13 +292,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.experiments.compared_windows import data_source
     from torch_geometric_tactile.experiments.comparison import (
         ComparisonSettings,
         comparison_plan,
         summarize,
     )
-    from torch_geometric_tactile.reports._compare import write_comparison
+    from torch_geometric_tactile.experiments.deploy import check_one_layout
+    from torch_geometric_tactile.reports._compare import describe_sensors, write_comparison
     from torch_geometric_tactile.visualization._style import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
@@ -328,6 +330,11 @@ def _run(arguments: argparse.Namespace) -> int:
     )
     plan = comparison_plan(source, settings, name=_name(arguments.data))
     _check_save(arguments, [cell.experiment for cell in plan.table.cells])
+    if arguments.save is not None:
+        check_one_layout(plan.data.load())
+    text = describe_sensors(plan)
+    if text:
+        tell(printable(text), arguments.json)
     finished = run_with_bar(
         plan,
         arguments.out,

@@ -75,9 +75,7 @@ def check_joinable(parts: Sequence[StaticDataset]) -> None:
         check_same_names(first, part, sample.keys(), f"part {i} of 'dataset'")
 
 
-def check_same_names(
-    first: StaticDataset, other: StaticDataset, keys: Iterable[str], what: str
-) -> None:
+def check_same_names(first: Any, other: Any, keys: Iterable[str], what: str) -> None:
     r"""Checks that the numbers of classes, groups and sessions mean the same in two data sets."""
     for key in sorted(NAMED.keys() & {*keys}):
         names, others = (getattr(part, f"{NAMED[key]}_names") for part in (first, other))

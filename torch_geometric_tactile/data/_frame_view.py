@@ -174,7 +174,7 @@ def _transformed(windows: WindowData, transform: Transform) -> StaticData:
     return chunks[0] if len(chunks) == 1 else joined(chunks, parts)
 
 
-def innermost(dataset: StaticDataset) -> StaticDataset:
+def innermost(dataset: Any) -> Any:
     r"""Returns the data set that a view shows, or that this one shows, and so on; the data set
     itself if it is no view.
     """

@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._texts import short_list
-from torch_geometric_tactile.data._unit_draws import Samples
+from torch_geometric_tactile.data._graph_samples import AnySamples as Samples
+from torch_geometric_tactile.data._graph_samples import GraphSamples, as_samples, sample_column
 from torch_geometric_tactile.data.static_data import StaticData
 
 _UNITS = ("trial", "group", "session")
@@ -74,6 +75,7 @@ def shared_units(dataset: Samples, split: Sequence[Tensor]) -> dict[str, list[in
         {'trial': [0, 1]}
     """
     found = {}
+    dataset = as_samples(dataset)
     for unit in _UNITS:
         values = sample_column(dataset, unit)
         if values is not None and values.dim() == 1:
@@ -99,6 +101,7 @@ def shared_recordings(dataset: Samples, split: Sequence[Tensor]) -> list[Copy]:
             that they are cut from are compared.
         split (Split): The indices of the parts.
     """
+    dataset = as_samples(dataset)
     groups = _equal_recordings(dataset)
     if not groups:
         return []
@@ -182,14 +185,6 @@ def _shared(values: Tensor, first: Tensor, second: Tensor) -> list[int]:
     return [int(value) for value in np.intersect1d(one, other, assume_unique=True)]
 
 
-def sample_column(dataset: Samples, key: str) -> Tensor | None:
-    r"""Returns an attribute of the samples; :obj:`None` if there is no such."""
-    if isinstance(dataset, StaticData):
-        value = dataset[key] if key in dataset else None  # noqa: SIM401 - Data is no mapping
-        return value if isinstance(value, Tensor) else None
-    return dataset.column(key)
-
-
 def _name(dataset: Samples, number: int, unit: str) -> str:
     names = getattr(dataset, f"{unit}_names", None) or ()
     name = names[number] if 0 <= number < len(names) else str(number)
@@ -198,6 +193,8 @@ def _name(dataset: Samples, number: int, unit: str) -> str:
 
 def _equal_recordings(dataset: Any) -> _Groups:
     # Trials, or samples without trials, of all stored samples that have the same readings.
+    if isinstance(dataset, GraphSamples):
+        return _equal_graphs(dataset)
     while not isinstance(dataset, StaticData) and hasattr(dataset, "dataset"):
         dataset = dataset.dataset  # the frames that a view cuts
     data = dataset if isinstance(dataset, StaticData) else dataset._data
@@ -212,6 +209,30 @@ def _equal_recordings(dataset: Any) -> _Groups:
         for key in list(_cache)[:-_MAX_CACHED]:
             _cache.pop(key, None)
     return groups
+
+
+def _equal_graphs(dataset: GraphSamples) -> _Groups:
+    # Of samples that may have any number of taxels each.
+    samples = dataset.stored()
+    trial = sample_column(samples, "trial")
+    numbers = range(len(samples)) if trial is None else trial.tolist()
+    codes: dict[int, Any] = {}
+    values: dict[int, set[float]] = {}
+    for i, number in enumerate(numbers):
+        x = samples[i].x
+        if not isinstance(x, Tensor):
+            return []
+        code = codes.setdefault(number, hashlib.blake2b())
+        code.update(f"{x.dtype} {tuple(x.shape)}".encode())
+        code.update(_bytes(x.reshape(1, -1)).tobytes())
+        known = values.setdefault(number, set())
+        if len(known) < _MIN_VALUES:
+            known.update(x.unique()[:_MIN_VALUES].tolist())
+    groups: dict[bytes, list[int]] = {}
+    for number in sorted(codes):
+        if len(values[number]) >= _MIN_VALUES:
+            groups.setdefault(codes[number].digest(), []).append(number)
+    return [tuple(group) for group in groups.values() if len(group) > 1]
 
 
 def _find_equal(x: Tensor, trial: Tensor | None) -> _Groups:

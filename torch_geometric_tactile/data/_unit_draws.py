@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from torch_geometric_tactile._checks import Argument, ArgumentError
+from torch_geometric_tactile.data._graph_samples import AnySamples as Samples
+from torch_geometric_tactile.data._graph_samples import sample_column
 from torch_geometric_tactile.data._levels import NAMED
 from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.data.static_dataset import StaticDataset
-
-Samples = StaticDataset | StaticData
 
 
 class Classes:
@@ -97,11 +96,8 @@ def _class_names(dataset: Samples, key: str, found: np.ndarray) -> list[str]:
 def numbers_of(dataset: Samples, key: str, how: str | None = None) -> np.ndarray:
     r"""Returns an attribute of the samples, or their numbers for :obj:`"frame"`."""
     if key == "frame":
-        return np.arange(len(dataset))
-    if isinstance(dataset, StaticDataset):
-        column = dataset.column(key)
-    else:
-        column = dataset[key] if key in dataset else None  # noqa: SIM401 - Data is no mapping
+        return np.arange(len(dataset))  # type: ignore[arg-type]  # checked by `as_samples`
+    column = sample_column(dataset, key)
     if column is None:
         raise ValueError(f"'dataset' must have '{key}' to be {how or f'split by {key}'} (got none)")
     values: np.ndarray = column.numpy(force=True)

@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need
-from torch_geometric_tactile.data._shared_samples import sample_column, warn_of_shared
+from torch_geometric_tactile.data._graph_samples import GraphSamples, as_samples, sample_column
+from torch_geometric_tactile.data._shared_samples import warn_of_shared
 from torch_geometric_tactile.data._unit_draws import (
     Classes,
     Folds,
@@ -161,13 +162,14 @@ class Protocol:
         r"""Returns the number of splits that test on different samples: 1 without folds.
 
         Args:
-            dataset (StaticDataset or StaticData): The samples.
+            dataset (Dataset or StaticData or list of Data): The samples, as of :meth:`split`.
 
         Raises:
             ValueError: If each of fewer than two units is to be left out, the samples do not
                 have the attribute that they are split by, or :obj:`unseen` has fewer than two
                 values.
         """
+        dataset = as_samples(dataset)
         count = self._num_unit_folds(dataset)
         return count if self.unseen is None else count * len(_at_least_two(dataset, self.unseen))
 
@@ -183,11 +185,15 @@ class Protocol:
         r"""Returns the indices of the samples to train, validate and test on.
 
         Args:
-            dataset (StaticDataset or StaticData): The samples.
+            dataset (Dataset or StaticData or list of Data): The samples, each with the attributes
+                that they are split by: a number, or a text. A data set of PyG, a
+                :class:`~torch.utils.data.Subset`, a :class:`~torch.utils.data.ConcatDataset` or a
+                list, whose samples may have different sensors.
             seed (int): Which of the random splits.
             fold (int): Which of the :meth:`num_folds` folds is tested on.
 
         Raises:
+            TypeError: If these are no samples of PyG.
             ValueError: If windows that overlap are split by frame, there is no such fold, the
                 samples do not have an attribute that they
                 are split or stratified by, there are fewer units than folds, a part above 0 would
@@ -197,6 +203,7 @@ class Protocol:
             SharedDataWarning: If given parts share a trial, or a recording is in the data set twice
                 and its copies are in different parts.
         """
+        dataset = as_samples(dataset)
         if self.by == "frame" and isinstance(dataset, Windows) and dataset.overlap:
             raise ValueError(
                 "windows that overlap must be split by trial, group or session, since those of a "
@@ -315,7 +322,7 @@ def _at_least_two(dataset: Samples, key: str) -> np.ndarray:
 
 def _given_parts(dataset: Samples) -> np.ndarray:
     part = getattr(dataset, "part", None)
-    if part is None and isinstance(dataset, StaticDataset):
+    if part is None and isinstance(dataset, StaticDataset | GraphSamples):
         part = dataset.column("part")
     if part is None:
         raise ValueError(

@@ -47,7 +47,7 @@ def by_frame(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 
     r"""Splits at random, sample by sample: short for ``Protocol("frame", val=val, test=test)``.
 
     Args:
-        dataset (StaticDataset or StaticData): The samples.
+        dataset (Dataset or StaticData or list of Data): The samples.
         val (float): The part held out for validation.
         test (float): The part held out for the test.
         seed (int): Which of the random splits.
@@ -65,7 +65,7 @@ def by_trial(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 
     r"""Splits at random, trial by trial: short for ``Protocol("trial", val=val, test=test)``.
 
     Args:
-        dataset (StaticDataset or StaticData): The samples, with :obj:`trial`.
+        dataset (Dataset or StaticData or list of Data): The samples, with :obj:`trial`.
         val (float): The part of the trials held out for validation.
         test (float): The part of the trials held out for the test.
         seed (int): Which of the random splits.
@@ -84,7 +84,7 @@ def by_group(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 
     r"""Splits at random, group by group: short for ``Protocol("group", val=val, test=test)``.
 
     Args:
-        dataset (StaticDataset or StaticData): The samples, with :obj:`group`.
+        dataset (Dataset or StaticData or list of Data): The samples, with :obj:`group`.
         val (float): The part of the groups held out for validation.
         test (float): The part of the groups held out for the test.
         seed (int): Which of the random splits.
@@ -103,7 +103,7 @@ def leave_one_group_out(dataset: Samples) -> Iterator[Fold]:
     r"""Yields the folds of ``Protocol("group", leave_one_out=True)``, in order of the groups.
 
     Args:
-        dataset (StaticDataset or StaticData): The samples, with :obj:`group`.
+        dataset (Dataset or StaticData or list of Data): The samples, with :obj:`group`.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -128,7 +128,7 @@ def k_fold(
     r"""Returns the folds of ``Protocol(by, folds=folds, stratify=stratify)``.
 
     Args:
-        dataset (StaticDataset or StaticData): The samples.
+        dataset (Dataset or StaticData or list of Data): The samples.
         folds (int): Number of folds.
         by (str): What stays together: :obj:`"frame"` (nothing), :obj:`"trial"` or
             :obj:`"group"`.

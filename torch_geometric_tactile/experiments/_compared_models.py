@@ -8,6 +8,7 @@ from torch.nn import Module
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need_argument
 from torch_geometric_tactile._own_modules import import_own
+from torch_geometric_tactile.experiments._building import find_class
 from torch_geometric_tactile.experiments._compared_task import (
     MANY_TAXELS,
     ComparedTask,
@@ -19,6 +20,7 @@ from torch_geometric_tactile.experiments._compared_task import (
     lacks_many_frames,
 )
 from torch_geometric_tactile.experiments.tables import Cell
+from torch_geometric_tactile.nn.models._calls import takes_batch
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
@@ -312,21 +314,39 @@ _BY_NAME = {model.name: model for model in MODELS}
 def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[ComparedModel, ...]:
     r"""Returns models by their names, in the order of all, and then the user's own."""
     if names is None:
-        size = task.layout.num_taxels
+        size = task.num_taxels
         return tuple(
             model
             for model in MODELS
-            if not model.lacks(task) and size <= (model.most_taxels or size)
+            if not what_it_lacks(model, task) and size <= (model.most_taxels or size)
         )
     check_model_names(names)
     for name in names:
-        reason = model_of(name).lacks(task)
+        reason = what_it_lacks(model_of(name), task)
         if reason:
             raise ArgumentError(
                 Argument("models"), f" must fit the data (got '{name}', but {reason})"
             )
     own = [model_of(name) for name in names if name not in _BY_NAME]
     return (*(model for model in MODELS if model.name in names), *own)
+
+
+def what_it_lacks(model: ComparedModel, task: ComparedTask) -> str:
+    r"""Tells what a model lacks in the data, if anything: of ours, all but the constant answer are
+    for one layout, and so are rows of readings.
+    """
+    if task.layout is not None:
+        return model.lacks(task)
+    if model.name == FLOOR:
+        return ""
+    several = f"the samples, which have {task.taxels}, have no layout that all share"
+    if model.name in _BY_NAME:
+        return f"it is a model of one layout, and {several}"
+    if isinstance(model, _Estimator):
+        return f"it takes rows of readings of one sensor, and {several}"
+    if not takes_batch(find_class(model.class_name)):
+        return f"it is not called as forward(x, edge_index, batch), and {several}"
+    return ""
 
 
 def check_model_names(names: Sequence[str]) -> None:

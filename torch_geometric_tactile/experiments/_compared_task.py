@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
 from torch_geometric_tactile.experiments._experiment import Choice
 from torch_geometric_tactile.nn.models.bmf_cnn import LEAST_SIZE
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
@@ -31,7 +31,7 @@ _ROCKET_FRAMES = 9  # that a kernel of MiniRocket spans
 class ComparedTask:
     r"""What the models of a comparison have to do."""
 
-    layout: TaxelLayout
+    layout: TaxelLayout | None  # None where samples may be of several sensors
     metric: str
     num_train: int
     posed: bool = False
@@ -40,11 +40,13 @@ class ComparedTask:
     members: int | None = 1
     num_frames: int | None = None
     num_channels: int = 1
+    num_taxels: int = 1  # of a sample, at most
+    taxels: str = ""  # in words
 
     @classmethod
     def of(
         cls,
-        dataset: StaticDataset,
+        dataset: SampleSet,
         metric: str,
         part: float,
         num_frames: int | None = None,
@@ -53,6 +55,11 @@ class ComparedTask:
         r"""Returns the task of a data set."""
         num_train = max(1, round(part * len(dataset)))
         width = dataset.batch(torch.tensor([0])).x.shape[-1]
+        if isinstance(dataset, GraphSamples):
+            most, taxels = dataset.num_taxels[1], dataset.describe_taxels()
+        else:
+            most = dataset.layout.num_taxels
+            taxels = f"{most} taxels"
         return cls(
             dataset.layout,
             metric,
@@ -60,6 +67,8 @@ class ComparedTask:
             posed=num_frames is None and _can_be_posed(dataset),
             num_frames=num_frames,
             num_channels=width // (num_frames or 1),
+            num_taxels=most,
+            taxels=taxels,
             **more,
         )
 
@@ -77,7 +86,7 @@ class ComparedTask:
     @property
     def is_slow(self) -> bool:
         r"""Whether the readings to train a network on are many."""
-        taxels = self.layout.num_taxels
+        taxels = self.num_taxels
         return taxels > MANY_TAXELS and taxels * self.num_train > _MANY_READINGS
 
     @property
@@ -88,6 +97,7 @@ class ComparedTask:
     @property
     def cnn_widths(self) -> list[int]:
         r"""A stage for each halving of the map down to two or three cells."""
+        assert self.layout is not None
         image_map = self.layout.image_map
         assert image_map is not None
         stages = round(math.log2(int(image_map.amax(dim=0).min()) + 1)) - 1
@@ -122,11 +132,14 @@ class ComparedTask:
             steps.append(_step("NormalizeRMS"))
         if scaled:
             given: dict[str, Any] = {} if self.num_frames is None else {"per": "signal"}
+            if self.layout is None:
+                given["per"] = "channel"
             given |= {"scale_per": "channel"} | ({} if centred else {"with_mean": False})
             steps.append(_step("ZScore", given))
         if filled:
             steps.append(_step("FillMissing"))
         if posed:
+            assert self.layout is not None
             steps.append(_step("TaxelPose", {"layout": self.layout.name, "tangent": True}))
         return {
             "class_path": "torch_geometric.transforms.Compose",
@@ -134,7 +147,9 @@ class ComparedTask:
         }
 
 
-def _can_be_posed(dataset: StaticDataset) -> bool:
+def _can_be_posed(dataset: SampleSet) -> bool:
+    if isinstance(dataset, GraphSamples):
+        return False
     joint, layout = dataset.column("joint"), dataset.layout
     hand = HandKinematics.allegro()
     try:
@@ -178,12 +193,13 @@ def lacks_a_pose(task: ComparedTask) -> str:
 
 def lacks_a_map(task: ComparedTask) -> str:
     r"""Tells what a model lacks in the data, if anything."""
-    return "" if task.layout.image_map is not None else "the layout has no image_map"
+    has_map = task.layout is not None and task.layout.image_map is not None
+    return "" if has_map else "the layout has no image_map"
 
 
 def lacks_a_large_map(task: ComparedTask) -> str:
     r"""Tells what a model lacks in the data, if anything."""
-    image_map = task.layout.image_map
+    image_map = None if task.layout is None else task.layout.image_map
     if image_map is None or int(image_map.amax(dim=0).min()) + 1 >= LEAST_SIZE:
         return lacks_a_map(task)
     return f"the image_map of the layout has fewer than {LEAST_SIZE} x {LEAST_SIZE} cells"

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import torch
 from sklearn.utils import get_tags
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data import StaticData, apply_transform
+from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
 from torch_geometric_tactile.experiments._building import build_object, find_class
 from torch_geometric_tactile.experiments._experiment import Experiment, Fitted
 from torch_geometric_tactile.experiments.studies import Trained
@@ -21,9 +23,9 @@ from torch_geometric_tactile.transforms import fit_transform
 
 def fit_estimator(
     experiment: Experiment,
-    train: StaticDataset,
-    test: StaticDataset,
-    val: StaticDataset | None = None,
+    train: SampleSet,
+    test: SampleSet,
+    val: SampleSet | None = None,
 ) -> Fitted:
     r"""Fits an estimator and returns what it says of other samples."""
     transform = build_object(experiment.transform)
@@ -63,7 +65,7 @@ def fit_estimator(
     )
 
 
-def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -> Any:
+def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout | None, seed: int) -> Any:
     # Its `layout`, if it has such an argument, is that of the data; its random state, if it is left
     # open, is the seed.
     arguments = dict(model.get("init_args") or {})
@@ -99,11 +101,13 @@ def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -
 
 
 def fitted_samples(
-    transform: BaseTransform | None, part: StaticDataset, *, adapt: bool = False
+    transform: BaseTransform | None, part: SampleSet, *, adapt: bool = False
 ) -> StaticData:
     r"""Returns all samples of a part in memory, behind the transform of their data set, as networks
     see them, and behind another, which is fitted on them.
     """
+    if isinstance(part, GraphSamples):  # for the constant answer, which reads labels only
+        return StaticData(x=torch.zeros(len(part), 1, 1), y=part.column("y"))
     data: StaticData = part.data
     data = data if part.transform is None else apply_transform(part.transform, data)
     return fit_transform(transform, data, adapt=adapt)

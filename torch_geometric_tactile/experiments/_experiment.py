@@ -188,6 +188,7 @@ class Fitted(NamedTuple):
     measures: str | None = None
     label_names: list[str] | None = None
     trained: Trained | None = None
+    is_graph: bool | None = None  # of a network: whether it reads edges
 
 
 def versions(model: Mapping[str, Any]) -> dict[str, str]:

@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
-from torch_geometric_tactile.data import Protocol, StaticDataset, Windows
+from torch_geometric_tactile.data import Protocol, Windows
 from torch_geometric_tactile.data._frame_view import FrameView
+from torch_geometric_tactile.data._graph_samples import SampleSet
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._experiment import Experiment
 
@@ -24,14 +25,14 @@ class Parts(NamedTuple):
     both together :obj:`train`, and :obj:`test`.
     """
 
-    fit: StaticDataset
-    val: StaticDataset
-    train: StaticDataset
-    test: StaticDataset
+    fit: SampleSet
+    val: SampleSet
+    train: SampleSet
+    test: SampleSet
 
 
 def balanced_protocol(
-    dataset: StaticDataset, by: str, folds: int = _FOLDS, *, quiet: bool = False
+    dataset: SampleSet, by: str, folds: int = _FOLDS, *, quiet: bool = False
 ) -> Protocol:
     r"""Returns folds by frame, trial, group or session, with every class in every fold where that
     is possible.
@@ -56,7 +57,7 @@ def balanced_protocol(
     return plain
 
 
-def _num_units(dataset: StaticDataset, by: str) -> int:
+def _num_units(dataset: SampleSet, by: str) -> int:
     # What a split never tears apart.
     if by == "frame":
         return len(dataset)
@@ -69,7 +70,7 @@ def _num_units(dataset: StaticDataset, by: str) -> int:
     return len(unit.unique())
 
 
-def compared_protocol(dataset: StaticDataset, by: str | None, folds: int) -> Protocol:
+def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protocol:
     r"""Returns how a comparison holds out samples: by trial if there are trials, unless told."""
     by = by or _default_unit(dataset)
     if by == "given":
@@ -95,7 +96,7 @@ def compared_protocol(dataset: StaticDataset, by: str | None, folds: int) -> Pro
     return balanced_protocol(dataset, by, folds)
 
 
-def _default_unit(dataset: StaticDataset) -> str:
+def _default_unit(dataset: SampleSet) -> str:
     if dataset.column("trial") is not None:
         return "trial"
     _logger.warning(
@@ -105,7 +106,7 @@ def _default_unit(dataset: StaticDataset) -> str:
     return "frame"
 
 
-def _check_cut(dataset: StaticDataset, by: str) -> None:
+def _check_cut(dataset: SampleSet, by: str) -> None:
     # A split must put no frame into two parts.
     if not isinstance(dataset, FrameView):
         return
@@ -127,7 +128,7 @@ def _check_cut(dataset: StaticDataset, by: str) -> None:
         _check_one_part(dataset.dataset, "part" if by == "given" else by)
 
 
-def _check_one_part(frames: StaticDataset, key: str) -> None:
+def _check_one_part(frames: SampleSet, key: str) -> None:
     value, trial = frames.column(key), frames.column("trial")
     if not isinstance(value, Tensor) or trial is None or not len(trial):
         return  # the split tells what is missing
@@ -150,7 +151,7 @@ def choice_parts(experiment: Experiment) -> Parts:
 
 def choice_cuts(
     experiment: Experiment, repeats: int, most: int | None = None
-) -> tuple[StaticDataset, StaticDataset, list[tuple[StaticDataset, StaticDataset]]]:
+) -> tuple[SampleSet, SampleSet, list[tuple[SampleSet, SampleSet]]]:
     r"""Returns the training part, the test part, and several cuts of the training part in two, to
     train on (:obj:`most` samples, if there are more) and to choose on. The second is a fifth, by
     what the test is held out by, and differs from cut to cut; given parts bring their own, and
@@ -176,7 +177,7 @@ def choice_cuts(
     return train_part, test, [(_some(part, most, experiment.seed), val) for part, val in parts]
 
 
-def _held_out_by(train: StaticDataset, test: StaticDataset) -> str:
+def _held_out_by(train: SampleSet, test: SampleSet) -> str:
     # The largest unit of which given parts share none.
     for by in ("group", "trial"):
         known, other = column_of(train, by), column_of(test, by)
@@ -187,14 +188,14 @@ def _held_out_by(train: StaticDataset, test: StaticDataset) -> str:
     return "frame"
 
 
-def _some(part: StaticDataset, most: int | None, seed: int) -> StaticDataset:
+def _some(part: SampleSet, most: int | None, seed: int) -> SampleSet:
     if most is None or len(part) <= most:
         return part
     draw = np.random.default_rng(seed)
     return part[torch.from_numpy(np.sort(draw.permutation(len(part))[:most]))]
 
 
-def column_of(dataset: StaticDataset, key: str) -> np.ndarray | None:
+def column_of(dataset: SampleSet, key: str) -> np.ndarray | None:
     r"""Returns an attribute of the samples as an array, or :obj:`None` if there is no such."""
     column = dataset.column(key)
     return None if column is None else np.asarray(column.numpy(force=True))

@@ -16,11 +16,13 @@ from torch.utils.data import DataLoader
 from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform, Compose
 
-from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
 from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._experiment import Experiment, Fitted
 from torch_geometric_tactile.experiments._memory import PeakMemory
 from torch_geometric_tactile.experiments.studies import Study, Trained
+from torch_geometric_tactile.nn.models._calls import is_graph_model
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._collected_metrics import predicted_classes
 from torch_geometric_tactile.training._predictions import Outputs, collect_predictions
@@ -39,9 +41,9 @@ _NEXT_SEED = 1000  # of the next network, beyond the seeds of experiments
 
 def fit_network(
     experiment: Experiment,
-    train: StaticDataset,
-    test: StaticDataset,
-    val: StaticDataset | None = None,
+    train: SampleSet,
+    test: SampleSet,
+    val: SampleSet | None = None,
     studies: Sequence[Study] = (),
 ) -> Fitted:
     r"""Trains a network, or as many as :obj:`experiment.choice` has members, and returns what they
@@ -108,6 +110,7 @@ def fit_network(
         measures=memory.measure if experiment.measure_memory else None,
         label_names=data.class_names if classifier.task == "multilabel" else None,
         trained=_trained(classifier, data, experiment.seed) if studies else None,
+        is_graph=is_graph_model(classifier.model),
     )
 
 
@@ -217,7 +220,7 @@ class TargetScale(BaseTransform):
         self.scale = scale
 
     @classmethod
-    def of(cls, train: StaticDataset) -> "TargetScale":
+    def of(cls, train: SampleSet) -> "TargetScale":
         r"""Measures a training part."""
         labels = train.column("y")
         assert labels is not None
@@ -227,7 +230,8 @@ class TargetScale(BaseTransform):
 
     def forward(self, data: Data) -> Data:
         r"""Sets :obj:`y`."""
-        data.y = ((data.y.double() - self.center) / self.scale).float()
+        y = torch.as_tensor(data.y)  # a number, in a sample of PyG
+        data.y = ((y.double() - self.center) / self.scale).float()
         return data
 
     def back(self, y: Tensor) -> Tensor:
@@ -260,9 +264,12 @@ def layout_edges(layout: TaxelLayout) -> Tensor:
     return edges
 
 
-def prepared_part(part: StaticDataset, scale: TargetScale | None) -> StaticDataset:
+def prepared_part(part: SampleSet, scale: TargetScale | None) -> SampleSet:
     steps: list[BaseTransform] = [] if part.transform is None else [part.transform]
-    if part[:1].batch([0]).edge_index is None:
+    if isinstance(part, GraphSamples):
+        if part.first().edge_index is None:
+            steps.append(KNNGraph(min(_NEIGHBOURS, part.num_taxels[0] - 1)))
+    elif part[:1].batch([0]).edge_index is None:
         steps.append(_Edges(layout_edges(part.layout)))
     if scale is not None:
         steps.append(scale)

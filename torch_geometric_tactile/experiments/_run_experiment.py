@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile._checks import Argument, ArgumentError
-from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data._graph_samples import SampleSet
 from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._estimators import fit_estimator
 from torch_geometric_tactile.experiments._experiment import Choice, Experiment, Fitted
@@ -45,7 +45,7 @@ class _Tried:
     def loss(self) -> float:
         return float(np.mean(self.losses)) if self.losses else math.inf
 
-    def judge(self, choice: Choice, part: StaticDataset, val: StaticDataset) -> None:
+    def judge(self, choice: Choice, part: SampleSet, val: SampleSet) -> None:
         # A setting with which a training fails, such as a learning rate that makes it diverge, is
         # not chosen.
         try:
@@ -112,6 +112,7 @@ def _run(experiment: Experiment) -> dict[str, Any]:
         "peak_memory_mb": fitted.peak_memory_mb,
         "measures": fitted.measures,
         "num_parameters": fitted.num_parameters,
+        "is_graph": fitted.is_graph,
         "train_seconds": fitted.seconds,
         "predict_seconds": fitted.predict_seconds,
         **chosen,
@@ -123,9 +124,9 @@ def _run(experiment: Experiment) -> dict[str, Any]:
 
 def fit(
     experiment: Experiment,
-    train: StaticDataset,
-    test: StaticDataset,
-    val: StaticDataset | None = None,
+    train: SampleSet,
+    test: SampleSet,
+    val: SampleSet | None = None,
     studies: Sequence[Study] = (),
 ) -> Fitted:
     r"""Trains a model on one part and returns what it says of another. A threshold is chosen on
@@ -139,7 +140,7 @@ def fit(
 def _choose(
     experiment: Experiment,
     choice: Choice,
-    cuts: Sequence[tuple[StaticDataset, StaticDataset]],
+    cuts: Sequence[tuple[SampleSet, SampleSet]],
 ) -> tuple[Experiment, dict[str, Any]]:
     # The experiment with the setting that is chosen, and what is told of the choice.
     start = time.perf_counter()
@@ -191,7 +192,7 @@ def _measure(studies: Sequence[Study], trained: Trained | None) -> dict[str, Any
     return {name: result for name, result in found.items() if result is not None}
 
 
-def _judge(experiment: Experiment, fitted: Fitted, test: StaticDataset) -> Predictions:
+def _judge(experiment: Experiment, fitted: Fitted, test: SampleSet) -> Predictions:
     y = column_of(test, "y")  # of `data`, all windows would be cut for them
     assert y is not None
     return Predictions(

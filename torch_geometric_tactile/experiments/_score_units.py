@@ -7,8 +7,8 @@ from typing import NamedTuple, Self
 import numpy as np
 import torch
 
-from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.data._frame_view import innermost
+from torch_geometric_tactile.data._graph_samples import SampleSet
 from torch_geometric_tactile.data._shared_samples import shared_units, sharing_ignored
 from torch_geometric_tactile.experiments._held_out import column_of
 from torch_geometric_tactile.experiments._scores import prediction_scores
@@ -63,7 +63,7 @@ class ScoreUnits:
     num_leaked: int = 0
 
     @classmethod
-    def of(cls, dataset: StaticDataset, splits: Sequence[SeenAndTest]) -> Self:
+    def of(cls, dataset: SampleSet, splits: Sequence[SeenAndTest]) -> Self:
         r"""Finds the units of the splits of a data set.
 
         Args:
@@ -103,7 +103,7 @@ class ConstantAnswer(NamedTuple):
     score: float
 
     @classmethod
-    def of(cls, dataset: StaticDataset, splits: Sequence[SeenAndTest], metric: str) -> Self:
+    def of(cls, dataset: SampleSet, splits: Sequence[SeenAndTest], metric: str) -> Self:
         r"""Computes the answer and its score.
 
         Args:
@@ -129,7 +129,7 @@ class ConstantAnswer(NamedTuple):
         return cls(f"'{name}'", float(np.mean(scores)))
 
 
-def _by_stored_place(dataset: StaticDataset, column: np.ndarray) -> np.ndarray:
+def _by_stored_place(dataset: SampleSet, column: np.ndarray) -> np.ndarray:
     # Predictions know the place of a sample among all that are stored, selected or not.
     stored = np.zeros(dataset.len(), dtype=np.int64)
     stored[np.asarray(dataset.indices())] = column

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
 from torch_geometric_tactile.experiments._compared_models import (
     FLOOR,
     ComparedModel,
@@ -278,6 +278,12 @@ def comparison_plan(
             "they are cut",
         )
     dataset = source.load()
+    if isinstance(dataset, GraphSamples) and tare is not None:
+        raise ArgumentError(
+            Argument("tare"),
+            f" must be left out for samples of different sensors (got samples of "
+            f"{dataset.describe_taxels()}): subtract rest readings sample by sample",
+        )
     numbers = _predicts_numbers(dataset)
     metric = settings.metric or ("mae" if numbers else "accuracy")
     if (metric == "mae") != numbers:
@@ -360,7 +366,8 @@ def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
     }
     sign = -1 if metric == "mae" else 1
     means = {name: sign * _summary(results, metric).mean for name, results in whole.items()}
-    plain = [name for name in means if not model_of(name).is_graph]
+    models = {name: _measured_model(name, results) for name, results in whole.items()}
+    plain = [name for name in means if not models[name].is_graph]
     best_plain = max(plain, key=lambda name: (means[name], name != FLOOR), default=None)
     dataset, data_splits = plan.data.load(), comparison_splits(plan)
     units = ScoreUnits.of(dataset, data_splits)
@@ -373,7 +380,7 @@ def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
     metrics = comparison.metrics
     results = tuple(
         ModelResult(
-            model=model_of(name),
+            model=models[name],
             scores={key: _summary(whole[name], key) for key in metrics},
             difference=(
                 None if best_plain in (None, name) else comparison.difference(name, str(best_plain))
@@ -388,6 +395,12 @@ def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
         if name in whole
     )
     return replace(comparison, results=results)
+
+
+def _measured_model(name: str, results: list[dict[str, Any]]) -> ComparedModel:
+    # Only once it is built, a network of one's own tells whether it passes messages.
+    model = model_of(name)
+    return replace(model, is_graph=True) if results[0].get("is_graph") else model
 
 
 def _frames_in_words(num_frames: int | None) -> str:
@@ -407,7 +420,7 @@ def _mean(values: list[Any]) -> float | None:
     return None if None in values else statistics.fmean(values)
 
 
-def _predicts_numbers(dataset: StaticDataset) -> bool:
+def _predicts_numbers(dataset: SampleSet) -> bool:
     y = dataset.column("y")
     if y is None:
         raise ArgumentError(

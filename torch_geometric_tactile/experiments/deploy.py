@@ -12,6 +12,7 @@ from torch.nn import Module
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.baselines import TemperatureScaling
 from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._estimators import (
@@ -84,7 +85,8 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
         f"the source code of '{result.model.name}' was edited after the comparison; compare again",
     )
     experiment = experiment.with_setting(_setting(result, choice))
-    samples, trained_on = _samples(experiment)
+    known, trained_on = _samples(experiment)
+    samples = check_one_layout(known)
     threads = torch.get_num_threads()
     torch.set_num_threads(experiment.threads)
     try:
@@ -105,13 +107,31 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
     return predictor
 
 
+def check_one_layout(samples: SampleSet) -> StaticDataset:
+    r"""Checks that samples are of one sensor, as those of a predictor, and returns them.
+
+    Args:
+        samples (StaticDataset or GraphSamples): The samples.
+
+    Raises:
+        ValueError: If they may be of several.
+    """
+    if isinstance(samples, GraphSamples):
+        raise ValueError(
+            "a predictor is of one layout, and the samples have none that all share (they have "
+            f"{samples.describe_taxels()}): nothing can be saved; train the network with "
+            "TactileModule, and keep its checkpoint"
+        )
+    return samples
+
+
 def _setting(result: ModelResult, choice: Choice) -> Mapping[str, Any]:
     count = Counter(chosen["number"] for chosen in result.chosen)
     most = max(count, key=lambda number: (count[number], -number))  # 0 is the default
     return choice.settings[most]
 
 
-def _samples(experiment: Experiment) -> tuple[StaticDataset, str]:
+def _samples(experiment: Experiment) -> tuple[SampleSet, str]:
     # The samples to train on, and what they are in words.
     samples = experiment.data.samples()
     if experiment.protocol.by != "given":

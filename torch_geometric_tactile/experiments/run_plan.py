@@ -17,7 +17,7 @@ import torch
 
 from torch_geometric_tactile._parallel import kept_memory, run_parallel
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data._graph_samples import SampleSet
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._held_out import Parts, choice_cuts
 from torch_geometric_tactile.experiments._run_experiment import fit
@@ -226,7 +226,7 @@ def _of_run(experiment: Experiment) -> float:
 def _of_estimator(
     experiment: Experiment,
     parts: Parts,
-    few: StaticDataset,
+    few: SampleSet,
     trainings: int,
 ) -> float:
     assert experiment.choice is not None
@@ -241,8 +241,8 @@ def _of_estimator(
 
 def _seconds(
     experiment: Experiment,
-    train: StaticDataset,
-    other: StaticDataset,
+    train: SampleSet,
+    other: SampleSet,
 ) -> tuple[float, float]:
     # In all, and in the steps alone.
     start = time.perf_counter()
@@ -250,7 +250,7 @@ def _seconds(
     return time.perf_counter() - start, seconds
 
 
-def _some(part: StaticDataset, count: int) -> StaticDataset:
+def _some(part: SampleSet, count: int) -> SampleSet:
     index = torch.linspace(0, len(part) - 1, min(count, len(part))).long()
     return part[index]
 

@@ -13,8 +13,9 @@ from torch import Tensor
 
 from torch_geometric_tactile._files import file_sha256
 from torch_geometric_tactile._texts import printable, read_json
-from torch_geometric_tactile.data import Protocol, StaticDataset
+from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
 from torch_geometric_tactile.data._frame_view import innermost
+from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet, as_samples
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._building import (
     argument_names,
@@ -25,15 +26,16 @@ from torch_geometric_tactile.experiments._building import (
 _SIMULATION = "simulation.json"
 _PLACES = ("root", "path")  # of files, whose content is the fingerprint
 _MOST = 4
-_LOADED: dict[tuple[str, str, str], StaticDataset] = {}  # the last few, the newest last
+_LOADED: dict[tuple[str, str, str], SampleSet] = {}  # the last few, the newest last
 _INNER = "dataset"  # the argument of a view, such as Trials, that is the data set it shows
 
 
 @dataclass(frozen=True)
 class DataSource:
-    r"""A :class:`~torch_geometric_tactile.data.StaticDataset`, ours or a user's, by its class and
-    arguments. That of a view, such as :class:`~torch_geometric_tactile.data.Trials`, has the data
-    set that it shows as the argument :obj:`dataset`.
+    r"""A :class:`~torch_geometric_tactile.data.StaticDataset`, ours or a user's, or samples of PyG
+    that may have different sensors, by the import path of its class, or of a function that returns
+    it, and arguments. That of a view, such as :class:`~torch_geometric_tactile.data.Trials`, has
+    the data set that it shows as the argument :obj:`dataset`.
     """
 
     class_path: str
@@ -64,8 +66,6 @@ class DataSource:
         """
         check_arguments(self.class_path, {**self.arguments, **self.selection})
         dataset = self.load() if self.fingerprint else self._build(self.arguments)
-        if not isinstance(dataset, StaticDataset):
-            raise ValueError(f"'class_path' must be a StaticDataset (got '{self.class_path}')")
         code = self.fingerprint or _fingerprint(dataset)
         source = replace(self, fingerprint=code)
         _keep(source._place, dataset)
@@ -79,7 +79,7 @@ class DataSource:
         caption = self.caption or _caption(dataset, kind, facts)
         return replace(source, kind=kind, caption=caption), facts
 
-    def load(self) -> StaticDataset:
+    def load(self) -> SampleSet:
         r"""Returns the data set, without :obj:`selection`. A process keeps the last few that it
         loaded.
         """
@@ -92,9 +92,7 @@ class DataSource:
     def _place(self) -> tuple[str, str, str]:
         return self.class_path, json.dumps(self.arguments, sort_keys=True), self.fingerprint
 
-    def parts(
-        self, protocol: Protocol, seed: int, fold: int
-    ) -> tuple[StaticDataset, StaticDataset]:
+    def parts(self, protocol: Protocol, seed: int, fold: int) -> tuple[SampleSet, SampleSet]:
         r"""Returns the samples to train on, and those to test on."""
         dataset = self.load()
         with sharing_ignored():
@@ -109,18 +107,25 @@ class DataSource:
                 )
         return dataset[train], dataset[test]
 
-    def samples(self) -> StaticDataset:
+    def samples(self) -> SampleSet:
         r"""Returns the samples that are selected."""
         dataset = self.load()
         return dataset[self.is_selected(dataset).nonzero().view(-1)]
 
-    def _build(self, arguments: Mapping[str, Any]) -> StaticDataset:
-        dataset: StaticDataset = build_object(
-            {"class_path": self.class_path, "init_args": arguments}
-        )
+    def _build(self, arguments: Mapping[str, Any]) -> SampleSet:
+        built = build_object({"class_path": self.class_path, "init_args": arguments})
+        try:
+            dataset = as_samples(built)
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"'class_path' must be a StaticDataset, or a data set of PyG (got "
+                f"'{self.class_path}': {error})"
+            ) from error
+        if isinstance(dataset, StaticData):
+            raise ValueError(f"'class_path' must be a StaticDataset (got '{self.class_path}')")
         return dataset
 
-    def is_selected(self, dataset: StaticDataset) -> Tensor:
+    def is_selected(self, dataset: SampleSet) -> Tensor:
         r"""Returns which samples of the data set are in :obj:`selection` :math:`(S,)`."""
         if not self.selection:
             return torch.ones(len(dataset), dtype=torch.bool)
@@ -157,10 +162,10 @@ class DataFacts:
     num_folds: int = 1
 
     @classmethod
-    def of(cls, dataset: StaticDataset) -> Self:
+    def of(cls, dataset: SampleSet) -> Self:
         r"""Returns the facts of a data set."""
         counts = [_count(dataset.column(key)) for key in ("trial", "group")]
-        frames = dataset.column("num_frames")
+        frames = None if isinstance(dataset, GraphSamples) else dataset.column("num_frames")
         return cls(
             num_samples=len(dataset),
             num_trials=counts[0],
@@ -197,7 +202,7 @@ def _without_places(arguments: Mapping[str, Any]) -> dict[str, Any]:
     return left
 
 
-def _keep(key: tuple[str, str, str], dataset: StaticDataset) -> None:
+def _keep(key: tuple[str, str, str], dataset: SampleSet) -> None:
     _LOADED.pop(key, None)
     _LOADED[key] = dataset
     for old in list(_LOADED)[:-_MOST]:
@@ -218,7 +223,7 @@ def _is_one_number(y: Tensor | None) -> bool:
     return y is not None and y.dim() == 1 and y.is_floating_point()
 
 
-def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
+def _caption(dataset: SampleSet, kind: str, facts: DataFacts) -> str:
     held = f"{facts.num_trials} trials" if facts.num_trials else f"{len(dataset):,} samples"
     if kind != "simulated":
         return f"Recordings of your own: {held}."
@@ -257,19 +262,31 @@ def _made(simulation: Mapping[str, Any]) -> str:
     return f"{'; '.join(rates)}; seed {simulation['seed']}, {end}"
 
 
-def _fingerprint(dataset: StaticDataset) -> str:
-    dataset = innermost(dataset)
+def _fingerprint(dataset: SampleSet) -> str:
     code = hashlib.sha256()
+    if isinstance(dataset, GraphSamples):
+        stored = dataset.stored()
+        for i in range(len(stored)):
+            attributes = stored[i].to_dict()
+            _add_tensors(code, attributes)
+            others = {k: v for k, v in attributes.items() if isinstance(v, str | int | float)}
+            code.update(f"{sorted(others.items())!r}\n".encode())
+        return code.hexdigest()
+    dataset = innermost(dataset)
     files = _files(dataset)
     for file in files:
         stat = file.stat()
         code.update(f"{file.name} {_sha256(file, stat.st_size, stat.st_mtime_ns)}\n".encode())
     if not files:
-        for key, value in sorted(dataset.data.to_dict().items()):
-            if isinstance(value, Tensor):
-                code.update(f"{key} {value.dtype} {tuple(value.shape)}\n".encode())
-                code.update(value.contiguous().numpy(force=True).tobytes())
+        _add_tensors(code, dataset.data.to_dict())
     return code.hexdigest()
+
+
+def _add_tensors(code: Any, attributes: Mapping[str, Any]) -> None:
+    for key, value in sorted(attributes.items()):
+        if isinstance(value, Tensor):
+            code.update(f"{key} {value.dtype} {tuple(value.shape)}\n".encode())
+            code.update(value.contiguous().numpy(force=True).tobytes())
 
 
 def _files(dataset: StaticDataset) -> list[Path]:

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.nn.models._calls import call_model
 from torch_geometric_tactile.sensors import TaxelLayout
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ class Trained:
         train (StaticData): What it was trained on, scaled.
         test (StaticData): What was held out, scaled likewise.
         class_names (list of str): Names of the classes.
-        layout (TaxelLayout): The taxels.
+        layout (TaxelLayout, optional): The taxels; :obj:`None` of samples of several sensors.
         seed (int): Seed of the run.
     """
 
@@ -31,7 +32,7 @@ class Trained:
     train: StaticData
     test: StaticData
     class_names: Sequence[str]
-    layout: TaxelLayout
+    layout: TaxelLayout | None
     seed: int = 0
 
     @property
@@ -52,7 +53,7 @@ class Trained:
             for rows in torch.arange(samples.num_samples).split(batch_size):
                 batch = samples.index_select(rows)
                 inputs = {name: getattr(batch, name) for name in names}
-                out.append(self.model(batch.x, batch.edge_index, **inputs))
+                out.append(call_model(self.model, batch, inputs))
         return torch.cat(out)
 
 

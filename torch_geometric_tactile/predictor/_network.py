@@ -9,6 +9,7 @@ from torch.nn import Module
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import NO_CONTACT, StaticData
+from torch_geometric_tactile.nn.models._calls import call_model
 from torch_geometric_tactile.nn.models._inputs import needed_inputs
 from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 
@@ -65,8 +66,7 @@ class Network:
             self.model.eval()
         edges = "give 'adjacency', or add KNNGraph() to the transform"
         inputs = needed_inputs(self.model, data, lambda: "got none", edge_index=edges)
-        out: Tensor = self.model(data.x, data.edge_index, **inputs)
-        return out
+        return call_model(self.model, data, inputs)
 
     def probability(self, logits: Tensor) -> Tensor:
         r"""Returns the probabilities of the classes or labels, or for a regression the numbers.

@@ -44,6 +44,16 @@ def _check_not_removed(name: Any) -> None:
     need(name not in ENCODER_CLASSES, f"{name} was removed: {LAST_READER}")
 
 
+def _is_own_average(described: Mapping[str, Any], name: str) -> bool:
+    r"""Tells whether a description is that of an average of models of a user's own class."""
+    arguments = described.get("arguments")
+    members = arguments.get("models") if isinstance(arguments, Mapping) else None
+    if described.get("class") != "AverageModel" or not isinstance(members, list):
+        return False
+    member = members[0].get("$model") if members and isinstance(members[0], Mapping) else None
+    return isinstance(member, Mapping) and member.get("own") == name
+
+
 class Builder:
     r"""Builds transforms and models from what :class:`Describer` returned."""
 
@@ -58,6 +68,7 @@ class Builder:
         self._own = [part for transform in own or () for part in flat(transform)]
         self._limit = AllocationLimit(tensors.values())  # of all that is built
         self._is_limited = False
+        self._given_model: Module | None = None
 
     @contextmanager
     def _limited(self) -> Iterator[None]:
@@ -95,22 +106,29 @@ class Builder:
 
     def model(self, described: Any, given: Module | None = None) -> Module:
         r"""Returns a model, with weights that are still to be loaded."""
-        if given is not None:
-            name = described.get("own", described.get("class"))
-            need(type(given).__name__ == name, f"'model' must be a {name}", type(given).__name__)
-            with torch.random.fork_rng(devices=[]):  # some layers draw weights when they are copied
-                return copy.deepcopy(given)
-        if "own" in described:
-            _check_not_removed(described["own"])
+        is_described = given is None or _is_own_average(described, type(given).__name__)
+        self._given_model = given
+        with torch.random.fork_rng(devices=[]):  # some layers draw weights when they are copied
+            if not is_described:
+                return self._copy_of_given(described.get("own", described.get("class")))
+            with self._limited():
+                return self._built(described)
+
+    def _copy_of_given(self, name: Any) -> Module:
+        given = self._given_model
+        if given is None:
+            _check_not_removed(name)
             raise MissingOwnError(
-                f"'model' must be given: the file has the weights of a {described['own']}, which "
-                "is not built by name",
+                f"'model' must be given: the file has the weights of a {name}, which is not built "
+                "by name",
                 "model",
             )
-        with torch.random.fork_rng(devices=[]), self._limited():
-            return self._built(described)
+        need(type(given).__name__ == name, f"'model' must be a {name}", type(given).__name__)
+        return copy.deepcopy(given)
 
     def _built(self, described: Any) -> Module:
+        if isinstance(described, Mapping) and "own" in described:
+            return self._copy_of_given(described["own"])
         if not isinstance(described, Mapping) or "class" not in described:
             raise ValueError(f"a model must have a class (got {described!r:.80})")
         model: Module = self._object(described, model_classes(), "model")
@@ -271,19 +289,13 @@ class Describer:
         mark = len(self.tensors)
         try:
             if isinstance(model, AverageModel):
-                members = [{"$model": self._member(one)} for one in model.models]
+                members = [{"$model": self.model(one)} for one in model.models]
                 rest = {key: value for key, value in arguments.items() if key != "models"}
                 return {"class": kind, "arguments": {"models": members, **self.value(rest)}}
             return {"class": kind, "arguments": self.value(arguments)}
         except _NotPlainError:  # an encoder of edge features, for example
             self._forget(mark)
             return _describe_own(model)
-
-    def _member(self, model: Module) -> dict[str, Any]:
-        described = self.model(model)
-        if "own" in described:
-            raise _NotPlainError(f"'{type(model).__name__}' is not built by name")
-        return described
 
     def value(self, value: Any) -> Any:
         r"""Describes an argument or a state."""

@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.nn import Module, ModuleList
 
 from torch_geometric_tactile._checks import need
+from torch_geometric_tactile.nn.models._calls import needs_edges, takes_batch
 
 
 class AverageModel(Module):
@@ -52,7 +53,8 @@ class AverageModel(Module):
             raise ValueError(f"'models' must hold at least one model (got {models!r:.80})")
         self.models = ModuleList(models)
         self.modalities: tuple[str, ...] = tuple(getattr(models[0], "modalities", ()))
-        self.needs_edges = bool(getattr(models[0], "needs_edges", False))
+        self.needs_edges = needs_edges(models[0])
+        self.takes_batch = takes_batch(models[0])
         for model in models[1:]:
             given = tuple(getattr(model, "modalities", ()))
             need(given == self.modalities, f"'models' must all take {self.modalities}", given)
@@ -74,7 +76,8 @@ class AverageModel(Module):
         Args:
             x (torch.Tensor): Prepared readings :math:`(B, N, F)`.
             edge_index (torch.Tensor, optional): Edges :math:`(2, |\mathcal{E}|)`.
-            **given (optional): The attributes that :obj:`modalities` names.
+            **given (optional): The attributes that :obj:`modalities` names, and :obj:`batch` if
+                the models take it.
         """
         said = torch.stack([model(x, edge_index, **given) for model in self.models])
         if not self.numbers:

@@ -274,7 +274,8 @@ def load_checkpoint(
         entry = content.get("predictor") if isinstance(content, dict) else None
         if entry is None:
             raise ValueError(
-                "it has no predictor: it was written by an older version, or trained without "
+                "it has no predictor: it was written by an older version, or trained on samples "
+                "that share no layout, or without "
                 "TactileDataModule; train again, or build one with Predictor.from_dataset"
             )
         weights = _weights(content["state_dict"])

@@ -78,7 +78,8 @@ class Predictor:
     Args:
         model (torch.nn.Module): Called as :obj:`model(x, edge_index)`, and with the attributes
             that its :obj:`modalities` names, if it has them, by keyword; returns logits
-            :math:`(B, C)`.
+            :math:`(B, C)`. One whose :obj:`forward` has an argument :obj:`batch` is called on the
+            PyG batch of the frames.
         layout (TaxelLayout): The taxels.
         transform (callable, optional): What a reading goes through: one transform, fitted where it
             must be, or PyG's :class:`~torch_geometric.transforms.Compose` of several.

@@ -13,7 +13,8 @@ import numpy as np
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import markdown_table, markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
+from torch_geometric_tactile.experiments._compared_models import FLOOR, MODELS
 from torch_geometric_tactile.experiments._held_out import column_of
 from torch_geometric_tactile.experiments._scores import (
     NAMES,
@@ -24,6 +25,7 @@ from torch_geometric_tactile.experiments._scores import (
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import describe_cut, describe_left_out
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
+from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.io._csv_table import safe_cell
 from torch_geometric_tactile.reports._predictions import cell_text
@@ -136,9 +138,10 @@ def _facts(comparison: Comparison) -> list[str]:
     held = f" of {facts.num_frames} frames" if facts.num_frames else ""
     held += f", {facts.num_trials:,} trials" if facts.num_trials else ""
     held += f", {facts.num_groups:,} groups" if facts.num_groups else ""
-    more = [_differences(comparison), describe_cut(plan.data)]
-    if facts.num_frames is not None:
-        more += [describe_left_out(plan.data.load()), _WHO_SEES_TIME]
+    more = [_differences(comparison), describe_cut(plan.data), describe_sensors(plan)]
+    dataset = plan.data.load()
+    if facts.num_frames is not None and not isinstance(dataset, GraphSamples):
+        more += [describe_left_out(dataset), _WHO_SEES_TIME]
     more.append(_SIMULATED if plan.data.kind == "simulated" else "")
     return [
         f"{facts.num_samples:,} samples{held}; {protocol.protocol.describe()}, "
@@ -146,6 +149,21 @@ def _facts(comparison: Comparison) -> list[str]:
         "chosen on a part of each training part; each test part was used once.",
         *filter(None, more),
     ]
+
+
+def describe_sensors(plan: Plan) -> str:
+    r"""Returns which models are left out where the samples have no layout that all share, and why;
+    nothing where they have one.
+    """
+    dataset = plan.data.load()
+    if not isinstance(dataset, GraphSamples):
+        return ""
+    names = [model.name for model in MODELS if model.name != FLOOR]
+    return (
+        f"The samples have {dataset.describe_taxels()}, and no layout that all share: networks run "
+        "that are called as forward(x, edge_index, batch), and the constant answer. Left out are "
+        f"the models of one layout: {', '.join(names)}."
+    )
 
 
 def _differences(comparison: Comparison) -> str:
@@ -266,14 +284,16 @@ def prediction_rows(comparison: Comparison) -> Iterator[list[Any]]:
             yield [*head, *row]
 
 
-def _names(dataset: StaticDataset, kind: str, index: np.ndarray | None) -> np.ndarray:
+def _names(dataset: SampleSet, kind: str, index: np.ndarray | None) -> np.ndarray:
     # Of the samples with these places among all that the data set holds, selected or not.
     column = column_of(dataset, kind)
     if column is None or index is None:
         return np.array([])
     place = np.zeros(dataset.len(), dtype=np.int64)
     place[np.asarray(dataset.indices())] = np.arange(len(dataset))
-    return _named(column[place[index]], dataset._names.get(kind, ()))
+    is_graphs = isinstance(dataset, GraphSamples)
+    names = dataset.names(kind) if is_graphs else dataset._names.get(kind, ())
+    return _named(column[place[index]], names)
 
 
 def _named(values: np.ndarray, names: Any) -> np.ndarray:

@@ -174,7 +174,10 @@ def _facts(comparisons: DemoComparisons) -> list[tuple[str, str]]:
 
 def _parts(comparison: Comparison) -> tuple[StaticDataset, StaticDataset]:
     first = comparison.run.plan.experiments[0]
-    return first.data.parts(first.protocol, first.seed, first.fold)
+    train, test = first.data.parts(first.protocol, first.seed, first.fold)
+    assert isinstance(train, StaticDataset)
+    assert isinstance(test, StaticDataset)
+    return train, test
 
 
 def _num_objects(dataset: StaticDataset) -> int:

@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch_geometric.data import Data
 from torch_geometric.nn.norm import (
     BatchNorm,
     GraphNorm,
@@ -16,8 +17,9 @@ from torch_geometric.nn.norm import (
     PairNorm,
 )
 
-from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data._graph_samples import GraphSamples
 from torch_geometric_tactile.loader._random_states import kept_rng
+from torch_geometric_tactile.nn.models._calls import takes_batch
 from torch_geometric_tactile.training._collected_metrics import Task
 from torch_geometric_tactile.training._finite import check_part
 from torch_geometric_tactile.training._losses import balanced_weights
@@ -132,6 +134,7 @@ def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
     parts = {name: part for name in names if len(part := data.part(name))}  # type: ignore[arg-type]
     if stage == "fit" and "train" not in parts:
         raise ValueError("the training part must have samples (got none): check 'split'")
+    check_takes_batch(module.model, data)
     for name, part in parts.items():
         if stage == "predict":
             break
@@ -148,6 +151,17 @@ def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
         check_part(module.model, data, part, name)
     for part in list(parts.values())[:1]:
         _check_outputs(module, data.peek(part, 2))
+
+
+def check_takes_batch(model: Any, data: TactileDataModule) -> None:
+    r"""Checks that a model can be called on the samples of a batch that differ in their taxels."""
+    samples = data.dataset
+    if isinstance(samples, GraphSamples) and samples.is_mixed and not takes_batch(model):
+        name = model.__name__ if isinstance(model, type) else type(model).__name__
+        raise ValueError(
+            f"'model' must be called with the sample of each taxel, forward(x, edge_index, batch), "
+            f"since the samples have {samples.describe_taxels()} (got {name}, without 'batch')"
+        )
 
 
 def check_has_threshold(module: Any, data: Any, stage: str) -> None:
@@ -182,7 +196,7 @@ def _warn_of_missing_classes(y: Tensor, task: Task, outputs: int, names: Sequenc
         )
 
 
-def _check_outputs(module: Any, batch: StaticData) -> None:
+def _check_outputs(module: Any, batch: Data) -> None:
     modes = [(part, part.training) for part in module.modules()]
     module.eval()
     hooks = [
@@ -201,7 +215,7 @@ def _check_outputs(module: Any, batch: StaticData) -> None:
             hook.remove()
         for part, training in modes:  # some may be frozen
             part.training = training
-    expected = (len(batch.x), module.num_classes)
+    expected = (getattr(batch, "num_graphs", 1), module.num_classes)
     if tuple(out.shape) != expected:
         kind = {"multiclass": "class", "multilabel": "label"}.get(module.task, "target")
         raise ValueError(
@@ -221,7 +235,7 @@ def _warn_of_mixing(name: str, norm: Any, inputs: tuple[Any, ...]) -> None:
         )
 
 
-def _run(module: Any, batch: StaticData) -> Tensor:
+def _run(module: Any, batch: Data) -> Tensor:
     try:
         out: Tensor = module(batch)
     except Exception as error:

@@ -1,5 +1,6 @@
 r"""Numbers that are missing or infinite: found before they reach the weights or a metric."""
 
+import copy
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ from torch import Tensor
 from torch_geometric.data import Data
 
 from torch_geometric_tactile._texts import short_list
-from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import TactileModel
 from torch_geometric_tactile.training.data_module import TactileDataModule
@@ -28,7 +30,7 @@ def model_inputs(model: Any) -> tuple[str, ...]:
     return (*(("x",) if reads_x else ()), *getattr(model, "modalities", ()))
 
 
-def check_part(model: Any, data: TactileDataModule, part: StaticDataset, name: str) -> None:
+def check_part(model: Any, data: TactileDataModule, part: SampleSet, name: str) -> None:
     r"""Checks that what a model reads of a part is finite after all transforms but random ones. Of
     a part above 1 GB only some samples are looked at.
 
@@ -51,7 +53,9 @@ def check_part(model: Any, data: TactileDataModule, part: StaticDataset, name: s
         raise _not_finite(key, f"the {name} part", values, samples)
 
 
-def _suspects(part: StaticDataset) -> Tensor:
+def _suspects(part: SampleSet) -> Tensor:
+    if isinstance(part, GraphSamples):
+        return _suspect_graphs(part)
     samples = Samples(part)
     if samples.num_samples == 0:
         return torch.empty(0, dtype=torch.long)
@@ -78,6 +82,18 @@ def _suspects(part: StaticDataset) -> Tensor:
             finite &= chunk[key].isfinite().view(len(rows), -1).all(dim=1).cpu()
         bad.append(rows[~finite])
     return torch.cat(bad)
+
+
+def _suspect_graphs(part: GraphSamples) -> Tensor:
+    raw = copy.copy(part)
+    raw.transform = None
+    bad = []
+    for i in range(len(raw)):
+        values = [value for key, value in raw[i].to_dict().items() if key != "y"]
+        floats = (v for v in values if isinstance(v, Tensor) and v.is_floating_point())
+        if not all(map(_is_finite, floats)):
+            bad.append(i)
+    return torch.tensor(bad, dtype=torch.long)
 
 
 @dataclass(frozen=True)
@@ -179,6 +195,8 @@ def _bad_samples(batch: Data, key: str) -> Tensor | None:
         return torch.ones(batch.num_samples, dtype=torch.bool)
     of = getattr(batch, "batch", None)
     rows = ~value.isfinite().flatten(1).all(dim=1)
+    if of is not None and key.startswith("edge_") and len(rows) == batch.num_edges:
+        of = of[batch.edge_index[0]]
     if of is None or len(rows) != len(of):  # of edges, or of the samples themselves
         return rows if len(rows) == getattr(batch, "num_graphs", None) else None
     bad = torch.zeros(batch.num_graphs, dtype=torch.bool, device=rows.device)

@@ -25,6 +25,7 @@ from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from tabulate import tabulate
 
 from torch_geometric_tactile._own_modules import find_own_modules
+from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._checkpoint_file import compare_settings
 from torch_geometric_tactile.training._config_files import merged, scratch_folder
 from torch_geometric_tactile.training._given_arguments import (
@@ -37,7 +38,7 @@ from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.config import find_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileModule
-from torch_geometric_tactile.training.sizes import fill_sizes
+from torch_geometric_tactile.training.sizes import fill_sizes, plain_section
 
 _ADVERT = "💡 Tip:"
 _LOGGERS = ("lightning.pytorch.utilities.rank_zero", "lightning.fabric.utilities.rank_zero")
@@ -113,12 +114,19 @@ class TactileCLI(LightningCLI):
                 args = self._with_sizes(args)
             super().parse_arguments(parser, args)
             if self._data is not None:  # once more, for sizes given on the command line
-                fill_sizes(self._section()["model"].as_dict(), self._data)
+                self._use_layout(fill_sizes(self._section()["model"].as_dict(), self._data))
             if self._folder is not None:
                 self._use_folder(self._folder)
 
     def _section(self) -> Any:
         return self.config.get(str(self.config.get("subcommand")), self.config)
+
+    def _use_layout(self, filled: dict[str, Any]) -> None:
+        # For an argument without an annotation, whose text the parser would pass on.
+        model = filled.get("model")
+        layout = (model.get("init_args") or {}).get("layout") if isinstance(model, dict) else None
+        if isinstance(layout, TaxelLayout):
+            self._section()["model"]["model"]["init_args"]["layout"] = layout
 
     def _use_folder(self, folder: str) -> None:
         trainer = self._section()["trainer"]
@@ -151,6 +159,7 @@ class TactileCLI(LightningCLI):
             model["model"] = known if same else {"class_path": chosen}
         task = given.last("model.task")
         model = fill_sizes({**model, "task": task} if task else model, self._data)
+        model = plain_section(model)
         config = {**given.config, "model": model}
         path = scratch_folder() / "filled_sizes.yaml"
         path.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")

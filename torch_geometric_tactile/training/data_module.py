@@ -1,15 +1,20 @@
 r"""The parts of a data set that training, validation and test see."""
 
 import copy
+from collections.abc import Sequence
 from typing import Any, Literal, NoReturn
 
 import lightning as L
 import torch
 from torch import Tensor
+from torch.utils.data import Dataset
+from torch_geometric.data import Batch, Data
+from torch_geometric.loader import DataLoader
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
 from torch_geometric_tactile.data._batches import check_same_names
+from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet, as_samples
 from torch_geometric_tactile.data._shared_samples import warn_of_shared
 from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.loader import StaticLoader
@@ -33,14 +38,20 @@ class TactileDataModule(L.LightningDataModule):
     What a random one draws follows from the epoch and the number of the batch alone (see
     :class:`~torch_geometric_tactile.loader.StaticLoader`), however many workers there are.
 
+    Samples of different sensors, with taxels and edges of their own, are given as PyG has them: a
+    data set, a :class:`~torch.utils.data.Subset`, a :class:`~torch.utils.data.ConcatDataset` or a
+    list of :class:`~torch_geometric.data.Data`. They are loaded by
+    :class:`torch_geometric.loader.DataLoader`, transforms run sample by sample, scaling must be
+    :obj:`per="channel"`, and models take :obj:`batch`. There is no :obj:`layout` then.
+
     The state of a fitted :obj:`transform` is stored in checkpoints. For validation, test and
     prediction samples, a transform that works session by session measures the sessions that the
     training part did not have, without labels.
 
     Args:
-        dataset (StaticDataset): What to train on.
-        test_dataset (StaticDataset, optional): What to test and predict on; if left out, a part of
-            :obj:`dataset`.
+        dataset (StaticDataset, Dataset or list of Data): What to train on.
+        test_dataset (StaticDataset, Dataset or list of Data, optional): What to test and predict
+            on; if left out, a part of :obj:`dataset`.
         split (str, Protocol or Split): What is never torn apart: :obj:`"trial"`, :obj:`"group"`
             (objects), or :obj:`"frame"` (nothing), held out in the parts :obj:`val` and
             :obj:`test`; or a :class:`~torch_geometric_tactile.data.Protocol`, with :obj:`val` and
@@ -56,8 +67,8 @@ class TactileDataModule(L.LightningDataModule):
         num_workers (int): Number of processes that load batches; none by default, since a batch is
             one piece of a tensor.
         seed (int): Which of the random splits.
-        val_dataset (StaticDataset, optional): What to validate on; if left out, a part of
-            :obj:`dataset`.
+        val_dataset (StaticDataset, Dataset or list of Data, optional): What to validate on; if left
+            out, a part of :obj:`dataset`.
         fold (int): Which fold of a protocol with folds is tested on.
 
     Raises:
@@ -77,8 +88,8 @@ class TactileDataModule(L.LightningDataModule):
 
     def __init__(
         self,
-        dataset: StaticDataset,
-        test_dataset: StaticDataset | None = None,
+        dataset: StaticDataset | Dataset | Sequence[Data],
+        test_dataset: StaticDataset | Dataset | Sequence[Data] | None = None,
         *,
         split: Literal["frame", "trial", "group"] | Protocol | Split = "trial",
         val: float | None = None,
@@ -88,20 +99,15 @@ class TactileDataModule(L.LightningDataModule):
         batch_size: int = 128,
         num_workers: int = 0,
         seed: int = 0,
-        val_dataset: StaticDataset | None = None,
+        val_dataset: StaticDataset | Dataset | Sequence[Data] | None = None,
         fold: int = 0,
     ) -> None:
         super().__init__()
-        for name, one in (
-            ("dataset", dataset),
-            ("val_dataset", val_dataset),
-            ("test_dataset", test_dataset),
-        ):
-            if not isinstance(one, StaticDataset) and (name == "dataset" or one is not None):
-                raise TypeError(
-                    f"'{name}' must be a StaticDataset (got {type(one).__name__}): join arrays or "
-                    "recordings in one data set, or train on a StaticLoader of a ConcatDataset"
-                )
+        samples = _samples(dataset, "dataset")
+        given = {
+            name: None if one is None else _samples(one, f"{name}_dataset", samples)
+            for name, one in (("val", val_dataset), ("test", test_dataset))
+        }
         if split is None or (isinstance(split, str) and split not in _SPLITS):
             raise ValueError(f"'split' must be one of {list(_SPLITS)} (got {split!r})")
         scalers = [type(part).__name__ for part in fitted_parts(train_transform)]
@@ -110,22 +116,19 @@ class TactileDataModule(L.LightningDataModule):
                 f"'train_transform' must have no parts that are fitted (got {', '.join(scalers)}); "
                 "put them into 'transform'"
             )
-        val = _val_part(split, val, test, val_dataset, test_dataset)
-        for name, part, other in (("val", val, val_dataset), ("test", test, test_dataset)):
+        val = _val_part(split, val, test, given["val"], given["test"])
+        keys = ("y", *(part.key or "" for part in fitted_parts(transform)))
+        for name, size in (("val", val), ("test", test)):
+            other = given[name]
             if other is None:
                 continue
-            if part > 0:
-                raise ValueError(f"'{name}' must be 0 where '{name}_dataset' is given (got {part})")
-            if not dataset.layout.matches(other.layout):
-                raise ValueError(
-                    f"'{name}_dataset' must have the layout '{dataset.layout.name}' of 'dataset' "
-                    f"(got '{other.layout.name}')"
-                )
-            keys = ("y", *(part.key or "" for part in fitted_parts(transform)))
-            check_same_names(dataset, other, keys, f"'{name}_dataset'")
-        self.dataset = dataset
-        self.val_dataset = val_dataset
-        self.test_dataset = test_dataset
+            if size > 0:
+                raise ValueError(f"'{name}' must be 0 where '{name}_dataset' is given (got {size})")
+            _check_same_layout(samples, other, name)
+            check_same_names(samples, other, keys, f"'{name}_dataset'")
+        self.dataset = samples
+        self.val_dataset = given["val"]
+        self.test_dataset = given["test"]
         self.split = split
         self.val = val
         self.test = test
@@ -135,11 +138,11 @@ class TactileDataModule(L.LightningDataModule):
         self.num_workers = num_workers
         self.seed = seed
         self.fold = fold
-        self._parts: dict[str, StaticDataset] = {}
+        self._parts: dict[str, SampleSet] = {}
 
     @property
-    def layout(self) -> TaxelLayout:
-        r"""The layout of the sensor."""
+    def layout(self) -> TaxelLayout | None:
+        r"""The layout of the sensor; :obj:`None` where samples may be of several."""
         return self.dataset.layout
 
     @property
@@ -164,7 +167,7 @@ class TactileDataModule(L.LightningDataModule):
         names = dict(enumerate(part.session_names))
         return {i: names.get(i, str(i)) for i in session.unique().tolist()}
 
-    def part(self, name: Literal["train", "val", "test"]) -> StaticDataset:
+    def part(self, name: Literal["train", "val", "test"]) -> SampleSet:
         r"""Returns a part of the data, before :obj:`transform`; it is empty if there is none.
 
         Args:
@@ -173,7 +176,7 @@ class TactileDataModule(L.LightningDataModule):
         self.setup()
         return self._parts[name]
 
-    def example(self, count: int = 1) -> StaticData:
+    def example(self, count: int = 1) -> StaticData | Batch:
         r"""Returns the first samples of :obj:`dataset` as a batch has them, except that scaling is
         left out: it needs no fit, and leaves every shape as it is. No random number is used up.
 
@@ -182,12 +185,14 @@ class TactileDataModule(L.LightningDataModule):
         """
         return self.peek(self.dataset, count, scaled=False)
 
-    def peek(self, part: StaticDataset, count: int | Tensor, *, scaled: bool = True) -> StaticData:
+    def peek(
+        self, part: SampleSet, count: int | Tensor, *, scaled: bool = True
+    ) -> StaticData | Batch:
         r"""Returns samples of a part as its batches have them, but for :obj:`train_transform`. No
         random number is used up.
 
         Args:
-            part (StaticDataset): Of :meth:`part`.
+            part (StaticDataset or GraphSamples): Of :meth:`part`.
             count (int or torch.Tensor): Number of samples at most, evenly spaced; or their indices.
             scaled (bool): Whether to scale them, for which the transform must be fitted.
         """
@@ -207,11 +212,11 @@ class TactileDataModule(L.LightningDataModule):
         self._parts = parts
         self._adapt()
 
-    def _split(self) -> dict[str, StaticDataset]:
+    def _split(self) -> dict[str, SampleSet]:
         split = self.split
         if isinstance(split, str) and self.val == self.test == 0:  # there need be no such unit
             nothing = self.dataset[:0]
-            parts = {"train": self.dataset, "val": nothing, "test": nothing}
+            parts: dict[str, SampleSet] = {"train": self.dataset, "val": nothing, "test": nothing}
         else:
             if isinstance(split, str):
                 split = Protocol(split, val=self.val, test=self.test)
@@ -263,30 +268,38 @@ class TactileDataModule(L.LightningDataModule):
         if self._parts:
             self._adapt()
 
-    def train_dataloader(self) -> StaticLoader:
+    def train_dataloader(self) -> StaticLoader | DataLoader:
         r"""Loads the training part, in a new order every epoch."""
         return self._loader("train", self.train_transform, shuffle=True)
 
-    def val_dataloader(self) -> StaticLoader | list[Any]:
+    def val_dataloader(self) -> StaticLoader | DataLoader | list[Any]:
         r"""Loads the validation part, if there is one."""
         return self._loader("val") if len(self._parts["val"]) else []
 
-    def test_dataloader(self) -> StaticLoader:
+    def test_dataloader(self) -> StaticLoader | DataLoader:
         r"""Loads the test part."""
         if not len(self._parts["test"]):
             raise ValueError("there is no test part: give 'test_dataset', or a 'test' above 0")
         return self._loader("test")
 
-    def predict_dataloader(self) -> StaticLoader:
+    def predict_dataloader(self) -> StaticLoader | DataLoader:
         r"""Loads the test part."""
         return self.test_dataloader()
 
     def _loader(
         self, name: str, last: BaseTransform | None = None, shuffle: bool = False
-    ) -> StaticLoader:
+    ) -> StaticLoader | DataLoader:
         part = copy.copy(self._parts[name])
         steps = [step for step in (part.transform, self.transform, last) if step is not None]
         part.transform = Compose(steps) if steps else None
+        if isinstance(part, GraphSamples):
+            return DataLoader(
+                part,
+                batch_size=self.batch_size,
+                shuffle=shuffle,
+                num_workers=self.num_workers,
+                persistent_workers=self.num_workers > 0,
+            )
         return StaticLoader(  # by keyword, so that Lightning can build it again with its sampler
             part,
             batch_size=self.batch_size,
@@ -297,12 +310,42 @@ class TactileDataModule(L.LightningDataModule):
         )
 
 
+def _samples(dataset: Any, name: str, first: SampleSet | None = None) -> SampleSet:
+    if isinstance(dataset, StaticData):
+        raise TypeError(
+            f"'{name}' must be a data set (got StaticData): give "
+            "StaticDataset.from_arrays(x, y, layout=...)"
+        )
+    try:
+        samples = as_samples(dataset)
+    except (TypeError, ValueError) as error:
+        raise type(error)(str(error).replace("'dataset'", f"'{name}'")) from error
+    assert not isinstance(samples, StaticData)
+    if first is not None and isinstance(samples, StaticDataset) != isinstance(first, StaticDataset):
+        kind = "StaticDataset" if isinstance(first, StaticDataset) else "data set of PyG"
+        raise TypeError(
+            f"'{name}' must be a {kind}, as 'dataset' (got {type(dataset).__name__}): both are of "
+            "one layout, or both are PyG's"
+        )
+    return samples
+
+
+def _check_same_layout(first: SampleSet, other: SampleSet, name: str) -> None:
+    if not isinstance(first, StaticDataset) or not isinstance(other, StaticDataset):
+        return
+    if not first.layout.matches(other.layout):
+        raise ValueError(
+            f"'{name}_dataset' must have the layout '{first.layout.name}' of 'dataset' "
+            f"(got '{other.layout.name}')"
+        )
+
+
 def _val_part(
     split: str | Protocol | Split,
     val: float | None,
     test: float,
-    val_dataset: StaticDataset | None,
-    test_dataset: StaticDataset | None,
+    val_dataset: SampleSet | None,
+    test_dataset: SampleSet | None,
 ) -> float:
     # The part of the data set that is held out for validation.
     if not isinstance(split, Protocol):

@@ -11,6 +11,7 @@ from torch_geometric.data import Data
 from torchmetrics import Metric, MetricCollection
 
 from torch_geometric_tactile._typing import ThresholdMetric
+from torch_geometric_tactile.nn.models._calls import call_model
 from torch_geometric_tactile.nn.models._inputs import needed_inputs
 from torch_geometric_tactile.training._checkpointed_module import CheckpointedModule
 from torch_geometric_tactile.training._checks import (
@@ -41,7 +42,7 @@ from torch_geometric_tactile.training._losses import (
 from torch_geometric_tactile.training._threshold import check_threshold
 from torch_geometric_tactile.training.cosine_annealing import CosineAnnealing
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
+from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes, plain_section
 
 
 class TactileModule(CheckpointedModule):
@@ -63,8 +64,11 @@ class TactileModule(CheckpointedModule):
     Args:
         model (torch.nn.Module): Called as :obj:`model(x, edge_index)`, and with the attributes of
             the batch that its attribute :obj:`modalities` names, if it has one, by keyword; returns
-            logits or numbers :math:`(B, C)`. For data without edges, :obj:`edge_index` is
-            :obj:`None`, which a model refuses that has a true attribute :obj:`needs_edges`.
+            logits or numbers :math:`(B, C)`. One whose :obj:`forward` has an argument :obj:`batch`,
+            as PyG's models have it, is called as :obj:`model(x, edge_index, batch=batch)` on a PyG
+            batch, also of static data. For data without edges, :obj:`edge_index` is :obj:`None`,
+            which a model refuses that has a true attribute :obj:`needs_edges`, or passes messages
+            along edges without a default.
         optimizer (callable): Makes an optimizer of parameters.
         lr_scheduler (callable, optional): Makes a scheduler of an optimizer, stepped every epoch.
             :class:`~torch_geometric_tactile.training.CosineAnnealing` knows the epochs of the run.
@@ -189,8 +193,7 @@ class TactileModule(CheckpointedModule):
 
     def forward(self, batch: Data) -> Tensor:
         r"""Returns the logits of a batch, or its predicted numbers :math:`(B, C)`."""
-        logits: Tensor = self.model(batch.x, batch.edge_index, **self.inputs(batch))
-        return logits
+        return call_model(self.model, batch, self.inputs(batch))
 
     def inputs(self, batch: Data) -> dict[str, Any]:
         r"""Returns the attributes of a batch that the model takes by keyword.
@@ -348,5 +351,5 @@ def classifier_from_config(
     except Exception as error:  # whatever other values lead to, in jsonargparse or a constructor
         text = " ".join(f"{type(error).__name__}: {error}".split())
         raise ValueError(f"'config' must describe a TactileModule ({text})") from error
-    classifier.config = config
+    classifier.config = plain_section(config)
     return classifier

@@ -21,6 +21,11 @@ from torch_geometric_tactile.training._layout_text import (
 from torch_geometric_tactile.training.data_module import TactileDataModule
 
 _MODELS = "torch_geometric_tactile.nn.models"
+# The arguments of a model that follow from the data.
+_FILLED = (
+    *("layout", "num_nodes", "num_taxels", "in_channels", "channels", "out_channels"),
+    *("num_classes", "num_edges", "num_joints", "num_fingers"),
+)
 # The attribute of a batch behind each input of our models.
 _INPUTS = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "position": "pos"}
 
@@ -30,7 +35,8 @@ class DataSizes:
     r"""The numbers of channels, classes, edges, joints and frames of the samples of a data set.
 
     Args:
-        layout (TaxelLayout): The layout of the sensor.
+        layout (TaxelLayout, optional): The layout of the sensor; :obj:`None` where samples may be
+            of several.
         in_channels (int): Features :math:`F` of each taxel in :obj:`x`.
         num_outputs (int): Number of classes, labels or targets; 0 if the data does not say.
         num_edges (int): Number of edges.
@@ -52,7 +58,7 @@ class DataSizes:
         6
     """
 
-    layout: TaxelLayout
+    layout: TaxelLayout | None
     in_channels: int
     num_outputs: int
     num_edges: int
@@ -83,7 +89,7 @@ class DataSizes:
             layout=data.layout,
             in_channels=sample.x.size(-1),
             num_outputs=num_outputs(data, task),
-            num_edges=0 if edges is None else edges.size(1),
+            num_edges=0 if edges is None or data.layout is None else edges.size(1),
             num_joints=0 if joint is None else joint.size(-1),
             channels={name: x.size(-1) for name, x in found.items() if isinstance(x, Tensor)},
             all_outputs=task != "multiclass" or bool(data.class_names),
@@ -107,7 +113,9 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     number of channels and :obj:`in_channels` that of frames. That of a model with a true attribute
     :obj:`splits_frames` is the number of channels of one frame. An argument counts as left out if
     it is not there, or :obj:`None`. Whether a model sees joint angles is a choice and not a size:
-    :obj:`num_joints` is filled in only if it is :obj:`None`, or has no default.
+    :obj:`num_joints` is filled in only if it is :obj:`None`, or has no default. A :obj:`layout`
+    without an annotation is filled in as the :class:`~torch_geometric_tactile.sensors.TaxelLayout`
+    itself; all other values are plain data.
 
     Args:
         config (Mapping): The :obj:`model` section of a configuration: the arguments of
@@ -116,10 +124,11 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
         data (TactileDataModule or DataSizes): The data, or its sizes.
 
     Returns:
-        dict: The section with all sizes, as plain data.
+        dict: The section with all sizes.
 
     Raises:
-        ValueError: If a size is given that is not that of the data.
+        ValueError: If a size is given that is not that of the data, or an argument without a
+            default is neither given nor filled in.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -143,7 +152,8 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     sizes = data if isinstance(data, DataSizes) else DataSizes.of(data, task)
     outputs = filled.get("num_classes") or sizes.num_outputs
     init_args = dict(model.get("init_args") or {})
-    for name, parameter in _parameters(cls).items():
+    parameters = _parameters(cls)
+    for name, parameter in parameters.items():
         value = _size(name, parameter.annotation, sizes, outputs, init_args, cls)
         if value is None:
             continue
@@ -151,12 +161,55 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
             continue
         if init_args.get(name) is not None:
             _check(f"'{name}' of {cls.__name__}", init_args[name], value, sizes)
+            if isinstance(value, TaxelLayout):
+                init_args[name] = value
         elif name != "num_joints" or name in init_args or parameter.default is parameter.empty:
             init_args[name] = value
+    _check_complete(cls, parameters, {**(model.get("dict_kwargs") or {}), **init_args}, sizes)
     filled["model"] = {**model, "init_args": init_args}
     if filled.get("num_classes") is None and sizes.num_outputs:
         filled["num_classes"] = sizes.num_outputs
     return filled
+
+
+def plain_section(config: Mapping[str, Any]) -> dict[str, Any]:
+    r"""Returns what :func:`fill_sizes` returned as plain data, with the text of a layout.
+
+    Args:
+        config (Mapping): The :obj:`model` section.
+    """
+    model = config.get("model")
+    arguments = model.get("init_args") if isinstance(model, Mapping) else None
+    if not isinstance(arguments, Mapping) or not isinstance(arguments.get("layout"), TaxelLayout):
+        return dict(config)
+    plain = {**arguments, "layout": layout_to_text(arguments["layout"])}
+    return {**config, "model": {**model, "init_args": plain}}  # type: ignore[dict-item]
+
+
+def _check_complete(
+    cls: Any,
+    parameters: Mapping[str, inspect.Parameter],
+    arguments: Mapping[str, Any],
+    sizes: DataSizes,
+) -> None:
+    # Of a user's own: a parser would give it None.
+    for name, parameter in parameters.items():
+        if parameter.default is not parameter.empty or name in arguments:
+            continue
+        if sizes.layout is None and name in ("layout", "num_nodes", "num_taxels"):
+            raise ValueError(
+                f"{cls.__name__} must be a model of any sensor, with forward(x, edge_index, batch) "
+                f"and without '{name}': the samples have no layout that all share"
+            )
+        if name in _FILLED:
+            raise ValueError(
+                f"'{name}' of {cls.__name__} must be given, or have a default: the data does not "
+                "tell it"
+            )
+        raise ValueError(
+            f"'{name}' of {cls.__name__} must be given, or have a default: filled in are "
+            f"{', '.join(_FILLED[:-1])} and {_FILLED[-1]}, by their names"
+        )
 
 
 # Wherever a class of a configuration asks for a layout, a name or a path may be given.
@@ -172,8 +225,12 @@ def _size(
     cls: type,
 ) -> Any:
     # The value of an argument; None for one that is no size, or that the data does not have.
-    if name == "layout":
-        return _stored_layout(sizes.layout, annotation, cls)
+    if name in ("layout", "num_nodes", "num_taxels"):
+        if sizes.layout is None:
+            return None
+        if name == "layout":
+            return _stored_layout(sizes.layout, annotation, cls)
+        return sizes.layout.num_taxels
     if name == "channels":
         if get_origin(annotation) is Literal and init_args.get(name) is not None:
             return None  # a choice of the model, which has its own way to as many
@@ -190,8 +247,6 @@ def _size(
             "angles (got null)"
         )
     return {
-        "num_nodes": sizes.layout.num_taxels,
-        "num_taxels": sizes.layout.num_taxels,
         "out_channels": outputs or None,
         "num_classes": outputs or None,
         "num_edges": sizes.num_edges or None,
@@ -216,6 +271,7 @@ def _of_one_finger(sizes: DataSizes, init_args: Mapping[str, Any], cls: type) ->
 
 def _check(what: str, given: Any, expected: Any, sizes: DataSizes) -> None:
     if what.startswith("'layout'"):
+        assert sizes.layout is not None
         _check_layout(what, given, sizes.layout)
         return
     if isinstance(expected, dict):  # each input for itself: unused ones need not be given
@@ -247,7 +303,11 @@ def _check_layout(what: str, given: Any, layout: TaxelLayout) -> None:
         )
 
 
-def _stored_layout(layout: TaxelLayout, annotation: Any, cls: type) -> str | int | None:
+def _stored_layout(
+    layout: TaxelLayout, annotation: Any, cls: type
+) -> TaxelLayout | str | int | None:
+    if annotation is inspect.Parameter.empty:  # the parser passes it on as it is
+        return layout
     if annotation is TaxelLayout:  # a dataclass, which jsonargparse reads field by field
         raise ValueError(
             f"'layout' of {cls.__name__} must accept text, to be stored in a configuration (got "
@@ -259,8 +319,6 @@ def _stored_layout(layout: TaxelLayout, annotation: Any, cls: type) -> str | int
 
 
 def _accepts(annotation: Any, *kinds: type) -> bool:
-    if annotation is inspect.Parameter.empty:
-        return str in kinds
     if get_origin(annotation) in (Union, types.UnionType):
         return any(_accepts(part, *kinds) for part in get_args(annotation))
     kind = get_origin(annotation) or annotation
@@ -282,11 +340,11 @@ def _parameters(cls: Any) -> dict[str, inspect.Parameter]:
     calls = [base.__dict__["__init__"] for base in parents if "__init__" in base.__dict__] or [cls]
     for call in calls:
         try:
-            parameters = inspect.signature(call).parameters.values()
+            parameters = list(inspect.signature(call).parameters.values())
             hints = get_type_hints(call)
         except (NameError, TypeError, ValueError):  # an annotation that cannot be resolved
             break
-        for parameter in parameters:
+        for parameter in parameters[call is not cls :]:  # without the object itself
             if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
                 annotation = hints.get(parameter.name, inspect.Parameter.empty)
                 found.setdefault(parameter.name, parameter.replace(annotation=annotation))

@@ -1,43 +1,22 @@
 r"""The samples that a transform is fitted on, read a few at a time."""
 
-import copy
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import Any
 
 import torch
 from torch import Tensor
-from torch.utils.data import ConcatDataset, Dataset, Subset
-from torch_geometric.data import Batch, Data
-from torch_geometric.data import Dataset as PyGDataset
+from torch.utils.data import Dataset
+from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
 from torch_geometric_tactile.data._batches import check_joinable, static_batch, static_parts
+from torch_geometric_tactile.data._graph_samples import GraphSamples, without_transform
 
 _BYTES = 2**22  # of the attributes of the samples that are transformed at a time
 
 AnySamples = StaticData | Dataset | Sequence[Data]
-
-
-def without_transform(data: Any) -> Any:
-    r"""Returns samples as they are before the :obj:`transform` of their data set."""
-    if isinstance(data, StaticData):
-        return data
-    if isinstance(data, Batch):
-        return data.to_data_list()
-    if isinstance(data, Subset):
-        return Subset(without_transform(data.dataset), data.indices)
-    if isinstance(data, ConcatDataset):
-        return ConcatDataset([without_transform(part) for part in data.datasets])
-    if isinstance(data, PyGDataset):
-        data = copy.copy(data)
-        data.transform = None
-        return data
-    if isinstance(data, Dataset) or (isinstance(data, Sequence) and not isinstance(data, str)):
-        return data
-    raise TypeError(
-        f"'data' must be a PyG data set, StaticData or a list of Data (got {type(data).__name__})"
-    )
 
 
 def as_static_data(data: AnySamples) -> StaticData:
@@ -152,3 +131,54 @@ def _static_parts(data: Any) -> list[StaticDataset]:
         return list(static_parts(data))
     except TypeError:
         return []
+
+
+class FlatSamples:
+    r"""Samples that need not share their taxels, as a transform sees them that comes after others:
+    the rows of all of them, one after the other. Transforms are applied to each by itself.
+    """
+
+    def __init__(self, data: AnySamples, before: BaseTransform | None = None) -> None:
+        self._samples = GraphSamples(without_transform(data))
+        self._before = before
+        self.num_samples = len(self._samples)
+        self._columns: dict[str, Tensor] = {}
+
+    def _sample(self, i: int) -> Data:
+        sample = self._samples[i]
+        return sample if self._before is None else self._before(sample)
+
+    @cached_property
+    def first(self) -> Data:
+        r"""The first sample, transformed."""
+        return self._sample(0)
+
+    def is_shared(self, key: str) -> bool:
+        r"""Tells whether all samples share one value of an attribute: they do not."""
+        return False
+
+    def __contains__(self, key: str) -> bool:
+        return getattr(self.first, key, None) is not None
+
+    def __getitem__(self, key: str) -> Tensor:
+        r"""One attribute of all samples, which should be small."""
+        if key not in self._columns:
+            value = self._samples.column(key) if self._before is None else None
+            if value is None:
+                value = GraphSamples([self._sample(i) for i in range(self.num_samples)]).column(key)
+            assert value is not None
+            self._columns[key] = value
+        return self._columns[key]
+
+    def values(self, key: str, index: Tensor) -> Iterator[Tensor]:
+        r"""Yields the rows of an attribute, of a few samples at a time."""
+        size = self.first[key].numel() * self.first[key].element_size()
+        for part in index.split(max(1, _BYTES // max(size, 1))):
+            rows = torch.cat([self._sample(i)[key] for i in part.tolist()])
+            if len(rows):
+                yield rows
+
+
+def is_static(data: AnySamples) -> bool:
+    r"""Tells whether all samples share one topology, by the kind of their data set."""
+    return isinstance(data, StaticData) or bool(_static_parts(data))

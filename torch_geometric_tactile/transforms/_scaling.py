@@ -9,7 +9,7 @@ from torch import Tensor
 from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.data import StaticData, split_frames
-from torch_geometric_tactile.transforms._samples import Samples
+from torch_geometric_tactile.transforms._samples import FlatSamples, Samples
 from torch_geometric_tactile.transforms._windows import repeated, require_num_frames
 
 
@@ -21,7 +21,7 @@ class Scaler(Protocol):
     key: str | None
     key_values: Tensor | None
 
-    def measured(self, samples: Samples, index: Tensor, /) -> Tensor: ...
+    def measured(self, samples: Samples | FlatSamples, index: Tensor, /) -> Tensor: ...
     def moments(self, parts: Iterable[Tensor], /) -> tuple[Tensor, Tensor]: ...
     def sample_values(self, data: Data, key: str, num_samples: int, /) -> Tensor: ...
 
@@ -50,7 +50,9 @@ def mean_and_deviation(parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
     return shift + mean, deviation
 
 
-def center_and_scale(transform: Scaler, samples: Samples, index: Tensor) -> tuple[Tensor, Tensor]:
+def center_and_scale(
+    transform: Scaler, samples: Samples | FlatSamples, index: Tensor
+) -> tuple[Tensor, Tensor]:
     r"""Returns centre and scale of the samples with one value of a transform's key.
 
     Shapes:
@@ -66,8 +68,9 @@ def center_and_scale(transform: Scaler, samples: Samples, index: Tensor) -> tupl
         frames = (split_frames(part.double(), num_frames).transpose(1, 2) for part in parts)
         center, scale = transform.moments(part.flatten(0, 1) for part in frames)
         return center.cpu(), scale.cpu()
-    first = samples.first[transform.attr]
-    dims = first.dim() - (0 if samples.first.is_shared(transform.attr) else 1)
+    dims = samples.first[transform.attr].dim()  # of a sample
+    if isinstance(samples.first, StaticData) and not samples.first.is_shared(transform.attr):
+        dims -= 1
     moments = transform.moments(part.double().flatten(end_dim=-2) for part in parts)
     center, scale = (value.cpu().view(*(1,) * (dims - 1), -1) for value in moments)
     return center, scale

@@ -11,8 +11,9 @@ from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data._graph_samples import GraphSamples, without_transform
 from torch_geometric_tactile.transforms._attributes import FRAMES, require
-from torch_geometric_tactile.transforms._samples import AnySamples, Samples
+from torch_geometric_tactile.transforms._samples import AnySamples, FlatSamples, Samples, is_static
 from torch_geometric_tactile.transforms._scaling import (
     KeptTables,
     by_sample,
@@ -70,6 +71,7 @@ class FittedTransform(TactileTransform):
     Examples:
         >>> import torch
         >>> from torch_geometric_tactile.data import StaticData
+    from torch_geometric_tactile.data._graph_samples import GraphSamples, without_transform
         >>> data = StaticData(x=torch.tensor([[[1.0]], [[3.0]]]))
         >>> FittedTransform(unit_scale=True).fit(data)(data).x.view(-1)  # subtracts the mean
         tensor([-1.,  1.])
@@ -132,7 +134,7 @@ class FittedTransform(TactileTransform):
             ValueError: If there is no sample, or the samples lack the attribute :obj:`key` or
                 :obj:`attr`.
         """
-        samples = Samples(data, before, _CHUNK)
+        samples = self._read(data, before)
         self.center = self.scale = self.key_values = None
         return self._measure(samples, self._keys(samples))
 
@@ -149,10 +151,28 @@ class FittedTransform(TactileTransform):
         """
         if self.key is None:
             return self
-        samples = Samples(data, before, _CHUNK)
+        samples = self._read(data, before)
         return self._measure(samples, self._keys(samples))
 
-    def _keys(self, samples: Samples) -> Tensor:
+    def _read(self, data: AnySamples, before: BaseTransform | None) -> Samples | FlatSamples:
+        if is_static(data):
+            return Samples(data, before, _CHUNK)
+        if self.per == "channel" and len(data):  # type: ignore[arg-type]  # of any taxels
+            return FlatSamples(data, before)
+        samples = Samples(data, before, _CHUNK)
+        if samples.num_samples:
+            self._check_taxels(GraphSamples(without_transform(data)))
+        return samples
+
+    def _check_taxels(self, samples: GraphSamples) -> None:
+        if self.attr == "x" and samples.is_mixed:
+            raise ValueError(
+                f"{type(self).__name__} must be fitted on samples of the same taxels, unless with "
+                f"per='channel', one centre and scale of all taxels of a channel (got samples of "
+                f"{samples.describe_taxels()})"
+            )
+
+    def _keys(self, samples: Samples | FlatSamples) -> Tensor:
         if samples.num_samples == 0:
             raise ValueError(f"{type(self).__name__} must be fitted on samples (got none)")
         if self.key is None:
@@ -181,7 +201,7 @@ class FittedTransform(TactileTransform):
             )
         return values
 
-    def _measure(self, samples: Samples, keys: Tensor) -> Self:
+    def _measure(self, samples: Samples | FlatSamples, keys: Tensor) -> Self:
         values = keys.unique()
         if self.key_values is not None:
             values = values[~torch.isin(values, self.key_values)]
@@ -200,7 +220,7 @@ class FittedTransform(TactileTransform):
         self.center, self.scale, self.key_values = (value[order] for value in new)
         return self
 
-    def measured(self, samples: Samples, index: Tensor) -> Tensor:
+    def measured(self, samples: Samples | FlatSamples, index: Tensor) -> Tensor:
         r"""Returns which samples count, of those with one value of :obj:`key`.
 
         Args:

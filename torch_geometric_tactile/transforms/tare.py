@@ -6,7 +6,7 @@ from torch import Tensor
 from torch_geometric.data.datapipes import functional_transform
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.transforms._samples import Samples
+from torch_geometric_tactile.transforms._samples import FlatSamples, Samples
 from torch_geometric_tactile.transforms.base import FittedTransform
 
 
@@ -72,7 +72,7 @@ class Tare(FittedTransform):
         super().__init__(key, unit_scale=True, first=first, attr=attr)
         self.seconds = seconds
 
-    def measured(self, samples: Samples, index: Tensor) -> Tensor:
+    def measured(self, samples: Samples | FlatSamples, index: Tensor) -> Tensor:
         r"""Returns which samples are at rest, of those of one session."""
         if self.seconds is None:
             return super().measured(samples, index)

@@ -7,6 +7,8 @@ import torch
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.models._calls import needs_edges
+
 # What gives a sample the attributes that models ask for.
 _SOURCES = {
     "edge_attr": "add GeometricEdgeAttr() to the transform",
@@ -24,7 +26,7 @@ def needed_inputs(
     """
     inputs = {name: getattr(data, name, None) for name in getattr(model, "modalities", ())}
     lacking = [name for name, value in inputs.items() if value is None]
-    if data.edge_index is None and getattr(model, "needs_edges", False):
+    if data.edge_index is None and needs_edges(model):
         lacking.insert(0, "edge_index")
     if lacking:
         source = {**_SOURCES, **sources}.get(lacking[0], "add a transform that sets it")
