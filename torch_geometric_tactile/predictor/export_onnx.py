@@ -6,7 +6,7 @@ import json
 import logging
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib import import_module
 from os import fspath
 from typing import Any, NamedTuple
@@ -19,8 +19,10 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import FrameInfo, Recording
 from torch_geometric_tactile.data.recording import UNITS
+from torch_geometric_tactile.nn.conv._static_adjacency import plain_products_when_traced
 from torch_geometric_tactile.predictor._network import Network
 from torch_geometric_tactile.predictor._onnx_graph import OnnxGraph
+from torch_geometric_tactile.predictor._onnx_products import compute_in_blocks
 from torch_geometric_tactile.predictor.predictor import Predictor
 from torch_geometric_tactile.transforms import FittedTransform
 
@@ -69,6 +71,7 @@ def export_onnx(
     graph = OnnxGraph(_copy(predictor), num_channels)
     program = _program(graph)
     program.ir_version = min(program.ir_version, 10)  # read by every runtime that we support
+    compute_in_blocks(program)
     checked = _copy(predictor)
     checked.contact = None  # which readers of the file apply, not the graph
     checked.preparation.info = FrameInfo()  # the frames of a window are those that a graph gets
@@ -158,8 +161,9 @@ def _copy(predictor: Predictor) -> Predictor:
 def _program(graph: OnnxGraph) -> Any:
     inputs = [*graph.blank().values(), *graph.state]
     graph.requires_grad_(False)
+    products = plain_products_when_traced() if graph.needs_all_readings else nullcontext()
     try:
-        with torch.no_grad(), _quiet():
+        with torch.no_grad(), _quiet(), products:
             graph(*inputs)  # fills what layers keep, so that it is constant
             program = torch.onnx.export(
                 graph,

@@ -2,6 +2,9 @@ r"""The normalised adjacency of one topology, computed once."""
 
 import math
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import NamedTuple, Optional
 
 import torch
@@ -24,6 +27,8 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
 MAX_DENSE_NODES = 1024
 # The most row blocks that one adjacency keeps: several batch sizes of the largest graph.
 _MAX_ROWS = 4096
+# Whether a trace may spread missing readings to all taxels, since its answer is missing anyway.
+_traces_plain_products = ContextVar("_traces_plain_products", default=False)
 
 
 class GCNNorm(NamedTuple):
@@ -189,6 +194,18 @@ def all_finite(x: Tensor) -> Optional[bool]:
     return math.isfinite(number) if isinstance(number, float) else bool(total.isfinite())
 
 
+@contextmanager
+def plain_products_when_traced() -> Iterator[None]:
+    r"""Makes :func:`contained_product` a product of matrices alone in what is traced meanwhile: for
+    graphs whose answer is NaN if any reading is missing, where containing it costs time only.
+    """
+    token = _traces_plain_products.set(True)
+    try:
+        yield
+    finally:
+        _traces_plain_products.reset(token)
+
+
 def contained_product(adjacency: Tensor, pattern: Tensor, x: Tensor) -> Tensor:
     r"""Multiplies features by an adjacency, such that an infinite or missing one of a taxel makes
     the sums of its neighbours NaN and leaves all others as they are. A product of matrices alone
@@ -199,6 +216,8 @@ def contained_product(adjacency: Tensor, pattern: Tensor, x: Tensor) -> Tensor:
         - **pattern:** One where it has an edge, zero elsewhere.
         - **x:** Features :math:`(\ldots, N, F)`.
     """
+    if is_traced() and _traces_plain_products.get():
+        return torch.matmul(adjacency, x)
     is_finite = x.isfinite()
     lost = (~is_finite.all(dim=-1, keepdim=True)).to(adjacency.dtype)
     is_near = torch.matmul(pattern, lost) != 0
