@@ -119,7 +119,8 @@ class OnnxModel:
             same = "" if labels is None else f"{100 * labels:.2f} % same labels, "
             facts += (
                 f", weights of 8 bits: {same}largest change {found['largest_change']:.2g} on "
-                f"{found['num_answers']} {found['frames']} frames"
+                f"{found['num_answers']} "
+                f"{'frames of recordings' if found['frames'] == 'recordings' else 'random frames'}"
             )
         return f"{type(self).__name__}({info['model']}, {facts})"
 
