@@ -1,3 +1,4 @@
+# ruff: noqa: E402
 """Sparse products of a graph in blocks of rows give the numbers of the dense product."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# ruff: noqa: E402
 """Weights of eight bits: what they change is measured, and written to the file."""
 
 import json
