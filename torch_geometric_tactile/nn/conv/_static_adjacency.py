@@ -4,7 +4,6 @@ import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
 from typing import NamedTuple, Optional
 
 import torch
@@ -27,8 +26,9 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
 MAX_DENSE_NODES = 1024
 # The most row blocks that one adjacency keeps: several batch sizes of the largest graph.
 _MAX_ROWS = 4096
-# Whether a trace may spread missing readings to all taxels, since its answer is missing anyway.
-_traces_plain_products = ContextVar("_traces_plain_products", default=False)
+# Whether a trace may spread missing readings to all taxels, since its answer is missing anyway. No
+# context variable: PyTorch 2.6 compiles none.
+_traces_plain_products = False
 
 
 class GCNNorm(NamedTuple):
@@ -199,11 +199,12 @@ def plain_products_when_traced() -> Iterator[None]:
     r"""Makes :func:`contained_product` a product of matrices alone in what is traced meanwhile: for
     graphs whose answer is NaN if any reading is missing, where containing it costs time only.
     """
-    token = _traces_plain_products.set(True)
+    global _traces_plain_products
+    before, _traces_plain_products = _traces_plain_products, True
     try:
         yield
     finally:
-        _traces_plain_products.reset(token)
+        _traces_plain_products = before
 
 
 def contained_product(adjacency: Tensor, pattern: Tensor, x: Tensor) -> Tensor:
@@ -216,7 +217,7 @@ def contained_product(adjacency: Tensor, pattern: Tensor, x: Tensor) -> Tensor:
         - **pattern:** One where it has an edge, zero elsewhere.
         - **x:** Features :math:`(\ldots, N, F)`.
     """
-    if is_traced() and _traces_plain_products.get():
+    if is_traced() and _traces_plain_products:
         return torch.matmul(adjacency, x)
     is_finite = x.isfinite()
     lost = (~is_finite.all(dim=-1, keepdim=True)).to(adjacency.dtype)
