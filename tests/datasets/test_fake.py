@@ -44,7 +44,7 @@ def test_fake_test_split_has_other_groups_and_sessions(train_size, test_size):
 
 
 def test_fake_all_is_train_and_test():
-    whole, train, test = (FakeTactileDataset(30, split) for split in ("all", "train", "test"))
+    whole, train, test = (FakeTactileDataset(30, split) for split in (None, "train", "test"))
     parts = Protocol("given").split(whole)
     assert [len(part) for part in parts] == [30, 0, 30]
     assert Protocol("given").split(whole[20:40]).test.tolist() == list(range(10, 20))
@@ -95,7 +95,7 @@ def test_fake_takes_layout_and_transforms():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"split": "val"}, r"'split' must be 'train', 'test' or 'all' \(got 'val'\)"),
+        ({"split": "val"}, r"'split' must be 'train', 'test' or None \(got 'val'\)"),
         ({"num_samples": 0}, r"'num_samples' must be at least 1 \(got 0\)"),
         ({"num_objects": 0}, r"'num_objects' must be at least 1 \(got 0\)"),
         ({"num_fingers": 0}, r"'num_fingers' must be at least 1 \(got 0\)"),

@@ -27,7 +27,7 @@ from torch_geometric_tactile.sensors import grid
 
 LAYOUT = grid(8, 8, 0.01)
 NAMES = ["ball", "cube", "pen"]
-WIDTHS = {"widths": (352, 16), "pools": (1, 1)}  # 64 * 3 * 352 = 67,584 weights
+WIDTHS = {"widths": (2736, 16), "pools": (1, 1)}  # 64 * 3 * 2736 = 525,312 weights
 
 
 def frames(count=120):
@@ -71,7 +71,7 @@ def path(tmp_path_factory):
 def test_the_file_says_what_it_changes(path, tmp_path):
     info = OnnxModel(path).info["quantization"]
     assert info["bits"] == 8
-    assert info["weights"] == 64 * 3 * 352
+    assert info["weights"] == 64 * 3 * 2736
     assert info["frames"] == "recordings"
     assert info["num_answers"] == 60
     assert 0.95 < info["equal_labels"] <= 1
@@ -116,7 +116,7 @@ def test_no_other_metadata_stays(path):
 
 def test_windows_of_recordings(tmp_path):
     exported = export_onnx(
-        predictor(length=4, widths={"widths": (96, 8), "pools": (1, 1)}, tare=False),
+        predictor(length=4, widths={"widths": (688, 8), "pools": (1, 1)}, tare=False),
         tmp_path / "windows.onnx",
         quantize=True,
         check=[recording(20), recording(30)],
@@ -136,7 +136,7 @@ def test_regressions_have_no_labels(tmp_path):
 def test_bad_arguments(tmp_path):
     file = tmp_path / "model.onnx"
     small = predictor(widths={"widths": (8, 4), "pools": (1, 1)})
-    with pytest.raises(ValueError, match=r"at least 65,536 weights .*\(got 1,536 in its largest\)"):
+    with pytest.raises(ValueError, match=r"at least 524,288 weights .*\(got 1,536 in its largest\)"):
         export_onnx(small, file, quantize=True)
     with pytest.raises(ValueError, match=r"'check' must be left out without 'quantize' \(got 1\)"):
         export_onnx(small, file, check=[recording()])

@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quantize",
         action="store_true",
-        help="weights of eight bits for linear maps of 65,536 weights and more",
+        help="weights of eight bits for linear maps of 524,288 weights (2 MB) and more",
     )
     parser.add_argument(
         "--check",

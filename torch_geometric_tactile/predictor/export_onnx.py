@@ -81,7 +81,7 @@ def export_onnx(
         path (str or PathLike): The file to write.
         unit (str, optional): Unit of the readings, for the metadata.
         num_channels (int, optional): Channels of a taxel, if the predictor does not know them.
-        quantize (bool): Whether large linear maps (65,536 weights and more) have weights of eight
+        quantize (bool): Whether large linear maps (524,288 weights and more) have weights of eight
             bits. The file is smaller and faster, and its answers differ a little:
             :obj:`agreement` of the result, and :obj:`"quantization"` of the metadata, say on how
             many frames the labels are the same, and the largest change of a probability.
