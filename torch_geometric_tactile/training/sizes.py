@@ -8,6 +8,7 @@ from typing import Any, Literal, Self, Union, get_args, get_origin, get_type_hin
 
 from jsonargparse.typing import register_type
 from torch import Tensor
+from torch.nn import Module
 
 from torch_geometric_tactile._own_modules import import_own
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -107,7 +108,8 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     number of channels and :obj:`in_channels` that of frames. That of a model with a true attribute
     :obj:`splits_frames` is the number of channels of one frame. An argument counts as left out if
     it is not there, or :obj:`None`. Whether a model sees joint angles is a choice and not a size:
-    :obj:`num_joints` is filled in only if it is :obj:`None`, or has no default.
+    :obj:`num_joints` is filled in only if it is :obj:`None`, or has no default. A module as an
+    argument, such as :obj:`encoder`, may be named by the import path of its class alone.
 
     Args:
         config (Mapping): The :obj:`model` section of a configuration: the arguments of
@@ -153,6 +155,12 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
             _check(f"'{name}' of {cls.__name__}", init_args[name], value, sizes)
         elif name != "num_joints" or name in init_args or parameter.default is parameter.empty:
             init_args[name] = value
+    for name, parameter in _parameters(cls).items():
+        value = init_args.get(name)
+        # Of an argument that takes a text or a module, such as `encoder`, jsonargparse would leave
+        # the path of a class as a text.
+        if isinstance(value, str) and "." in value and _accepts(parameter.annotation, Module):
+            init_args[name] = {"class_path": value}
     filled["model"] = {**model, "init_args": init_args}
     if filled.get("num_classes") is None and sizes.num_outputs:
         filled["num_classes"] = sizes.num_outputs
