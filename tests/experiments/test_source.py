@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
-from torch_geometric_tactile.datasets import AllegroUSkin
+from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset, Windows
+from torch_geometric_tactile.datasets import AllegroUSkin, FakeTactileDataset
 from torch_geometric_tactile.experiments import source as data_source
 from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments.source import DataFacts, DataSource

@@ -136,9 +136,7 @@ def test_regressions_have_no_labels(tmp_path):
 def test_bad_arguments(tmp_path):
     file = tmp_path / "model.onnx"
     small = predictor(widths={"widths": (8, 4), "pools": (1, 1)})
-    with pytest.raises(
-        ValueError, match=r"at least 524,288 weights .*\(got 1,536 in its largest\)"
-    ):
+    with pytest.raises(ValueError, match=r"at least 524,288 weights .*\(got 1,536 in"):
         export_onnx(small, file, quantize=True)
     with pytest.raises(ValueError, match=r"'check' must be left out without 'quantize' \(got 1\)"):
         export_onnx(small, file, check=[recording()])

@@ -150,5 +150,3 @@ def test_with_adjacency_adds_or_replaces_one_and_is_the_default():
     assert two.with_adjacency("ring", edges[:, 1:]).edge_index("ring").equal(edges[:, 1:])
     with pytest.raises(ValueError, match="adjacency 'far'"):
         layout.with_adjacency("far", torch.tensor([[0], [99]]))
-    with pytest.raises(ValueError, match="'name'"):
-        layout.with_adjacency("", edges)
