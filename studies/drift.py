@@ -105,7 +105,7 @@ def bts3(data: Path) -> dict[str, dict[str, float]]:
     root = data / "BioTacSP"
     kinds = {
         "known": (BioTacSP(root), Protocol("group", folds=5)),
-        "other": (BioTacSP(root, split="all"), Protocol("given")),
+        "other": (BioTacSP(root, split=None), Protocol("given")),
     }
     preparations = "raw; common mode; session; common mode, session"
     return compare(kinds, preparations, "forest, svm, descriptors_forest")

@@ -68,7 +68,7 @@ import torch
 from torch_geometric_tactile.baselines import GraspSVM
 from torch_geometric_tactile.data import Protocol
 
-every = BioTacSP(split="all")
+every = BioTacSP(split=None)
 PROTOCOLS = {
     "random grasps": (train, Protocol("frame", folds=3)),
     "new objects": (train, Protocol("group", folds=3)),
@@ -246,7 +246,7 @@ from torch_geometric_tactile.nn import GraspGCN, TaxelNet
 from torch_geometric_tactile.training import TactileDataModule, TactileModule, quiet_lightning
 from torch_geometric_tactile.transforms import KNNGraph
 
-graphs = BioTacSP(split="all", transform=KNNGraph(k=2))
+graphs = BioTacSP(split=None, transform=KNNGraph(k=2))
 
 
 def official_score(model, optimizer, transform):

@@ -123,8 +123,68 @@ def test_dataset_without_read():
     class Empty(StaticDataset):
         layout = grid(1, 1, pitch=0.01)
 
-    with pytest.raises(NotImplementedError):
+    with pytest.raises(NotImplementedError, match="'Empty' must define 'read', which returns Sta"):
         Empty()
+
+
+def samples_to_read(count=4):
+    edges = torch.tensor([[0, 1], [1, 0]])
+    return [
+        Data(x=torch.full((2, 3), float(i)), edge_index=edges, pos=torch.eye(2, 3), y=i % 2)
+        for i in range(count)
+    ]
+
+
+READS = {
+    "static": lambda: StaticData.from_data_list(samples_to_read()),
+    "list": samples_to_read,
+    "tuple of samples": lambda: tuple(samples_to_read()),
+    "pair of samples": lambda: tuple(samples_to_read(2)),
+    "list and names": lambda: (samples_to_read(), {"class": ("left", "right")}),
+    "static and names": lambda: (StaticData.from_data_list(samples_to_read()), {"class": ["a"]}),
+}
+
+
+@pytest.mark.parametrize("in_memory", [True, False], ids=["memory", "folder"])
+@pytest.mark.parametrize("name", READS)
+def test_read_returns_static_data_or_a_list_with_or_without_names(name, in_memory, tmp_path):
+    class MyGrasps2D(StaticDataset):
+        def read(self):
+            return READS[name]()
+
+    dataset = MyGrasps2D(None if in_memory else tmp_path)
+    assert len(dataset) == (2 if name == "pair of samples" else 4)
+    assert dataset[1].x.equal(torch.ones(2, 3))
+    assert dataset.layout.pos.equal(torch.eye(2, 3))
+    names = {"list and names": ["left", "right"], "static and names": ["a"]}
+    assert dataset.class_names == names.get(name, [])
+    if not in_memory:
+        assert [path.name for path in (tmp_path / "processed").glob("my*")] == ["my_grasps2_d.pt"]
+        again = MyGrasps2D(tmp_path)
+        assert again.class_names == dataset.class_names
+        assert again.layout.matches(dataset.layout)
+
+
+def test_raw_files_are_those_of_the_folder_by_default(tmp_path):
+    class Grasps(StaticDataset):
+        def read(self):
+            assert [path.rpartition("/")[2] for path in self.raw_paths] == ["a.txt", "b.txt"]
+            return samples_to_read()
+
+    (tmp_path / "raw" / "folder").mkdir(parents=True)
+    for name in ("b.txt", "a.txt", ".hidden"):
+        (tmp_path / "raw" / name).write_text(name)
+    assert len(Grasps(tmp_path)) == 4
+
+
+@pytest.mark.parametrize("result", [None, (1, 2), torch.zeros(3), {"x": 1}], ids=str)
+def test_read_that_returns_something_else(result):
+    class Grasps(StaticDataset):
+        def read(self):
+            return result
+
+    with pytest.raises(TypeError, match="must "):
+        Grasps()
 
 
 @pytest.mark.parametrize("cut", [slice(None), slice(2, 5), [3, 1]])

@@ -31,7 +31,7 @@ def raw_files(root):
 
 def test_download_of_the_recordings(server, bts3_recordings, tmp_path):
     server.files = {path.name: path.read_bytes() for path in bts3_recordings.glob("*.csv")}
-    assert len(BioTacSP(tmp_path, split="all")) == 5831
+    assert len(BioTacSP(tmp_path, split=None)) == 5831
     assert sorted(server.asked) == raw_files(tmp_path)
     assert len(BioTacSP(tmp_path, split="test")) == 1149
     assert len(server.asked) == 6

@@ -31,10 +31,10 @@ def test_small_files_by_hand(root):
     [
         ("train", None, [0, 1, 2]),
         ("test", None, [3, 4, 5]),
-        ("all", None, [0, 1, 2, 3, 4, 5]),
+        (None, None, [0, 1, 2, 3, 4, 5]),
         ("train", "side", [1]),
         ("test", "45", [5]),
-        ("all", "down", [0, 3]),
+        (None, "down", [0, 3]),
     ],
 )
 def test_split_and_palm_choose_sessions(root, split, palm, sessions):
@@ -44,7 +44,7 @@ def test_split_and_palm_choose_sessions(root, split, palm, sessions):
 
 
 def test_all_splits_come_from_one_processed_file(root):
-    for split in ("train", "test", "all"):
+    for split in ("train", "test", None):
         BioTacSP(root, split=split, checksum=False)
     names = sorted(path.name for path in (root / "processed").iterdir())
     assert names == ["biotac_sp_unverified.pt"]
@@ -63,9 +63,9 @@ def test_pre_filter_that_leaves_nothing_of_a_split(root):
     assert dataset.data.x.shape == (0, 24, 3)
 
 
-@pytest.mark.parametrize("split", ["val", "", None])
+@pytest.mark.parametrize("split", ["val", "", "All"])
 def test_unknown_split(root, split):
-    with pytest.raises(ValueError, match=r"'split' must be 'train', 'test' or 'all' \(got '"):
+    with pytest.raises(ValueError, match=r"'split' must be 'train', 'test' or None \(got '"):
         BioTacSP(root, split=split)
 
 

@@ -26,7 +26,7 @@ def test_recordings_of_a_palm_pose(bts3_root, split, palm):
 
 @pytest.mark.parametrize(
     ("split", "grasps", "stable", "objects"),
-    [("train", 4682, 2328, 41), ("test", 1149, 560, 10), ("all", 5831, 2888, 51)],
+    [("train", 4682, 2328, 41), ("test", 1149, 560, 10), (None, 5831, 2888, 51)],
 )
 def test_recordings_of_a_split(bts3_root, split, grasps, stable, objects):
     dataset = BioTacSP(bts3_root, split=split)
@@ -88,11 +88,11 @@ def test_recordings_leave_one_object_out(bts3_root):
 
 
 def test_given_parts_are_the_published_splits(bts3_root):
-    whole = BioTacSP(bts3_root, split="all")
+    whole = BioTacSP(bts3_root, split=None)
     parts = Protocol("given").split(whole)
     assert len(parts.val) == 0
     for name, index in (("train", parts.train), ("test", parts.test)):
         published = BioTacSP(bts3_root, split=name).data
         assert whole.data.index_select(index).x.equal(published.x)
-    side = BioTacSP(bts3_root, split="all", palm="side")
+    side = BioTacSP(bts3_root, split=None, palm="side")
     assert Protocol("given").split(side).test.equal((side.data.session == 4).nonzero().view(-1))

@@ -1,3 +1,5 @@
+import warnings
+
 import pytest
 import torch
 from torch_geometric.data import Data
@@ -44,7 +46,7 @@ def test_fake_test_split_has_other_groups_and_sessions(train_size, test_size):
 
 
 def test_fake_all_is_train_and_test():
-    whole, train, test = (FakeTactileDataset(30, split) for split in ("all", "train", "test"))
+    whole, train, test = (FakeTactileDataset(30, split) for split in (None, "train", "test"))
     parts = Protocol("given").split(whole)
     assert [len(part) for part in parts] == [30, 0, 30]
     assert Protocol("given").split(whole[20:40]).test.tolist() == list(range(10, 20))
@@ -95,7 +97,7 @@ def test_fake_takes_layout_and_transforms():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"split": "val"}, r"'split' must be 'train', 'test' or 'all' \(got 'val'\)"),
+        ({"split": "val"}, r"'split' must be 'train', 'test' or None \(got 'val'\)"),
         ({"num_samples": 0}, r"'num_samples' must be at least 1 \(got 0\)"),
         ({"num_objects": 0}, r"'num_objects' must be at least 1 \(got 0\)"),
         ({"num_fingers": 0}, r"'num_fingers' must be at least 1 \(got 0\)"),
@@ -104,3 +106,22 @@ def test_fake_takes_layout_and_transforms():
 def test_fake_rejects(arguments, message):
     with pytest.raises(ValueError, match=message):
         FakeTactileDataset(**arguments)
+
+
+def test_all_samples_are_split_none_and_all_is_accepted_for_a_release():
+    with pytest.warns(DeprecationWarning, match=r"split='all' is now split=None") as caught:
+        dataset = FakeTactileDataset(30, "all")
+    assert caught[0].filename == __file__
+    assert dataset.split is None
+    assert dataset.x.equal(FakeTactileDataset(30, None).x)
+
+
+def test_given_parts_of_one_part_are_told():
+    train = FakeTactileDataset(30)
+    with pytest.warns(UserWarning, match=r"holds its part 'train' alone.*split=None"):
+        split = Protocol("given").split(train)
+    assert not len(split.test)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Protocol("given").split(FakeTactileDataset(30, None))
+        Protocol("group").split(train)

@@ -29,7 +29,7 @@ FOREST = {
 }
 
 
-def generated(model, protocol=Protocol("given"), split="all", **changes):  # noqa: B008 - frozen
+def generated(model, protocol=Protocol("given"), split=None, **changes):  # noqa: B008 - frozen
     arguments = {"num_samples": 120, "num_test": 60, "split": split, "pre_transform": KNN}
     source = DataSource("torch_geometric_tactile.datasets.FakeTactileDataset", arguments)
     return Experiment("m", source, protocol, "p", model, SESSION, **changes)

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
-from torch_geometric_tactile.datasets import AllegroUSkin
+from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset, Windows
+from torch_geometric_tactile.datasets import AllegroUSkin, FakeTactileDataset
 from torch_geometric_tactile.experiments import source as data_source
 from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments.source import DataFacts, DataSource
@@ -148,3 +148,12 @@ def test_windows_are_known_by_the_files_of_their_frames(tmp_path):
     assert first.identity()["arguments"] == second.identity()["arguments"]
     assert first.identity() != longer.identity()
     assert first.load()[0].num_frames == 2
+
+
+@pytest.mark.parametrize(
+    ("split", "note"), [("test", " (the part 'test' of the data set)"), (None, "")]
+)
+def test_facts_say_which_part_the_samples_are(split, note):
+    assert DataFacts.of(FakeTactileDataset(20, split)).part_note == note
+    windows = Windows(FakeTactileDataset(20, split), 1)
+    assert DataFacts.of(windows).part == split

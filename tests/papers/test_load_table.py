@@ -302,7 +302,7 @@ def test_data_file_is_shipped():
 def test_list_of_an_own_table_names_no_training_on_other_data(own_table, capsys):
     assert main(["table", str(own_table), "--list"]) == 0  # the configuration is for BioTacSP
     assert "tactile fit" not in capsys.readouterr().out
-    text = OWN.replace("FakeTactileDataset", "BioTacSP").replace("num_samples: 40", "split: all")
+    text = OWN.replace("FakeTactileDataset", "BioTacSP").replace("num_samples: 40", "split: null")
     own_table.write_text(text.replace("num_objects: 4", "root: null"))
     assert main(["table", str(own_table), "--list"]) == 0
     assert "tactile fit --config" in capsys.readouterr().out

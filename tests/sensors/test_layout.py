@@ -131,3 +131,22 @@ def test_default_adjacency_is_the_original_or_the_only_one(names, expected):
 def test_segments_unknown_kind():
     with pytest.raises(ValueError, match=r"'by' must be one of .* \(got 'link'\)"):
         TaxelLayout("bare", POS).segments("link")
+
+
+def test_with_adjacency_adds_or_replaces_one_and_is_the_default():
+    layout = TaxelLayout("bare", POS)
+    with pytest.raises(ValueError, match=r"'name' must be given.*'bare': none; see KNNGraph \(got"):
+        layout.edge_index()
+    edges = torch.tensor([[0, 1], [1, 0]])
+    ring = layout.with_adjacency("ring", edges)
+    assert ring.edge_index().equal(edges)
+    assert not layout.adjacency
+    assert (ring.name, ring.pos is layout.pos or ring.pos.equal(layout.pos)) == ("bare", True)
+    two = ring.with_adjacency("line", edges[:, :1])
+    assert sorted(two.adjacency) == ["line", "ring"]
+    with pytest.raises(ValueError, match=r"'name' must be given.*'ring', 'line' \(got None\)"):
+        two.edge_index()
+    assert two.with_adjacency("original", edges.flip(0)).edge_index().equal(edges.flip(0))
+    assert two.with_adjacency("ring", edges[:, 1:]).edge_index("ring").equal(edges[:, 1:])
+    with pytest.raises(ValueError, match="adjacency 'far'"):
+        layout.with_adjacency("far", torch.tensor([[0], [99]]))

@@ -170,3 +170,31 @@ def test_model_without_edges_from_fit_to_predict(tmp_path, monkeypatch, capsys):
     gcn = "torch_geometric_tactile.nn.models.TactileGCN"
     assert main(["fit", "--config", "own.yaml", "--model.model", gcn]) != 0
     assert "the model needs 'edge_index'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("form", ["path", "class with arguments"])
+def test_encoder_of_my_own_by_import_path(form, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_encoders.py").write_text(
+        "import torch\n"
+        "class MyEncoder(torch.nn.Module):\n"
+        "    def __init__(self, factor: float = 2.0):\n"
+        "        super().__init__()\n"
+        "        self.factor = torch.nn.Parameter(torch.tensor(factor))\n"
+        "    def forward(self, edge_attr, edge_index, num_nodes=None):\n"
+        "        out = edge_attr.new_zeros(*edge_attr.shape[:-2], num_nodes, edge_attr.size(-1))\n"
+        "        return self.factor * out.index_add(-2, edge_index[1], edge_attr)\n"
+    )
+    path = "my_encoders.MyEncoder"
+    encoder = path if form == "path" else {"class_path": path, "init_args": {"factor": 3.0}}
+    edges = {"class_path": "torch_geometric_tactile.transforms.GeometricEdgeAttr"}
+    model = {"init_args": {"inputs": ["tactile", "edge"], "encoder": encoder}}
+    model["class_path"] = "torch_geometric_tactile.nn.models.TactileGCN"
+    content = {**CONFIG, "model": {"model": model}, "data": {**CONFIG["data"], "transform": edges}}
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(content))
+    cli = built(["--config", "own.yaml"])
+    assert type(cli.model.model.encoder).__name__ == "MyEncoder"
+    assert cli.model.model.encoder.factor.item() == (2.0 if form == "path" else 3.0)
+    cli.datamodule.setup("fit")
+    batch = next(iter(cli.datamodule.train_dataloader()))
+    assert cli.model.model(batch.x, batch.edge_index, batch.edge_attr).shape[1] == 2

@@ -260,3 +260,20 @@ def test_content_of_a_layout_is_one_text_for_the_parser():
     assert again.to_dict() == layout.to_dict()
     with pytest.raises(FileNotFoundError, match="nowhere"):
         layout_from_text("nowhere.json")
+
+
+@pytest.mark.parametrize(
+    ("encoder", "filled"),
+    [
+        ("my_nets.MyEncoder", {"class_path": "my_nets.MyEncoder"}),
+        ({"class_path": "my_nets.MyEncoder"}, {"class_path": "my_nets.MyEncoder"}),
+        ("message", "message"),
+    ],
+    ids=["path", "class", "name"],
+)
+def test_a_module_as_an_argument_may_be_named_by_its_path(encoder, filled):
+    init_args = {"inputs": ["tactile", "edge"], "encoder": encoder}
+    data = TactileDataModule(FakeTactileDataset(20, pre_transform=KNNGraph(2)))
+    section = fill_sizes({"model": {"class_path": "TactileGCN", "init_args": init_args}}, data)
+    assert section["model"]["init_args"]["encoder"] == filled
+    assert init_args["encoder"] == encoder

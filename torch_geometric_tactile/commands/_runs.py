@@ -99,6 +99,7 @@ def intention(plan: "Plan", jobs: int | None, seconds: dict[str, float]) -> str:
         f"{facts.num_samples:,} samples"
         + (f" of {facts.num_frames} frames" if facts.num_frames else "")
         + (f", {facts.num_trials:,} trials" if facts.num_trials else "")
+        + facts.part_note
         + f"; {protocol.protocol.describe()}; {len(models)} models x {splits} splits"
     )
     if not seconds:

@@ -1,8 +1,9 @@
 r"""``tactile export``: a predictor as one ONNX graph."""
 
 import argparse
+import sys
 
-from torch_geometric_tactile.commands._arguments import small_count
+from torch_geometric_tactile.commands._arguments import seconds, small_count
 from torch_geometric_tactile.commands._file_kinds import ONNX_MODEL
 from torch_geometric_tactile.commands._paths import OutputFile, input_path
 
@@ -12,6 +13,11 @@ Writes a model as one ONNX graph that includes scaling, kinematics, edge feature
 network, and runs without PyTorch. Its inputs are raw readings, and, where needed, the
 reading at rest and joint angles; its outputs are probabilities. The graph is first compared
 with PyTorch: nothing is written if they differ by more than 1e-5. Needs the extra 'export'.
+
+With --quantize, large linear maps have weights of eight bits: a smaller and faster file, whose
+answers differ a little. Its labels are compared with those in single precision, on the
+recordings of --check (such as those of the validation) or on random readings; the file is
+written, and the exit status is 1 if fewer than 99.9 % are the same on the recordings.
 """
 EXAMPLES = """\
 examples:
@@ -19,7 +25,11 @@ examples:
   tactile export last.ckpt grasp.onnx --unit count
                                                  with the unit of the readings in its metadata
   tactile export last.ckpt grasp.onnx --tare     subtracts the reading at rest in the graph
+  tactile export grasp.predictor grasp8.onnx --quantize --check validation/*.h5 --rest 0.5
+                                                 weights of eight bits, compared on recordings
+                                                 that begin with half a second at rest
 """
+_MIN_EQUAL_LABELS = 0.999
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,6 +58,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the reading at rest, and subtracts it",
     )
     parser.add_argument(
+        "--quantize",
+        action="store_true",
+        help="weights of eight bits for linear maps of 524,288 weights (2 MB) and more",
+    )
+    parser.add_argument(
+        "--check",
+        metavar="RECORDING",
+        type=input_path,
+        nargs="+",
+        default=[],
+        help="recordings on which --quantize compares labels (default: random readings)",
+    )
+    parser.add_argument(
+        "--rest",
+        metavar="SECONDS",
+        type=seconds,
+        help="for models with a tare: the first SECONDS of each recording of --check, in which "
+        "nothing is touched (default: as in training)",
+    )
+    parser.add_argument(
         "--channels",
         metavar="N",
         type=small_count,
@@ -65,16 +95,27 @@ def run(arguments: argparse.Namespace) -> int:
     r"""Runs the verb and returns the exit status."""
     if not arguments.model.endswith(".onnx"):
         raise ValueError(f"'FILE.onnx' must end in .onnx (got '{arguments.model}')")
+    if arguments.check and not arguments.quantize:
+        raise ValueError("'--check' must be left out without '--quantize', which it compares")
+    if arguments.rest is not None and not arguments.check:
+        raise ValueError("'--rest' must be left out without '--check', whose recordings it is of")
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.live.onnx_judge import OnnxModel
     from torch_geometric_tactile.predictor.export_onnx import export_onnx
     from torch_geometric_tactile.reports import _run_data as run_data
+    from torch_geometric_tactile.reports._predictions import open_recording
 
     predictor = run_data.open_predictor(arguments.predictor, arguments.config)
     if arguments.tare:
         predictor = predictor.with_tare()
     exported = export_onnx(
-        predictor, arguments.model, unit=arguments.unit, num_channels=arguments.channels
+        predictor,
+        arguments.model,
+        unit=arguments.unit,
+        num_channels=arguments.channels,
+        quantize=arguments.quantize,
+        check=[open_recording(predictor, path) for path in arguments.check],
+        rest=arguments.rest,
     )
     model = OnnxModel(arguments.model)
     milliseconds = 1e3 * model.typical_seconds()
@@ -85,9 +126,20 @@ def run(arguments: argparse.Namespace) -> int:
         f"  largest difference to PyTorch: {exported.difference:.1e}",
         f"  one judgement on this machine, one thread: {milliseconds:.2f} ms (p50)",
     ]
+    agreement = exported.agreement
+    if agreement is not None:
+        lines.insert(-1, f"  weights of eight bits: {agreement}")
     for line in lines:
         print(printable(line))
-    return 0
+    share = None if agreement is None or not arguments.check else agreement.equal_labels
+    if share is None or share >= _MIN_EQUAL_LABELS:
+        return 0
+    print(
+        f"fewer than {100 * _MIN_EQUAL_LABELS:.1f} % of the labels are the same: export without "
+        "--quantize, or test the file before you use it",
+        file=sys.stderr,
+    )
+    return 1
 
 
 def _shapes(shapes: dict[str, list[int]]) -> str:

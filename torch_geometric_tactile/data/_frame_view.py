@@ -181,3 +181,13 @@ def innermost(dataset: Any) -> Any:
     while isinstance(dataset, FrameView):
         dataset = dataset.dataset
     return dataset
+
+
+def selected_part(dataset: Any) -> str | None:
+    r"""Returns the part that a data set, or the one that a view shows, was built with, such as
+    :obj:`"train"`; :obj:`None` for all samples, and for what knows no parts.
+    """
+    if not isinstance(dataset, StaticDataset):
+        return None
+    part = getattr(innermost(dataset), "split", None)
+    return part if isinstance(part, str) else None

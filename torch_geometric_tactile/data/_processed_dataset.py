@@ -1,7 +1,8 @@
 r"""Processing raw files once, and again when something has changed."""
 
 import logging
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -62,13 +63,29 @@ class ProcessedDataset(Dataset):
             self.__dict__["_given"] = (args, kwargs)
         return self
 
-    def read(self) -> tuple[StaticData, dict[str, list[str]]]:
-        r"""Returns all samples, and the names behind their integer attributes.
-
-        The names are those of :obj:`y` (:obj:`"class"`), :obj:`group` (:obj:`"group"`) and
-        :obj:`session` (:obj:`"session"`).
+    def read(self) -> Any:
+        r"""Returns all samples: :class:`~torch_geometric_tactile.data.StaticData`, or a list of
+        PyG's :class:`~torch_geometric.data.Data` with the same edges. With names, it returns a
+        tuple of the samples and a dictionary: the names of :obj:`y` (:obj:`"class"`),
+        :obj:`group` (:obj:`"group"`) and :obj:`session` (:obj:`"session"`), each a list.
         """
-        raise NotImplementedError
+        raise NotImplementedError(
+            f"'{type(self).__name__}' must define 'read', which returns StaticData or a list of "
+            "Data, or a tuple of these and a dictionary of names; for arrays or lists in memory, "
+            "call StaticDataset.from_arrays or StaticDataset.from_data_list"
+        )
+
+    @property
+    def raw_file_names(self) -> Any:
+        r"""The raw files, by default all in the folder :obj:`raw_dir`, which may be none."""
+        folder = Path(self.raw_dir)
+        paths = folder.iterdir() if folder.is_dir() else ()
+        return sorted(path.name for path in paths if path.is_file() and path.name[0] != ".")
+
+    @property
+    def processed_file_names(self) -> Any:
+        r"""The processed file, by default named after the class: :obj:`"my_grasps.pt"`."""
+        return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", type(self).__name__).lower() + ".pt"
 
     def raw_state(self) -> list[str]:
         r"""Returns the state of the raw files as lines :obj:`"key=value"`, such as
@@ -101,12 +118,28 @@ class ProcessedDataset(Dataset):
         return self.root != "???"  # PyG's mark of a missing root
 
     def _build(self) -> tuple[StaticData, dict[str, list[str]]]:
-        data, names = with_own_numbers(*(self.__dict__.pop("_source", None) or self.read()))
+        data, names = self.__dict__.pop("_source", None) or self._read_samples()
+        data, names = with_own_numbers(data, names)
         if self.pre_filter is not None:
             kept = [i for i in range(data.num_samples) if self.pre_filter(data.sample(i))]
             need(kept, "'pre_filter' must keep at least one sample (kept none)")
             data = data.index_select(torch.tensor(kept))
         return apply_transform(self.pre_transform, data), names
+
+    def _read_samples(self) -> tuple[StaticData, dict[str, list[str]]]:
+        result = self.read()
+        samples: Any = result
+        names: Mapping[str, Sequence[str]] = {}
+        if isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], Mapping):
+            samples, names = result
+        if isinstance(samples, list | tuple):
+            samples = StaticData.from_data_list(samples)
+        if not isinstance(samples, StaticData):
+            raise TypeError(
+                f"'read' of '{type(self).__name__}' must return StaticData or a list of Data, or a "
+                f"tuple of these and a dictionary of names (got {type(result).__name__})"
+            )
+        return samples, {key: list(values) for key, values in names.items()}
 
     def process(self) -> None:
         r"""Reads, filters and transforms the samples, and saves them whole or not at all."""
@@ -178,8 +211,10 @@ class ProcessedDataset(Dataset):
         return (None, short_list(why, _NUM_CHANGES)) if why else (file, "")
 
     def _has_raw(self) -> bool:
-        try:
-            paths = self.raw_paths
-        except NotImplementedError:  # `read` needs no files
-            return True
+        if type(self).raw_file_names is _FOLDER_FILES:
+            return True  # `read` asks for its files
+        paths = self.raw_paths
         return len(paths) > 0 and files_exist(paths)
+
+
+_FOLDER_FILES = ProcessedDataset.raw_file_names

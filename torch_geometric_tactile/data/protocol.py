@@ -4,6 +4,7 @@ A split by frame puts frames of one trial on both sides and recognises the trial
 does not; a split by group (by object) asks for what was never touched before.
 """
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, asdict, dataclass, fields
 from typing import Any, Literal, NamedTuple, Self
@@ -13,6 +14,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need
+from torch_geometric_tactile.data._frame_view import selected_part
 from torch_geometric_tactile.data._graph_samples import GraphSamples, as_samples, sample_column
 from torch_geometric_tactile.data._shared_samples import warn_of_shared
 from torch_geometric_tactile.data._unit_draws import (
@@ -200,6 +202,7 @@ class Protocol:
                 be empty, or the classes do not allow to stratify.
 
         Warns:
+            UserWarning: If given parts are asked for, and the data set was built as one of them.
             SharedDataWarning: If given parts share a trial, or a recording is in the data set twice
                 and its copies are in different parts.
         """
@@ -221,7 +224,15 @@ class Protocol:
         num_folds = self.num_folds(dataset)
         need(0 <= fold < num_folds, f"'fold' must be between 0 and {num_folds - 1}", fold)
         if self.by == "given":
-            return _split_of(_given_parts(dataset))
+            parts = _given_parts(dataset)
+            selected = selected_part(dataset)
+            if selected is not None and len(np.unique(parts)) == 1:
+                warnings.warn(
+                    f"the data set holds its part '{selected}' alone, and no given part to compare "
+                    "it with: build it with split=None, which takes all samples",
+                    stacklevel=4,
+                )
+            return _split_of(parts)
         if self.unseen is not None:
             values = _at_least_two(dataset, self.unseen)
             fold, number = divmod(fold, len(values))

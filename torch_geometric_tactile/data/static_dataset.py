@@ -10,6 +10,7 @@ from torch import Tensor
 from torch_geometric.data import Data
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
+from torch_geometric_tactile.data._arrays import layout_of
 from torch_geometric_tactile.data._dataset_info import dataset_info
 from torch_geometric_tactile.data._from_arrays import FromArrays
 from torch_geometric_tactile.data._levels import flat_index
@@ -29,9 +30,10 @@ class StaticDataset(FromArrays, ProcessedDataset):
     of all samples are attributes of the data set: :obj:`dataset.y`. The processed file is
     memory-mapped, so that a data set may be larger than memory.
 
-    For data of your own see :meth:`from_arrays` and :meth:`from_data_list`. A subclass sets
-    :obj:`layout` and defines :meth:`read`; with a :obj:`root` also :obj:`raw_file_names`,
-    :obj:`processed_file_names` and, if it can, :meth:`download`.
+    For data of your own see :meth:`from_arrays` and :meth:`from_data_list`. A subclass defines
+    :meth:`read`, and sets :obj:`layout`, unless its samples share their :obj:`pos`. With a
+    :obj:`root` it may also define :obj:`raw_file_names` (all files in :obj:`root/raw` if left out),
+    :obj:`processed_file_names` (one named after the class) and :meth:`download`.
 
     The processed file records the class, the arguments of its constructor, :obj:`layout`,
     :obj:`pre_transform`, :obj:`pre_filter` and :meth:`raw_state`. If one of them differs, the raw
@@ -83,6 +85,8 @@ class StaticDataset(FromArrays, ProcessedDataset):
         else:
             self._data, self._names = self._take_file()
         self.__dict__.pop("_given", None)
+        if not hasattr(self, "layout"):
+            self.layout = layout_of(self._data)
         if self._data.num_nodes != self.layout.num_taxels:
             raise ValueError(
                 f"the samples of {type(self).__name__} must have {self.layout.num_taxels} taxels, "

@@ -10,6 +10,7 @@ from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Protocol, StaticData
 from torch_geometric_tactile.data.image_data import COLUMNS, ROWS, StaticImages, image_of
 from torch_geometric_tactile.datasets._raw_files import RawFiles
+from torch_geometric_tactile.datasets._splits import checked_split
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.sensors.letter_array import letter_array
 
@@ -39,8 +40,7 @@ class ImageDataset(RawFiles):
         pre_filter: Filter | None,
         force_reload: bool,
     ) -> None:
-        if self.split is not None and self.split not in _PARTS:
-            raise ValueError(f"'split' must be 'train', 'test' or None (got {self.split!r})")
+        self.split = checked_split(self.split, _PARTS)
         if self.split is not None and self.fold is None and not self._has_parts:
             raise ValueError(f"'fold' must be given with split='{self.split}' (got None)")
         self._protocol = Protocol("trial", folds=self.folds, stratify="y")

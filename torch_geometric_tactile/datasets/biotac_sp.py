@@ -12,6 +12,7 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.datasets._raw_files import PublishedFiles
+from torch_geometric_tactile.datasets._splits import checked_split
 from torch_geometric_tactile.io import read_biotac_sp_csv
 from torch_geometric_tactile.sensors import biotac_sp
 
@@ -65,8 +66,8 @@ class BioTacSP(PublishedFiles):
         root (str or PathLike, optional): Folder of the data set; the CSV files are in its
             :obj:`raw` folder or downloaded there. If left out, :obj:`$TACTILE_DATA/BioTacSP` or a
             folder in the user's cache.
-        split (str): :obj:`"train"`, :obj:`"test"` (objects that the training split does not have)
-            or :obj:`"all"`.
+        split (str, optional): :obj:`"train"`, :obj:`"test"` (objects that the training split does
+            not have), or :obj:`None` for all samples.
         palm (str, optional): Only the grasps with this palm pose, :obj:`"down"`, :obj:`"side"` or
             :obj:`"45"`.
         transform (callable, optional): Applied at every access.
@@ -97,7 +98,7 @@ class BioTacSP(PublishedFiles):
     def __init__(
         self,
         root: PathLike | None = None,
-        split: Literal["train", "test", "all"] = "train",
+        split: Literal["train", "test"] | None = "train",
         palm: _Palm | None = None,
         *,
         transform: Transform | None = None,
@@ -106,19 +107,17 @@ class BioTacSP(PublishedFiles):
         force_reload: bool = False,
         checksum: bool = True,
     ) -> None:
-        if split not in ("train", "test", "all"):
-            raise ValueError(f"'split' must be 'train', 'test' or 'all' (got '{split}')")
+        self.split = checked_split(split, ("train", "test"))
         if palm is not None and palm not in _PALMS:
             raise ValueError(f"'palm' must be 'down', 'side', '45' or None (got '{palm}')")
         self.layout = biotac_sp()
-        self.split = split
         self.palm = palm
         self.checksum = checksum
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         wanted = [
             i
             for i, name in enumerate(self.session_names)
-            if split in ("all", "test" if name.endswith("_test") else "train")
+            if self.split in (None, "test" if name.endswith("_test") else "train")
             and palm in (None, name.removesuffix("_test").removeprefix("palm_"))
         ]
         if len(wanted) < len(self.session_names):

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from torch_geometric_tactile._typing import Filter, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.datasets._splits import checked_split
 from torch_geometric_tactile.datasets.biotac_sp import BioTacSP
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp
 
@@ -26,7 +27,7 @@ class FakeTactileDataset(StaticDataset):
     Args:
         num_samples (int): Number of grasps of each split, rounded up to the same number for every
             object.
-        split (str): :obj:`"train"`, :obj:`"test"` or :obj:`"all"`.
+        split (str, optional): :obj:`"train"`, :obj:`"test"`, or :obj:`None` for all samples.
         layout (TaxelLayout, optional): The fingertip; a BioTac SP if left out.
         num_objects (int): Number of objects.
         num_fingers (int): Number of fingers.
@@ -52,7 +53,7 @@ class FakeTactileDataset(StaticDataset):
     def __init__(
         self,
         num_samples: int = 1000,
-        split: Literal["train", "test", "all"] = "train",
+        split: Literal["train", "test"] | None = "train",
         *,
         layout: TaxelLayout | None = None,
         num_objects: int = 10,
@@ -63,8 +64,6 @@ class FakeTactileDataset(StaticDataset):
         pre_filter: Filter | None = None,
         num_test: int | None = None,
     ) -> None:
-        if split not in ("train", "test", "all"):
-            raise ValueError(f"'split' must be 'train', 'test' or 'all' (got '{split}')")
         num_test = num_samples if num_test is None else num_test
         for name, number in (
             ("num_samples", num_samples),
@@ -76,7 +75,7 @@ class FakeTactileDataset(StaticDataset):
         self.layout = biotac_sp() if layout is None else layout
         self.num_samples = num_samples
         self.num_test = num_test
-        self.split = split
+        self.split = checked_split(split, ("train", "test"))
         self.num_objects = num_objects
         self.num_fingers = num_fingers
         self.seed = seed
@@ -86,7 +85,7 @@ class FakeTactileDataset(StaticDataset):
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Generates the samples."""
-        offsets = {"train": (0,), "test": (1,), "all": (0, 1)}[self.split]
+        offsets = {"train": (0,), "test": (1,), None: (0, 1)}[self.split]
         parts = [self._generate(offset) for offset in offsets]
         x, y, group, session = (torch.cat(values) for values in zip(*parts, strict=True))
         adjacency = self.layout.default_adjacency

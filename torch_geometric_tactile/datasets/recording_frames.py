@@ -14,6 +14,7 @@ from torch_geometric_tactile.data import FrameInfo, Protocol, Recording, StaticD
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.datasets._frame_labels import ObjectLabels, frame_labels
 from torch_geometric_tactile.datasets._frame_reader import FrameReader
+from torch_geometric_tactile.datasets._splits import checked_split
 from torch_geometric_tactile.datasets._trial import checked_pattern
 from torch_geometric_tactile.datasets._trial_frames import (
     PARTS,
@@ -177,7 +178,7 @@ class RecordingFrames(TrialFrames):
         pre_filter: Filter | None = None,
         force_reload: bool = False,
     ) -> None:
-        _check_arguments(root, recordings, split=split, stride=stride, unit=unit)
+        _check_arguments(root, recordings, stride=stride, unit=unit)
         check_choice(rate, samples_per_trial, sample_seed)
         if resample is not None:
             FrameInfo(rate=resample, resampled=True)  # checks it
@@ -186,7 +187,7 @@ class RecordingFrames(TrialFrames):
         self.layout = as_layout(layout)
         adjacency = self.layout.default_adjacency if adjacency is None else adjacency
         self.target = target
-        self.split = split
+        self.split = checked_split(split, PARTS)
         self.protocol = Protocol("trial", stratify="auto") if protocol is None else protocol
         self.split_seed = split_seed
         self.fold = fold
@@ -309,12 +310,9 @@ def _check_arguments(
     root: PathLike | None,
     recordings: Sequence[Recording] | None,
     *,
-    split: str | None,
     stride: int,
     unit: str | None,
 ) -> None:
-    if split is not None and split not in PARTS:
-        raise ValueError(f"'split' must be 'train', 'val', 'test' or None (got '{split}')")
     need(stride >= 1, "'stride' must be at least 1", stride)
     if (root is None) == (recordings is None):
         both = "none" if root is None else "both"

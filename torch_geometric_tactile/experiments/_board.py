@@ -54,7 +54,7 @@ BOARD: tuple[BoardSet, ...] = (
         "BioTacSP",
         "slip or stable; new objects in other sessions, the official test",
         "given",
-        {"split": "all"},
+        {"split": None},
     ),
     BoardSet(
         "DoS",

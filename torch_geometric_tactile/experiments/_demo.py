@@ -28,14 +28,14 @@ class HeldOut(NamedTuple):
 
     name: str
     by: str
-    split: str
+    split: str | None
 
 
 HELD_OUT = (
     HeldOut(RANDOM_GRASPS, "frame", "train"),
     HeldOut("new objects", "group", "train"),
     HeldOut("new session", "session", "train"),
-    HeldOut(OFFICIAL_TEST, "given", "all"),
+    HeldOut(OFFICIAL_TEST, "given", None),
 )
 READINGS: dict[str, Sequence[dict[str, Any]]] = {
     RAW: (),

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch_geometric_tactile._files import file_sha256
 from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
-from torch_geometric_tactile.data._frame_view import innermost
+from torch_geometric_tactile.data._frame_view import innermost, selected_part
 from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet, as_samples
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._building import (
@@ -160,6 +160,7 @@ class DataFacts:
     session_names: tuple[str, ...] = ()
     num_frames: int | None = None
     num_folds: int = 1
+    part: str | None = None  # of the data set that the samples are, such as "train"
 
     @classmethod
     def of(cls, dataset: SampleSet) -> Self:
@@ -174,7 +175,13 @@ class DataFacts:
             class_names=tuple(dataset.class_names),
             session_names=tuple(dataset.session_names),
             num_frames=None if frames is None else int(torch.as_tensor(frames).view(-1)[0]),
+            part=selected_part(dataset),
         )
+
+    @property
+    def part_note(self) -> str:
+        r"""The part of the data set that the samples are, in words for captions; empty for all."""
+        return "" if self.part is None else f" (the part '{self.part}' of the data set)"
 
 
 def _laid_over(
@@ -272,13 +279,13 @@ def _fingerprint(dataset: SampleSet) -> str:
             others = {k: v for k, v in attributes.items() if isinstance(v, str | int | float)}
             code.update(f"{sorted(others.items())!r}\n".encode())
         return code.hexdigest()
-    dataset = innermost(dataset)
-    files = _files(dataset)
+    plain = innermost(dataset)
+    files = _files(plain)
     for file in files:
         stat = file.stat()
         code.update(f"{file.name} {_sha256(file, stat.st_size, stat.st_mtime_ns)}\n".encode())
     if not files:
-        _add_tensors(code, dataset.data.to_dict())
+        _add_tensors(code, plain.data.to_dict())
     return code.hexdigest()
 
 

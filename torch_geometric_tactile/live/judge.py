@@ -327,7 +327,9 @@ class Judge:
         return self._class_names
 
     def __repr__(self) -> str:
-        kind = "ONNX" if isinstance(self._model, OnnxModel) else "PyTorch"
+        kind = "PyTorch"
+        if isinstance(self._model, OnnxModel):
+            kind = "ONNX, 8 bits" if self._model.is_quantized else "ONNX"
         return (
             f"{type(self).__name__}({kind}, '{self.info['layout']}', "
             f"classes={list(self._class_names)}, task='{self.info['task']}', length={self.length})"

@@ -35,7 +35,8 @@ class OnnxModel:
     Attributes:
         info (dict): What the file says of itself: :obj:`"class_names"`, :obj:`"task"`,
             :obj:`"num_taxels"`, :obj:`"num_channels"`, :obj:`"num_joints"`, :obj:`"window"`,
-            :obj:`"rest"` and more.
+            :obj:`"rest"` and more. :obj:`"quantization"` says how the answers of a file with
+            weights of eight bits differ from those in single precision.
         frame_info (FrameInfo): How the frames of the training were made.
         contact (ContactRule, optional): What tells frames without contact, as of
             :class:`~torch_geometric_tactile.Predictor`; that of the file, and can be set.
@@ -103,6 +104,25 @@ class OnnxModel:
     def length(self) -> int:
         r"""Number of frames of a window, one for a model of single frames."""
         return self._length
+
+    @property
+    def is_quantized(self) -> bool:
+        r"""Whether large linear maps have weights of eight bits."""
+        return self.info.get("quantization") is not None
+
+    def __repr__(self) -> str:
+        info = self.info
+        facts = f"'{info['layout']}', classes={info['class_names']}, task='{info['task']}'"
+        if self.is_quantized:
+            found = info["quantization"]
+            labels = found["equal_labels"]
+            same = "" if labels is None else f"{100 * labels:.2f} % same labels, "
+            facts += (
+                f", weights of 8 bits: {same}largest change {found['largest_change']:.2g} on "
+                f"{found['num_answers']} "
+                f"{'frames of recordings' if found['frames'] == 'recordings' else 'random frames'}"
+            )
+        return f"{type(self).__name__}({info['model']}, {facts})"
 
     @property
     def needs_rest(self) -> bool:

@@ -26,8 +26,8 @@ class TaxelNetWithoutEdges(TaxelNet):
 
     def __init__(
         self,
-        layout: TaxelLayout | PathLike = "biotac_sp",
-        out_channels: int = 2,
+        layout: TaxelLayout | PathLike,
+        out_channels: int,
         *,
         in_channels: int = 3,
         depth: int = 2,

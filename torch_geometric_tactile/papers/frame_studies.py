@@ -69,6 +69,7 @@ class DeadRows(Study):
     def measure(self, trained: Trained) -> dict[str, Any]:
         r"""Returns :obj:`num_rows` and the :obj:`accuracy` with so many dead ones."""
         layout = trained.layout
+        assert layout is not None  # that of the hand
         places = layout.pos[:, 1] if layout.image_map is None else layout.image_map[:, 0]
         _, row = np.unique(np.round(places.numpy(), 6), return_inverse=True)
         rest = trained.train.x.amin(dim=(0, 1))

@@ -68,6 +68,11 @@ class OnnxGraph(Module):
             self._seen_places = self._seen.flatten().nonzero().view(-1)
             self._sees_all = bool(self._seen.all())
 
+    @property
+    def needs_all_readings(self) -> bool:
+        r"""Whether the answer is NaN if any reading is missing, whatever the layers do with it."""
+        return not self.is_stepped and self._seen is not None and self._sees_all
+
     def _may_step(self, window_parts: Sequence[Any]) -> bool:
         model, window = self.model, self.window
         if window is None or not hasattr(model, "step") or not hasattr(model, "initial_state"):

@@ -5,8 +5,8 @@ import hashlib
 import json
 import logging
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from importlib import import_module
 from os import fspath
 from typing import Any, NamedTuple
@@ -15,12 +15,20 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile import __version__
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import FrameInfo, Recording
 from torch_geometric_tactile.data.recording import UNITS
+from torch_geometric_tactile.nn.conv._static_adjacency import plain_products_when_traced
 from torch_geometric_tactile.predictor._network import Network
 from torch_geometric_tactile.predictor._onnx_graph import OnnxGraph
+from torch_geometric_tactile.predictor._onnx_products import compute_in_blocks
+from torch_geometric_tactile.predictor._onnx_quantization import (
+    Agreement,
+    compare_answers,
+    quantize_weights,
+)
 from torch_geometric_tactile.predictor.predictor import Predictor
 from torch_geometric_tactile.transforms import FittedTransform
 
@@ -32,6 +40,7 @@ _NO_DIGEST = "0" * 64
 _EXTRAS = ("onnx", "onnxscript", "onnxruntime")
 _TOLERANCE = 1e-5
 _SEED = 0
+_NUM_RANDOM = 256  # readings on which weights of eight bits are compared, without recordings
 
 _Example = tuple[np.ndarray, np.ndarray | None]  # frames (T, N, C) and angles (T, J)
 
@@ -42,6 +51,7 @@ class Exported(NamedTuple):
     num_bytes: int
     difference: float
     metadata: dict[str, Any]
+    agreement: Agreement | None = None
 
 
 def export_onnx(
@@ -50,6 +60,9 @@ def export_onnx(
     *,
     unit: str | None = None,
     num_channels: int | None = None,
+    quantize: bool = False,
+    check: Sequence[Recording] = (),
+    rest: float | None = None,
 ) -> Exported:
     r"""Writes a predictor as one ONNX graph: scaling, kinematics, edge features and network, from
     raw readings to probabilities.
@@ -62,20 +75,38 @@ def export_onnx(
 
     The graph is compared with the predictor before it is written, on random readings, zeros and
     missing ones. The file is written whole or not at all.
+
+    Args:
+        predictor (Predictor): The predictor.
+        path (str or PathLike): The file to write.
+        unit (str, optional): Unit of the readings, for the metadata.
+        num_channels (int, optional): Channels of a taxel, if the predictor does not know them.
+        quantize (bool): Whether large linear maps (524,288 weights and more) have weights of eight
+            bits. The file is smaller and faster, and its answers differ a little:
+            :obj:`agreement` of the result, and :obj:`"quantization"` of the metadata, say on how
+            many frames the labels are the same, and the largest change of a probability.
+        check (sequence of Recording): Recordings on which the answers with weights of eight bits
+            are compared, such as those of the validation; random readings if left out.
+        rest (float, optional): How many seconds each of them begins with at rest, for a transform
+            that measures sessions; as in training if left out.
+
+    Raises:
+        ImportError: If the extra is missing.
+        NotImplementedError: If a transform or the model has no form in a graph.
+        ValueError: If the graph differs from the predictor, there is no large linear map to
+            quantize, or a recording does not fit.
     """
     _require_export()
+    need(quantize or not check, "'check' must be left out without 'quantize'", len(check))
     if unit not in (None, *UNITS):
         raise ValueError(f"'unit' must be one of {[*UNITS]} or None (got {unit!r})")
     graph = OnnxGraph(_copy(predictor), num_channels)
     program = _program(graph)
     program.ir_version = min(program.ir_version, 10)  # read by every runtime that we support
+    compute_in_blocks(program)
     checked = _copy(predictor)
     checked.contact = None  # which readers of the file apply, not the graph
     checked.preparation.info = FrameInfo()  # the frames of a window are those that a graph gets
-    metadata = _describe(predictor, graph, unit)
-    metadata["parity"] = None
-    entry = program.metadata_props.add()
-    entry.key = _METADATA
     session = _open_session(program.SerializeToString())
     difference = _largest_difference(session, graph, checked)
     if not difference <= _TOLERANCE:
@@ -83,12 +114,21 @@ def export_onnx(
             f"the graph of {predictor!r} must give its numbers to {_TOLERANCE:g} (got a difference "
             f"of {difference:.2g}): nothing was written"
         )
-    metadata["parity"] = difference
+    agreement = None
+    metadata = _describe(predictor, graph, unit)
+    metadata["parity"], metadata["quantization"] = difference, None
+    if quantize:
+        program, num_weights = quantize_weights(program)
+        quantized = _open_session(program.SerializeToString())
+        agreement = _agreement((session, quantized), graph, predictor, check, rest)
+        metadata["quantization"] = {"bits": 8, "weights": num_weights, **agreement._asdict()}
+    entry = program.metadata_props.add()
+    entry.key = _METADATA
     entry.value = json.dumps({**metadata, "sha256": _NO_DIGEST})
     content = _with_digest(program.SerializeToString())
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)
-    return Exported(len(content), difference, metadata)
+    return Exported(len(content), difference, metadata, agreement)
 
 
 def _with_digest(content: bytes) -> bytes:
@@ -158,8 +198,9 @@ def _copy(predictor: Predictor) -> Predictor:
 def _program(graph: OnnxGraph) -> Any:
     inputs = [*graph.blank().values(), *graph.state]
     graph.requires_grad_(False)
+    products = plain_products_when_traced() if graph.needs_all_readings else nullcontext()
     try:
-        with torch.no_grad(), _quiet():
+        with torch.no_grad(), _quiet(), products:
             graph(*inputs)  # fills what layers keep, so that it is constant
             program = torch.onnx.export(
                 graph,
@@ -205,7 +246,7 @@ def _examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterato
     center, scale = _usual(predictor, size)
     joints = (graph.length, graph.num_joints)
     for i in range(count + 3):
-        frames = center + (1 + i) / 2 * scale * draw.standard_normal(size)
+        frames = center + (1 + min(i, 6)) / 2 * scale * draw.standard_normal(size)
         angles = draw.uniform(-0.3, 0.9, joints)
         if i == count:  # hardly touched
             frames = center + 1e-1 * scale * draw.standard_normal(size)
@@ -216,6 +257,60 @@ def _examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterato
             frames[:, ::3] = np.nan
         joint = angles.astype(np.float32) if graph.num_joints else None
         yield frames.astype(np.float32), joint
+
+
+def _agreement(
+    sessions: tuple[Any, Any],
+    graph: OnnxGraph,
+    predictor: Predictor,
+    recordings: Sequence[Recording],
+    rest: float | None,
+) -> Agreement:
+    r"""Compares the answers of two sessions, on recordings or on random readings."""
+    predictor = _copy(predictor)
+    predictor.contact = None  # whose frames have no numbers
+    pairs: Iterable[tuple[_Example, dict[str, np.ndarray]]]
+    if recordings:
+        pairs = (
+            pair
+            for recording in recordings
+            for pair in _recorded_examples(graph, predictor, recording, rest)
+        )
+    else:
+        given = _drawn_rest(graph, predictor)
+        pairs = ((example, given) for example in _examples(graph, predictor, _NUM_RANDOM))
+    answers = [[_answer(session, graph, *pair) for session in sessions] for pair in pairs]
+    single, quantized = np.array(answers).swapaxes(0, 1)
+    kind = "recordings" if recordings else "random"
+    return compare_answers(single, quantized, predictor.network, kind)
+
+
+def _recorded_examples(
+    graph: OnnxGraph, predictor: Predictor, recording: Recording, rest: float | None
+) -> Iterator[tuple[_Example, dict[str, np.ndarray]]]:
+    r"""Yields the frames or windows of a recording, with what is measured of its session."""
+    preparation = predictor.preparation
+    recording = preparation.matched(recording)
+    measured: dict[str, np.ndarray] = {}
+    if graph.rest is not None:
+        preparation.session.adapt_recording(recording, rest=rest)
+        (part,) = preparation.session.parts
+        assert part.center is not None
+        measured["rest"] = part.center[-1].double().numpy()
+        if graph.rest.has_scale:
+            assert part.scale is not None
+            measured["rest_scale"] = part.scale[-1].float().numpy()
+    count, length = recording.num_frames, graph.length
+    index = last = np.arange(count)
+    if graph.window is not None:
+        index = preparation.info.selected_frames(recording.time, count)
+        last = preparation.matched_windows(recording)[1].numpy()
+    tactile = recording.tactile.astype(np.float32)
+    joint = None if not graph.num_joints else recording.joint
+    for end in np.searchsorted(index, last).tolist():
+        frames = index[end - length + 1 : end + 1]
+        angles = None if joint is None else joint[frames].astype(np.float32)
+        yield (tactile[frames], angles), measured
 
 
 def _usual(predictor: Predictor, size: tuple[int, ...]) -> tuple[Any, Any]:

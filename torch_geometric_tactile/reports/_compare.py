@@ -144,7 +144,7 @@ def _facts(comparison: Comparison) -> list[str]:
         more += [describe_left_out(dataset), _WHO_SEES_TIME]
     more.append(_SIMULATED if plan.data.kind == "simulated" else "")
     return [
-        f"{facts.num_samples:,} samples{held}; {protocol.protocol.describe()}, "
+        f"{facts.num_samples:,} samples{held}{facts.part_note}; {protocol.protocol.describe()}, "
         f"{splits}. Mean ± standard deviation over the splits. Settings were "
         "chosen on a part of each training part; each test part was used once.",
         *filter(None, more),

@@ -47,7 +47,7 @@ def write_recordings(
     def rows() -> _Rows:
         columns: dict[str, list[str]] = {}
         for path in paths:
-            recording = _read(predictor, path, options or {})
+            recording = open_recording(predictor, path, options)
             try:
                 recording = predictor.preparation.matched(
                     in_column_order(recording, columns), resample=resample
@@ -73,12 +73,18 @@ def write_recordings(
     return _write(predictor, ["recording", "frame", "time"], rows(), out)
 
 
-def _read(predictor: Predictor, path: PathLike, given: Mapping[str, Any]) -> Recording:
+def open_recording(
+    predictor: Predictor, path: PathLike, options: Mapping[str, Any] | None = None
+) -> Recording:
+    r"""Reads a recording with the options of the training, as far as its format has them, and with
+    those that are given.
+    """
+    given = options or {}
     known = {**predictor.read_options, **given}
     taken = format_options(chosen_format(path, known))
-    options = {k: v for k, v in known.items() if k in taken or k in given}
+    used = {k: v for k, v in known.items() if k in taken or k in given}
     try:
-        return read_recording(path, **options)
+        return read_recording(path, **used)
     except ValueError as error:
         raise ValueError(f"{error}{_hint(str(error), path)}") from error
 

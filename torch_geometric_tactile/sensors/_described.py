@@ -175,7 +175,8 @@ def _rises(x: Tensor, tables: DescriptorTables) -> Tensor:
             found.append((positive.square().square() * per_length) @ tables.cells)
     rises = torch.stack([*up, *down], dim=-1)
     levels = []
-    for start, stop in zip(tables.bounds, tables.bounds[1:], strict=False):
+    # Of equal lengths: PyTorch 2.8 compiles no other `zip`.
+    for start, stop in zip(tables.bounds[:-1], tables.bounds[1:], strict=True):
         level = rises[..., start:stop, :].flatten(-2)
         size = level.square().sum(dim=-1, keepdim=True).sqrt()
         levels.append((level / size.clamp(min=_TINY)).sqrt())

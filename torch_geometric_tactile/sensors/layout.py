@@ -2,7 +2,7 @@ r"""The fixed geometry of a tactile sensor."""
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal, Self
 
@@ -118,24 +118,51 @@ class TaxelLayout:
             return "original"
         return names[0] if len(names) == 1 else None
 
-    def edge_index(self, name: str) -> Tensor:
+    def edge_index(self, name: str | None = None) -> Tensor:
         r"""Returns a named adjacency.
 
         Args:
-            name (str): Name of the adjacency, a key of :obj:`adjacency`.
+            name (str, optional): Name of the adjacency, a key of :obj:`adjacency`; the
+                :attr:`default_adjacency` if left out.
 
         Shapes:
             - **output:** directed edges :math:`(2, |\mathcal{E}|)`
 
         Raises:
-            ValueError: If the layout has no such adjacency.
+            ValueError: If the layout has no such adjacency, or none by default.
         """
+        name = self.default_adjacency if name is None else name
+        known = ", ".join(f"'{key}'" for key in self.adjacency) or "none; see KNNGraph"
+        if name is None:
+            raise ValueError(
+                f"'name' must be given, an adjacency of layout '{self.name}': {known} (got None)"
+            )
         if name not in self.adjacency:
-            known = ", ".join(f"'{key}'" for key in self.adjacency) or "none; see KNNGraph"
             raise ValueError(
                 f"'name' must be an adjacency of layout '{self.name}': {known} (got '{name}')"
             )
         return self.adjacency[name]
+
+    def with_adjacency(self, name: str, edge_index: Tensor) -> Self:
+        r"""Returns the layout with one more adjacency, or with another one of that name.
+
+        Args:
+            name (str): Name of the adjacency; one of the name :obj:`"original"` is the
+                :attr:`default_adjacency`.
+            edge_index (torch.Tensor): Directed edges :math:`(2, |\mathcal{E}|)`.
+
+        Raises:
+            ValueError: If the edges have another shape or join other taxels.
+
+        Examples:
+            >>> from torch_geometric_tactile.sensors import biotac_sp
+            >>> layout = biotac_sp()
+            >>> ring = torch.stack([torch.arange(24), torch.arange(24).roll(1)])
+            >>> layout.with_adjacency("ring", ring).edge_index().shape
+            torch.Size([2, 24])
+        """
+        need_text(name, "'name'")
+        return replace(self, adjacency={**self.adjacency, name: edge_index})
 
     def segments(self, by: Literal["digit", "patch"]) -> Tensor:
         r"""Returns the segment of each taxel.

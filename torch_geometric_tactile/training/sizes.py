@@ -8,6 +8,7 @@ from typing import Any, Literal, Self, Union, get_args, get_origin, get_type_hin
 
 from jsonargparse.typing import register_type
 from torch import Tensor
+from torch.nn import Module
 
 from torch_geometric_tactile._own_modules import import_own
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -115,7 +116,8 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     it is not there, or :obj:`None`. Whether a model sees joint angles is a choice and not a size:
     :obj:`num_joints` is filled in only if it is :obj:`None`, or has no default. A :obj:`layout`
     without an annotation is filled in as the :class:`~torch_geometric_tactile.sensors.TaxelLayout`
-    itself; all other values are plain data.
+    itself. A module as an argument, such as :obj:`encoder`, may be named by the import path of its
+    class alone. All other values are plain data.
 
     Args:
         config (Mapping): The :obj:`model` section of a configuration: the arguments of
@@ -165,6 +167,12 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
                 init_args[name] = value
         elif name != "num_joints" or name in init_args or parameter.default is parameter.empty:
             init_args[name] = value
+    for name, parameter in _parameters(cls).items():
+        value = init_args.get(name)
+        # Of an argument that takes a text or a module, such as `encoder`, jsonargparse would leave
+        # the path of a class as a text.
+        if isinstance(value, str) and "." in value and _accepts(parameter.annotation, Module):
+            init_args[name] = {"class_path": value}
     _check_complete(cls, parameters, {**(model.get("dict_kwargs") or {}), **init_args}, sizes)
     filled["model"] = {**model, "init_args": init_args}
     if filled.get("num_classes") is None and sizes.num_outputs:

@@ -45,7 +45,9 @@ def samples_of_rows(data: Data, x: Tensor) -> tuple[Tensor, int]:
     if isinstance(data, Batch):
         return data.batch, data.num_graphs
     num_samples = x.shape[:-2].numel()
-    return torch.arange(num_samples, device=x.device).repeat_interleave(x.size(-2)), num_samples
+    return torch.arange(num_samples, device=x.device).repeat_interleave(
+        x.size(-2), dim=0
+    ), num_samples
 
 
 def segment_means(rows: Tensor, segment: Tensor, count: int) -> Tensor:

@@ -83,7 +83,7 @@ class KNNGraph(TactileTransform):
         # to a raster instead would part those that lie on both sides of one of its borders.
         rank = (distance.diff(dim=1, prepend=distance[:, :1]) > step).cumsum(dim=1)
         neighbour = (rank * num_taxels + order).sort(dim=1).values[:, : self.k] % num_taxels
-        target = torch.arange(num_taxels, device=pos.device).repeat_interleave(self.k)
+        target = torch.arange(num_taxels, device=pos.device).repeat_interleave(self.k, dim=0)
         edge_index = torch.stack([neighbour.reshape(-1), target])
         if self.symmetric:
             edge_index = torch.cat([edge_index, edge_index.flip(0)], dim=1)

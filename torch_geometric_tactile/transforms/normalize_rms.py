@@ -40,7 +40,7 @@ class NormalizeRMS(TactileTransform):
         x = require_floats(self, data)
         rows = x.reshape(-1, x.size(-1)).double()
         sample, count = samples_of_rows(data, x)
-        sample = sample.repeat_interleave(x.size(-1))
+        sample = sample.repeat_interleave(x.size(-1), dim=0)
         square = segment_means(rows.square().reshape(-1, 1), sample, count)
         size = square.sqrt()[sample].reshape(rows.shape)
         data.x = (rows / size.masked_fill(size == 0, 1.0)).to(x).reshape(x.shape)

@@ -108,7 +108,7 @@ class TopologicalSegmentation(TactileTransform):
         else:
             data.edge_is_within = within
             _reslice(data, "edge_is_within", _edges_of_graphs(data, source))
-        data.segment_batch = segment + shift.repeat_interleave(len(self.segment))
+        data.segment_batch = segment + shift.repeat_interleave(len(self.segment), dim=0)
         taxels = torch.full((num_samples,), len(self.segment))
         _reslice(data, "segment_batch", taxels, self.num_segments)
         return data

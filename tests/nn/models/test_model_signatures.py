@@ -37,6 +37,7 @@ CLASSES = [
     TaxelNet,
     TemporalTaxelNet,
 ]
+OURS = [PosedTaxelNet, SmallCNN, TaxelNet, TemporalTaxelNet]  # no sensor of a paper
 FORWARD = ["x", "edge_index", "edge_attr", "joint", "absolute", "pos"]
 SMALL = {"head_widths": (2,), "head_pools": (1,)}
 
@@ -56,7 +57,17 @@ def test_model_takes_layout_and_outputs_first(cls):
     layout, outputs, *others = parameters(cls.__init__)
     assert (layout.name, outputs.name) == ("layout", "out_channels")
     assert {p.kind for p in others} == {inspect.Parameter.KEYWORD_ONLY}
+    if cls in OURS:
+        return
     assert cls(**({} if "num_edges" not in [p.name for p in others] else {"num_edges": 3}))
+
+
+@pytest.mark.parametrize("cls", OURS)
+def test_our_models_have_no_layout_or_outputs_by_default(cls):
+    with pytest.raises(TypeError, match="required positional arguments: 'layout' and 'out_chann"):
+        cls()
+    with pytest.raises(TypeError, match="required positional argument: 'out_channels'"):
+        cls("allegro_uskin")
 
 
 @pytest.mark.parametrize("cls", CLASSES)
@@ -129,7 +140,7 @@ def test_model_layout_by_name():
 def test_model_layout_bad(cls):
     more = {"num_edges": 3} if cls is MTGCN else {}
     with pytest.raises(ValueError, match=r"'layout' must be one of .*'biotac_sp'.* \(got 'hand'\)"):
-        cls("hand", **more)
+        cls("hand", 2, **more)
     needs = {
         BMFCNN: "image map",
         HandCNN: "image map",
@@ -142,9 +153,9 @@ def test_model_layout_bad(cls):
     }
     match = rf"'layout' must be .* {needs[cls]}" if cls in needs else r"'layout' must have"
     with pytest.raises(ValueError, match=rf"{match}.*got"):
-        cls(0, **more)
+        cls(0, 2, **more)
     with pytest.raises(FileNotFoundError, match=r"none\.json"):
-        cls("none.json", **more)
+        cls("none.json", 2, **more)
 
 
 def test_model_layout_on_the_meta_device():

@@ -60,7 +60,7 @@ def test_posed_taxel_net_parameter_count():
         return sum(a * b + 2 * b for a, b in pairwise(sizes))
 
     expected = layers(11, 48, 48, 96) + layers(2 * 96, 48) + 48 * 6 + 6
-    assert num_parameters(PosedTaxelNet()) == expected == 17_430
+    assert num_parameters(PosedTaxelNet("allegro_uskin", 6)) == expected == 17_430
     assert num_parameters(small("posed")) == layers(11, 5, 7) + layers(14, 4) + 15
     assert num_parameters(small("other")) == layers(13, 5, 7) + layers(14, 4) + 15
 
@@ -235,7 +235,7 @@ def test_posed_taxel_net_few_taxels():
 )
 def test_posed_taxel_net_bad_argument(arguments, match):
     with pytest.raises(ValueError, match=match):
-        PosedTaxelNet(**arguments)
+        PosedTaxelNet(**{"layout": "allegro_uskin", "out_channels": 6, **arguments})
 
 
 def test_posed_taxel_net_open_hand_of_unknown_links():

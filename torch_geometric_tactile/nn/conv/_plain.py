@@ -18,7 +18,7 @@ from torch_geometric.nn.dense.linear import Linear
 # Methods that decide what is passed along an edge.
 MESSAGE_METHODS = ("propagate", "message", "aggregate", "message_and_aggregate", "update")
 # What may be set on one instance; `propagate` is not among them: PyG itself sets it there.
-_PATCHED = frozenset(MESSAGE_METHODS[1:])
+_PATCHED = MESSAGE_METHODS[1:]
 # Neither PyTorch nor PyG has a public way to ask for hooks. Looked up in the dictionaries of the
 # modules, since a layer asks at each call.
 _MODULE_HOOKS = ("_forward_hooks", "_forward_pre_hooks", "_backward_hooks", "_backward_pre_hooks")
@@ -72,7 +72,7 @@ def sums_messages(conv: MessagePassing) -> bool:
     aggr_module: Any = conv.aggr_module
     return (
         not any(map(own.get, _MESSAGE_HOOKS))
-        and _PATCHED.isdisjoint(own)
+        and not any(map(own.get, _PATCHED))
         and not conv.explain
         and conv.node_dim == -2
         and conv.decomposed_layers == 1

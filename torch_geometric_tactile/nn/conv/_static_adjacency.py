@@ -2,6 +2,8 @@ r"""The normalised adjacency of one topology, computed once."""
 
 import math
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple, Optional
 
 import torch
@@ -28,6 +30,9 @@ MAX_DENSE_NODES = 1024
 _SPARSE_TYPES = (torch.float32, torch.float64)
 # The most row blocks that one adjacency keeps: several batch sizes of the largest graph.
 _MAX_ROWS = 4096
+# Whether a trace may spread missing readings to all taxels, since its answer is missing anyway. No
+# context variable: PyTorch 2.6 compiles none.
+_traces_plain_products = False
 
 
 class GCNNorm(NamedTuple):
@@ -328,6 +333,19 @@ def all_finite(x: Tensor) -> Optional[bool]:
     return math.isfinite(number) if isinstance(number, float) else bool(total.isfinite())
 
 
+@contextmanager
+def plain_products_when_traced() -> Iterator[None]:
+    r"""Makes :func:`contained_product` a product of matrices alone in what is traced meanwhile: for
+    graphs whose answer is NaN if any reading is missing, where containing it costs time only.
+    """
+    global _traces_plain_products
+    before, _traces_plain_products = _traces_plain_products, True
+    try:
+        yield
+    finally:
+        _traces_plain_products = before
+
+
 def contained_product(adjacency: Tensor, pattern: Tensor, x: Tensor) -> Tensor:
     r"""Multiplies features by an adjacency, such that an infinite or missing one of a taxel makes
     the sums of its neighbours NaN and leaves all others as they are. A product of matrices alone
@@ -338,6 +356,8 @@ def contained_product(adjacency: Tensor, pattern: Tensor, x: Tensor) -> Tensor:
         - **pattern:** One where it has an edge, zero elsewhere.
         - **x:** Features :math:`(\ldots, N, F)`.
     """
+    if is_traced() and _traces_plain_products:
+        return torch.matmul(adjacency, x)
     is_finite = x.isfinite()
     lost = (~is_finite.all(dim=-1, keepdim=True)).to(adjacency.dtype)
     is_near = torch.matmul(pattern, lost) != 0

@@ -86,8 +86,8 @@ class PosedTaxelNet(BaseModel):
 
     def __init__(
         self,
-        layout: Union[TaxelLayout, PathLike] = "allegro_uskin",
-        out_channels: int = 6,
+        layout: Union[TaxelLayout, PathLike],
+        out_channels: int,
         *,
         in_channels: int = 3,
         posed: bool = True,

@@ -54,8 +54,8 @@ class SmallCNN(BaseModel):
 
     def __init__(
         self,
-        layout: LayoutLike = "allegro_uskin",
-        out_channels: int = 6,
+        layout: LayoutLike,
+        out_channels: int,
         *,
         in_channels: int = 3,
         widths: Sequence[int] = (32, 64),

@@ -139,8 +139,8 @@ class TaxelNet(BaseModel):
 
     def __init__(
         self,
-        layout: Union[TaxelLayout, PathLike] = "allegro_uskin",
-        out_channels: int = 6,
+        layout: Union[TaxelLayout, PathLike],
+        out_channels: int,
         *,
         in_channels: int = 3,
         widths: Optional[Sequence[int]] = None,

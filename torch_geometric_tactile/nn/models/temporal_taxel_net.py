@@ -120,8 +120,8 @@ class TemporalTaxelNet(BaseModel):
 
     def __init__(
         self,
-        layout: Union[TaxelLayout, PathLike] = "biotac",
-        out_channels: int = 2,
+        layout: Union[TaxelLayout, PathLike],
+        out_channels: int,
         *,
         in_channels: int = 1,
         num_filters: int = 16,
