@@ -13,16 +13,22 @@ Examples:
 """
 
 import json
-import os
 import statistics
-import subprocess
 import sys
 import time
 from functools import partial
 from itertools import pairwise
 
 import torch
-from shared import describe_machine, in_turns, parse, table, versions
+from shared import (
+    ALLOCATOR_STATES,
+    describe_machine,
+    in_turns,
+    parse,
+    run_in_each_state,
+    table,
+    versions,
+)
 from torch import Tensor
 from torch.nn import Module, ModuleList
 from torch_geometric.nn import GATConv, GATv2Conv
@@ -31,9 +37,6 @@ from torch_geometric_tactile.nn import StaticGATConv, StaticGATv2Conv
 from torch_geometric_tactile.sensors import grid
 
 _PAIRS = {"GAT": (StaticGATConv, GATConv), "GATv2": (StaticGATv2Conv, GATv2Conv)}
-# How glibc keeps the memory of large tensors, which it else returns at each operation.
-_NO_PAGE_FAULTS = {"MALLOC_MMAP_MAX_": "0", "MALLOC_TRIM_THRESHOLD_": "8000000000"}
-_STATES = {"as usually started": {}, "without page faults": _NO_PAGE_FAULTS}
 _ALLOWED_DIFFERENCE = 1e-9
 _SECONDS_OF_A_ROUND = 0.2
 
@@ -45,7 +48,7 @@ OPTIONS = {
     "--layers": (3, "layers"),
     "--rounds": (5, "pairs of timed steps"),
     "--threads": (1, "threads that torch may use"),
-    "--state": ("both", "which allocator is measured", ["both", "this"]),
+    "--child": (False, "print the figures of this process as JSON"),
 }
 EPILOG = "The exit code is 0 if outputs and gradients are those of PyG, else 1."
 
@@ -135,27 +138,14 @@ def measure(args: object) -> list[dict[str, object]]:
     return rows
 
 
-def _in_a_process(argv: list[str], variables: dict[str, str]) -> list[dict[str, object]]:
-    environment = {k: v for k, v in os.environ.items() if k not in _NO_PAGE_FAULTS}
-    done = subprocess.run(
-        [sys.executable, __file__, *argv, "--state", "this"],
-        env={**environment, **variables},
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-    )
-    return json.loads(done.stdout)
-
-
 def main(argv: list[str] | None = None) -> int:
-    argv = sys.argv[1:] if argv is None else argv
     args = parse(__doc__, OPTIONS, argv, EPILOG)
     torch.set_num_threads(args.threads)
     torch.manual_seed(0)
-    if args.state == "this":
+    if args.child:
         print(json.dumps(measure(args)))
         return 0
-    found = {state: _in_a_process(argv, variables) for state, variables in _STATES.items()}
+    states = run_in_each_state(__file__, argv, list(ALLOCATOR_STATES))
     print(
         f"a training step, 120 taxels, {args.neighbours} neighbours each and itself, "
         f"{args.layers} layers of {args.heads} x {args.channels}, float32, processor time, "
@@ -163,17 +153,17 @@ def main(argv: list[str] | None = None) -> int:
     )
     print(f"{describe_machine()}; {versions('torch', 'torch_geometric')}")
     head = ["layer", "batch"]
-    for state in _STATES:
-        head += [f"PyG, {state}", "ours", "ratio"]
+    for title, _ in ALLOCATOR_STATES.values():
+        head += [f"PyG, {title.partition(':')[0].lower()}", "ours", "ratio"]
     lines = []
-    for rows in zip(*found.values(), strict=True):
+    for rows in zip(*states.values(), strict=True):
         line = [f"`Static{rows[0]['layer']}Conv`", str(rows[0]["batch"])]
         for row in rows:
             line += [f"{row['pyg'] * 1e3:.1f} ms", f"{row['ours'] * 1e3:.1f} ms"]
             line += [f"**{row['ratio']:.1f}**"]
         lines.append(line)
     print("\n".join(table(head, lines)))
-    worst = max(row["difference"] for rows in found.values() for row in rows)
+    worst = max(row["difference"] for rows in states.values() for row in rows)
     print(f"largest relative difference of outputs and gradients in float64: {worst:.1e}")
     return 0 if worst < _ALLOWED_DIFFERENCE else 1
 
