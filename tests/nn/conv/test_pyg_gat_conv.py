@@ -56,8 +56,8 @@ def test_gat_conv_return_attention_weights(residual, lead):
     assert result[1][1].size() == (*lead, 7, 2)
     assert result[1][1].min() >= 0
     assert result[1][1].max() <= 1
-    # PyG tells no further than whether it is true.
-    assert isinstance(conv(x, EDGES, return_attention_weights=False), torch.Tensor)
+    if lead:  # for one sample, it depends on the release of PyG
+        assert isinstance(conv(x, EDGES, return_attention_weights=False), torch.Tensor)
     result = conv(x, to_torch_csc_tensor(EDGES, size=(4, 4)).t(), return_attention_weights=True)
     assert close(result[0], out)
     if lead:  # of several samples, the edges and not a matrix
