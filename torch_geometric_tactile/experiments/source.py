@@ -14,7 +14,7 @@ from torch import Tensor
 from torch_geometric_tactile._files import file_sha256
 from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
-from torch_geometric_tactile.data._frame_view import innermost, selected_part
+from torch_geometric_tactile.data._frame_view import dataset_part, innermost
 from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet, as_samples
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._building import (
@@ -175,7 +175,7 @@ class DataFacts:
             class_names=tuple(dataset.class_names),
             session_names=tuple(dataset.session_names),
             num_frames=None if frames is None else int(torch.as_tensor(frames).view(-1)[0]),
-            part=selected_part(dataset),
+            part=dataset_part(dataset),
         )
 
     @property
