@@ -331,7 +331,10 @@ def _run(arguments: argparse.Namespace) -> int:
     plan = comparison_plan(source, settings, name=_name(arguments.data))
     _check_save(arguments, [cell.experiment for cell in plan.table.cells])
     if arguments.save is not None:
-        check_one_layout(plan.data.load())
+        try:
+            check_one_layout(plan.data.load())
+        except ValueError as error:
+            raise ValueError(f"'--save' must be left out: {error}") from error
     text = describe_sensors(plan)
     if text:
         tell(printable(text), arguments.json)

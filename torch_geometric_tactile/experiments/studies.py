@@ -24,7 +24,7 @@ class Trained:
         train (StaticData): What it was trained on, scaled.
         test (StaticData): What was held out, scaled likewise.
         class_names (list of str): Names of the classes.
-        layout (TaxelLayout, optional): The taxels; :obj:`None` of samples of several sensors.
+        layout (TaxelLayout): The taxels.
         seed (int): Seed of the run.
     """
 
@@ -32,7 +32,7 @@ class Trained:
     train: StaticData
     test: StaticData
     class_names: Sequence[str]
-    layout: TaxelLayout | None
+    layout: TaxelLayout
     seed: int = 0
 
     @property
