@@ -46,7 +46,7 @@ def test_networks_are_compared_on_subjects_that_are_new(mixed):
     result = comparison.of(ATTENTION)
     assert result.model.is_graph
     assert not comparison.of("constant").model.is_graph
-    assert result.scores["accuracy"].mean > 0.8
+    assert result.scores["accuracy"].mean > 0.6
     assert comparison.of("constant").scores["accuracy"].mean == 0.5
     subjects = {sample.trial: sample.group for sample in gloves(per_subject=8)}
     for experiment in mixed.plan.experiments:
@@ -93,9 +93,7 @@ def test_models_of_one_layout_are_refused(name, reason):
 
 
 def test_what_needs_one_layout_is_refused(mixed):
-    with pytest.raises(
-        ValueError, match="a predictor is of one layout, .*30 to 60 taxels.*nothing"
-    ):
+    with pytest.raises(ValueError, match="a predictor is of one layout, and the samples"):
         deploy(summarize(mixed), ATTENTION)
     source = data_source("mixed_sensors.gloves", arguments={})
     tare = {"key": "trial", "first": 2}

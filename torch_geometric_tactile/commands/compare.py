@@ -292,15 +292,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.experiments._compared_task import NO_PREDICTOR
     from torch_geometric_tactile.experiments.compared_windows import data_source
     from torch_geometric_tactile.experiments.comparison import (
         ComparisonSettings,
         comparison_plan,
         summarize,
     )
-    from torch_geometric_tactile.experiments.deploy import check_one_layout
-    from torch_geometric_tactile.reports._compare import describe_sensors, write_comparison
+    from torch_geometric_tactile.reports._compare import write_comparison
     from torch_geometric_tactile.visualization._style import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
@@ -330,14 +329,8 @@ def _run(arguments: argparse.Namespace) -> int:
     )
     plan = comparison_plan(source, settings, name=_name(arguments.data))
     _check_save(arguments, [cell.experiment for cell in plan.table.cells])
-    if arguments.save is not None:
-        try:
-            check_one_layout(plan.data.load())
-        except ValueError as error:
-            raise ValueError(f"'--save' must be left out: {error}") from error
-    text = describe_sensors(plan)
-    if text:
-        tell(printable(text), arguments.json)
+    if arguments.save is not None and plan.data.load().layout is None:
+        raise ValueError(f"'--save' must be left out: {NO_PREDICTOR}")
     finished = run_with_bar(
         plan,
         arguments.out,
@@ -400,7 +393,7 @@ def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
 
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.experiments.advice import advice, to_dict
-    from torch_geometric_tactile.reports._compare import comparison_rows
+    from torch_geometric_tactile.reports._compare import comparison_rows, describe_sensors
 
     if as_json:
         print(json.dumps(to_dict(comparison), indent=1), flush=True)
@@ -408,7 +401,8 @@ def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
     header, rows = comparison_rows(comparison)
     if rows:
         print(tabulate(rows, header, disable_numparse=True), end="\n\n")
-    print(printable(comparison.run.describe()))
+    sensors = describe_sensors(comparison.run.plan)
+    print("\n".join(map(printable, filter(None, [sensors, comparison.run.describe()]))))
     for path in paths:
         print(printable(f"wrote {path}"))
     print(f"\n{printable(advice(comparison))}", flush=True)

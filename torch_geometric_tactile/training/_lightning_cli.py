@@ -34,11 +34,12 @@ from torch_geometric_tactile.training._given_arguments import (
     parted,
     read_config,
 )
+from torch_geometric_tactile.training._layout_text import plain_section
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.config import find_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileModule
-from torch_geometric_tactile.training.sizes import fill_sizes, plain_section
+from torch_geometric_tactile.training.sizes import fill_sizes
 
 _ADVERT = "💡 Tip:"
 _LOGGERS = ("lightning.pytorch.utilities.rank_zero", "lightning.fabric.utilities.rank_zero")

@@ -25,9 +25,9 @@ from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitte
 # For a configuration, which holds no list, one kind: its parser tells of a union all that does not
 # fit any member of it.
 if TYPE_CHECKING:
-    AnyDataset = Dataset | Sequence[Data]
+    _AnyDataset = Dataset | Sequence[Data]
 else:
-    AnyDataset = Dataset
+    _AnyDataset = Dataset
 _SPLITS = ("frame", "trial", "group")
 
 
@@ -94,8 +94,8 @@ class TactileDataModule(L.LightningDataModule):
 
     def __init__(
         self,
-        dataset: AnyDataset,
-        test_dataset: AnyDataset | None = None,
+        dataset: _AnyDataset,
+        test_dataset: _AnyDataset | None = None,
         *,
         split: Literal["frame", "trial", "group"] | Protocol | Split = "trial",
         val: float | None = None,
@@ -105,7 +105,7 @@ class TactileDataModule(L.LightningDataModule):
         batch_size: int = 128,
         num_workers: int = 0,
         seed: int = 0,
-        val_dataset: AnyDataset | None = None,
+        val_dataset: _AnyDataset | None = None,
         fold: int = 0,
     ) -> None:
         super().__init__()

@@ -31,6 +31,7 @@ from torch_geometric_tactile.training._collected_metrics import (
     update_metrics,
 )
 from torch_geometric_tactile.training._finite import BatchCheck
+from torch_geometric_tactile.training._layout_text import plain_section
 from torch_geometric_tactile.training._losses import (
     ClassWeights,
     RegressionLoss,
@@ -42,7 +43,7 @@ from torch_geometric_tactile.training._losses import (
 from torch_geometric_tactile.training._threshold import check_threshold
 from torch_geometric_tactile.training.cosine_annealing import CosineAnnealing
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes, plain_section
+from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
 
 class TactileModule(CheckpointedModule):
