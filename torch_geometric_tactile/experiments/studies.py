@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.nn.models._calls import call_model
+from torch_geometric_tactile.nn.models._calls import call_model, input_names
 from torch_geometric_tactile.sensors import TaxelLayout
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Trained:
             samples (StaticData): Some of :obj:`test`, or changed ones.
             batch_size (int): How many at a time.
         """
-        names = getattr(self.model, "modalities", ())
+        names = input_names(self.model)
         out = []
         with torch.inference_mode():
             for rows in torch.arange(samples.num_samples).split(batch_size):

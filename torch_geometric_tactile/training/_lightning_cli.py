@@ -334,8 +334,11 @@ def _next_step(trainer: L.Trainer, checkpoint: str, folder: str | None) -> str:
     config = None if folder is None else Path(folder) / "config.yaml"
     named = _short(config) if config is not None and config.is_file() else "CONFIG"
     short = _short(checkpoint)
+    test = f"Test it:\n  tactile test --config {named} --ckpt_path {short}"
+    if isinstance(data, TactileDataModule) and data.layout is None:
+        return test  # a predictor is of one layout
     return (
-        f"Test it:\n  tactile test --config {named} --ckpt_path {short}\n"
+        f"{test}\n"
         "Use it on raw readings (scaling included), or on a robot without PyTorch:\n"
         f"  tactile predict {short} RECORDING\n  tactile export {short} model.onnx"
     )

@@ -64,12 +64,13 @@ class TactileModule(CheckpointedModule):
 
     Args:
         model (torch.nn.Module): Called as :obj:`model(x, edge_index)`, and with the attributes of
-            the batch that its attribute :obj:`modalities` names, if it has one, by keyword; returns
-            logits or numbers :math:`(B, C)`. One whose :obj:`forward` has an argument :obj:`batch`,
-            as PyG's models have it, is called as :obj:`model(x, edge_index, batch=batch)` on a PyG
-            batch, also of static data. For data without edges, :obj:`edge_index` is :obj:`None`,
-            which a model refuses that has a true attribute :obj:`needs_edges`, or passes messages
-            along edges without a default.
+            the batch that its attribute :obj:`modalities` names by keyword, or without one those of
+            the further arguments of its :obj:`forward` that have no default, such as
+            :obj:`edge_attr`; returns logits or numbers :math:`(B, C)`. One whose :obj:`forward` has
+            an argument :obj:`batch`, as PyG's models have it, is called as :obj:`model(x,
+            edge_index, batch=batch)` on a PyG batch, also of static data. For data without edges,
+            :obj:`edge_index` is :obj:`None`, which a model refuses that has a true attribute
+            :obj:`needs_edges`, or passes messages along edges without a default.
         optimizer (callable): Makes an optimizer of parameters.
         lr_scheduler (callable, optional): Makes a scheduler of an optimizer, stepped every epoch.
             :class:`~torch_geometric_tactile.training.CosineAnnealing` knows the epochs of the run.

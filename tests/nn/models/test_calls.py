@@ -8,10 +8,12 @@ from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn.models import MSCNN, GraspGCN, TactileFNN, TaxelNet
 from torch_geometric_tactile.nn.models._calls import (
     call_model,
+    input_names,
     is_graph_model,
     needs_edges,
     takes_batch,
 )
+from torch_geometric_tactile.nn.models._inputs import needed_inputs
 from torch_geometric_tactile.predictor import AverageModel
 from torch_geometric_tactile.sensors import grid
 
@@ -63,6 +65,21 @@ def test_what_a_network_asks_for(model, batch, needs, graph):
     assert takes_batch(model) is takes_batch(torch.compile(model)) is batch
     assert needs_edges(model) is needs
     assert is_graph_model(model) is graph
+
+
+class Unsaid(torch.nn.Module):
+    def forward(self, x, edges, edge_attr, batch, *, joint, pos=None):
+        return x
+
+
+def test_what_is_given_by_keyword():
+    assert input_names(Unsaid()) == ("edge_attr", "joint")
+    assert input_names(Weighted()) == ("edge_attr", "absolute")
+    assert input_names(Attention(1, 2)) == input_names(torch.nn.Linear(1, 1)) == ()
+    assert input_names(GraspGCN()) == ()
+    assert input_names(AverageModel([Unsaid()])) == ("edge_attr", "joint")
+    with pytest.raises(ValueError, match=r"the model needs 'edge_attr' \(got none\): add Geo"):
+        needed_inputs(Unsaid(), static(), lambda: "got none")
 
 
 def test_classes_tell_whether_they_take_a_batch():
