@@ -67,7 +67,9 @@ data:
                whole numbers for classes, other numbers for regression); optionally trial, group,
                session, set, joint, time (S, ...); and pos (N, 3) in metres without --layout, --grid
   FOLDER       a folder of recordings for the data set RecordingFrames
-  CLASS        import path of a StaticDataset class; of this package, its name is enough
+  CLASS        import path of a StaticDataset class; of this package, its name is enough. Or of a
+               PyG data set, or a function that returns one or a list of Data: samples of
+               different sensors, for networks of your own with forward(x, edge_index, batch)
 
 models:
 {chr(10).join(f"  {name:18} {title}" for name, title in MODELS.items())}
