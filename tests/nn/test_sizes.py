@@ -20,13 +20,16 @@ NEEDED = {
     "MTCNN": {"layout": LAYOUT},
     "MTGCN": {"num_edges": 3},
     "PooledMLP": {"in_channels": 2, "out_channels": 2},
+    "PosedTaxelNet": {"layout": LAYOUT, "out_channels": 2},
     "SectorConv": {"in_channels": 3, "out_channels": 5},
     "SegmentedGCNConv": {"segment": [0], "in_channels": 1, "out_channels": 1},
     "SegmentedThread": {"segment": [0, 0, 1]},
     "SelfGCNConv": {"in_channels": 3, "out_channels": 5},
-    "SmallCNN": {"layout": grid(4, 5, 0.01)},
+    "SmallCNN": {"layout": grid(4, 5, 0.01), "out_channels": 2},
     "TactileGCN": {"inputs": ("edge",), "num_edges": 3},
     "TactileModel": {"layout": 3, "out_channels": 2, "inputs": ("tactile",)},
+    "TaxelNet": {"layout": LAYOUT, "out_channels": 2},
+    "TemporalTaxelNet": {"layout": LAYOUT, "out_channels": 2},
     "Thread": {"in_channels": 3, "widths": (4,), "pools": (1,), "conv": torch.nn.Linear},
 }
 # No sizes, and PyG's own.

@@ -457,11 +457,11 @@ SIZES = [
 
 @pytest.mark.parametrize(("name", "size", "match"), SIZES)
 def test_sizes_beyond_all_measure_are_refused_before_memory_is_taken(name, size, match):
-    layout = {} if name.startswith("Grasp") else {"layout": {"$layout": None}}
+    required = {} if name.startswith("Grasp") else {"layout": {"$layout": None}, "out_channels": 2}
     builder = Builder(grid(4, 4, 0.01), {})
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ValueError, match=match):
-        builder.model({"class": name, "arguments": {**layout, **size}})
+        builder.model({"class": name, "arguments": {**required, **size}})
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 600_000  # KiB
 
 

@@ -148,7 +148,7 @@ def test_attributes_of_a_window_are_those_of_its_last_frame():
 
 def test_frame_by_frame_equals_windows():
     torch.manual_seed(0)
-    model = TemporalTaxelNet("biotac", in_channels=3, num_blocks=2, kernel_size=2)
+    model = TemporalTaxelNet("biotac", 2, in_channels=3, num_blocks=2, kernel_size=2)
     dataset = windows(length=model.receptive_field + 3, hop=1)
     predictor, transform = predictor_of(dataset, model, ZScore(per="signal"))
     one = recording(dataset, 1)
