@@ -3,7 +3,8 @@ PyG's layers on a `Batch`. Both sides have equal weights, and their data is on t
 """
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -210,10 +211,16 @@ def _layer_sides(
     }
 
 
-def keep_normalized_edges(module: nn.Module) -> None:
-    r"""Sets `cached` on PyG's `GCNConv`, which otherwise waits for the GPU at each call and cannot
-    be captured in a graph.
+@contextmanager
+def edges_kept(module: nn.Module) -> Iterator[None]:
+    r"""Sets `cached` on PyG's `GCNConv`, which otherwise normalises the edges at each call, waits
+    for the GPU and cannot be captured in a graph.
     """
-    for layer in module.modules():
-        if type(layer) is GCNConv:
+    layers = [layer for layer in module.modules() if type(layer) is GCNConv]
+    try:
+        for layer in layers:
             layer.cached = True
+        yield
+    finally:
+        for layer in layers:
+            layer.cached, layer._cached_edge_index = False, None
