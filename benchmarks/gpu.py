@@ -346,6 +346,8 @@ class Benchmark:
         # What the first training alone allocates, such as workspaces, is not to count.
         self.attempt(partial(peak_memory, partial(TactileGCN, LAYOUT, 8), 2, self.args.device))
         for cell in load_table("p2-table4").cells:
+            if self.args.quick and cell.column != "Tac":
+                continue
             settings = experiments[str(cell.experiment)]["model"]["model"]["init_args"]
             num_joints = 16 if "num_joints" in settings else 0
             arguments = {**settings, "num_joints": num_joints}
@@ -669,10 +671,9 @@ def verdict(parts: dict[str, list[dict[str, Any]]]) -> list[str]:
     best = max(ratios, key=lambda kind: ratios[kind], default=None)
     for kind in dict.fromkeys((("float32", "eager"), best)):
         if kind in ratios:
-            is_met = "reached" if ratios[kind] >= AIM else "missed"
             lines.append(
                 f"* X, {', '.join(kind)}, against eager PyG of the same precision, without "
-                f"loaders: {ratios[kind]:.1f} times; the aim of {AIM:.0f} is {is_met}."
+                f"loaders: {ratios[kind]:.1f} times (aim: {AIM:.0f})."
             )
     speed = {
         row["what"]: row["frames_per_second"]
