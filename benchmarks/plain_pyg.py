@@ -57,6 +57,31 @@ class PlainGCN(nn.Module):
         return self.head(self.thread(x, edge_index).view(x.size(0) // self.num_nodes, -1))
 
 
+class PlainMTGCN(nn.Module):
+    r"""The MT-GCN of the papers with readings and edge features on a PyG batch, with the names of
+    the weights of ours.
+    """
+
+    def __init__(self, num_nodes: int, num_edges: int, out_channels: int = 8) -> None:
+        super().__init__()
+        self.num_nodes, self.num_edges = num_nodes, num_edges
+        self.encoder = nn.ModuleDict({"lin": nn.Linear(4 * num_edges, 4 * num_nodes)})
+        self.threads = nn.ModuleDict(
+            {
+                "tactile": Thread(3, WIDTHS, POOLS),
+                "edge": Thread(4, (7, 14, 28, 28, 56), (1, 1, 2, 2, 8)),
+            }
+        )
+        self.head = Head(14 * num_nodes, out_channels)
+
+    def forward(self, x: Tensor, edge_index: Tensor, edge_attr: Tensor) -> Tensor:
+        encoded = self.encoder["lin"](edge_attr.view(-1, 4 * self.num_edges)).view(-1, 4)
+        readings = self.threads["tactile"](x, edge_index)
+        edges = self.threads["edge"](encoded, edge_index)
+        rows = torch.cat([readings, edges], dim=-1)
+        return self.head(rows.view(x.size(0) // self.num_nodes, -1))
+
+
 class EdgeMLP(MessagePassing):
     r"""One small network on the features of each edge, averaged at the target."""
 
@@ -105,3 +130,45 @@ class PlainSegmented(nn.Module):
             for thread, nodes, edges in zip(self.threads, self.nodes, self.edges, strict=True)
         ]
         return self.head(torch.cat([*parts, joint.view(-1)]).unsqueeze(0))
+
+
+class PlainSegmentedBatch(PlainSegmented):
+    r"""Segmentation II of readings on a PyG batch: a GCN of its own for each patch, one after the
+    other. Taxels and edges of the patches are joined once for each number of frames.
+    """
+
+    def __init__(self, segment: Tensor, edge_index: Tensor, out_channels: int = 8) -> None:
+        super().__init__(segment, edge_index, False, num_joints=0, out_channels=out_channels)
+        self.num_nodes = len(segment)
+        self.joined: dict[int, list[Tensor]] = {}
+
+    def copy_weights(self, model: nn.Module) -> None:
+        r"""Takes the weights of a `TactileGCN` with `segments="patch"`."""
+        with torch.no_grad():
+            for number, thread in enumerate(self.threads):
+                for target, source in zip(thread.convs, model.thread.convs, strict=True):
+                    target.lin.weight.copy_(source.weight[number])
+                    target.bias.copy_(source.bias[number])
+        self.head.load_state_dict(model.head.state_dict())
+
+    def forward(self, x: Tensor, edge_index: Tensor) -> Tensor:
+        num_frames = x.size(0) // self.num_nodes
+        frames = x.view(num_frames, self.num_nodes, -1)
+        parts = [
+            thread(frames[:, nodes].flatten(0, 1), edges).view(num_frames, -1)
+            for thread, nodes, edges in zip(
+                self.threads, self.nodes, self._joined_edges(num_frames), strict=True
+            )
+        ]
+        return self.head(torch.cat(parts, dim=-1))
+
+    def _joined_edges(self, num_frames: int) -> list[Tensor]:
+        if num_frames not in self.joined:
+            self.joined[num_frames] = [
+                (
+                    edges.unsqueeze(1)
+                    + len(nodes) * torch.arange(num_frames).to(edges).view(1, -1, 1)
+                ).flatten(1)
+                for nodes, edges in zip(self.nodes, self.edges, strict=True)
+            ]
+        return self.joined[num_frames]

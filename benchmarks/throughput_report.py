@@ -40,6 +40,27 @@ def page_lines(found: dict[str, Any], where: str) -> list[str]:
     ]
 
 
+_ON_A_GPU = [
+    "## On a GPU",
+    "",
+    "No figures of a GPU are here, since none was at hand. One script of at most eight minutes "
+    "measures them and prints the name of the card:",
+    "",
+    "<!-- not run: needs a GPU, and takes minutes -->",
+    "```sh",
+    "python benchmarks/gpu.py --out gpu.json",
+    "```",
+    "",
+    "It compares layers and models (X, II, MT-GCN, `TaxelNet`) with PyG's layers on a `Batch`"
+    " on the same GPU: 1, 128 and 1,024 frames of 24, 384 and 2,048 taxels, in float32, TF32 "
+    "and bfloat16, eager and as a CUDA graph, and some of them compiled. It also measures the"
+    ' loaders with the data set on the GPU (`dataset.to("cuda")`), the peak memory of the 18 '
+    "models of P2's Table IV, and the time from one frame to its label. A measurement that "
+    "fails is a row with its reason, and those that do not fit into the time are listed. "
+    "`--device cpu --quick` runs every part in tiny sizes on a processor, to check the "
+    "script.",
+]
+
 ROUNDED = (
     " bfloat16 here: inputs and outputs of linear layers, forward and backward, are rounded to it, "
     "and sums are in float32, as in instructions for bfloat16."
@@ -124,7 +145,8 @@ def _lines_of(found: dict[str, Any]) -> list[str]:
         for part in found.values()
         for name, value in part.get("ratios", {}).items()
     ]
-    return [*lines, "## Ratios", "", *table(["what", "ratio", "at least"], ratios)]
+    table_of_ratios = table(["what", "ratio", "at least"], ratios)
+    return [*lines, "## Ratios", "", *table_of_ratios, "", *_ON_A_GPU]
 
 
 def _speeds(found: dict[str, Any]) -> list[list[str]]:

@@ -52,6 +52,7 @@ FULL = (
     "analysis/test_embedding.py::test_embedding_follows_its_seed[2-umap",
     "analysis/test_embedding.py::test_embedding_follows_its_seed[3-umap",
     "analysis/test_embedding.py::test_umap",
+    "benchmarks/test_gpu.py::test_quick_run",
     "commands/test_compare.py::test_all_models_run",
     "commands/test_compare.py::test_stopped_run",
     "commands/test_demo.py::test_demo",

@@ -27,6 +27,7 @@ EXTRAS = {  # modules of extras that the blocks of a page need
     "docs/lerobot.md": ("pyarrow",),
     "docs/live.md": ("serial", "websockets", "mcap"),
     "docs/metrics.md": ("lightning",),
+    "docs/mixed_sensors.md": ("lightning",),
     "docs/models.md": ("lightning", "cv2"),
     "docs/predictor.md": ("lightning", "onnxruntime", "onnxscript"),
     "docs/recordings.md": ("h5py", "matplotlib"),
@@ -38,6 +39,7 @@ EXTRAS = {  # modules of extras that the blocks of a page need
 }
 SLOW = {"README.md", "docs/analysis.md", "docs/models.md", "docs/predictor.md"} | {
     "docs/command_line.md",
+    "docs/mixed_sensors.md",
     "docs/simulation.md",
     "docs/your_own_classes.md",
     "docs/your_own_data.md",

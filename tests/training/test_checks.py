@@ -133,9 +133,16 @@ def test_missing_edges_of_a_model_that_does_not_declare_them(labelled):
         def forward(self, x, edge_index):
             return self.conv(x, edge_index).mean(dim=-2)
 
-    match = r"cannot be run without 'edge_index' \(\w+: .*\): .*KNNGraph\(k=2\), or .* adjacency"
-    with pytest.raises(ValueError, match=match):
-        fit(TactileModule(Pyg()), TactileDataModule(without_edges(labelled)))
+    class Hidden(Pyg):  # whose edges have a default
+        def forward(self, x, edge_index=None):
+            return super().forward(x, edge_index)
+
+    for kind, match in (
+        (Pyg, r"the model needs 'edge_index' \(the batch has .*\): .*KNNGraph\(k=2\)"),
+        (Hidden, r"cannot be run without 'edge_index' \(\w+: .*\): .*KNNGraph\(k=2\), or .* adja"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            fit(TactileModule(kind()), TactileDataModule(without_edges(labelled)))
     fit(TactileModule(Pyg()), TactileDataModule(labelled("multiclass")))
 
 

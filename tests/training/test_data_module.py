@@ -1,6 +1,6 @@
 import pytest
 import torch
-from torch.utils.data import ConcatDataset
+from torch.utils.data import Subset
 from torch_geometric.transforms import BaseTransform, Compose
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
@@ -244,11 +244,23 @@ def test_parts_that_number_their_names_otherwise_are_refused(name):
 
 
 def test_data_sets_of_other_kinds_are_refused():
-    joined = ConcatDataset([fake(), fake()])
-    with pytest.raises(TypeError, match=r"'dataset' must be a StaticDataset \(got ConcatDataset\)"):
-        TactileDataModule(joined)
-    with pytest.raises(TypeError, match=r"'test_dataset' must be a StaticDataset \(got list\)"):
+    with pytest.raises(TypeError, match=r"'dataset' must be a data set .*\(got StaticData\): give"):
+        TactileDataModule(fake().data)
+    with pytest.raises(TypeError, match=r"'dataset' must be a data set of PyG, .*\(got NoneType\)"):
+        TactileDataModule(None)
+    with pytest.raises(TypeError, match=r"'test_dataset' must be a StaticDataset, .*\(got list\)"):
         TactileDataModule(fake(), list(fake()))
+    with pytest.raises(TypeError, match=r"'val_dataset' must be a data set of PyG, as 'dataset' "):
+        TactileDataModule(list(fake()), val_dataset=fake())
+    with pytest.raises(ValueError, match=r"'test_dataset' must hold at least one sample"):
+        TactileDataModule(list(fake()), [])
+
+
+def test_subset_of_a_data_set_is_a_part_of_it():
+    dataset = fake()
+    data = TactileDataModule(Subset(dataset, [4, 2]), split="frame", val=0.0)
+    assert data.layout is dataset.layout
+    assert data.part("train")[0].x.equal(dataset[4].x)
 
 
 def test_split_of_nothing_is_refused():

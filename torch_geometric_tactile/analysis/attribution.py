@@ -12,7 +12,12 @@ from torch_geometric.explain.config import MaskType, ModelMode, ModelReturnType
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn.conv._own_propagate import restore_propagate
-from torch_geometric_tactile.nn.models._calls import batch_vector, needs_edges, takes_batch
+from torch_geometric_tactile.nn.models._calls import (
+    batch_vector,
+    input_names,
+    needs_edges,
+    takes_batch,
+)
 
 
 class IntegratedGradients(ExplainerAlgorithm):
@@ -254,7 +259,7 @@ class _Samples(Module):
     # the logit of the target of each.
     def __init__(self, model: Module, batch: Data, target: int | Tensor) -> None:
         super().__init__()
-        names = tuple(getattr(model, "modalities", ()))
+        names = input_names(model)
         edges = ("edge_index",) if needs_edges(model) else ()
         if takes_batch(model) and isinstance(batch, StaticData):
             batch = batch.to_batch()

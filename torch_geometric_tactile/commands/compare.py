@@ -67,7 +67,9 @@ data:
                whole numbers for classes, other numbers for regression); optionally trial, group,
                session, set, joint, time (S, ...); and pos (N, 3) in metres without --layout, --grid
   FOLDER       a folder of recordings for the data set RecordingFrames
-  CLASS        import path of a StaticDataset class; of this package, its name is enough
+  CLASS        import path of a StaticDataset class; of this package, its name is enough. Or of a
+               PyG data set, or a function that returns one or a list of Data: samples of
+               different sensors, for networks of your own with forward(x, edge_index, batch)
 
 models:
 {chr(10).join(f"  {name:18} {title}" for name, title in MODELS.items())}
@@ -292,15 +294,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.experiments._compared_task import NO_PREDICTOR
     from torch_geometric_tactile.experiments.compared_windows import data_source
     from torch_geometric_tactile.experiments.comparison import (
         ComparisonSettings,
         comparison_plan,
         summarize,
     )
-    from torch_geometric_tactile.experiments.deploy import check_one_layout
-    from torch_geometric_tactile.reports._compare import describe_sensors, write_comparison
+    from torch_geometric_tactile.reports._compare import write_comparison
     from torch_geometric_tactile.visualization._style import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
@@ -330,11 +331,8 @@ def _run(arguments: argparse.Namespace) -> int:
     )
     plan = comparison_plan(source, settings, name=_name(arguments.data))
     _check_save(arguments, [cell.experiment for cell in plan.table.cells])
-    if arguments.save is not None:
-        check_one_layout(plan.data.load())
-    text = describe_sensors(plan)
-    if text:
-        tell(printable(text), arguments.json)
+    if arguments.save is not None and plan.data.load().layout is None:
+        raise ValueError(f"'--save' must be left out: {NO_PREDICTOR}")
     finished = run_with_bar(
         plan,
         arguments.out,
@@ -397,7 +395,7 @@ def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
 
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.experiments.advice import advice, to_dict
-    from torch_geometric_tactile.reports._compare import comparison_rows
+    from torch_geometric_tactile.reports._compare import comparison_rows, describe_sensors
 
     if as_json:
         print(json.dumps(to_dict(comparison), indent=1), flush=True)
@@ -405,7 +403,8 @@ def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
     header, rows = comparison_rows(comparison)
     if rows:
         print(tabulate(rows, header, disable_numparse=True), end="\n\n")
-    print(printable(comparison.run.describe()))
+    sensors = describe_sensors(comparison.run.plan)
+    print("\n".join(map(printable, filter(None, [sensors, comparison.run.describe()]))))
     for path in paths:
         print(printable(f"wrote {path}"))
     print(f"\n{printable(advice(comparison))}", flush=True)

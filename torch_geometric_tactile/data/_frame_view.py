@@ -183,7 +183,7 @@ def innermost(dataset: Any) -> Any:
     return dataset
 
 
-def selected_part(dataset: Any) -> str | None:
+def dataset_part(dataset: Any) -> str | None:
     r"""Returns the part that a data set, or the one that a view shows, was built with, such as
     :obj:`"train"`; :obj:`None` for all samples, and for what knows no parts.
     """

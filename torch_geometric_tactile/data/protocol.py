@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need
-from torch_geometric_tactile.data._frame_view import selected_part
+from torch_geometric_tactile.data._frame_view import dataset_part
 from torch_geometric_tactile.data._graph_samples import GraphSamples, as_samples, sample_column
 from torch_geometric_tactile.data._shared_samples import warn_of_shared
 from torch_geometric_tactile.data._unit_draws import (
@@ -225,7 +225,7 @@ class Protocol:
         need(0 <= fold < num_folds, f"'fold' must be between 0 and {num_folds - 1}", fold)
         if self.by == "given":
             parts = _given_parts(dataset)
-            selected = selected_part(dataset)
+            selected = dataset_part(dataset)
             if selected is not None and len(np.unique(parts)) == 1:
                 warnings.warn(
                     f"the data set holds its part '{selected}' alone, and no given part to compare "

@@ -339,7 +339,7 @@ def what_it_lacks(model: ComparedModel, task: ComparedTask) -> str:
         return model.lacks(task)
     if model.name == FLOOR:
         return ""
-    several = f"the samples, which have {task.taxels}, have no layout that all share"
+    several = f"the samples, which have {task.several}, have no layout that all share"
     if model.name in _BY_NAME:
         return f"it is a model of one layout, and {several}"
     if isinstance(model, _Estimator):

@@ -24,6 +24,11 @@ _MOST_TRIED = 1000  # samples of a cut that an estimator is trained on
 # With more taxels and readings of all training samples, a network is one, of the first setting.
 MANY_TAXELS = 500
 _MANY_READINGS = 500_000
+# Why nothing is saved.
+NO_PREDICTOR = (
+    "a predictor is of one layout, and the samples have none that all share: train the network "
+    "with TactileModule, and keep its checkpoint"
+)
 _ROCKET_FRAMES = 9  # that a kernel of MiniRocket spans
 
 
@@ -40,8 +45,8 @@ class ComparedTask:
     members: int | None = 1
     num_frames: int | None = None
     num_channels: int = 1
-    num_taxels: int = 1  # of a sample, at most
-    taxels: str = ""  # in words
+    several: str = ""  # without a layout, the numbers of taxels in words
+    most_taxels: int = 1  # without a layout
 
     @classmethod
     def of(
@@ -56,10 +61,8 @@ class ComparedTask:
         num_train = max(1, round(part * len(dataset)))
         width = dataset.batch(torch.tensor([0])).x.shape[-1]
         if isinstance(dataset, GraphSamples):
-            most, taxels = dataset.num_taxels[1], dataset.describe_taxels()
-        else:
-            most = dataset.layout.num_taxels
-            taxels = f"{most} taxels"
+            more["several"] = dataset.describe_taxels()
+            more["most_taxels"] = dataset.num_taxels[1]
         return cls(
             dataset.layout,
             metric,
@@ -67,10 +70,13 @@ class ComparedTask:
             posed=num_frames is None and _can_be_posed(dataset),
             num_frames=num_frames,
             num_channels=width // (num_frames or 1),
-            num_taxels=most,
-            taxels=taxels,
             **more,
         )
+
+    @property
+    def num_taxels(self) -> int:
+        r"""The number of taxels, or that of the sample with most."""
+        return self.most_taxels if self.layout is None else self.layout.num_taxels
 
     @property
     def numbers(self) -> bool:

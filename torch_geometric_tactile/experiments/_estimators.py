@@ -59,9 +59,9 @@ def fit_estimator(
         seconds=seconds,
         predict_seconds=predicting,
         threshold=threshold,
-        trained=Trained(
-            estimator, seen, held_out, train.class_names, train.layout, experiment.seed
-        ),
+        trained=None
+        if train.layout is None
+        else Trained(estimator, seen, held_out, train.class_names, train.layout, experiment.seed),
     )
 
 

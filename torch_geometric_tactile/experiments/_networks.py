@@ -141,6 +141,7 @@ def _loss(said: Outputs) -> float:
 def _trained(classifier: TactileModule, data: TactileDataModule, seed: int) -> Trained:
     model = classifier.model.eval().cpu()
     train, test = (data.peek(part, len(part)) for part in (data.part("train"), data.part("test")))
+    assert data.layout is not None  # tables are of static data
     return Trained(model, train, test, data.class_names, data.layout, seed)
 
 

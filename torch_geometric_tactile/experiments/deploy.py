@@ -15,6 +15,7 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._building import build_object
+from torch_geometric_tactile.experiments._compared_task import NO_PREDICTOR
 from torch_geometric_tactile.experiments._estimators import (
     estimator_input,
     fitted_samples,
@@ -85,8 +86,9 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
         f"the source code of '{result.model.name}' was edited after the comparison; compare again",
     )
     experiment = experiment.with_setting(_setting(result, choice))
-    known, trained_on = _samples(experiment)
-    samples = check_one_layout(known)
+    samples, trained_on = _samples(experiment)
+    if isinstance(samples, GraphSamples):
+        raise ValueError(NO_PREDICTOR)
     threads = torch.get_num_threads()
     torch.set_num_threads(experiment.threads)
     try:
@@ -105,24 +107,6 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
         trained_on=trained_on,
     )
     return predictor
-
-
-def check_one_layout(samples: SampleSet) -> StaticDataset:
-    r"""Checks that samples are of one sensor, as those of a predictor, and returns them.
-
-    Args:
-        samples (StaticDataset or GraphSamples): The samples.
-
-    Raises:
-        ValueError: If they may be of several.
-    """
-    if isinstance(samples, GraphSamples):
-        raise ValueError(
-            "a predictor is of one layout, and the samples have none that all share (they have "
-            f"{samples.describe_taxels()}): nothing can be saved; train the network with "
-            "TactileModule, and keep its checkpoint"
-        )
-    return samples
 
 
 def _setting(result: ModelResult, choice: Choice) -> Mapping[str, Any]:

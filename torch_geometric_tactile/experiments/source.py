@@ -11,16 +11,18 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import file_sha256
 from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
-from torch_geometric_tactile.data._frame_view import innermost, selected_part
+from torch_geometric_tactile.data._frame_view import FrameView, dataset_part, innermost
 from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet, as_samples
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._building import (
     argument_names,
     build_object,
     check_arguments,
+    find_class,
 )
 
 _SIMULATION = "simulation.json"
@@ -113,6 +115,14 @@ class DataSource:
         return dataset[self.is_selected(dataset).nonzero().view(-1)]
 
     def _build(self, arguments: Mapping[str, Any]) -> SampleSet:
+        kind = find_class(self.class_path)
+        if isinstance(kind, type) and issubclass(kind, FrameView):
+            arguments = {**arguments, _INNER: build_object(arguments.get(_INNER))}
+            need(
+                isinstance(arguments[_INNER], StaticDataset),
+                "windows and trials are cut from a StaticDataset of frames, of one layout",
+                type(arguments[_INNER]).__name__,
+            )
         built = build_object({"class_path": self.class_path, "init_args": arguments})
         try:
             dataset = as_samples(built)
@@ -175,7 +185,7 @@ class DataFacts:
             class_names=tuple(dataset.class_names),
             session_names=tuple(dataset.session_names),
             num_frames=None if frames is None else int(torch.as_tensor(frames).view(-1)[0]),
-            part=selected_part(dataset),
+            part=dataset_part(dataset),
         )
 
     @property
@@ -279,13 +289,13 @@ def _fingerprint(dataset: SampleSet) -> str:
             others = {k: v for k, v in attributes.items() if isinstance(v, str | int | float)}
             code.update(f"{sorted(others.items())!r}\n".encode())
         return code.hexdigest()
-    plain = innermost(dataset)
-    files = _files(plain)
+    inner: StaticDataset = innermost(dataset)
+    files = _files(inner)
     for file in files:
         stat = file.stat()
         code.update(f"{file.name} {_sha256(file, stat.st_size, stat.st_mtime_ns)}\n".encode())
     if not files:
-        _add_tensors(code, plain.data.to_dict())
+        _add_tensors(code, inner.data.to_dict())
     return code.hexdigest()
 
 

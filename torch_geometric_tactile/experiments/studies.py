@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.nn.models._calls import call_model
+from torch_geometric_tactile.nn.models._calls import call_model, input_names
 from torch_geometric_tactile.sensors import TaxelLayout
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ class Trained:
         train (StaticData): What it was trained on, scaled.
         test (StaticData): What was held out, scaled likewise.
         class_names (list of str): Names of the classes.
-        layout (TaxelLayout, optional): The taxels; :obj:`None` of samples of several sensors.
+        layout (TaxelLayout): The taxels.
         seed (int): Seed of the run.
     """
 
@@ -32,7 +32,7 @@ class Trained:
     train: StaticData
     test: StaticData
     class_names: Sequence[str]
-    layout: TaxelLayout | None
+    layout: TaxelLayout
     seed: int = 0
 
     @property
@@ -47,7 +47,7 @@ class Trained:
             samples (StaticData): Some of :obj:`test`, or changed ones.
             batch_size (int): How many at a time.
         """
-        names = getattr(self.model, "modalities", ())
+        names = input_names(self.model)
         out = []
         with torch.inference_mode():
             for rows in torch.arange(samples.num_samples).split(batch_size):

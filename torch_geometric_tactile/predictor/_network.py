@@ -9,7 +9,7 @@ from torch.nn import Module
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import NO_CONTACT, StaticData
-from torch_geometric_tactile.nn.models._calls import call_model
+from torch_geometric_tactile.nn.models._calls import call_model, input_names
 from torch_geometric_tactile.nn.models._inputs import needed_inputs
 from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 
@@ -44,7 +44,7 @@ class Network:
         numbers = [p for p in model.parameters() if p.is_floating_point()]
         self.dtype = numbers[0].dtype if numbers else torch.get_default_dtype()
         self.device = numbers[0].device if numbers else torch.device("cpu")
-        self.modalities: tuple[str, ...] = tuple(getattr(model, "modalities", ()))
+        self.modalities: tuple[str, ...] = input_names(model)
 
     def facts(self) -> dict[str, Any]:
         r"""Returns what live use must know of the outputs, as JSON values."""

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import Module, ModuleList
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.nn.models._calls import needs_edges, takes_batch
+from torch_geometric_tactile.nn.models._calls import input_names, needs_edges, takes_batch
 
 
 class AverageModel(Module):
@@ -52,11 +52,11 @@ class AverageModel(Module):
         if not models or not all(isinstance(model, Module) for model in models):
             raise ValueError(f"'models' must hold at least one model (got {models!r:.80})")
         self.models = ModuleList(models)
-        self.modalities: tuple[str, ...] = tuple(getattr(models[0], "modalities", ()))
+        self.modalities: tuple[str, ...] = input_names(models[0])
         self.needs_edges = needs_edges(models[0])
         self.takes_batch = takes_batch(models[0])
         for model in models[1:]:
-            given = tuple(getattr(model, "modalities", ()))
+            given = input_names(model)
             need(given == self.modalities, f"'models' must all take {self.modalities}", given)
         self.numbers = bool(numbers)
         for name, value in (("center", center), ("scale", scale)):

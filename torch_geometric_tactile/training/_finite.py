@@ -16,6 +16,7 @@ from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import TactileModel
+from torch_geometric_tactile.nn.models._calls import input_names
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.transforms._samples import Samples
 
@@ -27,7 +28,7 @@ _SPREAD = 64  # samples of a larger one
 def model_inputs(model: Any) -> tuple[str, ...]:
     r"""Returns the names of the attributes that a model reads."""
     reads_x = "tactile" in model.inputs if isinstance(model, TactileModel) else True
-    return (*(("x",) if reads_x else ()), *getattr(model, "modalities", ()))
+    return (*(("x",) if reads_x else ()), *input_names(model))
 
 
 def check_part(model: Any, data: TactileDataModule, part: SampleSet, name: str) -> None:

@@ -1,6 +1,8 @@
 r"""Layouts as text."""
 
 import json
+from collections.abc import Mapping
+from typing import Any
 
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_layout
 
@@ -26,6 +28,21 @@ def layout_to_text(layout: TaxelLayout) -> str:
     # for one wherever a class accepts texts of several kinds.
     content = json.dumps(layout.to_dict(), separators=(",", ":"))
     return _CONTENT + content.replace(" ", "\\u0020")
+
+
+def plain_section(config: Mapping[str, Any]) -> dict[str, Any]:
+    r"""Returns what :func:`~torch_geometric_tactile.training.sizes.fill_sizes` returned as plain
+    data, with the text of a layout.
+
+    Args:
+        config (Mapping): The :obj:`model` section.
+    """
+    model = config.get("model")
+    arguments = model.get("init_args") if isinstance(model, Mapping) else None
+    if not isinstance(arguments, Mapping) or not isinstance(arguments.get("layout"), TaxelLayout):
+        return dict(config)
+    plain = {**arguments, "layout": layout_to_text(arguments["layout"])}
+    return {**config, "model": {**model, "init_args": plain}}  # type: ignore[dict-item]
 
 
 def _is_stock(layout: TaxelLayout) -> bool:

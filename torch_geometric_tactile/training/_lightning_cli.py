@@ -34,11 +34,12 @@ from torch_geometric_tactile.training._given_arguments import (
     parted,
     read_config,
 )
+from torch_geometric_tactile.training._layout_text import plain_section
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.config import find_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileModule
-from torch_geometric_tactile.training.sizes import fill_sizes, plain_section
+from torch_geometric_tactile.training.sizes import fill_sizes
 
 _ADVERT = "💡 Tip:"
 _LOGGERS = ("lightning.pytorch.utilities.rank_zero", "lightning.fabric.utilities.rank_zero")
@@ -333,8 +334,11 @@ def _next_step(trainer: L.Trainer, checkpoint: str, folder: str | None) -> str:
     config = None if folder is None else Path(folder) / "config.yaml"
     named = _short(config) if config is not None and config.is_file() else "CONFIG"
     short = _short(checkpoint)
+    test = f"Test it:\n  tactile test --config {named} --ckpt_path {short}"
+    if isinstance(data, TactileDataModule) and data.layout is None:
+        return test  # a predictor is of one layout
     return (
-        f"Test it:\n  tactile test --config {named} --ckpt_path {short}\n"
+        f"{test}\n"
         "Use it on raw readings (scaling included), or on a robot without PyTorch:\n"
         f"  tactile predict {short} RECORDING\n  tactile export {short} model.onnx"
     )

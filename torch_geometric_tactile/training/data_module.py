@@ -2,7 +2,7 @@ r"""The parts of a data set that training, validation and test see."""
 
 import copy
 from collections.abc import Sequence
-from typing import Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import lightning as L
 import torch
@@ -22,6 +22,12 @@ from torch_geometric_tactile.loader._random_states import kept_rng
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
 
+# For a configuration, which holds no list, one kind: its parser tells of a union all that does not
+# fit any member of it.
+if TYPE_CHECKING:
+    _AnyDataset = Dataset | Sequence[Data]
+else:
+    _AnyDataset = Dataset
 _SPLITS = ("frame", "trial", "group")
 
 
@@ -88,8 +94,8 @@ class TactileDataModule(L.LightningDataModule):
 
     def __init__(
         self,
-        dataset: StaticDataset | Dataset | Sequence[Data],
-        test_dataset: StaticDataset | Dataset | Sequence[Data] | None = None,
+        dataset: _AnyDataset,
+        test_dataset: _AnyDataset | None = None,
         *,
         split: Literal["frame", "trial", "group"] | Protocol | Split = "trial",
         val: float | None = None,
@@ -99,7 +105,7 @@ class TactileDataModule(L.LightningDataModule):
         batch_size: int = 128,
         num_workers: int = 0,
         seed: int = 0,
-        val_dataset: StaticDataset | Dataset | Sequence[Data] | None = None,
+        val_dataset: _AnyDataset | None = None,
         fold: int = 0,
     ) -> None:
         super().__init__()

@@ -31,6 +31,7 @@ from torch_geometric_tactile.training._collected_metrics import (
     update_metrics,
 )
 from torch_geometric_tactile.training._finite import BatchCheck
+from torch_geometric_tactile.training._layout_text import plain_section
 from torch_geometric_tactile.training._losses import (
     ClassWeights,
     RegressionLoss,
@@ -42,7 +43,7 @@ from torch_geometric_tactile.training._losses import (
 from torch_geometric_tactile.training._threshold import check_threshold
 from torch_geometric_tactile.training.cosine_annealing import CosineAnnealing
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes, plain_section
+from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
 
 class TactileModule(CheckpointedModule):
@@ -63,12 +64,13 @@ class TactileModule(CheckpointedModule):
 
     Args:
         model (torch.nn.Module): Called as :obj:`model(x, edge_index)`, and with the attributes of
-            the batch that its attribute :obj:`modalities` names, if it has one, by keyword; returns
-            logits or numbers :math:`(B, C)`. One whose :obj:`forward` has an argument :obj:`batch`,
-            as PyG's models have it, is called as :obj:`model(x, edge_index, batch=batch)` on a PyG
-            batch, also of static data. For data without edges, :obj:`edge_index` is :obj:`None`,
-            which a model refuses that has a true attribute :obj:`needs_edges`, or passes messages
-            along edges without a default.
+            the batch that its attribute :obj:`modalities` names by keyword, or without one those of
+            the further arguments of its :obj:`forward` that have no default, such as
+            :obj:`edge_attr`; returns logits or numbers :math:`(B, C)`. One whose :obj:`forward` has
+            an argument :obj:`batch`, as PyG's models have it, is called as :obj:`model(x,
+            edge_index, batch=batch)` on a PyG batch, also of static data. For data without edges,
+            :obj:`edge_index` is :obj:`None`, which a model refuses that has a true attribute
+            :obj:`needs_edges`, or passes messages along edges without a default.
         optimizer (callable): Makes an optimizer of parameters.
         lr_scheduler (callable, optional): Makes a scheduler of an optimizer, stepped every epoch.
             :class:`~torch_geometric_tactile.training.CosineAnnealing` knows the epochs of the run.

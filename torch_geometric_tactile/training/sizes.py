@@ -180,20 +180,6 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     return filled
 
 
-def plain_section(config: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Returns what :func:`fill_sizes` returned as plain data, with the text of a layout.
-
-    Args:
-        config (Mapping): The :obj:`model` section.
-    """
-    model = config.get("model")
-    arguments = model.get("init_args") if isinstance(model, Mapping) else None
-    if not isinstance(arguments, Mapping) or not isinstance(arguments.get("layout"), TaxelLayout):
-        return dict(config)
-    plain = {**arguments, "layout": layout_to_text(arguments["layout"])}
-    return {**config, "model": {**model, "init_args": plain}}  # type: ignore[dict-item]
-
-
 def _check_complete(
     cls: Any,
     parameters: Mapping[str, inspect.Parameter],

@@ -158,7 +158,7 @@ class FlatSamples:
         return False
 
     def __contains__(self, key: str) -> bool:
-        return getattr(self.first, key, None) is not None
+        return self.first.to_dict().get(key) is not None
 
     def __getitem__(self, key: str) -> Tensor:
         r"""One attribute of all samples, which should be small."""

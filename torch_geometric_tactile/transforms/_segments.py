@@ -45,9 +45,9 @@ def samples_of_rows(data: Data, x: Tensor) -> tuple[Tensor, int]:
     if isinstance(data, Batch):
         return data.batch, data.num_graphs
     num_samples = x.shape[:-2].numel()
-    return torch.arange(num_samples, device=x.device).repeat_interleave(
-        x.size(-2), dim=0
-    ), num_samples
+    sample = torch.arange(num_samples, device=x.device).view(-1, 1)
+    # Not `repeat_interleave`, which PyTorch 2.8 exports with other numbers.
+    return sample.expand(-1, x.size(-2)).flatten(), num_samples
 
 
 def segment_means(rows: Tensor, segment: Tensor, count: int) -> Tensor:

@@ -71,7 +71,6 @@ class FittedTransform(TactileTransform):
     Examples:
         >>> import torch
         >>> from torch_geometric_tactile.data import StaticData
-    from torch_geometric_tactile.data._graph_samples import GraphSamples, without_transform
         >>> data = StaticData(x=torch.tensor([[[1.0]], [[3.0]]]))
         >>> FittedTransform(unit_scale=True).fit(data)(data).x.view(-1)  # subtracts the mean
         tensor([-1.,  1.])

@@ -12,6 +12,7 @@ from torch_geometric.nn import MessagePassing
 
 from torch_geometric_tactile.data import StaticData
 
+_NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 _KINDS = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 
 
@@ -39,6 +40,17 @@ def takes_batch(model: Any) -> bool:
     if declared is not None:
         return bool(declared)
     return any(parameter.name == "batch" for parameter in _forward_parameters(model))
+
+
+def input_names(model: Any) -> tuple[str, ...]:
+    r"""Returns the attributes that a network is given by keyword: those of its :obj:`modalities`,
+    or if it has none, the arguments of :obj:`forward` behind the edges that have no default.
+    """
+    declared = getattr(model, "modalities", None)
+    if declared is not None:
+        return tuple(declared)
+    further = [p for p in _forward_parameters(model) if p.kind in _NAMED][2:]
+    return tuple(p.name for p in further if p.default is p.empty and p.name != "batch")
 
 
 def _edge_parameter(model: Any) -> inspect.Parameter | None:

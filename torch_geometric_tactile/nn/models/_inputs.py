@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._calls import needs_edges
+from torch_geometric_tactile.nn.models._calls import input_names, needs_edges
 
 # What gives a sample the attributes that models ask for.
 _SOURCES = {
@@ -24,7 +24,7 @@ def needed_inputs(
     r"""Returns the attributes of samples that a model takes by keyword. Of a missing one, and of
     edges, an error says what the samples have and where it comes from.
     """
-    inputs = {name: getattr(data, name, None) for name in getattr(model, "modalities", ())}
+    inputs = {name: getattr(data, name, None) for name in input_names(model)}
     lacking = [name for name, value in inputs.items() if value is None]
     if data.edge_index is None and needs_edges(model):
         lacking.insert(0, "edge_index")
