@@ -202,9 +202,11 @@ def _program(graph: OnnxGraph) -> Any:
     try:
         with torch.no_grad(), _quiet(), products:
             graph(*inputs)  # fills what layers keep, so that it is constant
+            # Traced here: PyTorch 2.8 traces a failing graph in other ways too, and `at` would be
+            # where the last of them ended.
+            traced = torch.export.export(graph, tuple(inputs), strict=False)
             program = torch.onnx.export(
-                graph,
-                tuple(inputs),
+                traced,
                 dynamo=True,
                 opset_version=_OPSET,
                 input_names=graph.input_names,

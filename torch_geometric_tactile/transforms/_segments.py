@@ -45,9 +45,20 @@ def samples_of_rows(data: Data, x: Tensor) -> tuple[Tensor, int]:
     if isinstance(data, Batch):
         return data.batch, data.num_graphs
     num_samples = x.shape[:-2].numel()
-    sample = torch.arange(num_samples, device=x.device).view(-1, 1)
-    # Not `repeat_interleave`, which PyTorch 2.8 exports with other numbers.
-    return sample.expand(-1, x.size(-2)).flatten(), num_samples
+    return repeat_rows(torch.arange(num_samples, device=x.device), x.size(-2)), num_samples
+
+
+def repeat_rows(rows: Tensor, times: int) -> Tensor:
+    r"""Returns each row :obj:`times` times, one after another.
+
+    ``rows.repeat_interleave(times, dim=0)`` is the same, but PyTorch 2.8 exports it to ONNX with
+    other numbers or another shape.
+
+    Shapes:
+        - **rows:** :math:`(R, *)`
+        - **output:** :math:`(R \cdot times, *)`
+    """
+    return rows.unsqueeze(1).expand(-1, times, *rows.shape[1:]).flatten(0, 1)
 
 
 def segment_means(rows: Tensor, segment: Tensor, count: int) -> Tensor:

@@ -10,6 +10,7 @@ from torch_geometric.utils import coalesce
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.transforms._attributes import EDGES, require
+from torch_geometric_tactile.transforms._segments import repeat_rows
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 # Rounding of single-precision positions, a few sensor lengths from the origin, stays below this
@@ -83,7 +84,7 @@ class KNNGraph(TactileTransform):
         # to a raster instead would part those that lie on both sides of one of its borders.
         rank = (distance.diff(dim=1, prepend=distance[:, :1]) > step).cumsum(dim=1)
         neighbour = (rank * num_taxels + order).sort(dim=1).values[:, : self.k] % num_taxels
-        target = torch.arange(num_taxels, device=pos.device).repeat_interleave(self.k, dim=0)
+        target = repeat_rows(torch.arange(num_taxels, device=pos.device), self.k)
         edge_index = torch.stack([neighbour.reshape(-1), target])
         if self.symmetric:
             edge_index = torch.cat([edge_index, edge_index.flip(0)], dim=1)

@@ -4,7 +4,11 @@ from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
 from torch_geometric_tactile.transforms._attributes import require_floats
-from torch_geometric_tactile.transforms._segments import samples_of_rows, segment_means
+from torch_geometric_tactile.transforms._segments import (
+    repeat_rows,
+    samples_of_rows,
+    segment_means,
+)
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
@@ -40,7 +44,7 @@ class NormalizeRMS(TactileTransform):
         x = require_floats(self, data)
         rows = x.reshape(-1, x.size(-1)).double()
         sample, count = samples_of_rows(data, x)
-        sample = sample.repeat_interleave(x.size(-1), dim=0)
+        sample = repeat_rows(sample, x.size(-1))
         square = segment_means(rows.square().reshape(-1, 1), sample, count)
         size = square.sqrt()[sample].reshape(rows.shape)
         data.x = (rows / size.masked_fill(size == 0, 1.0)).to(x).reshape(x.shape)

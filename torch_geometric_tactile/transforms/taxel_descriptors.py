@@ -19,6 +19,7 @@ from torch_geometric_tactile.transforms._attributes import (
     require_floats,
     require_pos,
 )
+from torch_geometric_tactile.transforms._segments import repeat_rows
 from torch_geometric_tactile.transforms._windows import given_num_frames, refuse_ragged
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
@@ -111,7 +112,7 @@ class TaxelDescriptors(TactileTransform):
         # Frames (B, T, N, C).
         size = frames.shape[:2]
         if pos is not None and pos.dim() == 3:
-            pos = pos.repeat_interleave(size[1], dim=0)
+            pos = repeat_rows(pos, size[1])
         each = taxel_descriptors(frames.flatten(0, 1), self.layout, pos).unflatten(0, size)
         change = frames[:, -1] - frames[:, 0]
         last_pos = None if pos is None else pos if pos.dim() == 2 else pos[size[1] - 1 :: size[1]]

@@ -13,7 +13,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import EDGES, check_num_taxels, require
-from torch_geometric_tactile.transforms._segments import segment_numbers
+from torch_geometric_tactile.transforms._segments import repeat_rows, segment_numbers
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _SET_HERE = ("segment_batch", "edge_is_within")
@@ -108,7 +108,7 @@ class TopologicalSegmentation(TactileTransform):
         else:
             data.edge_is_within = within
             _reslice(data, "edge_is_within", _edges_of_graphs(data, source))
-        data.segment_batch = segment + shift.repeat_interleave(len(self.segment), dim=0)
+        data.segment_batch = segment + repeat_rows(shift, len(self.segment))
         taxels = torch.full((num_samples,), len(self.segment))
         _reslice(data, "segment_batch", taxels, self.num_segments)
         return data
