@@ -351,7 +351,7 @@ WINDOWS = ("GraspGCN", "GraspLSTM", "TemporalTaxelNet")
 
 
 def model_rows() -> Iterator[tuple[str, ...]]:
-    """Yields what the models need, and their weights with their default arguments, or those of SENSORS."""
+    """Yields what the models need, and their weights with their default arguments or SENSORS."""
     for name, what in MODELS.items():
         make = getattr(nn.models, name)
         if name == "MTGCN":
