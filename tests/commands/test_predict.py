@@ -1,5 +1,6 @@
 import csv
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.nn import TactileFNN
 from torch_geometric_tactile.predictor._preparation import Preparation
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.transforms import SessionZScore, Tare
+from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, Tare
 
 LAYOUT = grid(2, 2, pitch=0.01)
 X = torch.randn(5, 4, 3, generator=torch.Generator().manual_seed(0))
@@ -353,3 +354,46 @@ def test_no_picture_is_drawn_where_none_is_asked_for_or_matplotlib_is_missing(
 def test_no_picture_is_left_if_a_later_recording_is_refused(folder, capsys):
     assert main(["predict", "a.predictor", "trial_0.npz", "nothing.npz"]) == 1
     assert not list(folder.glob("predictions*"))
+
+
+def test_network_of_pyg_needs_a_configuration_with_its_class_alone(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("jsonargparse", reason="needs the extra 'train'")
+    monkeypatch.chdir(tmp_path)
+    Path("my_gat.py").write_text(
+        "import torch\n"
+        "from torch_geometric.nn import GATv2Conv, global_mean_pool\n\n\n"
+        "class Net(torch.nn.Module):\n"
+        "    def __init__(self, in_channels, out_channels):\n"
+        "        super().__init__()\n"
+        "        self.conv = GATv2Conv(in_channels, 4, heads=2)\n"
+        "        self.lin = torch.nn.Linear(8, out_channels)\n\n"
+        "    def forward(self, x, edge_index, batch):\n"
+        "        h = self.conv(x, edge_index).relu()\n"
+        "        return self.lin(global_mean_pool(h, batch))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    from my_gat import Net
+
+    layout = grid(2, 3, 0.004)
+    net = Predictor(
+        Net(1, 2), layout, class_names=("a", "b"), num_channels=1, pre_transform=KNNGraph(2)
+    )
+    net.save("net.predictor")
+    x = torch.rand(5, 6, generator=torch.Generator().manual_seed(0))
+    header = "time," + ",".join(f"s{i}" for i in range(6))
+    lines = [",".join(map(str, [i / 100, *row])) for i, row in enumerate(x.tolist())]
+    Path("a.csv").write_text("\n".join([header, *lines, ""]))
+    arguments = ["predict", "net.predictor", "a.csv", "--no-picture"]
+    assert main(arguments) == 1
+    assert "--config" in capsys.readouterr().err
+    Path("c.yaml").write_text(
+        "model: {model: {class_path: my_gat.Net, init_args: {in_channels: 1, out_channels: 2}}}"
+    )
+    assert main([*arguments, "--config", "c.yaml"]) == 0
+    expected = net(x.unsqueeze(-1)).tolist()
+    found = [[float(row[f"p_{name}"]) for name in "ab"] for row in rows("predictions.csv")]
+    assert np.allclose(found, expected, atol=1e-4)
+    capsys.readouterr()
+    Path("empty.yaml").write_text("seed_everything: 0")
+    assert main([*arguments, "--config", "empty.yaml"]) == 1
+    assert "configuration 'empty.yaml' must hold 'model' (got none)" in capsys.readouterr().err

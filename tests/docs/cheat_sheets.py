@@ -340,11 +340,18 @@ MODELS = {
     "BMFCNN": "P5 (BMF-CNN)",
 }
 OF_WINDOWS = ("ContactCrop", "RandomTimeShift", "Resample")
+# Sensors and answers of the models without defaults for them.
+SENSORS = {
+    "TaxelNet": ("allegro_uskin", 6),
+    "PosedTaxelNet": ("allegro_uskin", 6),
+    "TemporalTaxelNet": ("biotac", 2),
+    "SmallCNN": ("allegro_uskin", 6),
+}
 WINDOWS = ("GraspGCN", "GraspLSTM", "TemporalTaxelNet")
 
 
 def model_rows() -> Iterator[tuple[str, ...]]:
-    """Yields what the models need, and their weights with their default arguments."""
+    """Yields what the models need, and their weights with their default arguments or SENSORS."""
     for name, what in MODELS.items():
         make = getattr(nn.models, name)
         if name == "MTGCN":
@@ -356,7 +363,7 @@ def model_rows() -> Iterator[tuple[str, ...]]:
         else:
             # The weights of the papers' fully connected network would take a gigabyte.
             with torch.device("meta" if name == "TactileFNN" else "cpu"):
-                model = make()
+                model = make(*SENSORS.get(name, ()))
         yield (
             f"`{name}`",
             what,

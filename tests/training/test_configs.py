@@ -29,6 +29,7 @@ def test_taxel_nets_differ_in_their_readings_only():
     assert raw["data"].pop("transform")["class_path"].endswith("SessionZScore")
     assert common == raw
     assert raw["model"]["lr_scheduler"]["class_path"].endswith(".CosineAnnealing")
+    raw["model"]["model"]["init_args"]["out_channels"] = 2  # that of the data
     assert isinstance(classifier_from_config(raw["model"]).model, TaxelNet)
 
 

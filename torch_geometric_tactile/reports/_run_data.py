@@ -38,7 +38,7 @@ def open_predictor(path: PathLike, config: str | None = None) -> Predictor:
                 raise ValueError(f"{error}: give the configuration of {_CONFIG_OPTION}") from error
             if error.argument in own:
                 raise
-            own[error.argument] = _own_parts(_read_config(config), error.argument)
+            own[error.argument] = _own_parts(config, error.argument)
 
 
 def load_data(path: PathLike, config: str | None = None, root: PathLike | None = None) -> Any:
@@ -54,7 +54,7 @@ def load_data(path: PathLike, config: str | None = None, root: PathLike | None =
         raise FileNotFoundError(
             f"there is no '{beside}', the configuration of the run: give it with '--config'"
         )
-    settings = _read_config(config or str(beside))["data"]
+    settings = _data_section(config or str(beside))
     if root is not None:
         for key in ("dataset", "val_dataset", "test_dataset"):
             if settings.get(key):
@@ -80,24 +80,30 @@ def test_part(data: Any, predictor: Predictor) -> StaticDataset:
     return part
 
 
-def _read_config(config: str) -> dict[str, Any]:
+def _data_section(config: str) -> dict[str, Any]:
     from torch_geometric_tactile.training.config import load_config
 
-    settings = load_config(config)
-    if not isinstance(settings.get("data"), Mapping):
+    settings = load_config(config).get("data")
+    if not isinstance(settings, Mapping):
         raise ValueError(f"configuration '{config}' must hold 'data' (got none)")
-    return settings
+    return dict(settings)
 
 
-def _own_parts(settings: dict[str, Any], argument: str) -> Any:
+def _own_parts(config: str, argument: str) -> Any:
     from torch_geometric_tactile.training import classifier_from_config
+    from torch_geometric_tactile.training.config import load_config
 
-    data = _own_data(settings["data"])
-    if argument == "model":
-        if not isinstance(settings.get("model"), Mapping):
-            raise ValueError("the configuration must hold 'model' (got none)")
-        return classifier_from_config(settings["model"], data).model
-    return [data.dataset.pre_transform, data.dataset.transform, data.transform]
+    if argument != "model":
+        data = _own_data(_data_section(config))
+        return [data.dataset.pre_transform, data.dataset.transform, data.transform]
+    settings = load_config(config)
+    if not isinstance(settings.get("model"), Mapping):
+        raise ValueError(f"configuration '{config}' must hold 'model' (got none)")
+    find_own_modules()
+    # Sizes that the configuration leaves out are those of its data.
+    has_data = isinstance(settings.get("data"), Mapping)
+    data = _own_data(settings["data"]) if has_data else None
+    return classifier_from_config(settings["model"], data).model
 
 
 def _own_data(settings: dict[str, Any]) -> Any:
