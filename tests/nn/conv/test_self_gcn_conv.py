@@ -3,8 +3,9 @@ import torch
 from small_models import EDGE_INDEX, NUM_EDGES, samples
 from torch.func import functional_call, grad, jacrev, vmap
 from torch_geometric.explain.algorithm.utils import clear_masks, set_masks
+from torch_geometric.nn.dense.linear import Linear
 
-from torch_geometric_tactile.nn import SelfGCNConv
+from torch_geometric_tactile.nn import SelfGCNConv, StaticGCNConv
 from torch_geometric_tactile.testing import (
     assert_permutation_equivariant,
     assert_static_equals_batched,
@@ -223,3 +224,13 @@ def test_weights_of_files_before_it_passed_messages():
     x = samples(9, 11, 3)
     assert other[0](x, EDGE_INDEX).equal(layer(x, EDGE_INDEX))
     assert set(old) == {"lin.weight", "lin.bias", "conv.lin.weight"}
+
+
+def test_seed_gives_the_weights_of_earlier_versions():
+    torch.manual_seed(0)
+    layer = SelfGCNConv(3, 5, bias=False)
+    torch.manual_seed(0)
+    root = Linear(3, 5, False, weight_initializer="glorot")
+    conv = StaticGCNConv(3, 5, add_self_loops=False, bias=False)
+    assert layer.lin_root.weight.equal(root.weight)
+    assert layer.lin_rel.weight.equal(conv.lin.weight)
