@@ -110,7 +110,7 @@ class SelfGCNConv(OwnPropagate, MessagePassing):
         self.fast = fast
         self.lin_root = Linear(in_channels, out_channels, False, weight_initializer="glorot")
         self.lin_rel = Linear(in_channels, out_channels, bias, weight_initializer="glorot")
-        # Drawn twice, as by earlier versions, so that a seed gives the weights of published results.
+        # Drawn twice, as by earlier versions, so that seeds give the weights of published results.
         self.lin_rel.reset_parameters()
         self._kept = _DifferenceCache() if difference else AdjacencyCache()
         self.register_load_state_dict_pre_hook(_rename_weights)
