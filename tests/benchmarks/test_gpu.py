@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 import torch
 
+pytest.importorskip("jsonargparse", reason="needs the extra 'train'")
+
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
 
