@@ -109,8 +109,9 @@ def test_forward_derivative_of_the_input_alone():
     assert torch.allclose(found, expected)
 
 
-def test_gradients_of_edges_written_to_before_the_backward_pass():
-    ours, theirs = pair("gcn", (8, 8))
+@pytest.mark.parametrize("kind", ["gcn", "self"])  # with the edges of the caller: "self"
+def test_gradients_of_edges_written_to_before_the_backward_pass(kind):
+    ours, theirs = pair(kind, (8, 8))
     edges, weight = EDGE_INDEX.clone(), POSITIVE.clone()
     x = samples(4, 11, 8, dtype=torch.double).requires_grad_()
     out, expected = ours(x, edges, weight), theirs(x, EDGE_INDEX, POSITIVE)
