@@ -58,24 +58,24 @@ def compute_in_blocks(model: Any) -> int:
         and ranks.get(node.input[1], 0) >= 2
     ]
     matrices = _constant_values(model, {node.input[0] for node in products}, constants)
-    known: dict[bytes, tuple[_Blocks, str]] = {}
+    blocks_of: dict[bytes, tuple[_Blocks, str]] = {}
     num_replaced = 0
     for node in products:
         matrix = matrices[node.input[0]]
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.size < _MIN_ENTRIES:
             continue
         key = matrix.tobytes()
-        if key not in known:
+        if key not in blocks_of:
             blocks = _cheapest_blocks(matrix)
             if 2 * blocks.cost > matrix.size:
                 continue
-            name = f"blocks_{len(known)}"
-            known[key] = blocks, name
+            name = f"blocks_{len(blocks_of)}"
+            blocks_of[key] = blocks, name
             arrays = {f"{name}_columns": blocks.columns, f"{name}_values": blocks.values}
             graph.initializer.extend(
                 onnx.numpy_helper.from_array(array, key) for key, array in arrays.items()
             )
-        _replace(graph, node, *known[key], len(matrix), ranks[node.input[1]] - 2)
+        _replace(graph, node, *blocks_of[key], len(matrix), ranks[node.input[1]] - 2)
         num_replaced += 1
     if num_replaced:
         _remove_unused(graph)

@@ -58,9 +58,7 @@ def is_traced() -> bool:
 
 def is_exported() -> bool:
     r"""Tells whether the operations are recorded for another runtime, and not for a compiler."""
-    # PyTorch before 2.7 does not tell an export from a compiler.
-    is_exporting = getattr(torch.compiler, "is_exporting", torch.compiler.is_compiling)
-    return bool(is_exporting() or torch.jit.is_tracing())
+    return torch.compiler.is_exporting() or torch.jit.is_tracing()
 
 
 def check_conv_sizes(in_channels: Any, **others: Any) -> None:

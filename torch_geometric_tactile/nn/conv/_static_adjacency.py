@@ -275,6 +275,15 @@ def may_multiply_dense(x: Tensor) -> bool:
     return x.size(-2) <= MAX_DENSE_NODES and (not x.is_cpu or is_exported())
 
 
+def message_type(x: Tensor, edge_weight: OptTensor) -> torch.dtype:
+    r"""Returns the type of weighted messages, which is that of PyG's: integer weights are converted
+    to the type of the features.
+    """
+    if edge_weight is None or not edge_weight.is_floating_point():
+        return x.dtype
+    return torch.promote_types(x.dtype, edge_weight.dtype)
+
+
 def _tensors(edge_index: Adj, edge_weight: OptTensor) -> tuple[Tensor, ...]:
     if edge_index.layout == torch.sparse_coo:
         return edge_index._indices(), edge_index._values()

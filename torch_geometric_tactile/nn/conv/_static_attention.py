@@ -49,8 +49,8 @@ _PLAIN = (Tensor, Parameter)
 
 
 class StaticAttention(OwnPropagate, MessagePassing):
-    r"""What :class:`~torch_geometric_tactile.nn.conv.StaticGATConv` and
-    :class:`~torch_geometric_tactile.nn.conv.StaticGATv2Conv` share: a base class before PyG's.
+    r"""The common part of :class:`~torch_geometric_tactile.nn.conv.StaticGATConv` and
+    :class:`~torch_geometric_tactile.nn.conv.StaticGATv2Conv`: a base class before PyG's.
     """
 
     in_channels: Any

@@ -144,11 +144,11 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
     def _multiply(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> OptTensor:
         norm = (*GCN_NORM[:-1], self.flow)
         num_taxels, segment = len(self.segment), self.segment
-        kept = self._kept.get(edge_index, edge_weight, num_taxels, x.dtype, segment, norm)
-        if kept is None or not kept.may_reorder:
+        adjacency = self._kept.get(edge_index, edge_weight, num_taxels, x.dtype, segment, norm)
+        if adjacency is None or not adjacency.may_reorder:
             return None  # weights that need a gradient, or are infinite
         # Taxel by taxel, all samples by the weights of its segment.
-        h = kept.product(x).movedim(-2, 0)
+        h = adjacency.product(x).movedim(-2, 0)
         weight = self.weight.index_select(0, segment).transpose(1, 2)
         rows = h.reshape(num_taxels, -1, self.in_channels)
         if self.bias is None:

@@ -34,6 +34,7 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
     edge_pattern,
     may_multiply,
     may_multiply_dense,
+    message_type,
 )
 
 _OLD_NAMES = {
@@ -165,23 +166,23 @@ class SelfGCNConv(OwnPropagate, MessagePassing):
     def _multiply(
         self, x: Tensor, edge_index: Adj, edge_weight: OptTensor, plain: bool
     ) -> OptTensor:
-        num_nodes, dtype, norm = x.size(-2), _common_type(x, edge_weight), self._norm()
-        kept = self._kept.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
+        num_nodes, dtype, norm = x.size(-2), message_type(x, edge_weight), self._norm()
+        adjacency = self._kept.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
         if may_multiply(x):
-            if kept is None or not kept.may_reorder:
+            if adjacency is None or not adjacency.may_reorder:
                 return None  # weights that need a gradient, or are infinite
             if plain and dtype == x.dtype:
                 lin = self.lin_rel
-                return sparse_gcn(x, kept, lin.weight, lin.bias, self.lin_root.weight)
-            return self._map(x, kept.product(x.to(dtype)))
-        if kept is not None:
-            return self._map(x, kept.dense_product(x.to(dtype)))
+                return sparse_gcn(x, adjacency, lin.weight, lin.bias, self.lin_root.weight)
+            return self._map(x, adjacency.product(x.to(dtype)))
+        if adjacency is not None:
+            return self._map(x, adjacency.dense_product(x.to(dtype)))
         edges = self._kept.normalize(edge_index, edge_weight, num_nodes, dtype, norm=norm)
         dense = dense_matrix(*edges, num_nodes)
         return self._map(x, contained_product(dense, edge_pattern(dense), x.to(dtype)))
 
     def _gather(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
-        num_nodes, dtype = x.size(-2), _common_type(x, edge_weight)
+        num_nodes, dtype = x.size(-2), message_type(x, edge_weight)
         edge_index, edge_weight = as_edges(edge_index, edge_weight)
         edge_index = edge_index.long()
         if edge_weight is not None:
@@ -244,12 +245,6 @@ def _shares(target: Tensor, weight: Tensor, num_nodes: int) -> tuple[Tensor, Ten
     total = scatter(weight, target, dim_size=num_nodes, reduce="sum")
     some = (total != 0).to(weight.dtype)
     return weight / torch.where(some != 0, total, 1.0)[target] * some[target], some
-
-
-def _common_type(x: Tensor, edge_weight: OptTensor) -> torch.dtype:
-    if edge_weight is None or not edge_weight.is_floating_point():
-        return x.dtype
-    return torch.promote_types(x.dtype, edge_weight.dtype)
 
 
 def _rename_weights(module: SelfGCNConv, state_dict: dict[str, Any], prefix: str, *_: Any) -> None:

@@ -42,6 +42,7 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
     loop_weights,
     may_multiply,
     may_multiply_dense,
+    message_type,
 )
 
 
@@ -208,16 +209,16 @@ class StaticGCNConv(OwnPropagate, GCNConv):
         if self.normalize and self.cached:
             edge_index, edge_weight = self._normed(x, edge_index, edge_weight)
             norm = (*norm[:2], False, self.flow)
-        dtype = x.dtype
-        if edge_weight is not None and edge_weight.is_floating_point():
-            dtype = torch.promote_types(dtype, edge_weight.dtype)  # as PyG's messages
-        kept = self._kept.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
-        if is_sparse and (kept is None or not kept.may_reorder):
+        dtype = message_type(x, edge_weight)
+        adjacency = self._kept.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
+        if is_sparse and (adjacency is None or not adjacency.may_reorder):
             return None  # weights that need a gradient, or are infinite
-        if kept is not None:
+        if adjacency is not None:
             if is_sparse and plain and dtype == x.dtype:
-                return sparse_gcn(x, kept, self.lin.weight, self.bias)
-            product: Callable[[Tensor], Tensor] = kept.product if is_sparse else kept.dense_product
+                return sparse_gcn(x, adjacency, self.lin.weight, self.bias)
+            product: Callable[[Tensor], Tensor] = (
+                adjacency.product if is_sparse else adjacency.dense_product
+            )
         else:
             dense = dense_norm(edge_index, edge_weight, num_nodes, dtype, norm=GCNNorm(*norm))
             product = partial(contained_product, dense, edge_pattern(dense))

@@ -84,33 +84,30 @@ def is_graph_model(model: Any) -> bool:
 
 
 def call_model(model: Any, data: Data, inputs: Mapping[str, Any]) -> Tensor:
-    r"""Returns what a network says of samples :math:`(B, C)`. One that takes :obj:`batch` is given
-    those of :class:`~torch_geometric_tactile.data.StaticData` as one PyG batch.
+    r"""Returns the outputs of a network for samples :math:`(B, C)`. A network that takes
+    :obj:`batch` gets static data as one PyG batch.
 
     Args:
         model (torch.nn.Module): The network.
         data (Data): The samples: static data, PyG's batch, or one sample.
         inputs (Mapping): The attributes of :obj:`data` that the network takes by keyword.
     """
-    given = dict(inputs)
+    arguments = dict(inputs)
     if takes_batch(model):
         if isinstance(data, StaticData):
             is_one = data.num_samples == 1
             # An export stops at what keeps the edges of batches, which one sample does not need.
             data = data.sample(0) if is_one else data.to_batch()
-            given = {name: data[name] for name in inputs}
+            arguments = {name: data[name] for name in inputs}
             # So PyG names a single sample: its readouts take the number of samples from the values
             # of a vector, at which an export stops as well.
-            given["batch"] = None if is_one and _is_exporting() else batch_vector(data)
+            arguments["batch"] = (
+                None if is_one and torch.compiler.is_exporting() else batch_vector(data)
+            )
         else:
-            given["batch"] = batch_vector(data)
-    out: Tensor = model(data.x, data.edge_index, **given)
+            arguments["batch"] = batch_vector(data)
+    out: Tensor = model(data.x, data.edge_index, **arguments)
     return out
-
-
-def _is_exporting() -> bool:
-    compiler: Any = torch.compiler  # which does not tell in older versions
-    return bool(getattr(compiler, "is_exporting", compiler.is_compiling)())
 
 
 def batch_vector(data: Data) -> Tensor:
