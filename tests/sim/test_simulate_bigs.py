@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -227,11 +228,12 @@ def test_missing_package_names_the_extra(tmp_path, monkeypatch):
         simulate_bigs(tmp_path)
 
 
-def test_data_set_reads_the_folder(made):
+def test_data_set_reads_the_folder(made, tmp_path):
     datasets = pytest.importorskip("torch_geometric_tactile.datasets")
     if not hasattr(datasets, "BiGS"):
         pytest.skip("needs BiGS")
-    dataset = datasets.BiGS(made[0])
+    root = shutil.copytree(made[0], tmp_path / "grasps")  # other tests list the files of `made`
+    dataset = datasets.BiGS(root)
     assert set(dataset.y.tolist()) == {0, 1}
     assert dataset.x.shape[1:] == (19, 3)
     assert len(set(dataset.trial.tolist())) == GRASPS
