@@ -49,9 +49,10 @@ def test_experiment_ii_by_hand(tmp_path):
         ("experiment-i/S1/1.txt", b"1 2\n1\n", "must hold whole numbers in equal lines"),
         ("experiment-i/S1/1.txt", b"1.5 " * 2048 + b"\n", "must hold whole numbers"),
         ("experiment-i/S1/1.txt", b"-1 " * 2048 + b"\n", r"whole numbers only \(got '-+'\)"),
-        ("experiment-i/S1/1.txt", b"99999999999 " * 2048 + b"\n", "whole numbers in equal lines"),
+        ("experiment-i/S1/1.txt", b"9999999999 " * 2048 + b"\n", "nine digits at most"),
         ("experiment-ii/S1/Air_Mat/Matrix_Air_B1.txt", b"1 " * 27 + b"\n", "64 rows"),
     ],
+    ids=["short", "empty", "unequal", "fractions", "negative", "long", "rows"],
 )
 def test_other_files_are_refused(tmp_path, name, data, match):
     path = write_mat(tmp_path / "mat.zip", mat_files() | {name: data})

@@ -95,7 +95,9 @@ def as_stored(array: np.ndarray) -> np.ndarray:
 
 def as_texts(array: np.ndarray) -> np.ndarray:
     r"""Returns texts for UTF-8 of a fixed length, and other arrays as they are."""
-    return np.char.decode(array, "utf-8") if array.dtype.kind == "S" else array
+    if array.dtype.kind != "S":
+        return array
+    return np.char.decode(array, "utf-8").astype(str, copy=False)  # NumPy 1.26: floats if empty
 
 
 def create_dataset(file: Any, name: str, array: np.ndarray) -> Any:

@@ -193,6 +193,9 @@ def _readings(text: bytes, where: str, cells: int) -> np.ndarray:
     other = text.translate(None, b"0123456789 \t\r\n")
     need(not other, f"{where} must hold whole numbers only", repr(other[:20])[1:])
     need(text.strip(), f"{where} must have {cells} readings a line (got none)")
+    # NumPy below 2.1 cuts the digits off that are too many.
+    long = re.search(rb"[0-9]{10}", text)
+    need(not long, f"{where} must hold whole numbers of nine digits at most")
     try:
         rows = np.loadtxt(io.BytesIO(text), dtype=np.int32, comments=None, ndmin=2)
     except ValueError as error:
