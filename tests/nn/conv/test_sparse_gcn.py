@@ -21,7 +21,13 @@ WEIGHTS = {
     "missing": POSITIVE.clone().index_fill_(0, torch.tensor([2]), torch.nan),
     "infinite": POSITIVE.clone().index_fill_(0, torch.tensor([2]), torch.inf),
 }
-# On either side of the linear map, and in the block form and the plain one.
+FORMS = {
+    "blocks": {"_BLOCK_BYTES": 1, "_FEW_ROWS": 0},
+    "narrow": {"_BLOCK_BYTES": 1, "_FEW_ROWS": 1024},
+    "small": {"_BLOCK_BYTES": 2**20, "_FEW_ROWS": 0},
+    "few": {},
+}
+# On either side of the linear map.
 WIDTHS = [(3, 16), (8, 8), (6, 2)]
 
 
@@ -53,9 +59,10 @@ def gradients(layer, out, x):
 @pytest.mark.parametrize("widths", WIDTHS)
 @pytest.mark.parametrize("weight", WEIGHTS)
 @pytest.mark.parametrize("num_samples", [1, 2, 9])
-@pytest.mark.parametrize("block", [1, 2**20])
-def test_numbers_and_gradients_of_pyg(kind, widths, weight, num_samples, block, monkeypatch):
-    monkeypatch.setattr(_sparse_gcn, "_BLOCK_BYTES", block)
+@pytest.mark.parametrize("form", FORMS)
+def test_numbers_and_gradients_of_pyg(kind, widths, weight, num_samples, form, monkeypatch):
+    for name, value in FORMS[form].items():
+        monkeypatch.setattr(_sparse_gcn, name, value)
     ours, theirs = pair(kind, widths)
     weight = WEIGHTS[weight]
     x = samples(num_samples, 11, widths[0], dtype=torch.double).requires_grad_()
@@ -119,6 +126,27 @@ def test_gradients_of_edges_written_to_before_the_backward_pass(kind):
     weight.fill_(0)
     for mine, other in zip(gradients(ours, out, x), gradients(theirs, expected, x), strict=True):
         assert torch.allclose(mine, other)
+
+
+@pytest.mark.parametrize("kind", ["gcn", "self"])
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("widths", WIDTHS)
+def test_results_may_be_written_to(kind, widths, form, monkeypatch):
+    for name, value in FORMS[form].items():
+        monkeypatch.setattr(_sparse_gcn, name, value)
+    ours, theirs = pair(kind, widths)
+    x = samples(4, 11, widths[0], dtype=torch.double).requires_grad_()
+    out, expected = ours(x, EDGE_INDEX).relu_(), on_batch(theirs, x, None).relu()
+    assert torch.allclose(out, expected)
+    for mine, other in zip(gradients(ours, out, x), gradients(theirs, expected, x), strict=True):
+        assert torch.allclose(mine, other)
+
+
+def test_batches_of_many_sizes():
+    ours, theirs = pair("gcn", (8, 8))
+    for num_samples in [*range(1, 14), 3]:
+        x = samples(num_samples, 11, 8, seed=num_samples, dtype=torch.double)
+        assert torch.allclose(ours(x, EDGE_INDEX, POSITIVE), on_batch(theirs, x, POSITIVE))
 
 
 @pytest.mark.parametrize("kind", ["gcn", "self", "segmented"])

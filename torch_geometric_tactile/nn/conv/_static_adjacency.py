@@ -30,6 +30,8 @@ MAX_DENSE_NODES = 1024
 _SPARSE_TYPES = (torch.float32, torch.float64)
 # The most row blocks that one adjacency keeps: several batch sizes of the largest graph.
 _MAX_ROWS = 4096
+# The most matrices of batches that one adjacency keeps.
+_MAX_BATCHES = 8
 # Whether a trace may spread missing readings to all taxels, since its answer is missing anyway. No
 # context variable: PyTorch 2.6 compiles none.
 _traces_plain_products = False
@@ -69,6 +71,7 @@ class StaticAdjacency:
         self.may_reorder = not bool(self._weight.isinf().any())
         self._csr: dict[bool, Tensor] = {}
         self._rows: dict[tuple[int, int], Tensor] = {}
+        self._batches: dict[tuple[int, bool], Tensor] = {}
         self._blocks: dict[int, Tensor] = {}
         self._dense: OptTensor = None
         self._pattern: OptTensor = None
@@ -102,6 +105,30 @@ class StaticAdjacency:
                 csr = _sparse(starts, source[order], self._weight[order], self.num_nodes)
             self._csr[transposed] = csr
         return csr
+
+    def batch_csr(self, num_samples: int, transposed: bool = False) -> Tensor:
+        r"""Returns the matrix of a PyG batch of samples in CSR format :math:`(B N, B N)`, with the
+        matrix of one in its blocks, computed once for the last few sizes of a batch.
+
+        Args:
+            num_samples (int): Number of samples :math:`B`.
+            transposed (bool): Whether to transpose it.
+        """
+        if num_samples == 1:
+            return self.csr(transposed)
+        matrix = self._batches.get((num_samples, transposed))
+        if matrix is None:
+            if len(self._batches) >= _MAX_BATCHES:
+                self._batches = {}  # not cleared in place: another thread may be reading it
+            with torch.inference_mode(False):
+                csr, sample = self.csr(transposed), torch.arange(num_samples).view(-1, 1)
+                starts, columns, values = csr.crow_indices(), csr.col_indices(), csr.values()
+                ends = (starts[1:] + len(columns) * sample).view(-1)
+                columns = (columns + self.num_nodes * sample).view(-1)
+                starts, values = torch.cat([starts[:1], ends]), values.repeat(num_samples)
+                matrix = _sparse(starts, columns, values, num_samples * self.num_nodes)
+            self._batches[num_samples, transposed] = matrix
+        return matrix
 
     def rows(self, start: int, stop: int) -> Tensor:
         r"""Returns some rows in CSR format :math:`(S, N)`, computed once.
