@@ -1,5 +1,7 @@
 r"""Shared by the attention layers for one topology and many samples."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar, Optional
 
 import torch
@@ -24,6 +26,7 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
     check_edge_features,
     check_edge_form,
+    compute_on_edges,
     is_traced,
     sorted_form,
 )
@@ -117,6 +120,54 @@ class StaticAttention(OwnPropagate, MessagePassing):
             and not torch.is_autocast_enabled("cpu")
             and not _is_transformed()
         )
+
+    def _attend(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *more: Any) -> Any:
+        # `more` are the other arguments of PyG's `forward`, of which the last one asks for the
+        # attention coefficients.
+        num_nodes = x.size(-2)
+        if x.dim() == 2:
+            arguments = (x, edge_index, edge_attr, *more)
+            return compute_on_edges(self._compute_sample, num_nodes, *arguments)
+        samples = x if x.dim() == 3 else x.flatten(0, -3)
+        out = None
+        if not more[-1] and self._is_fast(samples, edge_index, edge_attr):
+            out = self._multiply(samples, edge_index)
+        if out is None:
+            messages: Callable[..., Any] = self._pass_messages
+            out, weights = compute_on_edges(messages, num_nodes, samples, edge_index, edge_attr)
+        out = out.view(*x.shape[:-1], out.size(-1))
+        if not more[-1]:
+            return out
+        edge_index, alpha = weights
+        return out, (edge_index, alpha.reshape(*x.shape[:-2], *alpha.shape[1:]))
+
+    def _compute_sample(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *more: Any) -> Any:
+        is_plain = all(argument is None for argument in more[:-1])
+        if not is_plain or is_torch_sparse_tensor(edge_index) or not self._masks_loops():
+            return super().forward(x, as_long(edge_index), edge_attr, *more)
+        out, (edge_index, alpha) = self._pass_messages(x.unsqueeze(0), edge_index, edge_attr)
+        out, alpha = out.squeeze(0), alpha.squeeze(0)
+        return (out, (edge_index, alpha)) if more[-1] else out
+
+    def _each_sample(
+        self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
+    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        # For a subclass whose own `edge_update` knows only what PyG passes to it.
+        samples = x if len(x) > 0 else x.new_zeros(1, *x.shape[1:])
+        compute = partial(super().forward, return_attention_weights=True)
+        outs, pairs = zip(*[compute(s, edge_index, edge_attr) for s in samples], strict=True)
+        alpha = torch.stack([pair[1] for pair in pairs])
+        return torch.stack(outs)[: len(x)], (pairs[0][0], alpha[: len(x)])
+
+    def _multiply(self, x: Tensor, edge_index: Tensor) -> OptTensor:
+        # The results by sparse matrices, or `None` where messages are cheaper.
+        raise NotImplementedError
+
+    def _pass_messages(
+        self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
+    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        # The results of samples (B, N, F), the edges with self-loops and their coefficients.
+        raise NotImplementedError
 
     def _edges(self, edge_index: Tensor, num_nodes: int) -> Optional[AttentionEdges]:
         # The edges of the fast form, or `None` where messages are cheaper.

@@ -1,6 +1,5 @@
 r"""The graph attention layer of PyG, for one topology and many samples."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, Optional, Union
 
@@ -10,7 +9,6 @@ from torch import Tensor
 from torch.autograd import Function
 from torch_geometric.nn import GATConv
 from torch_geometric.typing import Adj, OptTensor, Size
-from torch_geometric.utils import is_torch_sparse_tensor
 
 from torch_geometric_tactile.nn.conv._attention_edges import AttentionCache, AttentionEdges
 from torch_geometric_tactile.nn.conv._attention_product import (
@@ -20,7 +18,6 @@ from torch_geometric_tactile.nn.conv._attention_product import (
     edge_factors,
     slot_gradient,
 )
-from torch_geometric_tactile.nn.conv._edge_checks import compute_on_edges
 from torch_geometric_tactile.nn.conv._plain import is_plain_linear
 from torch_geometric_tactile.nn.conv._static_attention import (
     StaticAttention,
@@ -145,49 +142,7 @@ class StaticGATConv(StaticAttention, GATConv):
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
             return super().forward(x, edge_index, edge_attr, size, return_attention_weights)
         check_attention_input(self, x, edge_index, edge_attr)
-        num_nodes = x.size(-2)
-        if x.dim() == 2:
-            return compute_on_edges(
-                self._compute_sample,
-                num_nodes,
-                x,
-                edge_index,
-                edge_attr,
-                size,
-                return_attention_weights,
-            )
-        samples = x if x.dim() == 3 else x.flatten(0, -3)
-        out = None
-        if not return_attention_weights and self._is_fast(samples, edge_index, edge_attr):
-            out = self._multiply(samples, edge_index)
-        if out is None:
-            messages: Callable[..., Any] = self._pass_messages
-            out, weights = compute_on_edges(messages, num_nodes, samples, edge_index, edge_attr)
-        out = out.view(*x.shape[:-1], out.size(-1))
-        if not return_attention_weights:
-            return out
-        edge_index, alpha = weights
-        return out, (edge_index, alpha.reshape(*x.shape[:-2], *alpha.shape[1:]))
-
-    def _compute_sample(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *more: Any) -> Any:
-        size, return_attention_weights = more
-        if size is not None or is_torch_sparse_tensor(edge_index) or not self._masks_loops():
-            edge_index = as_long(edge_index)
-            return super().forward(x, edge_index, edge_attr, size, return_attention_weights)
-        out, (edge_index, alpha) = self._pass_messages(x.unsqueeze(0), edge_index, edge_attr)
-        out, alpha = out.squeeze(0), alpha.squeeze(0)
-        return (out, (edge_index, alpha)) if return_attention_weights else out
-
-    def _each_sample(
-        self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
-    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        # For a subclass whose own `edge_update` knows only what PyG passes to it.
-        samples = x if len(x) > 0 else x.new_zeros(1, *x.shape[1:])
-        compute = super().forward
-        results = [compute(sample, edge_index, edge_attr, None, True) for sample in samples]
-        outs, pairs = zip(*results, strict=True)
-        alpha = torch.stack([pair[1] for pair in pairs])
-        return torch.stack(outs)[: len(x)], (pairs[0][0], alpha[: len(x)])
+        return self._attend(x, edge_index, edge_attr, size, return_attention_weights)
 
     def _multiply(self, x: Tensor, edge_index: Tensor) -> OptTensor:
         lin = self.lin

@@ -1,6 +1,6 @@
 r"""The dynamic graph attention layer of PyG, for one topology and many samples."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from typing import Any, Optional, Union
 
@@ -10,7 +10,6 @@ from torch import Tensor
 from torch.autograd import Function
 from torch_geometric.nn import GATv2Conv
 from torch_geometric.typing import Adj, OptTensor
-from torch_geometric.utils import is_torch_sparse_tensor
 
 from torch_geometric_tactile.nn.conv._attention_edges import (
     AttentionCache,
@@ -25,7 +24,6 @@ from torch_geometric_tactile.nn.conv._attention_product import (
     slot_gradient,
     sum_edges,
 )
-from torch_geometric_tactile.nn.conv._edge_checks import compute_on_edges
 from torch_geometric_tactile.nn.conv._static_attention import (
     StaticAttention,
     as_long,
@@ -155,48 +153,7 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
                 f"(got shape {tuple(edge_attr.shape)})"
             )
         check_attention_input(self, x, edge_index, edge_attr)
-        num_nodes = x.size(-2)
-        if x.dim() == 2:
-            return compute_on_edges(
-                self._compute_sample,
-                num_nodes,
-                x,
-                edge_index,
-                edge_attr,
-                return_attention_weights,
-            )
-        samples = x if x.dim() == 3 else x.flatten(0, -3)
-        out = None
-        if not return_attention_weights and self._is_fast(samples, edge_index, edge_attr):
-            out = self._multiply(samples, edge_index)
-        if out is None:
-            messages: Callable[..., Any] = self._pass_messages
-            out, weights = compute_on_edges(messages, num_nodes, samples, edge_index, edge_attr)
-        out = out.view(*x.shape[:-1], out.size(-1))
-        if not return_attention_weights:
-            return out
-        edge_index, alpha = weights
-        return out, (edge_index, alpha.reshape(*x.shape[:-2], *alpha.shape[1:]))
-
-    def _compute_sample(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *more: Any) -> Any:
-        (return_attention_weights,) = more
-        if is_torch_sparse_tensor(edge_index) or not self._masks_loops():
-            edge_index = as_long(edge_index)
-            return super().forward(x, edge_index, edge_attr, return_attention_weights)
-        out, (edge_index, alpha) = self._pass_messages(x.unsqueeze(0), edge_index, edge_attr)
-        out, alpha = out.squeeze(0), alpha.squeeze(0)
-        return (out, (edge_index, alpha)) if return_attention_weights else out
-
-    def _each_sample(
-        self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
-    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        # For a subclass whose own `edge_update` knows only what PyG passes to it.
-        samples = x if len(x) > 0 else x.new_zeros(1, *x.shape[1:])
-        compute = super().forward
-        results = [compute(sample, edge_index, edge_attr, True) for sample in samples]
-        outs, pairs = zip(*results, strict=True)
-        alpha = torch.stack([pair[1] for pair in pairs])
-        return torch.stack(outs)[: len(x)], (pairs[0][0], alpha[: len(x)])
+        return self._attend(x, edge_index, edge_attr, return_attention_weights)
 
     def _multiply(self, x: Tensor, edge_index: Tensor) -> OptTensor:
         edges = self._edges(edge_index, x.size(1))
