@@ -168,17 +168,40 @@ def test_strided_features_and_contiguous_results(kind, lead):
     assert torch.allclose(out.flatten(0, -3), one_by_one, atol=1e-6)
 
 
+# In order or not, of equal sizes, similar ones and very different ones.
+SEGMENTS = {
+    "equal": [0] * 11,
+    "alike": [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2],
+    "mixed": [2, 0, 1, 0, 2, 1, 0, 2, 1, 0, 2],
+    "swapped": [1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 10],
+    "single": [0, 0, 0, 0, 0, 0, 1, 2, 3, 4, 5],
+}
+
+
 @pytest.mark.parametrize("num_samples", [1, 9])
-def test_segments_have_the_gradients_of_messages(num_samples):
-    fast = SegmentedGCNConv(torch.arange(11) // 4, 6, 7).double()
-    slow = SegmentedGCNConv(torch.arange(11) // 4, 6, 7, fast=False).double()
-    torch.nn.init.normal_(fast.bias)
+@pytest.mark.parametrize("segment", SEGMENTS)
+@pytest.mark.parametrize("bias", [True, False])
+def test_segments_have_the_gradients_of_messages(num_samples, segment, bias):
+    fast = SegmentedGCNConv(SEGMENTS[segment], 6, 7, bias).double()
+    slow = SegmentedGCNConv(SEGMENTS[segment], 6, 7, bias, fast=False).double()
+    if bias:
+        torch.nn.init.normal_(fast.bias)
     slow.load_state_dict(fast.state_dict())
     x = samples(num_samples, 11, 6, dtype=torch.double).requires_grad_()
     found = gradients(fast, fast(x, EDGE_INDEX, POSITIVE), x)
     expected = gradients(slow, slow(x, EDGE_INDEX, POSITIVE), x)
     for mine, other in zip(found, expected, strict=True):
         assert torch.allclose(mine, other)
+
+
+@pytest.mark.parametrize("segment", SEGMENTS)
+def test_missing_readings_of_a_segment_leave_the_weights_of_others(segment):
+    conv = SegmentedGCNConv(SEGMENTS[segment], 6, 7)
+    x = samples(9, 11, 6)
+    x[0, 0] = torch.nan  # often the taxel that fills up its segment
+    conv(x, EDGE_INDEX).sum().backward()
+    is_lost = ~conv.weight.grad.isfinite().all(dim=(1, 2))
+    assert is_lost.nonzero().flatten().tolist() == [SEGMENTS[segment][0]]
 
 
 @pytest.mark.parametrize("kind", ["gcn", "self", "segmented"])

@@ -69,6 +69,9 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
     """
 
     segment: Tensor
+    _groups: Tensor
+    _members: Tensor
+    _places: Tensor
 
     def __init__(
         self,
@@ -89,6 +92,10 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         # Not in the state: it is an argument, and a checkpoint must not overrule it.
         self.register_buffer("segment", segment, persistent=False)
         self.num_segments = int(self.segment.max()) + 1
+        for name, value in zip(("_groups", "_members", "_places"), _grouped(segment), strict=True):
+            self.register_buffer(name, value, persistent=False)
+        in_order = torch.arange(len(self._members), device=segment.device)
+        self._is_grouped = torch.equal(self._members, in_order)
         self._add_weight(in_channels)
         if bias:
             self.bias = Parameter(torch.empty(self.num_segments, out_channels))
@@ -147,15 +154,24 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         adjacency = self._kept.get(edge_index, edge_weight, num_taxels, x.dtype, segment, norm)
         if adjacency is None or not adjacency.may_reorder:
             return None  # weights that need a gradient, or are infinite
-        # Taxel by taxel, all samples by the weights of its segment.
+        # All taxels and samples of a segment by its weights.
         h = adjacency.product(x).movedim(-2, 0)
-        weight = self.weight.index_select(0, segment).transpose(1, 2)
-        rows = h.reshape(num_taxels, -1, self.in_channels)
-        if self.bias is None:
-            out = torch.bmm(rows, weight)
+        rows = h.reshape(num_taxels, -1)
+        weight: Tensor = self.weight
+        bias: OptTensor = self.bias
+        if not self._is_grouped:
+            rows = rows.index_select(0, self._members)
+        if len(self._groups) > self.num_segments:  # a group for each taxel
+            weight = weight.index_select(0, segment)
+            bias = None if bias is None else bias.index_select(0, segment)
+        rows = rows.view(len(self._groups), -1, self.in_channels)
+        if bias is None:
+            out = torch.bmm(rows, weight.mT)
         else:
-            bias = self.bias.index_select(0, segment).unsqueeze(1)
-            out = torch.baddbmm(bias, rows, weight)
+            out = torch.baddbmm(bias.unsqueeze(1), rows, weight.mT)
+        out = out.view(len(self._members), -1)
+        if not self._is_grouped:
+            out = out.index_select(0, self._places)
         return out.view(*h.shape[:-1], self.out_channels).movedim(0, -2).contiguous()
 
     def _convolve(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
@@ -218,3 +234,27 @@ def _checked_segment(segment: Union[Sequence[int], Tensor]) -> Tensor:
     if found != list(range(len(found))):
         raise ValueError(f"'segment' must be numbered from 0 without gaps (got {found})")
     return numbers.long()
+
+
+def _grouped(segment: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    r"""Returns groups of equal numbers of taxels, so that one batched product maps all of them.
+
+    Returns:
+        tuple: The segment of each group :math:`(G,)`, the taxels of all groups
+        :math:`(G \cdot n,)`, where the first taxel of a segment fills up its group, and the place
+        of each taxel in them :math:`(N,)`.
+    """
+    counts, device = segment.bincount(), segment.device
+    taxels = torch.arange(len(segment), device=device)
+    size = int(counts.max())
+    if len(counts) * size > 2 * len(segment):  # to fill up would double the work
+        return segment, taxels, taxels
+    order = segment.argsort(stable=True)
+    starts = counts.cumsum(0) - counts
+    slots = torch.arange(size, device=device).expand(len(counts), size)
+    slots = torch.where(slots < counts.view(-1, 1), slots, 0)
+    members = order[starts.view(-1, 1) + slots].view(-1)
+    ordered = segment[order]
+    places = torch.empty_like(order)
+    places[order] = ordered * size + taxels - starts[ordered]
+    return torch.arange(len(counts), device=device), members, places
