@@ -14,9 +14,15 @@ from layers import batch_edges
 from plain_pyg import PlainGCN, PlainMTGCN, PlainSegmentedBatch
 from shared import two_nearest
 from torch import Tensor, nn
-from torch_geometric.nn import GCNConv, GraphConv, RGCNConv
+from torch_geometric.nn import GATConv, GATv2Conv, GCNConv, GraphConv, RGCNConv
 
-from torch_geometric_tactile.nn import SegmentedGCNConv, SelfGCNConv, StaticGCNConv
+from torch_geometric_tactile.nn import (
+    SegmentedGCNConv,
+    SelfGCNConv,
+    StaticGATConv,
+    StaticGATv2Conv,
+    StaticGCNConv,
+)
 from torch_geometric_tactile.nn.conv import SectorConv
 from torch_geometric_tactile.nn.models import MTGCN, TactileGCN, TaxelNet
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, grid
@@ -24,7 +30,12 @@ from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, grid
 CLASSES = 8
 HAND = 384
 MODELS = ("X", "II", "MT-GCN", "TaxelNet")
-LAYERS = ("StaticGCNConv", "SelfGCNConv", "SegmentedGCNConv")
+_PAIRS = {
+    "StaticGCNConv": (StaticGCNConv, GCNConv),
+    "StaticGATConv": (StaticGATConv, GATConv),
+    "StaticGATv2Conv": (StaticGATv2Conv, GATv2Conv),
+}
+LAYERS = (*_PAIRS, "SelfGCNConv", "SegmentedGCNConv")
 _GRIDS = {24: (4, 6), 2048: (32, 64)}
 
 
@@ -196,7 +207,7 @@ def _layer_sides(
         ours, plain = SelfGCNConv(*widths, normalize=False), GraphConv(*widths)
         plain.load_state_dict(ours.state_dict())
     else:
-        ours, plain = StaticGCNConv(*widths), GCNConv(*widths)
+        ours, plain = (layer(*widths) for layer in _PAIRS[name])
         plain.load_state_dict(ours.state_dict())
     x = torch.randn(num_samples, num_nodes, widths[0]).to(device)
     grad = torch.randn(num_samples, num_nodes, widths[1]).to(device)
