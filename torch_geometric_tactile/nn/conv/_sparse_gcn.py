@@ -141,7 +141,7 @@ def _differentiable_gradients(
 
 
 def _sum_of_products(rows: Tensor, h: Tensor) -> Tensor:
-    # The products of matrices take several times as long where the last size is small and odd.
+    # A product takes several times as long where its last size is small and no multiple of 16.
     is_narrow = h.size(1) < rows.size(1) and h.size(1) % _LANES != 0
     return (h.t() @ rows).t() if is_narrow else rows.t() @ h
 
