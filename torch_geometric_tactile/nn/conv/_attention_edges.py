@@ -1,6 +1,5 @@
 r"""The edges of one topology in the orders that attention over neighbours needs, computed once."""
 
-import warnings
 from typing import NamedTuple, Optional
 
 import torch
@@ -9,6 +8,7 @@ from torch_geometric.utils import add_self_loops, remove_self_loops
 
 from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, may_be_kept
 from torch_geometric_tactile.nn.conv._edge_checks import check_edge_index
+from torch_geometric_tactile.nn.conv._static_adjacency import csr_matrix
 
 # A softmax over neighbours pads all nodes to the largest degree. Beyond this multiple of the edges,
 # as with a hub that all nodes join, the padding costs more than messages do.
@@ -172,7 +172,7 @@ class AttentionEdges:
             slot_columns=columns[slot_coefficients],
             padding=padding if bool(padding.any()) else None,
             empty=empty if bool(empty.any()) else None,
-            matrix=_csr_matrix(row_starts, columns, num_rows, dtype),
+            matrix=csr_matrix(row_starts, columns, torch.ones(len(columns), dtype=dtype), num_rows),
             edge_coefficients=edge_coefficients,
             edge_slots=slots[edge_coefficients],
             slot_edges=coefficient_edges[slot_coefficients],
@@ -207,18 +207,6 @@ class AttentionCache(EdgeCache[AttentionEdges]):
             return AttentionEdges(source, target, num_nodes)
 
         return self._keep(key, (edge_index,), make)
-
-
-def _csr_matrix(row_starts: Tensor, columns: Tensor, size: int, dtype: torch.dtype) -> Tensor:
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
-        return torch.sparse_csr_tensor(
-            row_starts,
-            columns,
-            torch.ones(columns.numel(), dtype=dtype),
-            (size, size),
-            check_invariants=False,
-        )
 
 
 def _starts(numbers: Tensor, size: int) -> Tensor:

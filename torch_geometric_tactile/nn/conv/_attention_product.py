@@ -32,10 +32,10 @@ class Attention:
             logits.masked_fill_(pattern.padding, -torch.inf)
         self.slots = logits.softmax(dim=0)
         values = self.slots.view(-1).index_select(0, pattern.slots)
-        self.kept: OptTensor = None
+        self.factors: OptTensor = None
         if dropout > 0:
-            self.kept = F.dropout(torch.ones_like(values), dropout)
-            values = values * self.kept
+            self.factors = F.dropout(torch.ones_like(values), dropout)
+            values = values * self.factors
         self.values = values
 
     def apply(self, rows: Tensor) -> Tensor:
@@ -57,19 +57,19 @@ class Attention:
 
 
 def slot_gradient(
-    slots: Tensor, kept: OptTensor, grad: Tensor, rows: Tensor, pattern: AttentionPattern
+    slots: Tensor, factors: OptTensor, grad: Tensor, rows: Tensor, pattern: AttentionPattern
 ) -> Tensor:
     r"""Returns the gradient of the logits of the slots :math:`(K, R)`.
 
     Shapes:
         - **slots:** Coefficients of the slots :math:`(K, R)`.
-        - **kept:** Factors of the dropout, in the order of the coefficients.
+        - **factors:** Factors of the dropout, in the order of the coefficients.
         - **grad:** Gradient of the weighted sums :math:`(R, C)`.
         - **rows:** Features :math:`(R, C)`.
     """
     grad_values = torch.sparse.sampled_addmm(pattern.matrix, grad, rows.t(), beta=0.0).values()
-    if kept is not None:
-        grad_values = grad_values * kept
+    if factors is not None:
+        grad_values = grad_values * factors
     grad_slots = grad_values.index_select(0, pattern.slot_coefficients).view_as(slots)
     grad_logits: Tensor = torch.ops.aten._softmax_backward_data(grad_slots, slots, 0, slots.dtype)
     return grad_logits if pattern.empty is None else grad_logits.masked_fill_(pattern.empty, 0.0)
@@ -98,28 +98,28 @@ def _sum_rows(rows: Tensor, numbers: Tensor, starts: Tensor, weights: OptTensor 
 
 
 def attend_by_messages(
-    logits: Tensor, features: Tensor, edges: AttentionEdges, kept: OptTensor
+    logits: Tensor, features: Tensor, edges: AttentionEdges, factors: OptTensor
 ) -> Tensor:
     r"""Returns the same numbers from ordinary operations, which have all derivatives.
 
     Shapes:
         - **logits:** Logits of the edges :math:`(B, |\mathcal{E}|, H)`.
         - **features:** Features :math:`(B, N, H, C)`.
-        - **kept:** Factors of the dropout :math:`(B \cdot |\mathcal{E}| \cdot H,)`.
+        - **factors:** Factors of the dropout :math:`(B \cdot |\mathcal{E}| \cdot H,)`.
     """
     alpha = softmax(logits, edges.target, num_nodes=edges.num_nodes, dim=1)
-    alpha = alpha if kept is None else alpha * kept.view_as(alpha)
+    alpha = alpha if factors is None else alpha * factors.view_as(alpha)
     messages = alpha.unsqueeze(-1) * features.index_select(1, edges.source)
     return torch.zeros_like(features).index_add(1, edges.target, messages)
 
 
-def edge_factors(kept: OptTensor, pattern: AttentionPattern) -> OptTensor:
+def edge_factors(factors: OptTensor, pattern: AttentionPattern) -> OptTensor:
     r"""Returns the factors of the dropout in the order of :func:`attend_by_messages`.
 
     Shapes:
-        - **kept:** Factors in the order of the coefficients.
+        - **factors:** Factors in the order of the coefficients.
     """
-    return None if kept is None else kept.index_select(0, pattern.edge_coefficients)
+    return None if factors is None else factors.index_select(0, pattern.edge_coefficients)
 
 
 def differentiable_gradients(

@@ -1,5 +1,6 @@
 r"""Message passing of PyG whose uncompiled form stays at hand."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from torch.nn import Module
@@ -28,6 +29,28 @@ class OwnPropagate:
         cls._orig_propagate = original
         if cls._jinja_propagate is MessagePassing.propagate:  # it could not be compiled
             cls._jinja_propagate = cls.propagate = original
+
+
+def note_own_methods(cls: Any, layer: type, **methods: Iterable[str]) -> None:
+    r"""Notes in a new subclass of a layer what it defines itself, and gives it a
+    :meth:`propagate` of its own unless it has one.
+
+    PyG puts compiled methods into the class of a layer that was made, so that the methods of a
+    class tell nothing about it afterwards; what was there when the class was defined does.
+
+    Args:
+        cls (type): The subclass.
+        layer (type): The layer.
+        **methods: For each attribute that is set, the methods of which one has to be its own.
+    """
+    before = cls.__mro__[1 : cls.__mro__.index(layer)]
+    parents = [base for base in before if issubclass(base, layer)]
+    own = set(vars(cls)).union(*(vars(base) for base in before if base not in parents))
+    for name, group in methods.items():
+        has_own = not own.isdisjoint(group) or any(getattr(base, name) for base in parents)
+        setattr(cls, name, has_own)
+    if "propagate" not in own and not any(base._has_own_propagate for base in parents):
+        cls.propagate = original_propagate()
 
 
 def original_propagate() -> Any:

@@ -102,7 +102,7 @@ class StaticAdjacency:
                 order = target.argsort(stable=True)
                 ends = target.bincount(minlength=self.num_nodes).cumsum(0)
                 starts = torch.cat([ends.new_zeros(1), ends])
-                csr = _sparse(starts, source[order], self._weight[order], self.num_nodes)
+                csr = csr_matrix(starts, source[order], self._weight[order], self.num_nodes)
             self._csr[transposed] = csr
         return csr
 
@@ -126,7 +126,7 @@ class StaticAdjacency:
                 ends = (starts[1:] + len(columns) * sample).view(-1)
                 columns = (columns + self.num_nodes * sample).view(-1)
                 starts, values = torch.cat([starts[:1], ends]), values.repeat(num_samples)
-                matrix = _sparse(starts, columns, values, num_samples * self.num_nodes)
+                matrix = csr_matrix(starts, columns, values, num_samples * self.num_nodes)
             self._batches[num_samples, transposed] = matrix
         return matrix
 
@@ -145,7 +145,7 @@ class StaticAdjacency:
             starts = csr.crow_indices()[start : stop + 1]
             part = slice(int(starts[0]), int(starts[-1]))
             columns, values = csr.col_indices()[part], csr.values()[part]
-            rows = _sparse(starts - starts[0], columns, values, self.num_nodes)
+            rows = csr_matrix(starts - starts[0], columns, values, self.num_nodes)
             self._rows[start, stop] = rows
         return rows
 
@@ -319,7 +319,15 @@ def _tensors(edge_index: Adj, edge_weight: OptTensor) -> tuple[Tensor, ...]:
     return (edge_index,) if edge_weight is None else (edge_index, edge_weight)
 
 
-def _sparse(starts: Tensor, columns: Tensor, values: Tensor, num_columns: int) -> Tensor:
+def csr_matrix(starts: Tensor, columns: Tensor, values: Tensor, num_columns: int) -> Tensor:
+    r"""Returns a sparse matrix :math:`(M, N)` in CSR format, without PyTorch's warning of it and
+    without checks.
+
+    Shapes:
+        - **starts:** Where each row begins, and the end of the last :math:`(M + 1,)`.
+        - **columns, values:** Its entries :math:`(K,)`, row by row.
+        - **num_columns:** Number of columns :math:`N`.
+    """
     size = (len(starts) - 1, num_columns)
     with warnings.catch_warnings(), torch.inference_mode(False):
         warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")

@@ -30,7 +30,11 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     is_traced,
     sorted_form,
 )
-from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate, original_propagate
+from torch_geometric_tactile.nn.conv._own_propagate import (
+    OwnPropagate,
+    note_own_methods,
+    original_propagate,
+)
 from torch_geometric_tactile.nn.conv._plain import (
     MESSAGE_METHODS,
     any_global_hook,
@@ -82,22 +86,13 @@ class StaticAttention(OwnPropagate, MessagePassing):
         if StaticAttention in cls.__bases__:
             return
         layer = next(base for base in cls.__mro__ if StaticAttention in base.__bases__)
-        before = cls.__mro__[1 : cls.__mro__.index(layer)]
-        # PyG puts compiled methods into the class of a layer that was made, so that these tell
-        # nothing about it; what was found when the class was defined does.
-        parents = [base for base in before if issubclass(base, StaticAttention)]
-        own = set(vars(cls)).union(*(vars(base) for base in before if base not in parents))
-        cls._has_own_messages = not own.isdisjoint(_METHODS) or any(
-            base._has_own_messages for base in parents
+        note_own_methods(
+            cls,
+            layer,
+            _has_own_messages=_METHODS,
+            _has_own_edge_update=_EDGE_METHODS,
+            _has_own_propagate=("propagate",),
         )
-        cls._has_own_edge_update = not own.isdisjoint(_EDGE_METHODS) or any(
-            base._has_own_edge_update for base in parents
-        )
-        cls._has_own_propagate = "propagate" in own or any(
-            base._has_own_propagate for base in parents
-        )
-        if not cls._has_own_propagate:
-            cls.propagate = original_propagate()
 
     def _is_fast(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor) -> bool:
         own = self.__dict__

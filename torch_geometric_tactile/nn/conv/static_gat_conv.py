@@ -244,14 +244,14 @@ class _GATProduct(Function):
             logits,
             attention.slots,
             attention.values,
-            attention.kept,
+            attention.factors,
         )
         ctx.edges, ctx.pattern, ctx.negative_slope = edges, pattern, negative_slope
         return out
 
     @staticmethod
     def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:
-        x, weight, att_src, att_dst, folded, features, logits, slots, values, kept = (
+        x, weight, att_src, att_dst, folded, features, logits, slots, values, factors = (
             ctx.saved_tensors
         )
         pattern, edges = ctx.pattern, ctx.edges
@@ -261,13 +261,13 @@ class _GATProduct(Function):
                 _by_messages,
                 edges=edges,
                 negative_slope=ctx.negative_slope,
-                kept=edge_factors(kept, pattern),
+                factors=edge_factors(factors, pattern),
             )
             inputs = (x, weight, att_src, att_dst)
             needed = ctx.needs_input_grad[:4]
             return *differentiable_gradients(compute, inputs, needed, grad), None, None, None
         grad = grad.reshape(-1, channels)
-        grad_logits = slot_gradient(slots, kept, grad, features, pattern)
+        grad_logits = slot_gradient(slots, factors, grad, features, pattern)
         grad_logits = torch.ops.aten.leaky_relu_backward(
             grad_logits, logits, ctx.negative_slope, False
         )
@@ -304,9 +304,9 @@ def _by_messages(
     att_dst: Tensor,
     edges: AttentionEdges,
     negative_slope: float,
-    kept: OptTensor,
+    factors: OptTensor,
 ) -> Tensor:
     features = F.linear(x, weight).view(*x.shape[:-1], *att_src.shape[1:])
     source, target = (features * att_src).sum(dim=-1), (features * att_dst).sum(dim=-1)
     logits = source.index_select(1, edges.source) + target.index_select(1, edges.target)
-    return attend_by_messages(F.leaky_relu(logits, negative_slope), features, edges, kept)
+    return attend_by_messages(F.leaky_relu(logits, negative_slope), features, edges, factors)

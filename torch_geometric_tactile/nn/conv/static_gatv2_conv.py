@@ -240,14 +240,14 @@ class _GATv2Product(Function):
         attention = Attention(slots.view(pattern.num_slots, -1), pattern, dropout)
         out = attention.apply(source.view(-1, channels))
         ctx.save_for_backward(
-            source, target, att, attention.slots, attention.values, attention.kept
+            source, target, att, attention.slots, attention.values, attention.factors
         )
         ctx.edges, ctx.pattern, ctx.negative_slope = edges, pattern, negative_slope
         return out.view(*source.shape[:-1], heads, channels)
 
     @staticmethod
     def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:
-        source, target, att, slots, values, kept = ctx.saved_tensors
+        source, target, att, slots, values, factors = ctx.saved_tensors
         pattern, edges = ctx.pattern, ctx.edges
         heads, channels = att.shape[1:]
         if torch.is_grad_enabled():  # somebody asks for a second derivative
@@ -255,12 +255,12 @@ class _GATv2Product(Function):
                 _by_messages,
                 edges=edges,
                 negative_slope=ctx.negative_slope,
-                kept=edge_factors(kept, pattern),
+                factors=edge_factors(factors, pattern),
             )
             inputs, needed = (source, target, att), ctx.needs_input_grad[:3]
             return *differentiable_gradients(compute, inputs, needed, grad), None, None, None
         grad = grad.reshape(-1, channels)
-        grad_logits = slot_gradient(slots, kept, grad, source.view(-1, channels), pattern)
+        grad_logits = slot_gradient(slots, factors, grad, source.view(-1, channels), pattern)
         grad_logits = grad_logits.view(-1).index_select(0, pattern.edge_slots)
         grad_logits = grad_logits.view(source.size(0), -1, heads, 1)
         # Sums of the slopes over the edges of each node, which the attention vector multiplies
@@ -305,10 +305,10 @@ def _by_messages(
     att: Tensor,
     edges: AttentionEdges,
     negative_slope: float,
-    kept: OptTensor,
+    factors: OptTensor,
 ) -> Tensor:
     shape = (*source.shape[:-1], *att.shape[1:])
     source, target = source.view(shape), target.view(shape)
     each = source.index_select(1, edges.source) + target.index_select(1, edges.target)
     logits = (F.leaky_relu(each, negative_slope) * att).sum(dim=-1)
-    return attend_by_messages(logits, source, edges, kept)
+    return attend_by_messages(logits, source, edges, factors)

@@ -23,7 +23,11 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     is_traced,
     sorted_form,
 )
-from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate, original_propagate
+from torch_geometric_tactile.nn.conv._own_propagate import (
+    OwnPropagate,
+    note_own_methods,
+    original_propagate,
+)
 from torch_geometric_tactile.nn.conv._plain import (
     MESSAGE_METHODS,
     is_hooked,
@@ -112,17 +116,12 @@ class StaticGCNConv(OwnPropagate, GCNConv):
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        before = cls.__mro__[1 : cls.__mro__.index(StaticGCNConv)]
-        parents = [base for base in before if issubclass(base, StaticGCNConv)]
-        own = set(vars(cls)).union(*(vars(base) for base in before if base not in parents))
-        cls._has_own_messages = not own.isdisjoint(MESSAGE_METHODS) or any(
-            base._has_own_messages for base in parents
+        note_own_methods(
+            cls,
+            StaticGCNConv,
+            _has_own_messages=MESSAGE_METHODS,
+            _has_own_propagate=("propagate",),
         )
-        cls._has_own_propagate = "propagate" in own or any(
-            base._has_own_propagate for base in parents
-        )
-        if not cls._has_own_propagate:
-            cls.propagate = original_propagate()
 
     def __init__(
         self,
