@@ -225,9 +225,9 @@ def _equal_graphs(dataset: GraphSamples) -> _Groups:
         code = codes.setdefault(number, hashlib.blake2b())
         code.update(f"{x.dtype} {tuple(x.shape)}".encode())
         code.update(_bytes(x.reshape(1, -1)).tobytes())
-        known = values.setdefault(number, set())
-        if len(known) < _MIN_VALUES:
-            known.update(x.unique()[:_MIN_VALUES].tolist())
+        distinct = values.setdefault(number, set())
+        if len(distinct) < _MIN_VALUES:
+            distinct.update(x.unique()[:_MIN_VALUES].tolist())
     groups: dict[bytes, list[int]] = {}
     for number in sorted(codes):
         if len(values[number]) >= _MIN_VALUES:

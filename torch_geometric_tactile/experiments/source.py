@@ -286,8 +286,8 @@ def _fingerprint(dataset: SampleSet) -> str:
         for i in range(len(stored)):
             attributes = stored[i].to_dict()
             _add_tensors(code, attributes)
-            others = {k: v for k, v in attributes.items() if isinstance(v, str | int | float)}
-            code.update(f"{sorted(others.items())!r}\n".encode())
+            plain = {k: v for k, v in attributes.items() if isinstance(v, str | int | float)}
+            code.update(f"{sorted(plain.items())!r}\n".encode())
         return code.hexdigest()
     inner: StaticDataset = innermost(dataset)
     files = _files(inner)

@@ -115,16 +115,16 @@ class Builder:
                 return self._built(described)
 
     def _copy_of_given(self, name: Any) -> Module:
-        given = self._given_model
-        if given is None:
+        model = self._given_model
+        if model is None:
             _check_not_removed(name)
             raise MissingOwnError(
                 f"'model' must be given: the file has the weights of a {name}, which is not built "
                 "by name",
                 "model",
             )
-        need(type(given).__name__ == name, f"'model' must be a {name}", type(given).__name__)
-        return copy.deepcopy(given)
+        need(type(model).__name__ == name, f"'model' must be a {name}", type(model).__name__)
+        return copy.deepcopy(model)
 
     def _built(self, described: Any) -> Module:
         if isinstance(described, Mapping) and "own" in described:

@@ -56,8 +56,8 @@ class AverageModel(Module):
         self.needs_edges = needs_edges(models[0])
         self.takes_batch = takes_batch(models[0])
         for model in models[1:]:
-            given = input_names(model)
-            need(given == self.modalities, f"'models' must all take {self.modalities}", given)
+            names = input_names(model)
+            need(names == self.modalities, f"'models' must all take {self.modalities}", names)
         self.numbers = bool(numbers)
         for name, value in (("center", center), ("scale", scale)):
             if value is not None and (not isinstance(value, Tensor) or value.dim() > 1):

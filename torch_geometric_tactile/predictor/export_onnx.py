@@ -279,8 +279,8 @@ def _agreement(
             for pair in _recorded_examples(graph, predictor, recording, rest)
         )
     else:
-        given = _drawn_rest(graph, predictor)
-        pairs = ((example, given) for example in _examples(graph, predictor, _NUM_RANDOM))
+        drawn = _drawn_rest(graph, predictor)
+        pairs = ((example, drawn) for example in _examples(graph, predictor, _NUM_RANDOM))
     answers = [[_answer(session, graph, *pair) for session in sessions] for pair in pairs]
     single, quantized = np.array(answers).swapaxes(0, 1)
     kind = "recordings" if recordings else "random"

@@ -79,10 +79,10 @@ def open_recording(
     r"""Reads a recording with the options of the training, as far as its format has them, and with
     those that are given.
     """
-    given = options or {}
-    known = {**predictor.read_options, **given}
-    taken = format_options(chosen_format(path, known))
-    used = {k: v for k, v in known.items() if k in taken or k in given}
+    chosen = options or {}
+    merged = {**predictor.read_options, **chosen}
+    taken = format_options(chosen_format(path, merged))
+    used = {k: v for k, v in merged.items() if k in taken or k in chosen}
     try:
         return read_recording(path, **used)
     except ValueError as error:

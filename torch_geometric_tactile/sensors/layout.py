@@ -132,14 +132,14 @@ class TaxelLayout:
             ValueError: If the layout has no such adjacency, or none by default.
         """
         name = self.default_adjacency if name is None else name
-        known = ", ".join(f"'{key}'" for key in self.adjacency) or "none; see KNNGraph"
+        names = ", ".join(f"'{key}'" for key in self.adjacency) or "none; see KNNGraph"
         if name is None:
             raise ValueError(
-                f"'name' must be given, an adjacency of layout '{self.name}': {known} (got None)"
+                f"'name' must be given, an adjacency of layout '{self.name}': {names} (got None)"
             )
         if name not in self.adjacency:
             raise ValueError(
-                f"'name' must be an adjacency of layout '{self.name}': {known} (got '{name}')"
+                f"'name' must be an adjacency of layout '{self.name}': {names} (got '{name}')"
             )
         return self.adjacency[name]
 

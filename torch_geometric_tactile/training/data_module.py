@@ -110,7 +110,7 @@ class TactileDataModule(L.LightningDataModule):
     ) -> None:
         super().__init__()
         samples = _samples(dataset, "dataset")
-        given = {
+        held_out = {
             name: None if one is None else _samples(one, f"{name}_dataset", samples)
             for name, one in (("val", val_dataset), ("test", test_dataset))
         }
@@ -122,10 +122,10 @@ class TactileDataModule(L.LightningDataModule):
                 f"'train_transform' must have no parts that are fitted (got {', '.join(scalers)}); "
                 "put them into 'transform'"
             )
-        val = _val_part(split, val, test, given["val"], given["test"])
+        val = _val_part(split, val, test, held_out["val"], held_out["test"])
         keys = ("y", *(part.key or "" for part in fitted_parts(transform)))
         for name, size in (("val", val), ("test", test)):
-            other = given[name]
+            other = held_out[name]
             if other is None:
                 continue
             if size > 0:
@@ -133,8 +133,8 @@ class TactileDataModule(L.LightningDataModule):
             _check_same_layout(samples, other, name)
             check_same_names(samples, other, keys, f"'{name}_dataset'")
         self.dataset = samples
-        self.val_dataset = given["val"]
-        self.test_dataset = given["test"]
+        self.val_dataset = held_out["val"]
+        self.test_dataset = held_out["test"]
         self.split = split
         self.val = val
         self.test = test
@@ -232,8 +232,8 @@ class TactileDataModule(L.LightningDataModule):
                 warn_of_shared(self.dataset, split, given=True)
             names = ("train", "val", "test")
             parts = {name: self.dataset[getattr(split, name)] for name in names}
-        given = {"val": self.val_dataset, "test": self.test_dataset}
-        return parts | {name: part for name, part in given.items() if part is not None}
+        held_out = {"val": self.val_dataset, "test": self.test_dataset}
+        return parts | {name: part for name, part in held_out.items() if part is not None}
 
     def _adapt(self) -> None:
         for name in ("val", "test"):

@@ -138,6 +138,6 @@ def differentiable_gradients(
     """
     with torch.enable_grad():
         out = compute(*inputs)
-        wanted = [tensor for tensor, is_needed in zip(inputs, needed, strict=True) if is_needed]
-        grads = iter(torch.autograd.grad(out, wanted, grad, create_graph=True, allow_unused=True))
+        selected = [tensor for tensor, is_needed in zip(inputs, needed, strict=True) if is_needed]
+        grads = iter(torch.autograd.grad(out, selected, grad, create_graph=True, allow_unused=True))
     return [next(grads) if is_needed else None for is_needed in needed]
