@@ -20,6 +20,7 @@ from torch_geometric_tactile.nn.models.tactile_fnn import TactileFNN
 from torch_geometric_tactile.nn.models.tactile_gcn import TactileGCN
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 from torch_geometric_tactile.nn.models.taxel_net import TaxelNet
+from torch_geometric_tactile.nn.models.temporal_cnn import TemporalCNN
 from torch_geometric_tactile.nn.models.temporal_taxel_net import TemporalTaxelNet
 from torch_geometric_tactile.nn.models.thread import Thread
 
@@ -41,6 +42,7 @@ __all__ = [
     "TactileGCN",
     "TactileModel",
     "TaxelNet",
+    "TemporalCNN",
     "TemporalTaxelNet",
     "Thread",
 ]
