@@ -6,6 +6,7 @@ from typing import Any
 
 from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile._own_modules import import_own
+from torch_geometric_tactile.sensors import TaxelLayout
 
 
 def find_class(class_path: str) -> Any:
@@ -44,10 +45,10 @@ def check_arguments(class_path: str, arguments: Mapping[str, Any]) -> None:
             check_arguments(value["class_path"], value.get("init_args") or {})
 
 
-def build_object(content: Any) -> Any:
+def build_object(content: Any, layout: TaxelLayout | None = None) -> Any:
     r"""Builds what plain data describes: a mapping with :obj:`class_path`, and :obj:`init_args` if
     it has arguments, becomes an object of that class, also inside lists and arguments. Everything
-    else stays as it is.
+    else stays as it is. A class with an argument :obj:`layout` that is left out gets this one.
 
     Examples:
         >>> build_object({"class_path": "torch_geometric_tactile.transforms.ZScore"})
@@ -55,11 +56,13 @@ def build_object(content: Any) -> Any:
     """
     if isinstance(content, Mapping):
         if "class_path" not in content:
-            return {key: build_object(value) for key, value in content.items()}
+            return {key: build_object(value, layout) for key, value in content.items()}
         arguments = content.get("init_args") or {}
         check_arguments(content["class_path"], arguments)
-        built = {name: build_object(value) for name, value in arguments.items()}
+        built = {name: build_object(value, layout) for name, value in arguments.items()}
+        if layout is not None and "layout" in (argument_names(content["class_path"]) or ()):
+            built.setdefault("layout", layout)
         return find_class(content["class_path"])(**built)
     if isinstance(content, list | tuple):
-        return [build_object(value) for value in content]
+        return [build_object(value, layout) for value in content]
     return content

@@ -36,8 +36,8 @@ class Choice:
     best of these is trained on the whole training part. A setting that is not ahead of the default
     is tried on no further cut.
 
-    A setting is laid over the model, but for its :obj:`"transform"`, which takes the place of the
-    experiment's.
+    A setting is merged into the model, but for its :obj:`"transform"` and
+    :obj:`"train_transform"`, which take the place of the experiment's.
     """
 
     settings: Sequence[Mapping[str, Any]] = ({},)
@@ -74,6 +74,7 @@ class Experiment:
     protocol_name: str
     model: dict[str, Any]
     transform: dict[str, Any] | None = None
+    train_transform: dict[str, Any] | None = None  # of training batches only; networks
     seed: int = 0
     fold: int = 0
     epochs: int = 0
@@ -94,14 +95,18 @@ class Experiment:
     def with_setting(self, setting: Mapping[str, Any]) -> Self:
         r"""Returns it with a setting of its choice."""
         over = dict(setting)
-        transform = over.pop("transform", self.transform)
-        return replace(self, model=merged(self.model, over), transform=transform)
+        transforms = {
+            name: over.pop(name, getattr(self, name)) for name in ("transform", "train_transform")
+        }
+        return replace(self, model=merged(self.model, over), **transforms)
 
     def identity(self) -> dict[str, Any]:
         r"""Returns all that the result follows from. Two experiments of one configuration are one,
         whatever their names; threads and the place of the recordings do not count.
         """
         config = {"model": self.model, "transform": self.transform, "trainer": self.trainer}
+        if self.train_transform is not None:
+            config["train_transform"] = self.train_transform
         chosen: dict[str, Any] = {} if self.choice is None else {"choice": self.choice.to_dict()}
         if self.threshold is not None:
             chosen["threshold"] = self.threshold
@@ -132,7 +137,8 @@ class Experiment:
 
     def read_sources(self) -> OwnSources:
         r"""Returns the source code of the user's own classes and functions as it is now."""
-        content = [self.model, self.transform, self.trainer, self.studies, self.data.identity()]
+        content = [self.model, self.transform, self.train_transform, self.trainer, self.studies]
+        content.append(self.data.identity())
         choice = None if self.choice is None else self.choice.to_dict()
         return own_sources(sorted({*_import_paths([*content, choice])}))
 

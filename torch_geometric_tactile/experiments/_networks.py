@@ -64,6 +64,7 @@ def fit_network(
         split="frame",
         val_dataset=test[:0] if val is None else val,
         transform=build_object(experiment.transform),
+        train_transform=build_object(experiment.train_transform, train.layout),
         batch_size=experiment.batch_size,
     )
     data.setup()

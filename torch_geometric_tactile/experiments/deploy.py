@@ -153,6 +153,7 @@ def _networks(experiment: Experiment, choice: Choice, samples: StaticDataset) ->
         split="frame",
         val_dataset=train[:0],
         transform=build_object(experiment.transform),
+        train_transform=build_object(experiment.train_transform, samples.layout),
         batch_size=experiment.batch_size,
     )
     data.setup()

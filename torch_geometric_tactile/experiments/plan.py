@@ -201,6 +201,7 @@ def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
         "model": model,
         "threshold": threshold,
         "transform": cell.transform or of_data.get("transform"),
+        "train_transform": of_data.get("train_transform"),
         "epochs": settings.epochs or epochs,
         "batch_size": of_data.get("batch_size", 128),
         "trainer": trainer,

@@ -77,6 +77,8 @@ class OnnxGraph(Module):
         model, window = self.model, self.window
         if window is None or not hasattr(model, "step") or not hasattr(model, "initial_state"):
             return False
+        if not getattr(model, "can_step", True):
+            return False
         if not all(is_framewise(part) for part in window_parts):
             return False
         whole = window.is_trial and window.ragged in ("error", "pad")

@@ -62,19 +62,24 @@ class TemporalBlock(Module):
 
 class FrameHead(Module):
     r"""From the features of all taxels to the logits of a frame: all side by side, their mean and
-    their maximum, a hidden layer, and the logits.
+    their maximum, a hidden layer, and the logits. Features that are mixed already are taken as they
+    are.
     """
 
     def __init__(
         self,
-        in_channels: int,
+        num_nodes: int,
+        width: int,
         out_channels: int,
         hidden_channels: int,
         dropout: float,
         num_joints: int,
+        are_mixed: bool = False,
     ) -> None:
         super().__init__()
         self.num_joints = num_joints
+        self.are_mixed = are_mixed
+        in_channels = width if are_mixed else (num_nodes + 2) * width
         self.dropout = ByteDropout(dropout)
         self.lin = Linear(in_channels + num_joints, hidden_channels, bias=False)
         self.norm = TaxelNorm(hidden_channels)
@@ -88,9 +93,11 @@ class FrameHead(Module):
               :math:`(B, M, T, F)`.
         """
         rows = h if h.dim() == 3 else h.transpose(1, 2).flatten(0, 1)
-        found = torch.cat([rows.flatten(1), rows.mean(dim=1), rows.amax(dim=1)], dim=1)
-        found = with_joints(self.dropout(found), joint, self.num_joints)
-        out: Tensor = self.lin_out(self.dropout(self.norm(self.lin(found)).relu()))
+        features = rows.flatten(1)
+        if not self.are_mixed:
+            features = torch.cat([features, rows.mean(dim=1), rows.amax(dim=1)], dim=1)
+        features = with_joints(self.dropout(features), joint, self.num_joints)
+        out: Tensor = self.lin_out(self.dropout(self.norm(self.lin(features)).relu()))
         return out if h.dim() == 3 else out.unflatten(0, (h.size(0), h.size(2)))
 
 

@@ -29,6 +29,7 @@ from torch_geometric_tactile.nn.models._taxels import (
     seen_taxels,
     stacked_readings,
 )
+from torch_geometric_tactile.nn.pool import TaxelPool
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.sensors._described import (
     DescriptorTables,
@@ -116,6 +117,9 @@ class TaxelNet(BaseModel):
         taxel_dropout (float): Part of the taxels that read nothing in training, drawn anew for each
             sample: no answer rests on a few of them.
         max_taxels (int): Number of taxels above which a level is pooled.
+        head_taxels (int, optional): Number of taxels above which the last level is pooled once
+            more, without convolutions, before the head, as in a convolutional network; if left out,
+            it is not.
         num_joints (int): Number of joint angles that join before the hidden layer; 0 for none.
         fast (bool): As of :class:`~torch_geometric_tactile.nn.conv.SectorConv`; without it, there
             are second derivatives.
@@ -154,6 +158,7 @@ class TaxelNet(BaseModel):
         dropout: float = 0.5,
         taxel_dropout: float = 0.2,
         max_taxels: int = 64,
+        head_taxels: Optional[int] = None,
         num_joints: int = 0,
         fast: bool = True,
     ) -> None:
@@ -166,6 +171,7 @@ class TaxelNet(BaseModel):
             num_sectors=num_sectors,
             hidden_channels=hidden_channels,
             max_taxels=max_taxels,
+            head_taxels=1 if head_taxels is None else head_taxels,
         )
         for name, size in (
             ("direct_channels", direct_channels or 0),
@@ -193,6 +199,11 @@ class TaxelNet(BaseModel):
             on = layout if pool is None else pool.coarse
             self.levels.append(TaxelLevel(on, pool, level, conv, num_sectors, fast))
             width = after
+        last_layout = pools[-1].coarse if pools else layout
+        self.head_pools = ModuleList(
+            [] if head_taxels is None else pooled_layouts(last_layout, head_taxels)
+        )
+        pools += [pool for pool in self.head_pools if isinstance(pool, TaxelPool)]
         self.taxels = (self.num_nodes, *(pool.num_clusters for pool in pools))
         if direct_channels is None:
             direct_channels = 0 if pools else _DIRECT
@@ -220,6 +231,8 @@ class TaxelNet(BaseModel):
         h = x if seen is None else x * seen.unsqueeze(-1)
         for level in self.levels:
             h = level(h)
+        for pool in self.head_pools:
+            h = pool(h)
         parts = {"flat": h.flatten(1), "mean": h.mean(dim=1), "max": h.amax(dim=1)}
         found = [parts[part] for part in _HEADS[self.head]]
         if self.direct is not None:

@@ -1,7 +1,7 @@
 r"""The model of windows of frames to begin with."""
 
 from collections.abc import Sequence
-from typing import Optional, Union
+from typing import Literal, Optional, Union
 
 import torch
 from torch import Tensor
@@ -37,6 +37,8 @@ from torch_geometric_tactile.sensors import TaxelLayout
 
 # The past frames that each convolution over time has seen.
 _TemporalState = tuple[Tensor, ...]
+_POOLS = ("last", "mean", "max", "mean_max")
+_NEEDS_LAST = "'pool' must be 'last' for '{}', which answers frame by frame"
 
 
 class TemporalTaxelNet(BaseModel):
@@ -58,9 +60,15 @@ class TemporalTaxelNet(BaseModel):
         R = F + (K - 1) D (2^L - 1)
 
     with filters of :math:`F` frames and :math:`L` blocks of kernel size :math:`K`; before the first
-    frame, all features are zero. The answer of a window is that of its last frame, for which only
-    the features that it rests on are computed: every :math:`D`-th frame, then every :math:`2 D`-th,
-    and so on. With :obj:`per_frame`, all are.
+    frame, all features are zero. By default, the answer of a window is that of its last frame, for
+    which only the features that it rests on are computed: every :math:`D`-th frame, then every
+    :math:`2 D`-th, and so on. With :obj:`per_frame`, all are.
+
+    A window or trial that is **judged as a whole**, such as a slide over a surface, needs other
+    settings: :obj:`pool="mean_max"` answers from the mean and the maximum of the features over the
+    frames, of which every :math:`D`-th is computed. With :obj:`mixed_channels`, the blocks do not
+    look at each taxel by itself: a convolution over :math:`K` frames, which adds :math:`K - 1` to
+    :math:`R`, joins the features of all taxels first.
 
     :meth:`step` takes one frame and a state, a tuple of tensors. From :meth:`initial_state` on it
     gives the numbers of :meth:`forward` on the same frames, and after :math:`R` frames those of any
@@ -85,6 +93,11 @@ class TemporalTaxelNet(BaseModel):
         kernel_size (int): Frames that the convolution of a block sees :math:`K`.
         dilation (int): Distance of these frames in the first block :math:`D`.
         num_blocks (int): Number of blocks :math:`L`.
+        pool (str): What the answer of a window rests on: the features of its :obj:`"last"` frame,
+            or their :obj:`"mean"` or :obj:`"max"` over the frames, or both (:obj:`"mean_max"`).
+            Streams need :obj:`"last"`.
+        mixed_channels (int): Width of the blocks on the joined features of all taxels; 0 for blocks
+            on the features of each taxel.
         hidden_channels (int): Width of the hidden layer.
         dropout (float): Part of the features dropped in training before each layer of the head, and
             half of it in the blocks.
@@ -133,6 +146,8 @@ class TemporalTaxelNet(BaseModel):
         kernel_size: int = 3,
         dilation: int = 8,
         num_blocks: int = 2,
+        pool: Literal["last", "mean", "max", "mean_max"] = "last",
+        mixed_channels: int = 0,
         hidden_channels: int = 64,
         dropout: float = 0.5,
         taxel_dropout: float = 0.2,
@@ -155,12 +170,15 @@ class TemporalTaxelNet(BaseModel):
             hidden_channels=hidden_channels,
             max_taxels=max_taxels,
         )
-        need(num_joints >= 0, "'num_joints' must not be negative", num_joints)
+        for name, size in (("num_joints", num_joints), ("mixed_channels", mixed_channels)):
+            need(size >= 0, f"'{name}' must not be negative", size)
         need(conv in CONVS, f"'conv' must be one of {CONVS}", repr(conv))
+        need(pool in _POOLS, f"'pool' must be one of {_POOLS}", repr(pool))
         self.num_nodes = layout.num_taxels
         self.out_channels = out_channels
         self.in_channels = in_channels
         self.dilation = dilation
+        self.pool = pool
         self.taxel_dropout = check_taxel_dropout(taxel_dropout)
         self.num_joints = num_joints
         self.receptive_field = filter_size + (kernel_size - 1) * dilation * (2**num_blocks - 1)
@@ -176,13 +194,21 @@ class TemporalTaxelNet(BaseModel):
             level = (before[i], *[width] * (1 if i == 0 and pools else depth))
             pool = pools[i - 1] if i else None
             self.levels.append(TaxelLevel(ons[i], pool, level, conv, num_sectors, fast))
-        width = self.widths[-1]
+        width, num_nodes = self.widths[-1], self.taxels[-1]
+        self.mixer: Optional[FrameFilters] = None
+        if mixed_channels:
+            self.mixer = FrameFilters(num_nodes * width, mixed_channels, kernel_size)
+            self.receptive_field += kernel_size - 1
+            width, num_nodes = mixed_channels, 1
         self.blocks = ModuleList(
             TemporalBlock(width, kernel_size, dilation * 2**i, dropout / 2)
             for i in range(num_blocks)
         )
-        size = (self.taxels[-1] + 2) * width
-        self.head = FrameHead(size, out_channels, hidden_channels, dropout, num_joints)
+        width *= 2 if pool == "mean_max" else 1
+        self.head = FrameHead(
+            *(num_nodes, width, out_channels, hidden_channels, dropout, num_joints),
+            are_mixed=bool(mixed_channels),
+        )
 
     def forward(
         self,
@@ -195,7 +221,7 @@ class TemporalTaxelNet(BaseModel):
         *,
         per_frame: bool = False,
     ) -> Tensor:
-        r"""Returns the logits of the last frame, or those of all.
+        r"""Returns the logits of the window, or those of all frames.
 
         The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
 
@@ -204,20 +230,42 @@ class TemporalTaxelNet(BaseModel):
             edge_index, edge_attr, absolute, pos (torch.Tensor, optional): Not used.
             joint (torch.Tensor, optional): Joint angles in radians, if the model has them: those of
                 the last frame, or with :obj:`per_frame` of all.
-            per_frame (bool): Whether to return the logits of each frame, as to train on all.
+            per_frame (bool): Whether to return the logits of each frame, as to train on all; needs
+                :obj:`pool="last"`.
         """
+        need(not per_frame or self.pool == "last", _NEEDS_LAST.format("per_frame"), self.pool)
         x = _frames(x, self.num_nodes, self.in_channels)
         seen = seen_taxels(x[:, :, 0], self.taxel_dropout if self.training else 0.0)
         x = self.norm(x.flatten(1, 2)).view_as(x)
         if seen is not None:  # behind the scale, which is that of all taxels
             x = x * seen[:, :, None, None]
-        # Of every frame, or of those that the last rests on.
-        h = self.filters(x, 1 if per_frame else self.dilation)
+        # Of every frame, or of those that the answer rests on.
+        stride = 1 if per_frame else self.dilation
+        h = self.filters(x, stride if self.mixer is None else 1)
         for level in self.levels:
             h = in_frames(level, h)
+        if self.mixer is not None:
+            h = self.mixer(h.transpose(1, 2).flatten(2).unsqueeze(1), stride)
         for block in _temporal(self.blocks):
-            h = block(h) if per_frame else block(h, block.conv.dilation, 2)
-        return self.head(h if per_frame else h[:, :, -1], joint)
+            if per_frame:
+                h = block(h)
+            elif self.pool == "last":
+                h = block(h, block.conv.dilation, 2)
+            else:
+                h = block(h, self.dilation)
+        return self.head(h if per_frame else self._pooled(h), joint)
+
+    def _pooled(self, h: Tensor) -> Tensor:
+        # Features (B, M, T, F) of frames as those of the window.
+        if self.pool == "last":
+            return h[:, :, -1]
+        parts = {"mean": h.mean(dim=2), "max": h.amax(dim=2)}
+        return torch.cat([parts[name] for name in self.pool.split("_")], dim=-1)
+
+    @property
+    def can_step(self) -> bool:
+        r"""Whether the model answers frame by frame, with :meth:`step`."""
+        return self.pool == "last"
 
     def initial_state(
         self,
@@ -233,8 +281,12 @@ class TemporalTaxelNet(BaseModel):
             device (torch.device, optional): That of the weights, if left out.
             dtype (torch.dtype, optional): Likewise.
         """
+        need(self.can_step, _NEEDS_LAST.format("initial_state"), self.pool)
         convs = [self.filters.conv, *(block.conv for block in _temporal(self.blocks))]
         taxels = [self.num_nodes] + [self.taxels[-1]] * len(self.blocks)
+        if self.mixer is not None:
+            convs.insert(1, self.mixer.conv)
+            taxels[1:] = [1] * (1 + len(self.blocks))
         return tuple(
             conv.initial_state(batch_size, count, device=device, dtype=dtype)
             for conv, count in zip(convs, taxels, strict=True)
@@ -257,12 +309,17 @@ class TemporalTaxelNet(BaseModel):
                 them.
         """
         x = stacked_readings(frame, self.num_nodes, self.in_channels, "channels")
-        _check_state(state, 1 + len(self.blocks))
+        need(self.can_step, _NEEDS_LAST.format("step"), self.pool)
+        num_first = 1 if self.mixer is None else 2
+        _check_state(state, num_first + len(self.blocks))
         h, first = self.filters.step(self.norm(x), state[0])
         after = [first]
         for level in self.levels:
             h = level(h)
-        for block, seen in zip(_temporal(self.blocks), state[1:], strict=True):
+        if self.mixer is not None:
+            h, mixed = self.mixer.step(h.flatten(1).unsqueeze(1), state[1])
+            after.append(mixed)
+        for block, seen in zip(_temporal(self.blocks), state[num_first:], strict=True):
             h, seen = block.step(h, seen)
             after.append(seen)
         return self.head(h, joint), tuple(after)
@@ -270,10 +327,12 @@ class TemporalTaxelNet(BaseModel):
     def extra_repr(self) -> str:
         r"""Returns the sizes for :obj:`repr`."""
         joints = f", num_joints={self.num_joints}" if self.num_joints else ""
+        pool = "" if self.pool == "last" else f", pool={self.pool!r}"
+        mixed = "" if self.mixer is None else f", mixed_channels={self.mixer.conv.out_channels}"
         return (
             f"{self.num_nodes}, {self.out_channels}, in_channels={self.in_channels}, "
             f"widths={self.widths}, taxels={self.taxels}, "
-            f"receptive_field={self.receptive_field}{joints}"
+            f"receptive_field={self.receptive_field}{pool}{mixed}{joints}"
         )
 
 
