@@ -23,7 +23,16 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
 from torch_geometric_tactile.nn.conv._lazy_weight import LazyWeight
 from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
 from torch_geometric_tactile.nn.conv._plain import is_hooked, sums_messages
-from torch_geometric_tactile.nn.conv._static_adjacency import GCN_NORM, AdjacencyCache, may_multiply
+from torch_geometric_tactile.nn.conv._static_adjacency import (
+    GCN_NORM,
+    AdjacencyCache,
+    GCNNorm,
+    contained_product,
+    dense_norm,
+    edge_pattern,
+    may_multiply,
+    may_multiply_dense,
+)
 
 
 class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
@@ -144,7 +153,8 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         return (
             self.fast
             and type(self).message is SegmentedGCNConv.message
-            and may_multiply(x)
+            and x.layout == torch.strided
+            and (may_multiply(x) or (x.dim() > 2 and may_multiply_dense(x)))
             and sums_messages(self)
         )
 
@@ -152,10 +162,19 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         norm = (*GCN_NORM[:-1], self.flow)
         num_taxels, segment = len(self.segment), self.segment
         adjacency = self._kept.get(edge_index, edge_weight, num_taxels, x.dtype, segment, norm)
-        if adjacency is None or not adjacency.may_reorder:
-            return None  # weights that need a gradient, or are infinite
+        if may_multiply(x):
+            if adjacency is None or not adjacency.may_reorder:
+                return None  # weights that need a gradient, or are infinite
+            sums = adjacency.product(x)
+        elif adjacency is not None:
+            sums = adjacency.dense_product(x)
+        else:
+            dense = dense_norm(
+                edge_index, edge_weight, num_taxels, x.dtype, segment, GCNNorm(*norm)
+            )
+            sums = contained_product(dense, edge_pattern(dense), x)
         # All taxels and samples of a segment by its weights.
-        h = adjacency.product(x).movedim(-2, 0)
+        h = sums.movedim(-2, 0)
         rows = h.reshape(num_taxels, -1)
         weight: Tensor = self.weight
         bias: OptTensor = self.bias
