@@ -8,6 +8,7 @@ from torch_geometric.nn import GCNConv
 from torch_geometric.utils import subgraph
 
 from torch_geometric_tactile.nn.conv import SegmentedGCNConv, StaticGCNConv, segmented_gcn_conv
+from torch_geometric_tactile.nn.conv import _static_adjacency as static_adjacency
 from torch_geometric_tactile.nn.models import SegmentedThread
 from torch_geometric_tactile.sensors import allegro_uskin
 from torch_geometric_tactile.testing import (
@@ -107,6 +108,20 @@ def test_segmented_dense_form_of_gpus_equals_messages(monkeypatch, segment, weig
         results.append([out, *(value.grad for value in leaves)])
     for ours, theirs in zip(*results, strict=True):
         torch.testing.assert_close(ours, theirs)
+
+
+@pytest.mark.parametrize("flow", ["source_to_target", "target_to_source"])
+@pytest.mark.parametrize("weight", [None, WEIGHT])
+def test_segmented_messages_of_gpus_normalize_edges_once(monkeypatch, weight, flow):
+    # As more than 1,024 taxels on a GPU, where each normalisation waits.
+    monkeypatch.setattr(segmented_gcn_conv, "may_multiply", lambda x: False)
+    monkeypatch.setattr(segmented_gcn_conv, "may_keep_messages", lambda x: True)
+    layer, x = conv(flow=flow), samples(2, 11, 3)
+    expected = conv(flow=flow, fast=False)(x, EDGE_INDEX, weight)
+    torch.testing.assert_close(layer(x, EDGE_INDEX, weight), expected)
+    monkeypatch.setattr(segmented_gcn_conv, "gcn_norm", None)
+    monkeypatch.setattr(static_adjacency, "gcn_norm", None)
+    torch.testing.assert_close(layer(x, EDGE_INDEX, weight), expected)
 
 
 def test_segmented_dense_form_keeps_missing_readings_in_their_segment(monkeypatch):

@@ -30,6 +30,7 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
     contained_product,
     dense_norm,
     edge_pattern,
+    may_keep_messages,
     may_multiply,
     may_multiply_dense,
 )
@@ -194,7 +195,13 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         return out.view(*h.shape[:-1], self.out_channels).movedim(0, -2).contiguous()
 
     def _convolve(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
-        num_taxels = len(self.segment)
+        if self.fast and may_keep_messages(x):
+            norm, segment = (*GCN_NORM[:-1], self.flow), self.segment
+            kept = self._kept.get(edge_index, edge_weight, x.size(-2), x.dtype, segment, norm)
+            if kept is not None:
+                edges, weight = kept.edges  # from sources to targets in either flow
+                edges = edges.flip(0) if self.flow == "target_to_source" else edges
+                return self._pass_messages(x, edges, weight, None)
         edge_index, edge_weight = as_edges(edge_index, edge_weight)
         is_within = self._is_within(edge_index)
         weight = is_within.to(x.dtype)
@@ -203,11 +210,16 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         edge_index, norm = gcn_norm(
             edge_index.long(), weight, x.size(-2), flow=self.flow, dtype=x.dtype
         )
+        return self._pass_messages(x, edge_index, norm, self._is_within(edge_index))
+
+    def _pass_messages(
+        self, x: Tensor, edge_index: Tensor, norm: Tensor, is_within: OptTensor
+    ) -> Tensor:
+        num_taxels = len(self.segment)
         rows = x.reshape(-1, num_taxels, self.in_channels)
         mapped = torch.einsum("bni,noi->bno", rows, self.weight[self.segment])
         mapped = mapped.reshape(*x.shape[:-1], self.out_channels)
-        is_within = self._is_within(edge_index)
-        out = self.propagate(edge_index, x=mapped, norm=norm, is_within=is_within)
+        out: Tensor = self.propagate(edge_index, x=mapped, norm=norm, is_within=is_within)
         if self.bias is None:
             return out
         bias = self.bias[self.segment]
