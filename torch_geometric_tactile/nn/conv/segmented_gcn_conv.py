@@ -45,10 +45,11 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         \mathbf{X}'_s = \hat{\mathbf{A}}_s \mathbf{X}_s \mathbf{W}_s + \mathbf{b}_s
 
     It equals one :class:`~torch_geometric.nn.GCNConv` for each segment on its induced subgraph:
-    edges between segments do not count. For many samples on one topology :math:`(B, N, F)` on a
-    processor it multiplies by a sparse matrix, which it keeps for as long as the same edges and
-    weights come in, as :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` does; it passes
-    messages for all other forms of the data.
+    edges between segments do not count. For many samples on one topology :math:`(B, N, F)` it
+    multiplies by a matrix (sparse on a processor, dense on a GPU for up to 1024 taxels), which it
+    keeps for as long as the same edges and weights come in, as
+    :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` does; it passes messages for all other
+    forms of the data.
 
     Args:
         segment (sequence of int or torch.Tensor): The segment of each taxel :math:`(N,)`, from zero
