@@ -508,7 +508,13 @@ def captured(step: Callable[[], Any], clear: Callable[[], None]) -> Callable[[],
     graph = torch.cuda.CUDAGraph()
     with torch.cuda.graph(graph):
         step()
-    return graph.replay
+
+    def replay(graph: Any = graph, step: Any = step) -> None:
+        # The graph does not keep the memory it works on alive, such as the optimizer's state, which
+        # the step holds.
+        graph.replay()
+
+    return replay
 
 
 def plain_model(segments: str | None, device: str) -> nn.Module:

@@ -43,22 +43,8 @@ def page_lines(found: dict[str, Any], where: str) -> list[str]:
 _ON_A_GPU = [
     "## On a GPU",
     "",
-    "No figures of a GPU are here, since none was at hand. One script of at most eight minutes "
-    "measures them and prints the name of the card:",
-    "",
-    "<!-- not run: needs a GPU, and takes minutes -->",
-    "```sh",
-    "python benchmarks/gpu.py --out gpu.json",
-    "```",
-    "",
-    "It compares layers and models (X, II, MT-GCN, `TaxelNet`) with PyG's layers on a `Batch`"
-    " on the same GPU: 1, 128 and 1,024 frames of 24, 384 and 2,048 taxels, in float32, TF32 "
-    "and bfloat16, eager and as a CUDA graph, and some of them compiled. It also measures the"
-    ' loaders with the data set on the GPU (`dataset.to("cuda")`), the peak memory of the 18 '
-    "models of P2's Table IV, and the time from one frame to its label. A measurement that "
-    "fails is a row with its reason, and those that do not fit into the time are listed. "
-    "`--device cpu --quick` runs every part in tiny sizes on a processor, to check the "
-    "script.",
+    "`benchmarks/gpu.py` compares layers, models, loaders and memory with PyG's on one GPU: "
+    "[figures of an H200](gpu.md).",
 ]
 
 ROUNDED = (

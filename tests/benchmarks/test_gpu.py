@@ -1,9 +1,12 @@
+import gc
 import json
 import subprocess
 import sys
+import weakref
 from importlib import import_module
 from itertools import product
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 import torch
@@ -134,6 +137,24 @@ def test_plain_layers_keep_edges_only_for_a_graph(gpu):
         assert conv.cached
     assert not conv.cached
     assert conv._cached_edge_index is None
+
+
+def test_a_captured_step_keeps_what_it_works_on(gpu, monkeypatch):
+    class Step:
+        def __call__(self):
+            pass
+
+    monkeypatch.setattr(gpu, "torch", MagicMock())
+    step = Step()
+    memory = weakref.ref(step)  # of an optimizer, which a graph writes to and does not hold
+    replay = gpu.captured(step, lambda: None)
+    del step
+    gc.collect()
+    assert memory() is not None
+    replay()
+    del replay
+    gc.collect()
+    assert memory() is None
 
 
 def test_no_device_is_said(gpu, capsys, monkeypatch):

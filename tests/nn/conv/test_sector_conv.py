@@ -307,3 +307,32 @@ def test_sector_conv_refuses_what_it_cannot_do():
     x, edges = torch.zeros(3, 2), torch.tensor([[0, 1], [1, 0]])
     with pytest.raises(ValueError, match=r"'x' must be a tensor, .* \(got tuple\)"):
         SectorConv(2, 4)((x, x), edges, torch.tensor([0, 1]))
+
+
+def test_sectors_are_looked_at_once_where_that_waits(monkeypatch):
+    class OnGPU(torch.Tensor):
+        @property
+        def is_cpu(self):
+            return False
+
+    looks, aminmax = [], torch.aminmax
+    monkeypatch.setattr(torch, "aminmax", lambda x: looks.append(1) or aminmax(x))
+    check, sector = sector_product.SectorCheck(), SECTOR.clone().as_subclass(OnGPU)
+    for _ in range(3):
+        check(EDGES, sector, 8)
+    assert len(looks) == 1
+    with pytest.raises(ValueError, match="must hold sectors from 0 to 3"):
+        check(EDGES, sector, 4)
+    check(EDGES, sector, 8)
+    sector[0] = 8  # a write is noticed
+    with pytest.raises(ValueError, match=r"must hold sectors from 0 to 7 \(got 0 to 8\)"):
+        check(EDGES, sector, 8)
+
+
+def test_sectors_on_a_processor_are_looked_at_each_time():
+    check, array = sector_product.SectorCheck(), SECTOR.numpy().copy()
+    sector = torch.from_numpy(array)
+    check(EDGES, sector, 8)
+    array[0] = 8  # PyTorch counts no such write
+    with pytest.raises(ValueError, match="must hold sectors from 0 to 7"):
+        check(EDGES, sector, 8)

@@ -7,7 +7,8 @@ from small_models import EDGE_INDEX, NUM_EDGES, PATCH, assert_close, gradients, 
 from torch_geometric.nn import GCNConv
 from torch_geometric.utils import subgraph
 
-from torch_geometric_tactile.nn.conv import SegmentedGCNConv, StaticGCNConv
+from torch_geometric_tactile.nn.conv import SegmentedGCNConv, StaticGCNConv, segmented_gcn_conv
+from torch_geometric_tactile.nn.conv import _static_adjacency as static_adjacency
 from torch_geometric_tactile.nn.models import SegmentedThread
 from torch_geometric_tactile.sensors import allegro_uskin
 from torch_geometric_tactile.testing import (
@@ -83,6 +84,56 @@ def test_segmented_gcn_conv_equals_one_conv_each(weight):
     layer, x = conv(), samples(5, 11, 3)
     expected = one_by_one(layer, x, EDGE_INDEX, weight)
     assert torch.allclose(layer(x, EDGE_INDEX, weight), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("weight", "learns"), [(None, False), (WEIGHT.double(), False), (WEIGHT.double(), True)]
+)
+@pytest.mark.parametrize("segment", [PATCH, [0] * 10 + [1]])
+def test_segmented_dense_form_of_gpus_equals_messages(monkeypatch, segment, weight, learns):
+    monkeypatch.setattr(segmented_gcn_conv, "may_multiply", lambda x: False)
+    monkeypatch.setattr(segmented_gcn_conv, "may_multiply_dense", lambda x: True)
+    layer = conv(segment).double()
+    messages = copy.deepcopy(layer)
+    messages.fast = False
+    monkeypatch.setattr(layer, "propagate", None)  # no message is passed
+    x = samples(3, 11, 3).double()
+    results = []
+    for each in (layer, messages):
+        leaf = None if weight is None else weight.clone().requires_grad_(learns)
+        taxels = x.clone().requires_grad_()
+        out = each(taxels, EDGE_INDEX, leaf)
+        out.square().sum().backward()
+        leaves = [taxels, *each.parameters(), *([leaf] if learns else [])]
+        results.append([out, *(value.grad for value in leaves)])
+    for ours, theirs in zip(*results, strict=True):
+        torch.testing.assert_close(ours, theirs)
+
+
+@pytest.mark.parametrize("flow", ["source_to_target", "target_to_source"])
+@pytest.mark.parametrize("weight", [None, WEIGHT])
+def test_segmented_messages_of_gpus_normalize_edges_once(monkeypatch, weight, flow):
+    # As more than 1,024 taxels on a GPU, where each normalisation waits.
+    monkeypatch.setattr(segmented_gcn_conv, "may_multiply", lambda x: False)
+    monkeypatch.setattr(segmented_gcn_conv, "may_keep_messages", lambda x: True)
+    layer, x = conv(flow=flow), samples(2, 11, 3)
+    expected = conv(flow=flow, fast=False)(x, EDGE_INDEX, weight)
+    torch.testing.assert_close(layer(x, EDGE_INDEX, weight), expected)
+    monkeypatch.setattr(segmented_gcn_conv, "gcn_norm", None)
+    monkeypatch.setattr(static_adjacency, "gcn_norm", None)
+    torch.testing.assert_close(layer(x, EDGE_INDEX, weight), expected)
+
+
+def test_segmented_dense_form_keeps_missing_readings_in_their_segment(monkeypatch):
+    monkeypatch.setattr(segmented_gcn_conv, "may_multiply", lambda x: False)
+    monkeypatch.setattr(segmented_gcn_conv, "may_multiply_dense", lambda x: True)
+    layer, x = conv(), samples(2, 11, 3)
+    x[0, 0, 0] = torch.nan
+    out = layer(x, EDGE_INDEX)
+    layer.fast = False
+    is_lost = layer(x, EDGE_INDEX).isnan().any(dim=-1)
+    assert is_lost.any()
+    assert torch.equal(out.isnan().any(dim=-1), is_lost)
 
 
 @pytest.mark.parametrize("fast", [True, False])

@@ -19,6 +19,7 @@ from torch_geometric.nn import GATConv, GATv2Conv
 
 from torch_geometric_tactile.nn.conv import StaticGATConv, StaticGATv2Conv
 from torch_geometric_tactile.nn.conv import _attention_edges as attention_edges
+from torch_geometric_tactile.nn.conv import _static_attention as static_attention
 from torch_geometric_tactile.testing import (
     assert_permutation_equivariant,
     assert_static_equals_batched,
@@ -330,6 +331,25 @@ def test_attention_empty_and_single(kind):
     assert ours(samples(2, 0, 3, dtype=torch.double), EDGES["none"]).shape == (2, 0, 8)
     x = samples(2, 1, 3, dtype=torch.double)
     assert_same(ours(x, EDGES["none"]), on_batch(theirs, x, EDGES["none"]))
+
+
+@both
+def test_attention_by_messages_adds_loops_once(kind, monkeypatch):
+    layer, edges, x = LAYERS[kind][0](3, 4, fast=False), EDGE_INDEX.clone(), samples(2, 11, 3)
+    removed, remove = [], static_attention.remove_self_loops
+    monkeypatch.setattr(
+        static_attention, "remove_self_loops", lambda *a: removed.append(1) or remove(*a)
+    )
+    first = layer(x, edges)
+    torch.testing.assert_close(layer(x, edges), first)
+    assert len(removed) == 1
+    edges[:, 0] = edges[:, 1]  # a write is noticed
+    fresh = copy.deepcopy(layer)(x, edges)
+    assert not torch.allclose(fresh, first)
+    torch.testing.assert_close(layer(x, edges), fresh)
+    returned, _ = layer(x, edges, return_attention_weights=True)[1]
+    returned.zero_()  # the caller's own
+    torch.testing.assert_close(layer(x, edges), fresh)
 
 
 @both

@@ -11,7 +11,7 @@ from torch_geometric.data import Batch, Data
 from torch_geometric.explain.algorithm.utils import clear_masks, set_masks
 from torch_geometric.nn import GCNConv
 
-from torch_geometric_tactile.nn.conv import StaticGCNConv
+from torch_geometric_tactile.nn.conv import StaticGCNConv, static_gcn_conv
 from torch_geometric_tactile.nn.conv import _static_adjacency as static_adjacency
 from torch_geometric_tactile.testing import (
     assert_permutation_equivariant,
@@ -367,3 +367,25 @@ def test_static_gcn_conv_bad_x():
             conv(torch.zeros(size), EDGES["one_way"])
     with pytest.raises(ValueError, match=r"'x' must hold floating-point .*\(got torch.int64\)"):
         conv(torch.zeros(6, 4, 3, dtype=torch.long), EDGES["one_way"])
+
+
+@pytest.mark.parametrize("flow", ["source_to_target", "target_to_source"])
+@pytest.mark.parametrize("with_weight", [False, True])
+@pytest.mark.parametrize("edges", EDGES)
+def test_messages_of_gpus_normalize_edges_once(monkeypatch, count_norm, edges, with_weight, flow):
+    # As more than 1,024 taxels on a GPU, where each normalisation waits.
+    monkeypatch.setattr(static_gcn_conv, "may_multiply", lambda x: False)
+    monkeypatch.setattr(static_gcn_conv, "may_keep_messages", lambda x: True)
+    edge_index = EDGES[edges]
+    weight = weights(edge_index) if with_weight else None
+    ours, theirs = pair(3, 5, flow=flow)
+    x = samples(2, 4, 3)
+    expected = theirs(x, edge_index, weight)
+    count_norm.clear()
+    results = [ours(x, edge_index, weight) for _ in range(2)]
+    assert len(count_norm) == 1
+    for out in results:
+        torch.testing.assert_close(out, expected)
+    loops = ours.propagate
+    monkeypatch.setattr(ours, "propagate", lambda *args, **kwargs: 2 * loops(*args, **kwargs))
+    assert not torch.allclose(ours(x, edge_index, weight), expected)  # messages are passed

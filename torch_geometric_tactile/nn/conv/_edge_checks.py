@@ -23,13 +23,27 @@ class Forgetful:
         return type(self), ()
 
 
-class EdgeCheck(Forgetful):
-    r"""Checks edges once, and again only if another tensor comes in or the same one was written
-    to.
+class TensorCheck(Forgetful):
+    r"""Checks the values of a tensor once, and again only if another one comes in or the same one
+    was written to: on a GPU, a check waits for all pending work.
     """
 
     def __init__(self) -> None:
         self._seen: Optional[tuple[weakref.ref[Tensor], tuple[int, int]]] = None
+
+    def _check(self, tensor: Tensor, size: int, check: Callable[[Tensor, int], None]) -> None:
+        if is_traced() or tensor.is_inference():  # an inference tensor counts no writes
+            check(tensor, size)
+            return
+        state = (tensor._version, size)
+        seen = self._seen
+        if seen is None or seen[0]() is not tensor or seen[1] != state:
+            check(tensor, size)
+            self._seen = (weakref.ref(tensor), state)
+
+
+class EdgeCheck(TensorCheck):
+    r"""Checks edges once, and again only if they change; see :class:`TensorCheck`."""
 
     def __call__(self, edge_index: Adj, num_nodes: int) -> None:
         r"""Checks edges.
@@ -39,14 +53,7 @@ class EdgeCheck(Forgetful):
               :math:`(N, N)`.
             - **num_nodes:** Number of nodes :math:`N`.
         """
-        if is_traced() or edge_index.is_inference():  # an inference tensor counts no writes
-            check_edge_index(edge_index, num_nodes)
-            return
-        state = (edge_index._version, num_nodes)
-        seen = self._seen
-        if seen is None or seen[0]() is not edge_index or seen[1] != state:
-            check_edge_index(edge_index, num_nodes)
-            self._seen = (weakref.ref(edge_index), state)
+        self._check(edge_index, num_nodes, check_edge_index)
 
 
 def is_traced() -> bool:

@@ -16,7 +16,7 @@ from torch.autograd.function import once_differentiable
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, may_be_kept
-from torch_geometric_tactile.nn.conv._edge_checks import check_edge_index
+from torch_geometric_tactile.nn.conv._edge_checks import TensorCheck, check_edge_index, is_traced
 from torch_geometric_tactile.nn.conv._static_adjacency import all_finite
 
 # What is copied of the neighbours at a time stays in a processor's second-level cache.
@@ -169,6 +169,10 @@ class SectorTable:
 class SectorCache(EdgeCache[SectorTable]):
     r"""Keeps the table of the last topology."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self.check = SectorCheck()
+
     def get(
         self, edge_index: Tensor, edge_sector: Tensor, num_nodes: int, num_sectors: int
     ) -> Optional[SectorTable]:
@@ -184,7 +188,7 @@ class SectorCache(EdgeCache[SectorTable]):
         if found is not None:
             return found
         check_edge_index(edge_index, num_nodes)
-        check_edge_sector(edge_index, edge_sector, num_sectors)
+        self.check(edge_index, edge_sector, num_sectors)
         if not may_be_kept(edge_index, edge_sector):
             return None
 
@@ -194,29 +198,41 @@ class SectorCache(EdgeCache[SectorTable]):
         return self._keep(key, tensors, table)
 
 
-def check_edge_sector(edge_index: Tensor, edge_sector: Tensor, num_sectors: int) -> None:
-    r"""Checks the sectors of edges and, unless a compiler records, their values.
-
-    Shapes:
-        - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`.
+class SectorCheck(TensorCheck):
+    r"""Checks the sectors of edges: their number and type at each call, and their values, on a GPU
+    once and again only if they change.
     """
-    num_edges = edge_index.size(1)
-    kind = edge_sector.dtype
-    if edge_sector.dim() != 1 or edge_sector.size(0) != num_edges:
-        raise ValueError(
-            f"'edge_sector' must have shape ({num_edges},), a sector for each edge "
-            f"(got {tuple(edge_sector.shape)})"
-        )
-    if kind.is_floating_point or kind.is_complex or kind == torch.bool:
-        raise ValueError(f"'edge_sector' must hold integers (got {kind})")
-    if torch.compiler.is_compiling() or torch.jit.is_tracing() or edge_sector.is_meta:
-        return
-    if num_edges:
-        low, high = torch.stack(torch.aminmax(edge_sector)).tolist()
-        if low < 0 or high >= num_sectors:
+
+    def __call__(self, edge_index: Tensor, edge_sector: Tensor, num_sectors: int) -> None:
+        r"""Checks sectors.
+
+        Shapes:
+            - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`.
+            - **edge_sector:** Their sectors :math:`(|\mathcal{E}|,)`.
+        """
+        num_edges = edge_index.size(1)
+        kind = edge_sector.dtype
+        if edge_sector.dim() != 1 or edge_sector.size(0) != num_edges:
             raise ValueError(
-                f"'edge_sector' must hold sectors from 0 to {num_sectors - 1} (got {low} to {high})"
+                f"'edge_sector' must have shape ({num_edges},), a sector for each edge "
+                f"(got {tuple(edge_sector.shape)})"
             )
+        if kind.is_floating_point or kind.is_complex or kind == torch.bool:
+            raise ValueError(f"'edge_sector' must hold integers (got {kind})")
+        if edge_sector.is_cpu:  # at each call: a NumPy array may share the memory
+            _check_sector_values(edge_sector, num_sectors)
+        else:
+            self._check(edge_sector, num_sectors, _check_sector_values)
+
+
+def _check_sector_values(edge_sector: Tensor, num_sectors: int) -> None:
+    if is_traced() or edge_sector.is_meta or edge_sector.numel() == 0:
+        return
+    low, high = torch.stack(torch.aminmax(edge_sector)).tolist()
+    if low < 0 or high >= num_sectors:
+        raise ValueError(
+            f"'edge_sector' must hold sectors from 0 to {num_sectors - 1} (got {low} to {high})"
+        )
 
 
 def pays(x: Tensor, table: SectorTable) -> bool:

@@ -77,6 +77,11 @@ class StaticAdjacency:
         self._pattern: OptTensor = None
 
     @property
+    def edges(self) -> tuple[Tensor, Tensor]:
+        r"""Sources and targets :math:`(2, |\mathcal{E}|)` and values :math:`(|\mathcal{E}|,)`."""
+        return self._edges, self._weight
+
+    @property
     def dense(self) -> Tensor:
         r"""The matrix with all its zeros :math:`(N, N)`."""
         if self._dense is None:
@@ -300,6 +305,13 @@ def may_multiply_dense(x: Tensor) -> bool:
     writes a faster one from messages.
     """
     return x.size(-2) <= MAX_DENSE_NODES and (not x.is_cpu or is_exported())
+
+
+def may_keep_messages(x: Tensor) -> bool:
+    r"""Tells whether messages along kept edges are the fastest for features :math:`(B, N, F)`: on
+    GPUs, which wait for the number of edges each time they are normalised.
+    """
+    return x.dim() > 2 and not x.is_cpu and not is_traced()
 
 
 def message_type(x: Tensor, edge_weight: OptTensor) -> torch.dtype:

@@ -22,6 +22,7 @@ from torch_geometric.utils import (
 )
 
 from torch_geometric_tactile.nn.conv._attention_edges import AttentionCache, AttentionEdges
+from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, may_be_kept
 from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
     check_edge_features,
@@ -55,6 +56,34 @@ _HOOKS = tuple(
 _PLAIN = (Tensor, Parameter)
 
 
+class LoopCache(EdgeCache[Tensor]):
+    r"""Keeps the edges of the last topology with self-loops, whose number a GPU has to wait for."""
+
+    def get(self, edge_index: Tensor, num_nodes: int) -> Tensor:
+        r"""Returns edges with one self-loop for each node.
+
+        Shapes:
+            - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`.
+            - **num_nodes:** Number of taxels :math:`N`.
+            - **output:** :math:`(2, |\mathcal{E}'|)`
+        """
+
+        def looped() -> Tensor:
+            edges: Tensor = add_self_loops(remove_self_loops(edge_index)[0], num_nodes=num_nodes)[0]
+            return edges
+
+        key, tensors = (num_nodes,), (edge_index,)
+        found = self._found(key, tensors)
+        return self._keep(key, tensors, looped) if found is None else found
+
+
+def may_keep_loops(edge_index: Adj) -> bool:
+    r"""Tells whether :class:`LoopCache` may keep edges: not while a compiler records, and no sparse
+    matrix, whose values PyG treats as edge features.
+    """
+    return not is_traced() and edge_index.layout == torch.strided and may_be_kept(edge_index)
+
+
 class StaticAttention(OwnPropagate, MessagePassing):
     r"""The common part of :class:`~torch_geometric_tactile.nn.conv.StaticGATConv` and
     :class:`~torch_geometric_tactile.nn.conv.StaticGATv2Conv`: a base class before PyG's.
@@ -74,6 +103,7 @@ class StaticAttention(OwnPropagate, MessagePassing):
     bias: OptTensor
     fast: bool
     _kept: AttentionCache
+    _kept_loops: LoopCache
     _has_own_messages: ClassVar[bool] = False
     _has_own_edge_update: ClassVar[bool] = False
     _has_own_propagate: ClassVar[bool] = False
@@ -134,6 +164,8 @@ class StaticAttention(OwnPropagate, MessagePassing):
         if not more[-1]:
             return out
         edge_index, alpha = weights
+        if isinstance(edge_index, Tensor):
+            edge_index = edge_index.clone()  # the layer may keep it
         return out, (edge_index, alpha.reshape(*x.shape[:-2], *alpha.shape[1:]))
 
     def _compute_sample(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *more: Any) -> Any:
@@ -183,6 +215,8 @@ class StaticAttention(OwnPropagate, MessagePassing):
         edge_index = as_long(edge_index)
         if not self.add_self_loops:
             return *_as_edges(edge_index, edge_attr), None
+        if edge_attr is None and may_keep_loops(edge_index):
+            return self._kept_loops.get(edge_index, num_nodes), None, None
         if not self._masks_loops():
             edge_index, edge_attr = remove_self_loops(edge_index, edge_attr)
             edge_index, edge_attr = add_self_loops(

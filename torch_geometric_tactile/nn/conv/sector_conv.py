@@ -20,7 +20,6 @@ from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
 from torch_geometric_tactile.nn.conv._plain import is_static_batch, sums_messages
 from torch_geometric_tactile.nn.conv._sector_product import (
     SectorCache,
-    check_edge_sector,
     pays,
     sector_product,
 )
@@ -142,7 +141,7 @@ class SectorConv(LazyWeight, OwnPropagate, MessagePassing):
             table = self._kept.get(edge_index, edge_sector, x.size(1), self.num_sectors)
             if table is not None and pays(x, table):
                 return sector_product(x, table, self.weight, self.bias)
-        check_edge_sector(edge_index, edge_sector, self.num_sectors)
+        self._kept.check(edge_index, edge_sector, self.num_sectors)
         return compute_on_edges(self._gather, x.size(-2), x, edge_index, edge_sector)
 
     def _is_fast(self, x: Tensor) -> bool:

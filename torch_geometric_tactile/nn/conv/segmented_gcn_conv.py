@@ -23,7 +23,17 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
 from torch_geometric_tactile.nn.conv._lazy_weight import LazyWeight
 from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
 from torch_geometric_tactile.nn.conv._plain import is_hooked, sums_messages
-from torch_geometric_tactile.nn.conv._static_adjacency import GCN_NORM, AdjacencyCache, may_multiply
+from torch_geometric_tactile.nn.conv._static_adjacency import (
+    GCN_NORM,
+    AdjacencyCache,
+    GCNNorm,
+    contained_product,
+    dense_norm,
+    edge_pattern,
+    may_keep_messages,
+    may_multiply,
+    may_multiply_dense,
+)
 
 
 class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
@@ -35,10 +45,11 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         \mathbf{X}'_s = \hat{\mathbf{A}}_s \mathbf{X}_s \mathbf{W}_s + \mathbf{b}_s
 
     It equals one :class:`~torch_geometric.nn.GCNConv` for each segment on its induced subgraph:
-    edges between segments do not count. For many samples on one topology :math:`(B, N, F)` on a
-    processor it multiplies by a sparse matrix, which it keeps for as long as the same edges and
-    weights come in, as :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` does; it passes
-    messages for all other forms of the data.
+    edges between segments do not count. For many samples on one topology :math:`(B, N, F)` it
+    multiplies by a matrix (sparse on a processor, dense on a GPU for up to 1024 taxels), which it
+    keeps for as long as the same edges and weights come in, as
+    :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` does; it passes messages for all other
+    forms of the data.
 
     Args:
         segment (sequence of int or torch.Tensor): The segment of each taxel :math:`(N,)`, from zero
@@ -144,7 +155,8 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         return (
             self.fast
             and type(self).message is SegmentedGCNConv.message
-            and may_multiply(x)
+            and x.layout == torch.strided
+            and (may_multiply(x) or (x.dim() > 2 and may_multiply_dense(x)))
             and sums_messages(self)
         )
 
@@ -152,10 +164,19 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         norm = (*GCN_NORM[:-1], self.flow)
         num_taxels, segment = len(self.segment), self.segment
         adjacency = self._kept.get(edge_index, edge_weight, num_taxels, x.dtype, segment, norm)
-        if adjacency is None or not adjacency.may_reorder:
-            return None  # weights that need a gradient, or are infinite
+        if may_multiply(x):
+            if adjacency is None or not adjacency.may_reorder:
+                return None  # weights that need a gradient, or are infinite
+            sums = adjacency.product(x)
+        elif adjacency is not None:
+            sums = adjacency.dense_product(x)
+        else:
+            dense = dense_norm(
+                edge_index, edge_weight, num_taxels, x.dtype, segment, GCNNorm(*norm)
+            )
+            sums = contained_product(dense, edge_pattern(dense), x)
         # All taxels and samples of a segment by its weights.
-        h = adjacency.product(x).movedim(-2, 0)
+        h = sums.movedim(-2, 0)
         rows = h.reshape(num_taxels, -1)
         weight: Tensor = self.weight
         bias: OptTensor = self.bias
@@ -175,7 +196,13 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         return out.view(*h.shape[:-1], self.out_channels).movedim(0, -2).contiguous()
 
     def _convolve(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
-        num_taxels = len(self.segment)
+        if self.fast and may_keep_messages(x):
+            norm, segment = (*GCN_NORM[:-1], self.flow), self.segment
+            kept = self._kept.get(edge_index, edge_weight, x.size(-2), x.dtype, segment, norm)
+            if kept is not None:
+                edges, weight = kept.edges  # from sources to targets in either flow
+                edges = edges.flip(0) if self.flow == "target_to_source" else edges
+                return self._pass_messages(x, edges, weight, None)
         edge_index, edge_weight = as_edges(edge_index, edge_weight)
         is_within = self._is_within(edge_index)
         weight = is_within.to(x.dtype)
@@ -184,11 +211,16 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         edge_index, norm = gcn_norm(
             edge_index.long(), weight, x.size(-2), flow=self.flow, dtype=x.dtype
         )
+        return self._pass_messages(x, edge_index, norm, self._is_within(edge_index))
+
+    def _pass_messages(
+        self, x: Tensor, edge_index: Tensor, norm: Tensor, is_within: OptTensor
+    ) -> Tensor:
+        num_taxels = len(self.segment)
         rows = x.reshape(-1, num_taxels, self.in_channels)
         mapped = torch.einsum("bni,noi->bno", rows, self.weight[self.segment])
         mapped = mapped.reshape(*x.shape[:-1], self.out_channels)
-        is_within = self._is_within(edge_index)
-        out = self.propagate(edge_index, x=mapped, norm=norm, is_within=is_within)
+        out: Tensor = self.propagate(edge_index, x=mapped, norm=norm, is_within=is_within)
         if self.bias is None:
             return out
         bias = self.bias[self.segment]

@@ -20,6 +20,7 @@ from torch_geometric_tactile.nn.conv._attention_product import (
 )
 from torch_geometric_tactile.nn.conv._plain import is_plain_linear
 from torch_geometric_tactile.nn.conv._static_attention import (
+    LoopCache,
     StaticAttention,
     as_long,
     check_attention_input,
@@ -117,7 +118,7 @@ class StaticGATConv(StaticAttention, GATConv):
             **kwargs,
         )
         self.fast = fast
-        self._kept = AttentionCache()
+        self._kept, self._kept_loops = AttentionCache(), LoopCache()
 
     def forward(
         self,

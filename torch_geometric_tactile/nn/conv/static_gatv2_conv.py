@@ -25,6 +25,7 @@ from torch_geometric_tactile.nn.conv._attention_product import (
     sum_edges,
 )
 from torch_geometric_tactile.nn.conv._static_attention import (
+    LoopCache,
     StaticAttention,
     as_long,
     check_attention_input,
@@ -125,7 +126,7 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
             **kwargs,
         )
         self.fast = fast
-        self._kept = AttentionCache()
+        self._kept, self._kept_loops = AttentionCache(), LoopCache()
 
     def forward(
         self,

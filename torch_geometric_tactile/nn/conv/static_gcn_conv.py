@@ -40,10 +40,12 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
     AdjacencyCache,
     GCNNorm,
     Norm,
+    StaticAdjacency,
     contained_product,
     dense_norm,
     edge_pattern,
     loop_weights,
+    may_keep_messages,
     may_multiply,
     may_multiply_dense,
     message_type,
@@ -200,7 +202,9 @@ class StaticGCNConv(OwnPropagate, GCNConv):
     ) -> OptTensor:
         # None where messages are faster, or the only way.
         is_sparse = may_multiply(x)
-        if not is_sparse and not may_multiply_dense(x):
+        is_dense = not is_sparse and may_multiply_dense(x)
+        keeps_messages = self.normalize and not self.cached and may_keep_messages(x)
+        if not is_sparse and not is_dense and not keeps_messages:
             return None
         if type(edge_index) is not Tensor and isinstance(edge_index, EdgeIndex):
             edge_index = edge_index.as_tensor()
@@ -212,6 +216,8 @@ class StaticGCNConv(OwnPropagate, GCNConv):
         adjacency = self._kept.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
         if is_sparse and (adjacency is None or not adjacency.may_reorder):
             return None  # weights that need a gradient, or are infinite
+        if not is_sparse and not is_dense:
+            return None if adjacency is None else self._pass_along(x, adjacency)
         if adjacency is not None:
             if is_sparse and plain and dtype == x.dtype:
                 return sparse_gcn(x, adjacency, self.lin.weight, self.bias)
@@ -226,6 +232,13 @@ class StaticGCNConv(OwnPropagate, GCNConv):
             return linear(product(x), self.lin.weight, self.bias)
         out = product(self.lin(x).to(dtype))
         return out.contiguous() if self.bias is None else (out + self.bias).contiguous()
+
+    def _pass_along(self, x: Tensor, adjacency: StaticAdjacency) -> Tensor:
+        edge_index, edge_weight = adjacency.edges  # from sources to targets in either flow
+        if self.flow == "target_to_source":
+            edge_index = edge_index.flip(0)
+        out: Tensor = self.propagate(edge_index, x=self.lin(x), edge_weight=edge_weight)
+        return out if self.bias is None else out + self.bias
 
     def _gather(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
         if not is_torch_sparse_tensor(edge_index):
