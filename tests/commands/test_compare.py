@@ -27,7 +27,7 @@ from torch_geometric_tactile.io import write_npz
 
 QUICK = ["--grid", "3x4", "--epochs", "2", "--folds", "3", "--members", "1"]
 THREE = ["--models", "fnn,svm_linear,constant"]
-OF_FRAMES = {"temporal", "grasp_gcn", "lstm", "svm_signal", "minirocket"}
+OF_FRAMES = {"temporal", "grasp_gcn", "lstm", "temporal_cnn", "svm_signal", "minirocket"}
 LONG = [*THREE, "--epochs", "100"]  # seconds from the first finished run to the last
 
 
@@ -119,7 +119,7 @@ def test_several_test_sets_after_one_training(tmp_path, capsys):
 def test_windows_that_are_already_cut(tmp_path, capsys):
     x = np.random.default_rng(0).normal(size=(24, 10, 12, 2))
     touches(tmp_path / "a.npz", x=x, y=np.arange(24) % 2, trial=np.arange(24))
-    options = ["--models", "lstm,svm_signal,constant", "--time-axis", "1", "--epochs", "1"]
+    options = ["--models", "lstm,temporal_cnn,svm_signal,constant", "--time-axis", "1", "--epochs", "1"]
     assert run(tmp_path, *options) == 0
     assert "24 samples of 10 frames, 24 trials" in capsys.readouterr().out
 
@@ -195,6 +195,7 @@ def test_all_models_run_on_windows(tmp_path, capsys):
     without = {"posed_taxel_net", "posed_forest", "posed_ridge", "bmf_cnn"}
     assert list(scores) == [name for name in compare.MODELS if name not in without]
     assert scores["temporal"] > scores["constant"] + 0.2
+    assert scores["temporal_cnn"] > scores["constant"] + 0.2
     assert found["data"]["num_frames"] == 10
     page = (tmp_path / "out" / "a.md").read_text()
     assert "A sample is a window of 10 frames, one every 5, with the label of its last" in page
@@ -216,7 +217,7 @@ def test_windows_of_a_hand_are_strided_before_they_are_cut(grasps, tmp_path, cap
 def test_numbers_are_predicted_from_whole_trials(tmp_path, capsys):
     y = np.linspace(0.1, 1.0, 12).repeat(40)
     motions(tmp_path / "a.npz", y=y)
-    names = "temporal,grasp_gcn,lstm,svm_signal,constant"
+    names = "temporal,grasp_gcn,lstm,temporal_cnn,svm_signal,constant"
     assert run(tmp_path, "--trials", "8", "--models", names) == 0
     found = json.loads((tmp_path / "out" / "a.json").read_text())
     assert found["metric"] == "mae"
