@@ -120,7 +120,14 @@ def test_several_test_sets_after_one_training(tmp_path, capsys):
 def test_windows_that_are_already_cut(tmp_path, capsys):
     x = np.random.default_rng(0).normal(size=(24, 10, 12, 2))
     touches(tmp_path / "a.npz", x=x, y=np.arange(24) % 2, trial=np.arange(24))
-    options = ["--models", "lstm,temporal_cnn,svm_signal,constant", "--time-axis", "1", "--epochs", "1"]
+    options = [
+        "--models",
+        "lstm,temporal_cnn,svm_signal,constant",
+        "--time-axis",
+        "1",
+        "--epochs",
+        "1",
+    ]
     assert run(tmp_path, *options) == 0
     assert "24 samples of 10 frames, 24 trials" in capsys.readouterr().out
 

@@ -307,7 +307,9 @@ def test_page_says_what_a_sample_is(tmp_path, cut, text):
     comparison = summarize(PlanRun(found, [], 0, {}, len(found.experiments)))
     page = comparison_markdown(comparison)
     assert text in page
-    assert ("temporal, lstm, temporal_cnn and minirocket process the frames" in page) == (cut is not None)
+    assert ("temporal, lstm, temporal_cnn and minirocket process the frames" in page) == (
+        cut is not None
+    )
     assert to_dict(comparison)["data"]["num_frames"] == (cut and (cut.get("trials") or 9))
 
 

@@ -190,7 +190,9 @@ def test_bad_arguments(arguments, match):
 def test_bad_windows():
     model = small()
     for size in ((6, 4, 20), (6, 4, 0), ()):
-        with pytest.raises(ValueError, match=r"'x' must have the frames of 3 channels side .*got s"):
+        with pytest.raises(
+            ValueError, match=r"'x' must have the frames of 3 channels side .*got s"
+        ):
             model(torch.zeros(size))
     for size in ((6, 5, 21), (7, 21)):
         with pytest.raises(ValueError, match=r"'x' must have 4 taxels in each sample .*got shape"):
