@@ -11,6 +11,7 @@ from torch_geometric_tactile.nn import (
     PosedTaxelNet,
     SmallCNN,
     TaxelNet,
+    TemporalCNN,
 )
 from torch_geometric_tactile.nn.models.bmf_cnn import _FUSIONS
 from torch_geometric_tactile.sensors import biotac_sp, grid
@@ -38,6 +39,7 @@ GRASP_GCNS = {
     "deep": {"fusion": "feature", "num_layers": 2, "out_channels": 4},
 }
 GRASP_LSTMS = {"all": {}, "finger": {"finger": 1, "num_layers": 2}}
+TEMPORAL_CNNS = {"blocks": {"widths": (6, 6, 5)}, "one": {"widths": (6,), "kernel_sizes": (3,)}}
 
 
 def taxel_net(name="pooled", **more):
@@ -76,6 +78,10 @@ MODELS = {
         for n in GRASP_LSTMS
     },
     "small_cnn": small_cnn,
+    **{
+        f"cnn_{n}": lambda n=n: seeded(TemporalCNN, 4, 2, in_channels=3, **TEMPORAL_CNNS[n])
+        for n in TEMPORAL_CNNS
+    },
 }
 
 
@@ -83,7 +89,7 @@ def given(model, batch_size, seed=0):
     """The inputs of a model, as keywords."""
     kind, num_taxels = type(model).__name__, model.num_nodes
     width = {"GraspGCN": 3, "GraspLSTM": 21}.get(kind, getattr(model, "in_channels", 0))
-    if kind == "TemporalTaxelNet":
+    if kind in ("TemporalCNN", "TemporalTaxelNet"):
         width *= 12
     size = (batch_size, num_taxels)
     found = {"x": samples(*size, width, seed=seed)}

@@ -18,6 +18,7 @@ from compared import touches
 from listed_outputs import check_listed
 from moving import motions
 
+from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.commands import compare
 from torch_geometric_tactile.data import Recording
@@ -27,7 +28,7 @@ from torch_geometric_tactile.io import write_npz
 
 QUICK = ["--grid", "3x4", "--epochs", "2", "--folds", "3", "--members", "1"]
 THREE = ["--models", "fnn,svm_linear,constant"]
-OF_FRAMES = {"temporal", "grasp_gcn", "lstm", "svm_signal", "minirocket"}
+OF_FRAMES = {"temporal", "grasp_gcn", "lstm", "temporal_cnn", "svm_signal", "minirocket"}
 LONG = [*THREE, "--epochs", "100"]  # seconds from the first finished run to the last
 
 
@@ -119,7 +120,14 @@ def test_several_test_sets_after_one_training(tmp_path, capsys):
 def test_windows_that_are_already_cut(tmp_path, capsys):
     x = np.random.default_rng(0).normal(size=(24, 10, 12, 2))
     touches(tmp_path / "a.npz", x=x, y=np.arange(24) % 2, trial=np.arange(24))
-    options = ["--models", "lstm,svm_signal,constant", "--time-axis", "1", "--epochs", "1"]
+    options = [
+        "--models",
+        "lstm,temporal_cnn,svm_signal,constant",
+        "--time-axis",
+        "1",
+        "--epochs",
+        "1",
+    ]
     assert run(tmp_path, *options) == 0
     assert "24 samples of 10 frames, 24 trials" in capsys.readouterr().out
 
@@ -195,6 +203,7 @@ def test_all_models_run_on_windows(tmp_path, capsys):
     without = {"posed_taxel_net", "posed_forest", "posed_ridge", "bmf_cnn"}
     assert list(scores) == [name for name in compare.MODELS if name not in without]
     assert scores["temporal"] > scores["constant"] + 0.2
+    assert scores["temporal_cnn"] > scores["constant"] + 0.2
     assert found["data"]["num_frames"] == 10
     page = (tmp_path / "out" / "a.md").read_text()
     assert "A sample is a window of 10 frames, one every 5, with the label of its last" in page
@@ -216,7 +225,7 @@ def test_windows_of_a_hand_are_strided_before_they_are_cut(grasps, tmp_path, cap
 def test_numbers_are_predicted_from_whole_trials(tmp_path, capsys):
     y = np.linspace(0.1, 1.0, 12).repeat(40)
     motions(tmp_path / "a.npz", y=y)
-    names = "temporal,grasp_gcn,lstm,svm_signal,constant"
+    names = "temporal,grasp_gcn,lstm,temporal_cnn,svm_signal,constant"
     assert run(tmp_path, "--trials", "8", "--models", names) == 0
     found = json.loads((tmp_path / "out" / "a.json").read_text())
     assert found["metric"] == "mae"
@@ -339,6 +348,44 @@ def test_the_recommended_model_is_saved_and_predicts(tmp_path, capsys):
     rows = (tmp_path / "a.csv").read_text().splitlines()
     found = [int(row.split(",")[3]) for row in rows[1:]]
     assert np.mean(found == np.load(tmp_path / "a.npz")["y"]) > 0.9
+
+
+def test_a_network_over_time_is_chosen_and_predicts_windows_of_recordings(tmp_path, capsys):
+    content = motions(tmp_path / "a.npz", num_trials=18)
+    path, cut = tmp_path / "best.predictor", ["--window", "10", "--hop", "5"]
+    options = ["--models", "temporal_cnn,constant", "--epochs", "12", "--save", str(path)]
+    assert run(tmp_path, *cut, *options) == 0
+    said = capsys.readouterr().out
+    assert "Take temporal_cnn" in said
+    assert f"wrote {path}: Predictor(TemporalCNN, 'grid_3x4', classes=['0', '1']" in said
+    predictor = Predictor.load(path)
+    assert (predictor.window.length, predictor.window.hop) == (10, 5)
+    assert predictor.info.rate == pytest.approx(100)
+    assert predictor.score.model == "temporal_cnn"
+    names = []
+    for i in range(2):
+        frames = content["trial"] == i
+        tactile = content["x"][frames].reshape(40, 12, 2)
+        names.append(str(tmp_path / f"trial_{i}.npz"))
+        write_npz(Recording(time=content["time"][frames], tactile=tactile), names[i])
+    assert main(["predict", str(path), *names, "--out", str(tmp_path / "a.csv")]) == 0
+    rows = [row.split(",") for row in (tmp_path / "a.csv").read_text().splitlines()[1:]]
+    assert [int(row[1]) for row in rows] == 2 * [9, 14, 19, 24, 29, 34, 39]
+    assert np.mean([row[3] for row in rows] == np.repeat(["0", "1"], 7)) > 0.8
+
+
+@pytest.mark.slow
+def test_a_network_over_time_is_exported_as_it_is_saved(tmp_path, capsys):
+    for extra in ("onnx", "onnxscript", "onnxruntime"):
+        pytest.importorskip(extra, reason="needs the extra 'export'")
+    motions(tmp_path / "a.npz")
+    path, graph = tmp_path / "best.predictor", tmp_path / "a.onnx"
+    options = ["--models", "temporal_cnn,constant", "--members", "2"]
+    save = ["--model", "temporal_cnn", "--save", str(path)]
+    assert run(tmp_path, "--window", "10", *options, *save) == 0
+    assert main(["export", str(path), str(graph)]) == 0
+    assert "largest difference to PyTorch: " in capsys.readouterr().out
+    assert graph.stat().st_size > 10_000
 
 
 def test_json_is_all_that_is_printed_where_a_model_is_saved(tmp_path, capsys):

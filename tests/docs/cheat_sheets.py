@@ -329,6 +329,7 @@ MODELS = {
     "PosedTaxelNet": "ours: taxels placed by joint angles, metric answers",
     "TemporalTaxelNet": "ours: the default for windows and streams",
     "SmallCNN": "a plain CNN to compare with",
+    "TemporalCNN": "a plain CNN over time to compare with",
     "TactileGCN": "P1, P2 (methods T, E, A and X, I, II)",
     "MTGCN": "P1 (MT-GCN)",
     "MTCNN": "P1, its CNN with several threads",
@@ -346,8 +347,9 @@ SENSORS = {
     "PosedTaxelNet": ("allegro_uskin", 6),
     "TemporalTaxelNet": ("biotac", 2),
     "SmallCNN": ("allegro_uskin", 6),
+    "TemporalCNN": ("biotac", 2),
 }
-WINDOWS = ("GraspGCN", "GraspLSTM", "TemporalTaxelNet")
+WINDOWS = ("GraspGCN", "GraspLSTM", "TemporalCNN", "TemporalTaxelNet")
 
 
 def model_rows() -> Iterator[tuple[str, ...]]:

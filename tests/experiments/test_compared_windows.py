@@ -30,7 +30,7 @@ from torch_geometric_tactile.reports._compare import comparison_markdown
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import Resample, fit_transform
 
-OF_FRAMES = {"temporal", "grasp_gcn", "lstm", "svm_signal"}
+OF_FRAMES = {"temporal", "grasp_gcn", "lstm", "temporal_cnn", "svm_signal"}
 POSED = {"posed_taxel_net", "posed_forest", "posed_ridge"}
 LAYOUT = grid(3, 4, 0.005)
 
@@ -307,7 +307,9 @@ def test_page_says_what_a_sample_is(tmp_path, cut, text):
     comparison = summarize(PlanRun(found, [], 0, {}, len(found.experiments)))
     page = comparison_markdown(comparison)
     assert text in page
-    assert ("temporal and lstm process the frames" in page) == (cut is not None)
+    assert ("temporal, lstm, temporal_cnn and minirocket process the frames" in page) == (
+        cut is not None
+    )
     assert to_dict(comparison)["data"]["num_frames"] == (cut and (cut.get("trials") or 9))
 
 

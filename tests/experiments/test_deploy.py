@@ -161,7 +161,7 @@ def test_the_test_part_of_given_parts_stays_unseen(tmp_path):
     assert scaler.center.view(-1).allclose(known.data.x.mean(dim=0).view(-1).double())
 
 
-@pytest.mark.parametrize("name", ["lstm", "svm_signal", "svm_rbf"])
+@pytest.mark.parametrize("name", ["lstm", "temporal_cnn", "svm_signal", "svm_rbf"])
 def test_windows_of_recordings_are_cut_as_in_training(name, tmp_path):
     draw = np.random.default_rng(0)
     for i in range(8):

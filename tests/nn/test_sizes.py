@@ -29,6 +29,7 @@ NEEDED = {
     "TactileGCN": {"inputs": ("edge",), "num_edges": 3},
     "TactileModel": {"layout": 3, "out_channels": 2, "inputs": ("tactile",)},
     "TaxelNet": {"layout": LAYOUT, "out_channels": 2},
+    "TemporalCNN": {"layout": LAYOUT, "out_channels": 2},
     "TemporalTaxelNet": {"layout": LAYOUT, "out_channels": 2},
     "Thread": {"in_channels": 3, "widths": (4,), "pools": (1,), "conv": torch.nn.Linear},
 }

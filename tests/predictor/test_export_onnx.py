@@ -36,6 +36,7 @@ from torch_geometric_tactile.nn.models import (
     TactileFNN,
     TactileGCN,
     TaxelNet,
+    TemporalCNN,
     TemporalTaxelNet,
 )
 from torch_geometric_tactile.predictor import classes, export_onnx
@@ -224,6 +225,11 @@ PAIRS = {  # a data set, a model, and transforms
         GraspLSTM(11, 2, hidden_channels=4),
         [T.Resample(9), T.SessionZScore(per="signal")],
     ),
+    "temporal_cnn": lambda: (
+        Windows(dataset(), 6, hop=2),
+        TemporalCNN(LAYOUT, 2, in_channels=3, widths=(4, 4, 5)),
+        [T.ZScore(per="signal")],
+    ),
     "temporal_taxel_net": lambda: (
         Windows(dataset(), 6, hop=2),
         TemporalTaxelNet(
@@ -328,6 +334,7 @@ def test_every_transform_and_model_is_in_a_pair():
     whole = {name for name in nn.models.__all__ if "Thread" not in name}
     assert whole - models == {"PooledMLP", "TactileModel"}
     networks = {"taxel_net", "posed_taxel_net", "temporal", "gcn", "grasp_gcn", "fnn", "cnn"}
+    networks |= {"lstm", "temporal_cnn"}
     assert networks < {model.name for model in COMPARED}
 
 

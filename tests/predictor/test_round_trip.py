@@ -23,6 +23,7 @@ from torch_geometric_tactile.nn.models import (
     SmallCNN,
     TactileFNN,
     TaxelNet,
+    TemporalCNN,
     TemporalTaxelNet,
 )
 from torch_geometric_tactile.predictor import (
@@ -328,6 +329,7 @@ MODELS = {
     "temporal": lambda: TemporalTaxelNet(
         small_models.LAYOUT, 3, num_filters=2, filter_size=2, max_taxels=6, num_joints=2
     ),
+    "temporal_cnn": lambda: TemporalCNN(11, 3, in_channels=3, widths=[4, 5], kernel_sizes=[5, 3]),
     "average": lambda: AverageModel(
         [GraspGCN(11, 2, in_channels=1, num_fingers=3), TactileFNN(11, 2)],
         numbers=True,
@@ -448,6 +450,10 @@ SIZES = [
     ("TaxelNet", {"widths": [10**9]}, "must not be larger than its weights"),
     ("TaxelNet", {"hidden_channels": 10**9}, "must not be larger than its weights"),
     ("TemporalTaxelNet", {"num_sectors": 10**6}, r"'num_sectors' must be at most 360"),
+    ("TemporalCNN", {"in_channels": 10**9}, "must not be larger than its weights"),
+    ("TemporalCNN", {"widths": [10**9]}, "must not be larger than its weights"),
+    ("TemporalCNN", {"kernel_sizes": [10**9 + 1]}, "must not be larger than its weights"),
+    ("TemporalCNN", {"kernel_sizes": [3.0]}, r"'kernel_sizes' must be odd numbers of frames"),
     ("GraspGCN", {"num_layers": 10**9}, r"'num_layers' must be at most 1000"),
     ("GraspLSTM", {"num_layers": 10**9}, r"'num_layers' must be at most 1000"),
     ("PosedTaxelNet", {"in_channels": 10**9}, "must not be larger than its weights"),

@@ -160,6 +160,7 @@ PLAIN_MODELS = {
     "TaxelNet": lambda: nn.TaxelNet(PAD, 3, in_channels=2),
     "PosedTaxelNet": lambda: nn.PosedTaxelNet(PAD, 3, in_channels=2, posed=False),
     "TemporalTaxelNet": lambda: nn.TemporalTaxelNet(PAD, 3),
+    "TemporalCNN": lambda: nn.TemporalCNN(PAD, 3),
     "SmallCNN": lambda: nn.SmallCNN(PAD, 3, in_channels=2),
     "TactileFNN": lambda: nn.TactileFNN(4, 3, channels={"tactile": 2}, widths=(4,), pools=(2,)),
     "HandCNN": lambda: nn.HandCNN(PAD, 3, channels={"tactile": 2}),

@@ -42,6 +42,7 @@ MODELS = {
     "cnn": "SmallCNN, for layouts with an image map, such as a grid",
     "bmf_cnn": "BMFCNN, for image maps of at least 20 x 20 cells",
     "lstm": "GraspLSTM, recurrent, on the readings of each frame *",
+    "temporal_cnn": "TemporalCNN, a residual network over time on the readings of each frame *",
     "svm_rbf": "support vector machine, radial kernel",
     "svm_linear": "support vector machine, linear",
     "svm_signal": "support vector machine on 12 statistical features of each signal *",

@@ -251,6 +251,13 @@ MODELS: tuple[ComparedModel, ...] = (
         lr=1e-3,
         lacks=lacks_frames,
     ),
+    _Network(
+        "temporal_cnn",
+        "TemporalCNN, a residual network over time on the readings of each frame",
+        "TemporalCNN",
+        ({},),
+        lacks=lacks_frames,
+    ),
     _Estimator(
         "svm_rbf",
         "support vector machine, radial kernel",

@@ -40,8 +40,8 @@ _COLUMNS = (
     *("difference", "over_splits", "over_units", "parameters", "seconds", "milliseconds"),
 )
 _WHO_SEES_TIME = (
-    "The models temporal and lstm process the frames in their order, and svm_signal takes "
-    "statistics of each signal; all others take the frames of a taxel as channels."
+    "The models temporal, lstm, temporal_cnn and minirocket process the frames in their order, and "
+    "svm_signal takes statistics of each signal; all others take the frames of a taxel as channels."
 )
 _PARTS = "The test samples of all splits together."
 _KINDS = ("set", "session", "group", "trial")

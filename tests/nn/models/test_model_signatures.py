@@ -18,6 +18,7 @@ from torch_geometric_tactile.nn import (
     TactileFNN,
     TactileGCN,
     TaxelNet,
+    TemporalCNN,
     TemporalTaxelNet,
 )
 from torch_geometric_tactile.sensors import stock_path
@@ -35,9 +36,10 @@ CLASSES = [
     TactileFNN,
     TactileGCN,
     TaxelNet,
+    TemporalCNN,
     TemporalTaxelNet,
 ]
-OURS = [PosedTaxelNet, SmallCNN, TaxelNet, TemporalTaxelNet]  # no sensor of a paper
+OURS = [PosedTaxelNet, SmallCNN, TaxelNet, TemporalCNN, TemporalTaxelNet]  # no sensor of a paper
 PYGS = {"StaticGATConv", "StaticGATv2Conv"}  # take PyG's arguments, in PyG's order
 FORWARD = ["x", "edge_index", "edge_attr", "joint", "absolute", "pos"]
 SMALL = {"head_widths": (2,), "head_pools": (1,)}

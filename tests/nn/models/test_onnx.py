@@ -10,6 +10,7 @@ from torch_geometric_tactile.nn.models import (
     PosedTaxelNet,
     TactileGCN,
     TaxelNet,
+    TemporalCNN,
     TemporalTaxelNet,
 )
 from torch_geometric_tactile.sensors import allegro_uskin, grid, letter_array
@@ -135,6 +136,12 @@ def test_onnx_temporal_taxel_net(tmp_path):
 
 def test_onnx_grasp_lstm(tmp_path):
     model = GraspLSTM(4, 2, hidden_channels=5)
+    edge_index = LAYOUT.edge_index("original")
+    assert_onnx_equals(model, tmp_path / "model.onnx", edge_index, 4, x=(4, 12))
+
+
+def test_onnx_temporal_cnn(tmp_path):
+    model = TemporalCNN(4, 2, in_channels=3, widths=(6, 5))
     edge_index = LAYOUT.edge_index("original")
     assert_onnx_equals(model, tmp_path / "model.onnx", edge_index, 4, x=(4, 12))
 

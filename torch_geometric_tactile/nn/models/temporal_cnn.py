@@ -2,6 +2,7 @@ r"""A plain convolutional network over time."""
 
 from collections.abc import Sequence
 from itertools import pairwise
+from numbers import Integral
 
 import torch
 from torch import Tensor
@@ -100,7 +101,7 @@ class TemporalCNN(BaseModel):
         self.in_channels = in_channels
         self.widths = given_widths(widths)
         self.kernel_sizes = tuple(kernel_sizes)
-        are_odd = all(size >= 1 and size % 2 for size in self.kernel_sizes)
+        are_odd = all(isinstance(s, Integral) and s >= 1 and s % 2 for s in self.kernel_sizes)
         need(
             self.kernel_sizes and are_odd,
             "'kernel_sizes' must be odd numbers of frames",
