@@ -159,6 +159,27 @@ _OPERATORS: _Tried = [
     {"model": {"init_args": _NO_TAXEL_DROPOUT}},
     {"model": {"init_args": {**_NO_TAXEL_DROPOUT, "conv": "self"}}},
 ]
+# As a convolutional network: few convolutions, and pooling to a few taxels before the head.
+_PYRAMID = {
+    "depth": 1,
+    "max_taxels": 32,
+    "head_taxels": 8,
+    "direct_channels": 0,
+    "dropout": 0.3,
+    **_NO_TAXEL_DROPOUT,
+}
+_DEEP = {"max_taxels": 4, **_NO_TAXEL_DROPOUT}  # convolutions also on the few taxels
+_WHOLE_WINDOW = {"pool": "mean", **_NO_TAXEL_DROPOUT}
+_MIXED_TAXELS = {
+    "pool": "mean_max",
+    "mixed_channels": 128,
+    "filter_size": 1,
+    "kernel_size": 5,
+    "dilation": 1,
+    "num_blocks": 3,
+    "dropout": 0.3,
+    **_NO_TAXEL_DROPOUT,
+}
 _MORE_DECAY = [{}, _decay(0.5)]
 _FINGERS_APART = {"model": {"init_args": {"fusion": "feature"}}}
 _SIGNALS = [{"C": c} for c in (1.0, 0.1, 10.0, 100.0)]
@@ -172,13 +193,52 @@ def _described(task: ComparedTask) -> _Tried:
     return [{"model": arguments, "transform": task.transform(centred=False)}]
 
 
+def _normalized(task: ComparedTask) -> dict[str, Any]:
+    return {"transform": task.transform(normalized=True)}
+
+
+def _taxel_net(task: ComparedTask) -> _Tried:
+    if not task.is_image:
+        return [*_OPERATORS, _normalized(task), *_described(task)]
+    pyramid = {"model": {"init_args": {**_PYRAMID, "widths": task.cnn_widths}}}
+    shifted = {**pyramid, "train_transform": task.shift()}
+    if task.is_slow:  # one setting is trained
+        return [shifted]
+    deep = {"model": {"init_args": _DEEP}, "train_transform": task.shift()}
+    tried = [{}, _OPERATORS[1], pyramid, shifted, deep, *_mirrored(task, pyramid)]
+    return [*tried, _normalized(task), *_described(task)]
+
+
+def _cnn(task: ComparedTask) -> _Tried:
+    if not task.is_image:
+        return _DROPOUT
+    shifted = {"train_transform": task.shift()}
+    if task.is_slow:
+        return [shifted]
+    return [*_DROPOUT, shifted, *_mirrored(task, {}), _normalized(task)]
+
+
+def _mirrored(task: ComparedTask, setting: dict[str, Any]) -> _Tried:
+    # Of shear, one channel would change its sign: which one is not known.
+    if task.num_channels > 1:
+        return []
+    return [{**setting, "train_transform": task.shift(mirrored=True)}]
+
+
+def _temporal(task: ComparedTask) -> _Tried:
+    mixed = {"model": {"init_args": _MIXED_TAXELS}}
+    shifted = {**mixed, "train_transform": task.time_shift()}
+    whole = {"model": {"init_args": _WHOLE_WINDOW}}
+    return [*_OPERATORS[:2], whole, mixed, shifted, _normalized(task)]
+
+
 FLOOR = "constant"
 MODELS: tuple[ComparedModel, ...] = (
     _Network(
         "taxel_net",
         "TaxelNet, the default graph model",
         "TaxelNet",
-        lambda task: [*_OPERATORS, *_described(task)],
+        _taxel_net,
         is_graph=True,
     ),
     _Network(
@@ -194,7 +254,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "temporal",
         "TemporalTaxelNet, the default for windows of frames",
         "TemporalTaxelNet",
-        _OPERATORS,
+        _temporal,
         lambda task: {"num_blocks": task.num_blocks},
         is_graph=True,
         lacks=lacks_frames,
@@ -222,7 +282,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "fnn",
         "TactileFNN, fully connected",
         "TactileFNN",
-        _MORE_DECAY,
+        lambda task: [*_MORE_DECAY, _normalized(task)],
         {"widths": [256, 64], "pools": [1, 1]},
         lr=1e-3,
     ),
@@ -230,7 +290,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "cnn",
         "SmallCNN, on the map of the layout",
         "SmallCNN",
-        _DROPOUT,
+        _cnn,
         lambda task: {"widths": task.cnn_widths},
         lacks=lacks_a_map,
     ),

@@ -29,6 +29,7 @@ NO_PREDICTOR = (
     "a predictor is of one layout, and the samples have none that all share: train the network "
     "with TactileModule, and keep its checkpoint"
 )
+_MIN_IMAGE_SIZE = 8  # rows and columns of an image that may be shifted in training
 _ROCKET_FRAMES = 9  # that a kernel of MiniRocket spans
 
 
@@ -101,13 +102,41 @@ class ComparedTask:
         return max(2, math.ceil(math.log2((self.num_frames or 1) / 16)))
 
     @property
+    def map_size(self) -> tuple[int, int]:
+        r"""Rows and columns of the layout's image map; none without one."""
+        if self.layout is None or self.layout.image_map is None:
+            return 0, 0
+        rows, columns = (self.layout.image_map.amax(dim=0) + 1).tolist()
+        return rows, columns
+
+    @property
+    def is_image(self) -> bool:
+        r"""Whether the readings are an image of at least 8 x 8 cells, on one patch."""
+        if self.layout is None or min(self.map_size) < _MIN_IMAGE_SIZE:
+            return False
+        return all(len(key.unique()) == 1 for key in (self.layout.patch, self.layout.link))
+
+    @property
     def cnn_widths(self) -> list[int]:
         r"""A stage for each halving of the map down to two or three cells."""
-        assert self.layout is not None
-        image_map = self.layout.image_map
-        assert image_map is not None
-        stages = round(math.log2(int(image_map.amax(dim=0).min()) + 1)) - 1
+        stages = round(math.log2(min(self.map_size))) - 1
         return [16, 32, *[64] * (stages - 2)] if stages > 2 else [32, 64]
+
+    def shift(self, *, mirrored: bool = False) -> dict[str, Any]:
+        r"""Returns shifts of the image by up to a sixteenth of its size, and mirror images of half
+        of the samples if wanted, as an augmentation, as plain data.
+        """
+        rows, columns = (max(1, round(size / 16)) for size in self.map_size)
+        steps = [_step("RandomShift", {"rows": rows, "columns": columns})]
+        return _composed([*steps, *([_step("RandomMirror")] if mirrored else [])])
+
+    def time_shift(self) -> dict[str, Any]:
+        r"""Returns shifts in time by up to a sixteenth of the window, as an augmentation, as plain
+        data.
+        """
+        return _composed(
+            [_step("RandomTimeShift", {"steps": max(1, (self.num_frames or 1) // 16)})]
+        )
 
     def choice(
         self, settings: Sequence[dict[str, Any]] = ({},), *, is_estimator: bool = False
@@ -147,10 +176,7 @@ class ComparedTask:
         if posed:
             assert self.layout is not None
             steps.append(_step("TaxelPose", {"layout": self.layout.name, "tangent": True}))
-        return {
-            "class_path": "torch_geometric.transforms.Compose",
-            "init_args": {"transforms": steps},
-        }
+        return _composed(steps)
 
 
 def _can_be_posed(dataset: SampleSet) -> bool:
@@ -165,6 +191,13 @@ def _can_be_posed(dataset: SampleSet) -> bool:
     if joint is None or joint.dim() != 2 or joint.shape[1] != hand.num_joints or not is_stock:
         return False
     return len(layout.link_names) > 1 and set(layout.link_names) <= set(hand.link_names)
+
+
+def _composed(steps: list[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "class_path": "torch_geometric.transforms.Compose",
+        "init_args": {"transforms": steps},
+    }
 
 
 def _step(name: str, arguments: dict[str, Any] | None = None) -> dict[str, Any]:

@@ -52,7 +52,7 @@ class TemporalCNN(BaseModel):
 
     Blocks of convolutions over time, each with batch normalisation and ReLU, have the input of the
     block added. The mean over the frames, as in the paper, and the maximum, which we added, go
-    through dropout to the logits. It knows no graph, and takes windows of any number of frames.
+    to the logits. It knows no graph, and takes windows of any number of frames.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
@@ -62,7 +62,7 @@ class TemporalCNN(BaseModel):
         widths (sequence of int): Width of each block.
         kernel_sizes (sequence of int): Length of each convolution of a block in frames, odd; 8, 5
             and 3 in the paper.
-        dropout (float): Part of the pooled features dropped in training; none in the paper.
+        dropout (float): Part of the pooled features dropped in training.
 
     Shapes:
         - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or those of a PyG
@@ -92,7 +92,7 @@ class TemporalCNN(BaseModel):
         in_channels: int = 1,
         widths: Sequence[int] = (64, 128, 128),
         kernel_sizes: Sequence[int] = (7, 5, 3),
-        dropout: float = 0.3,
+        dropout: float = 0.0,
     ) -> None:
         super().__init__()
         self.num_nodes = count_taxels(layout)

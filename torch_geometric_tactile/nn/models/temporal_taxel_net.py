@@ -192,8 +192,8 @@ class TemporalTaxelNet(BaseModel):
         self.levels = ModuleList()
         for i, width in enumerate(self.widths):
             level = (before[i], *[width] * (1 if i == 0 and pools else depth))
-            pool = pools[i - 1] if i else None
-            self.levels.append(TaxelLevel(ons[i], pool, level, conv, num_sectors, fast))
+            before_level = pools[i - 1] if i else None
+            self.levels.append(TaxelLevel(ons[i], before_level, level, conv, num_sectors, fast))
         width, num_nodes = self.widths[-1], self.taxels[-1]
         self.mixer: Optional[FrameFilters] = None
         if mixed_channels:
