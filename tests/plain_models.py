@@ -23,6 +23,7 @@ TAXEL_NETS = {
     "pooled": {"max_taxels": 2, "widths": (4, 6)},
     "self": {"conv": "self", "head": "max"},
     "difference": {"conv": "difference", "head": "mean", "depth": 1},
+    "pyramid": {"max_taxels": 6, "head_taxels": 2, "depth": 1},
     "described": {"descriptor_channels": 3, "layout": biotac_sp()},
     "direct": {"direct_channels": 5, "head": "flat", "num_joints": 2, "num_sectors": 6},
 }
@@ -69,7 +70,10 @@ def seeded(make, *args, **kwargs):
 
 MODELS = {
     **{f"taxel_{name}": lambda name=name: taxel_net(name) for name in TAXEL_NETS},
-    **{f"temporal_{n}": lambda n=n: temporal_nets.small(n) for n in temporal_nets.MODELS},
+    **{
+        f"temporal_{n}": lambda n=n: temporal_nets.small(n)
+        for n in (*temporal_nets.MODELS, *temporal_nets.POOLED)
+    },
     **{f"posed_{name}": lambda name=name: posed_net(name) for name in POSED_NETS},
     **{f"bmf_{fusion}": lambda fusion=fusion: bmf_cnn(fusion) for fusion in _FUSIONS},
     **{f"gcn_{n}": lambda n=n: seeded(GraspGCN, 11, **GRASP_GCNS[n]) for n in GRASP_GCNS},

@@ -17,9 +17,16 @@ MODELS = {
     "self": {"conv": "self", "filter_size": 1, "kernel_size": 2, "dilation": 3},
     "difference": {"conv": "difference", "dilation": 1, "num_blocks": 3, "in_channels": 1},
     "joints": {"num_joints": 2, "num_sectors": 6, "filter_size": 4, "kernel_size": 1},
+    "mixed": {"mixed_channels": 5, "max_taxels": 8, "dilation": 2},
 }
 
-FIELDS = {"electrodes": 9, "pooled": 9, "self": 10, "difference": 17, "joints": 4}
+# Of windows that are judged as a whole, which cannot be streamed.
+POOLED = {
+    "mean": {"pool": "mean", "dilation": 2},
+    "mixed_mean_max": {"pool": "mean_max", "mixed_channels": 5, "filter_size": 1, "num_joints": 2},
+}
+
+FIELDS = {"electrodes": 9, "pooled": 9, "self": 10, "difference": 17, "joints": 4, "mixed": 17}
 
 
 def small(name="pooled", **more):
@@ -32,7 +39,7 @@ def small(name="pooled", **more):
         "dilation": 1,
         "num_blocks": 2,
         "hidden_channels": 8,
-        **MODELS[name],
+        **{**MODELS, **POOLED}[name],
         **more,
     }
     return TemporalTaxelNet(**{"layout": SMALL, "out_channels": 3, **arguments})

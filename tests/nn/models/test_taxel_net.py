@@ -8,7 +8,7 @@ from plain_models import given, trained
 from plain_models import taxel_net as small
 from small_models import samples
 
-from torch_geometric_tactile.nn import SelfGCNConv, TaxelNet
+from torch_geometric_tactile.nn import SelfGCNConv, SmallCNN, TaxelNet
 from torch_geometric_tactile.nn.models._taxel_levels import (
     ReadingNorm,
     TaxelNorm,
@@ -98,6 +98,49 @@ def test_taxel_net_levels_follow_from_the_layout():
     assert 22 <= hand.taxels[-1] <= 64
     assert hand.widths == (16, 32, 64)
     assert TaxelNet("biotac_sp", 2).widths == (32,)
+
+
+def test_taxel_net_pools_once_more_before_the_head():
+    model = small("pyramid")
+    assert model.taxels == (20, 6, 2)
+    assert [len(level.blocks) for level in model.levels] == [1, 1]
+    assert model.lin.in_features == (2 + 2) * 4  # two taxels, their mean and their maximum
+    small_sensor = TaxelNet("biotac_sp", 2, head_taxels=24)
+    assert small_sensor.taxels == (24,)
+
+
+def test_taxel_net_on_a_grid_computes_the_features_of_a_cnn():
+    """With the weights of a convolutional network, and its poolings."""
+    layout = grid(8, 8, 0.004)
+    cnn = SmallCNN(layout, 3, in_channels=2, widths=(4, 6)).eval()
+    sizes = {"widths": (4, 6), "max_taxels": 32, "head_taxels": 8, "depth": 1}
+    net = TaxelNet(layout, 3, in_channels=2, direct_channels=0, **sizes).eval()
+    assert net.taxels == (64, 16, 4)
+    for level, conv, norm in zip(net.levels, cnn.convs, cnn.norms, strict=True):
+        (block,) = level.blocks
+        on = layout if level.pool is None else level.pool.coarse
+        middle = int((on.pos - on.pos.mean(dim=0)).norm(dim=1).argmin())
+        weight = torch.zeros(9, *conv.weight.shape[1::-1])
+        cells = (on.pos[:, :2] / (on.pos[1] - on.pos[0]).norm()).round().int()
+        source, target = level.edge_index
+        for edge in (target == middle).nonzero().view(-1).tolist():
+            across, up = (cells[source[edge]] - cells[middle]).tolist()
+            place = conv.weight[:, :, 1 + up, 1 + across]
+            weight[1 + level.sector[edge]] = place.t().detach()
+        weight[0] = conv.weight[:, :, 1, 1].t().detach()
+        block.conv.weight.data.copy_(weight.view_as(block.conv.weight))
+        block.norm.load_state_dict(norm.state_dict())
+    x = samples(5, 64, 2)
+    h = cnn.image(x)
+    for conv, norm in zip(cnn.convs, cnn.norms, strict=True):
+        h = torch.nn.functional.max_pool2d(norm(conv(h)).relu(), 2)
+    features = x
+    for level in net.levels:
+        features = level(features)
+    for pool in net.head_pools:
+        features = pool(features)
+    expected = h.flatten(2).transpose(1, 2)
+    assert features.allclose(expected, atol=1e-5)
 
 
 def test_taxel_net_pools_two_by_two_whatever_the_pitch():
@@ -260,6 +303,7 @@ def test_taxel_net_on_the_meta_device():
         ({"widths": ()}, r"'widths' must be at least one width of at least 1 \(got \(\)\)"),
         ({"widths": (4, 0)}, r"'widths' must be at least one width .*\(got \(4, 0\)\)"),
         ({"direct_channels": -1}, r"'direct_channels' must not be negative \(got -1\)"),
+        ({"head_taxels": 0}, r"'head_taxels' must be at least 1 \(got 0\)"),
         ({"num_joints": -1}, r"'num_joints' must not be negative \(got -1\)"),
     ],
 )

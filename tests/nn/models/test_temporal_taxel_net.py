@@ -7,6 +7,8 @@ from torch_geometric_tactile.data import join_frames, split_frames
 from torch_geometric_tactile.nn import TemporalTaxelNet
 from torch_geometric_tactile.sensors import grid
 
+POOLS = ("last", "mean", "max", "mean_max")
+
 
 @pytest.fixture(params=MODELS)
 def model(request):
@@ -74,6 +76,78 @@ def test_temporal_taxel_net_by_hand():
     h = h + h * eps + 1  # block
     hidden = 3 * h * eps + 1  # itself, mean and maximum
     assert model(torch.tensor([[[2.0, 3.0]]])).item() == pytest.approx(hidden + 1, rel=1e-5)
+
+
+def test_temporal_taxel_net_pool_by_hand():
+    """One taxel, one filter of the present frame: the answers of pooling follow from the frames."""
+    torch.manual_seed(0)
+    x = torch.tensor([[[1.0, -2.0, 0.5, 3.0]]])
+    more = {"layout": grid(1, 1, 0.004), "max_taxels": 64, "num_blocks": 1, "kernel_size": 1}
+    nets = {p: small(pool=p, filter_size=1, in_channels=1, **more).eval() for p in POOLS}
+    hidden = {}
+    for pool, net in nets.items():
+        net.load_state_dict(
+            {
+                key: value
+                for key, value in nets["last"].state_dict().items()
+                if not key.startswith("head.lin.")
+            },
+            strict=False,
+        )
+        net.head.register_forward_pre_hook(
+            lambda _, given, pool=pool: hidden.__setitem__(pool, given[0])
+        )
+        net(x)
+    nets["last"](x, per_frame=True)
+    frames = hidden.pop("last")  # of all frames, by the second call
+    assert frames.shape == (1, 1, 4, 4)
+    assert hidden["mean"].allclose(frames.mean(dim=2))
+    assert hidden["max"].allclose(frames.amax(dim=2))
+    both = torch.cat([hidden["mean"], hidden["max"]], dim=-1)
+    assert hidden["mean_max"].equal(both)
+
+
+@pytest.mark.parametrize("mixed_channels", [0, 5])
+@pytest.mark.parametrize("pool", POOLS[1:])
+def test_temporal_taxel_net_pool_uses_every_frame(pool, mixed_channels):
+    """Also frames that are further back than the receptive field, which the last frame forgets."""
+    model = trained(small(pool=pool, mixed_channels=mixed_channels))
+    x = given(model, 6, 40)["x"].requires_grad_()
+    model(x).square().sum().backward()
+    changes = split_frames(x.grad, 40).abs().amax(dim=(0, 1, 3))
+    if pool == "max":  # the largest of few windows are in some frames
+        assert changes[: 40 - model.receptive_field].any()
+    else:
+        assert changes.gt(0).all()
+
+
+def test_temporal_taxel_net_pool_skips_no_reading_with_a_dilation():
+    model = trained(small(pool="mean", filter_size=4, dilation=4))
+    x = given(model, 3, 23)["x"].requires_grad_()
+    model(x).square().sum().backward()
+    assert split_frames(x.grad, 23).abs().amax(dim=(0, 1, 3)).gt(0).all()
+
+
+def test_temporal_taxel_net_pool_is_for_windows():
+    model = small(pool="mean")
+    assert not model.can_step
+    assert small().can_step
+    with pytest.raises(ValueError, match=r"'pool' must be 'last' for 'step'.*\(got mean\)"):
+        model.step(torch.zeros(1, 20, 2), None, ())
+    with pytest.raises(ValueError, match=r"'pool' must be 'last' for 'initial_state'"):
+        model.initial_state(1)
+    with pytest.raises(ValueError, match=r"'pool' must be 'last' for 'per_frame'"):
+        model(given(model, 2)["x"], per_frame=True)
+
+
+def test_temporal_taxel_net_mixes_all_taxels_before_time():
+    """A pattern that moves over the taxels is seen by one channel."""
+    model = small("mixed")
+    assert model.mixer.conv.in_channels == 6 * 4  # taxels of the last level times their width
+    assert [block.conv.in_channels for block in model.blocks] == [5, 5]
+    assert model.head.lin.in_features == 5
+    assert small("mixed", pool="mean_max").head.lin.in_features == 10
+    assert "pool='mean', mixed_channels=5" in str(small("mixed", pool="mean"))
 
 
 def test_temporal_taxel_net_of_no_windows():
@@ -169,6 +243,8 @@ def test_temporal_taxel_net_of_a_single_window_in_training():
         ({"layout": 24}, r"'layout' must be a layout, .* neighbours .*\(got the number of taxels"),
         ({"taxel_dropout": 1.0}, r"'taxel_dropout' must be at least 0 and below 1 \(got 1.0\)"),
         ({"conv": "gcn"}, r"'conv' must be one of \('sector', 'self', .*\(got 'gcn'\)"),
+        ({"pool": "sum"}, r"'pool' must be one of \('last', 'mean', .*\(got 'sum'\)"),
+        ({"mixed_channels": -1}, r"'mixed_channels' must not be negative \(got -1\)"),
     ],
 )
 def test_temporal_taxel_net_bad_argument(arguments, match):
