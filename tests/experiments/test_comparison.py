@@ -19,6 +19,7 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments import _networks as networks
 from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models, model_of
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
+from torch_geometric_tactile.experiments._held_out import choice_cuts, mean_training_size
 from torch_geometric_tactile.experiments.advice import advice, recommended, to_dict
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import (
@@ -148,12 +149,12 @@ def test_one_network_is_trained_on_many_readings_of_many_taxels(size, samples, s
 def test_taxels_are_placed_where_joints_and_links_are_known(grasps):
     source = data_source("AllegroUSkin", arguments={"root": str(grasps), "split": None})
     dataset = source.resolve()[0].load()
-    assert ComparedTask.of(dataset, "accuracy", 0.6).posed
+    assert ComparedTask.of(dataset, "accuracy", 60).posed
     arrays = {"x": torch.zeros(6, 12, 1), "y": torch.tensor([0, 1] * 3), "layout": grid(3, 4, 0.01)}
     from torch_geometric_tactile.data import StaticDataset
 
     other = StaticDataset.from_arrays(joint=torch.zeros(6, 16), **arrays)
-    assert not ComparedTask.of(other, "accuracy", 0.6).posed
+    assert not ComparedTask.of(other, "accuracy", 60).posed
 
 
 def test_networks_are_trained_by_the_recipe():
@@ -414,6 +415,68 @@ def test_one_given_part_has_a_verdict_by_its_units(tmp_path):
     page = comparison_markdown(comparison)
     assert "| +75.0 | ± ? | ± " in page
     assert "no verdict on fewer than 3 splits (unless all test on one given part)" in page
+
+
+def with_test_part(folder, num_train, num_test):
+    """The plan of a file of touches, of which the first are to train on."""
+    part = np.repeat([0, 2], [4 * num_train, 4 * num_test])
+    settings = ComparisonSettings(models=("fnn", "svm_linear"), by="given")
+    return plan(folder, settings, num_trials=num_train + num_test, part=part)
+
+
+def identities(plan):
+    return [{**experiment.identity(), "data": None} for experiment in plan.experiments]
+
+
+@pytest.mark.parametrize("num_train", [6, 300, 1200])  # trials of four samples
+def test_training_does_not_follow_from_the_number_of_test_samples(tmp_path, num_train):
+    once, twice = (with_test_part(tmp_path, num_train, num_test) for num_test in (300, 600))
+    assert identities(once) == identities(twice)
+    recipe = training_recipe(round(0.8 * 4 * num_train))
+    assert (once.experiments[0].batch_size, once.experiments[0].epochs) == recipe[:2]
+    assert once.experiments[0].choice.members == (3 if num_train < 310 else 1)
+    assert identities(once) != identities(with_test_part(tmp_path, 600, 300))
+
+
+def test_more_test_samples_change_no_answer(tmp_path):
+    content = touches(tmp_path / "a.npz", num_trials=24) | {"part": np.repeat([0, 2], [24, 72])}
+    settings = ComparisonSettings(models=("fnn", "svm_linear"), by="given")
+    answers = []
+    for num_samples in (48, 96):
+        np.savez(tmp_path / "a.npz", **{key: v[:num_samples] for key, v in content.items()})
+        found = comparison_plan(data_source(tmp_path / "a.npz", grid="3x4"), settings)
+        run = run_plan(found, tmp_path / "out")
+        said = [Predictions.from_dict(result["predictions"]) for _, result in run.results]
+        answers.append([p.prediction[p.index < 48].tolist() for p in said])
+    assert [len(values) for values in answers[0]] == [24, 24]
+    assert answers[0] == answers[1]
+
+
+@pytest.mark.parametrize(("folds", "num_train"), [(3, 64), (4, 72)])
+def test_training_follows_from_the_mean_over_unequal_folds(tmp_path, folds, num_train):
+    group = np.repeat([0, 1, 2, 3], [60, 12, 12, 12])
+    settings = ComparisonSettings(models=("fnn",), by="group", folds=folds)
+    found = plan(tmp_path, settings, num_trials=24, group=group)
+    protocol = found.protocols[0].protocol
+    assert len({len(e.data.split(protocol, 0, e.fold).train) for e in found.experiments}) > 1
+    assert mean_training_size(found.data, protocol) == pytest.approx(num_train)
+
+
+@pytest.mark.parametrize(
+    ("by", "part"), [("trial", GIVEN), ("given", GIVEN), ("given", np.where(GIVEN == 1, 0, GIVEN))]
+)
+def test_only_selected_samples_count_and_are_trained_on(tmp_path, by, part):
+    touches(tmp_path / "a.npz", part=part)
+    settings = ComparisonSettings(models=("svm_linear",), by=by)
+    source = DataSource("compared.SelectedTouches", {"path": str(tmp_path / "a.npz")})
+    found = comparison_plan(source, settings, selection={"stride": 2})
+    assert found.facts.num_samples == 24
+    assert mean_training_size(found.data, found.protocols[0].protocol) == 18
+    train, test, cuts = choice_cuts(found.experiments[0], 1)
+    assert (len(train), len(test), sum(map(len, cuts[0]))) == (18, 6, 18)
+    is_selected = found.data.is_selected(found.data.load())
+    for samples in (train, test, *cuts[0]):
+        assert is_selected[torch.as_tensor(list(samples.indices()))].all()
 
 
 def test_nothing_is_recommended_where_given_parts_share_trials(tmp_path):

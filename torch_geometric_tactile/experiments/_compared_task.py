@@ -53,12 +53,11 @@ class ComparedTask:
         cls,
         dataset: SampleSet,
         metric: str,
-        part: float,
+        num_train: int,
         num_frames: int | None = None,
         **more: Any,
     ) -> "ComparedTask":
-        r"""Returns the task of a data set."""
-        num_train = max(1, round(part * len(dataset)))
+        r"""Returns the task of a data set, of which so many samples are trained on."""
         width = dataset.batch(torch.tensor([0])).x.shape[-1]
         if isinstance(dataset, GraphSamples):
             more["several"] = dataset.describe_taxels()

@@ -1,6 +1,7 @@
 r"""What is held out of a data set to test on and, of the rest, to choose on."""
 
 import logging
+import statistics
 import warnings
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._graph_samples import SampleSet
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._experiment import Experiment
+from torch_geometric_tactile.experiments.source import DataSource
 
 _logger = logging.getLogger(__name__)
 _FOLDS = 5
@@ -141,6 +143,19 @@ def _check_one_part(frames: SampleSet, key: str) -> None:
         )
 
 
+def mean_training_size(source: DataSource, protocol: Protocol) -> float:
+    r"""Returns the number of samples that a model is trained on, to be tested: the mean over the
+    folds, of given parts that of both to train and to validate on. Only samples that are selected
+    count.
+
+    Args:
+        source (DataSource): The samples.
+        protocol (Protocol): Its folds, or :obj:`"given"`.
+    """
+    splits = [source.split(protocol, fold=fold) for fold in range(protocol.folds or 1)]
+    return statistics.fmean(len(split.train) + len(split.val) for split in splits)
+
+
 def choice_parts(experiment: Experiment) -> Parts:
     r"""Returns the parts of an experiment. The validation part is the first of
     :func:`choice_cuts`.
@@ -159,9 +174,7 @@ def choice_cuts(
     """
     protocol = experiment.protocol
     if protocol.by == "given":
-        dataset = experiment.data.load()
-        with sharing_ignored():
-            split = protocol.split(dataset)
+        dataset, split = experiment.data.load(), experiment.data.split(protocol)
         if len(split.val):
             train = torch.cat([split.train, split.val]).sort().values
             part = _some(dataset[split.train], most, experiment.seed)

@@ -9,7 +9,7 @@ import torch
 
 from torch_geometric_tactile.data._frame_view import innermost
 from torch_geometric_tactile.data._graph_samples import SampleSet
-from torch_geometric_tactile.data._shared_samples import shared_units, sharing_ignored
+from torch_geometric_tactile.data._shared_samples import shared_units
 from torch_geometric_tactile.experiments._held_out import column_of
 from torch_geometric_tactile.experiments._scores import prediction_scores
 from torch_geometric_tactile.experiments.plan import Plan
@@ -34,14 +34,10 @@ def comparison_splits(plan: Plan) -> list[SeenAndTest]:
         plan (Plan): The comparison.
     """
     splits = {(e.seed, e.fold): e for e in plan.experiments}.values()
-    dataset = plan.data.load()
-    is_selected = plan.data.is_selected(dataset)
     parts = []
     for experiment in splits:
-        with sharing_ignored():
-            split = experiment.protocol.split(dataset, experiment.seed, experiment.fold)
-        seen = torch.cat([split.train, split.val])
-        parts.append(SeenAndTest(*(part[is_selected[part]].numpy() for part in (seen, split.test))))
+        train, val, test = plan.data.split(experiment.protocol, experiment.seed, experiment.fold)
+        parts.append(SeenAndTest(torch.cat([train, val]).numpy(), test.numpy()))
     return parts
 
 

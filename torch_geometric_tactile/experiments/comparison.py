@@ -2,6 +2,7 @@ r"""Models compared on one data set: the plan and the scores."""
 
 import math
 import statistics
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -17,7 +18,7 @@ from torch_geometric_tactile.experiments._compared_models import (
     model_of,
 )
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
-from torch_geometric_tactile.experiments._held_out import compared_protocol
+from torch_geometric_tactile.experiments._held_out import compared_protocol, mean_training_size
 from torch_geometric_tactile.experiments._score_units import (
     ConstantAnswer,
     ScoreUnits,
@@ -34,7 +35,8 @@ from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 _CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
 _NUMBER_METRICS = ("mae", "rmse", "r2")
 _UNITS = ("trial", "group", "session", "frame", "given")
-_CHOOSE_ON = 0.8  # of the training part
+# Of the training samples: the recipe of networks follows from how many their settings are chosen on.
+_CHOOSE_ON = 0.8
 _TOLERANCE = 0.01  # one point
 _TOLERANCES = {"mae": 0.02}  # of the smallest error
 
@@ -291,11 +293,13 @@ def comparison_plan(
         kind = "numbers" if numbers else "classes"
         raise ArgumentError(Argument("metric"), f" must be {allowed} for {kind} (got '{metric}')")
     protocol = compared_protocol(dataset, settings.by, settings.folds)
-    part = _CHOOSE_ON * (1 - 1 / (protocol.folds or settings.folds))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of classes with few units, which the runs tell of
+        num_train = mean_training_size(source, protocol)
     task = ComparedTask.of(
         dataset,
         metric,
-        part,
+        max(1, round(_CHOOSE_ON * num_train)),
         num_frames=facts.num_frames,
         epochs=settings.epochs,
         tare=tare,
