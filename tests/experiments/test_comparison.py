@@ -541,7 +541,8 @@ def test_pages_hold_the_numbers(tmp_path):
 def test_json_has_one_form(tmp_path):
     content = to_dict(made_up(plan(tmp_path, THREE), {"gcn": GOOD, "fnn": POOR}))
     assert list(content) == [
-        *("format", "version", "data", "protocol", "num_splits", "task", "metric", "unit"),
+        *("format", "version", "data", "protocol", "num_splits", "num_seeds", "chosen_by"),
+        *("task", "metric", "unit"),
         *("constant", "tolerance", "recommended", "best_plain"),
         *("models", "failed", "missing", "advice"),
     ]
@@ -550,9 +551,11 @@ def test_json_has_one_form(tmp_path):
     assert content["recommended"] == "gcn"
     gcn, fnn = content["models"]
     assert list(gcn) == [
-        *("name", "title", "kind", "scores", "difference", "num_parameters", "seconds"),
-        *("milliseconds", "chosen"),
+        *("name", "title", "kind", "scores", "validation", "difference", "num_parameters"),
+        *("seconds", "milliseconds", "chosen"),
     ]
+    assert (content["num_splits"], content["num_seeds"], content["chosen_by"]) == (3, 1, "test")
+    assert gcn["validation"] is None
     assert gcn["scores"]["accuracy"] == {"mean": 1.0, "sd": 0.0}
     assert gcn["difference"]["mean"] == 0.75
     assert gcn["difference"]["verdict"] == "beyond the noise"

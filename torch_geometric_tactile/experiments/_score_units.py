@@ -81,6 +81,15 @@ class ScoreUnits:
         trials = _by_stored_place(dataset, numbers["trial"])
         return cls("trial", trials, num_leaked=len(leaked["trial"]))
 
+    def num_of(self, predictions: Sequence[Predictions]) -> int:
+        r"""Returns the number of units of predictions that :meth:`of_predictions` returned.
+
+        Args:
+            predictions (sequence of Predictions): Those of several splits.
+        """
+        places = [p.index if p.trial is None else p.trial for p in predictions]
+        return len(np.unique(np.concatenate([p for p in places if p is not None])))
+
     def of_predictions(self, predictions: Predictions) -> Predictions:
         r"""Returns predictions with the units in place of the trials.
 
