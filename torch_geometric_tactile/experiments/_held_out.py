@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile.data import Protocol, Windows
-from torch_geometric_tactile.data._frame_view import FrameView
+from torch_geometric_tactile.data._frame_view import FrameView, innermost
 from torch_geometric_tactile.data._graph_samples import SampleSet
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._experiment import Experiment
@@ -73,7 +73,9 @@ def _num_units(dataset: SampleSet, by: str) -> int:
 
 
 def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protocol:
-    r"""Returns how a comparison holds out samples: by trial if there are trials, unless told."""
+    r"""Returns how a comparison holds out samples. If :obj:`by` is left out, that is by trial; of
+    samples without trials by group, where there are enough groups, and otherwise by frame.
+    """
     by = by or _default_unit(dataset)
     if by == "given":
         with sharing_ignored():
@@ -101,11 +103,46 @@ def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protoco
 def _default_unit(dataset: SampleSet) -> str:
     if dataset.column("trial") is not None:
         return "trial"
+    kind = innermost(dataset).group_kind
+    count, obstacle = _num_groups(dataset), ""
+    if count:
+        obstacle = _obstacle_to_groups(dataset, count)
+        if not obstacle:
+            _logger.warning(
+                "the samples have no 'trial', and are split by %s (%d of them): the scores are for "
+                "a new %s; '--by frame' splits them one by one, if no two are of one touch and new "
+                "%ss do not matter",
+                *(kind, count, kind, kind),
+            )
+            return "group"
+    others = [by for by in ("group", "session") if dataset.column(by) is not None]
+    hints = " or ".join(f"'--by {by}'" for by in others)
     _logger.warning(
-        "the samples have no 'trial', and are split one by one: if several are of one touch, the "
-        "scores tell how well models recognise that touch again, and are too high for a new one"
+        "the samples have no 'trial', and are split one by one%s: if several are of one touch, the "
+        "scores tell how well models recognise that touch again, and are too high for a new one%s",
+        f", since {obstacle}" if obstacle else "",
+        f" ({hints} holds out whole {'s or '.join(others)}s)" if others else "",
     )
     return "frame"
+
+
+def _num_groups(dataset: SampleSet) -> int:
+    group = column_of(dataset, "group")
+    return 0 if group is None else len(np.unique(group))
+
+
+def _obstacle_to_groups(dataset: SampleSet, count: int) -> str:
+    # Why samples without trials are not split by group, in words.
+    if count < _LEAST:
+        return f"{_LEAST} groups or more are needed to split by group (got {count})"
+    group, y = column_of(dataset, "group"), column_of(dataset, "y")
+    if group is None or y is None or y.ndim != 1 or y.dtype.kind == "f":
+        return ""
+    classes = np.unique(y)
+    in_one = sum(len(np.unique(group[y == label])) == 1 for label in classes)
+    if 2 * in_one > len(classes):  # as of objects that are the classes
+        return f"{in_one} of {len(classes)} classes are in one group only, and could not be learned"
+    return ""
 
 
 def _check_cut(dataset: SampleSet, by: str) -> None:
@@ -191,12 +228,14 @@ def choice_cuts(
 
 
 def _held_out_by(train: SampleSet, test: SampleSet) -> str:
-    # The largest unit of which given parts share none.
+    # The largest unit that is new in the test part; of groups most have to be (see ScoreUnits).
     for by in ("group", "trial"):
-        known, other = column_of(train, by), column_of(test, by)
-        if known is None or other is None or len(np.unique(known)) < 2:
+        known, tested = (column_of(part, by) for part in (train, test))
+        if known is None or tested is None or len(np.unique(known)) < 2:
             continue
-        if not np.isin(other, known).any():
+        units = np.unique(tested)
+        num_seen = int(np.isin(units, known).sum())
+        if num_seen == 0 or (by == "group" and 2 * num_seen < len(units)):
             return by
     return "frame"
 

@@ -216,6 +216,13 @@ def _few_units(comparison: Comparison) -> str:
             f"{'is' if comparison.units.num_leaked == 1 else 'are'} in the training and the test "
             "part of a split: the scores say nothing about new trials (split by trial)."
         )
+    num_seen, unit = comparison.units.num_seen, comparison.units.name
+    if num_seen:
+        return (
+            f"{num_seen} of {_count(num_units, unit)} in the test part "
+            f"{'is' if num_seen == 1 else 'are'} in the training part too: put each {unit} into "
+            "one part."
+        )
     if num_units >= _FEW_UNITS:
         return ""
     return f"Only {_count(num_units, comparison.units.name)}: others may give another choice."
@@ -234,6 +241,8 @@ def quotation(comparison: Comparison, result: ModelResult) -> str:
     where = f"On {unit}s that the model has never seen"
     if comparison.units.num_leaked:
         where = "On samples of trials that the model has seen"
+    elif comparison.units.num_seen:
+        where = f"On {unit}s most of which the model has never seen"
     num_models = sum(other.model.name != FLOOR for other in comparison.results)
     by = "validation scores" if comparison.is_validated else "these scores"
     remarks = [

@@ -56,9 +56,10 @@ class ComparisonSettings:
             place in the data if left out.
         by (str, optional): What stays together in a split: :obj:`"trial"`, :obj:`"group"`,
             :obj:`"session"`, :obj:`"frame"` (nothing), or :obj:`"given"`. If left out, the trial;
-            without trials the frame, and a warning is logged.
+            without trials the group, where three or more of them share their classes; otherwise the
+            frame. Without trials a warning says which.
         folds (int): Number of folds: each is tested on once a seed.
-        seeds (int): How often the folds are drawn.
+        seeds (int): How often the folds are drawn, or models are trained on given parts.
         metric (str, optional): What models are chosen by and compared by: :obj:`"accuracy"` (of
             classes, if left out), :obj:`"balanced_accuracy"` (then rare classes also weigh as much
             in training), or :obj:`"mae"` (of numbers).
