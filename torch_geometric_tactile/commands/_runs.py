@@ -95,7 +95,8 @@ def intention(plan: "Plan", jobs: int | None, seconds: dict[str, float]) -> str:
     facts, num_jobs = plan.facts, effective_n_jobs(jobs)
     models = [cell.experiment for cell in plan.table.cells]
     num_runs = len({(e.seed, e.fold) for e in plan.experiments})
-    runs = "seeds" if protocol.protocol.by == "given" else "splits"
+    runs = "seed" if protocol.protocol.by == "given" else "split"
+    runs += "s" * (num_runs > 1)
     text = (
         f"{facts.num_samples:,} samples"
         + (f" of {facts.num_frames} frames" if facts.num_frames else "")
