@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile.data import Protocol, Windows
-from torch_geometric_tactile.data._frame_view import FrameView, innermost
+from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._graph_samples import SampleSet
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._experiment import Experiment
@@ -103,7 +103,7 @@ def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protoco
 def _default_unit(dataset: SampleSet) -> str:
     if dataset.column("trial") is not None:
         return "trial"
-    kind = innermost(dataset).group_kind
+    kind = dataset.group_kind  # of frames: windows and whole trials have trials
     count, obstacle = _num_groups(dataset), ""
     if count:
         obstacle = _obstacle_to_groups(dataset, count)
