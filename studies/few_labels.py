@@ -2,8 +2,8 @@ r"""Few labels: all models of a comparison on ten labels a class, by several dra
 
 Each draw of each data set is a file of samples with a training and a test part, which holds whole
 objects, persons, trials or presses that no label is of, and is compared as `tactile compare --by
-given` compares it. `chosen` is the model whose setting was best on the validation parts of the
-labels themselves. Every run is a file, so that a benchmark that was stopped goes on. Simulated data
+given` compares it. `chosen` is the model that it recommends, by the scores on validation parts of
+the labels themselves (or the best by these, if it recommends none). Every run is a file, so that a benchmark that was stopped goes on. Simulated data
 is made here if its folder is missing: `tactile simulate`.
 
 Examples:
@@ -17,7 +17,6 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +24,7 @@ import numpy as np
 from shared import describe_machine, parse
 
 from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile.experiments.advice import recommended
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import (
     ComparisonSettings,
@@ -200,21 +200,13 @@ def _accuracies(
 ) -> dict[str, float]:
     """Compares models on a file of samples and returns the accuracy of each in percent."""
     plan = comparison_plan(data_source(path, layout=str(layout)), settings, name=path.stem)
-    runs = [replace(e, choice=_validated(e.choice)) for e in plan.experiments]
-    plan = replace(plan, experiments=tuple(runs))
     finished = run_plan(plan, out)
     for run, reason in finished.failed.items():
         print(f"failed: {run}: {reason}", flush=True)
     comparison = summarize(finished)
     scores = {r.model.name: 100 * r.scores["accuracy"].mean for r in comparison.results}
-    choices = {r.model.name: r.chosen[0] for r in comparison.results if r.model.name != "constant"}
-    best = max(choices, key=lambda name: choices[name]["validation"][choices[name]["number"]])
-    return {**scores, "chosen": scores[best]}
-
-
-def _validated(choice: Any) -> Any:
-    # A single setting is validated too.
-    return choice if len(choice.settings) > 1 else replace(choice, settings=[{}, {}])
+    chosen = recommended(comparison) or comparison.best
+    return scores if chosen is None else {**scores, "chosen": scores[chosen.model.name]}
 
 
 def main() -> None:

@@ -6,12 +6,21 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.datasets import SamplesFile
 from torch_geometric_tactile.experiments._experiment import Choice, Experiment
 from torch_geometric_tactile.experiments.compared_windows import data_source
 
 SVM = {"class_path": "torch_geometric_tactile.baselines.linear_svm"}
 SCALED = {"class_path": "torch_geometric_tactile.transforms.ZScore"}
 GIVEN = np.repeat([0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2], 4)
+
+
+class SelectedTouches(SamplesFile):
+    """Every so many-th sample of a file of touches, which is selected after loading."""
+
+    def __init__(self, path, stride=1):
+        super().__init__(path, grid="3x4")
+        self._indices = range(0, self.len(), stride)
 
 
 def touches(path, num_trials=12, frames=4, classes=3, seed=0, **changes):

@@ -41,7 +41,7 @@ def test_page_and_scores(data, capsys, caplog):
     assert run(data) == 0
     assert "away is left out: there are no trials in" in caplog.text
     said = capsys.readouterr().out
-    assert "grasps: 48 samples, 48 trials; the given parts; 3 models x 1 splits; about" in said
+    assert "grasps: 48 samples, 48 trials; the given parts; 3 models x 1 seed; about" in said
     assert "grasps: 3 models, the best is" in said
     check_listed(["board", "--out", data / "out"], data / "out")
     page = (data / "out" / "board.md").read_text()

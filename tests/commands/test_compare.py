@@ -109,7 +109,16 @@ def test_several_test_sets_after_one_training(tmp_path, capsys):
     assert run(tmp_path, *THREE, "--by", "given", "--seeds", "3") == 0
     page = (tmp_path / "out" / "a.md").read_text()
     assert "## Accuracy by set" in page
-    assert "| garden | 36 |" in page  # 12 samples, three seeds
+    assert "| garden | 12 |" in page  # with any number of seeds
+    assert "the given parts, 1 split. Mean ± standard deviation over 3 seeds" in page
+    content = json.loads((tmp_path / "out" / "a.json").read_text())
+    assert (content["num_splits"], content["num_seeds"], content["chosen_by"]) == (
+        *(1, 3),
+        "validation",
+    )
+    constant = next(m for m in content["models"] if m["name"] == "constant")
+    assert constant["difference"]["num_splits"] == 1
+    assert constant["scores"]["accuracy"]["sd"] == 0.0
     assert "| lab |" not in page
     rows = (tmp_path / "out" / "a_predictions.csv").read_text().splitlines()
     assert rows[0] == "model,seed,fold,index,set,trial,y,prediction"
@@ -138,7 +147,7 @@ def test_json_is_all_that_is_printed(tmp_path, capsys):
     said = capsys.readouterr()
     content = json.loads(said.out)
     assert content == json.loads((tmp_path / "out" / "a.json").read_text())
-    assert (content["format"], content["version"]) == ("tactile comparison", 3)
+    assert (content["format"], content["version"]) == ("tactile comparison", 4)
     assert [model["name"] for model in content["models"]] == ["svm_linear", "constant"]
     assert content["num_splits"] == 3
     assert "48 samples" in said.err

@@ -105,7 +105,7 @@ def test_temporal_model_rests_on_all_frames(num_frames):
 def test_frames_of_a_window_have_one_scale(tmp_path):
     found = plan(tmp_path, FrameCut(window=20))
     dataset = found.data.load()
-    task = ComparedTask.of(dataset, "accuracy", 0.6, num_frames=found.facts.num_frames)
+    task = ComparedTask.of(dataset, "accuracy", 60, num_frames=found.facts.num_frames)
     assert (task.num_frames, task.num_channels) == (20, 2)
     grown = dataset.data
     ramp, offset = torch.arange(20.0).repeat(2), torch.arange(24.0)[:, None, None]

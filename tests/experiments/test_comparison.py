@@ -19,6 +19,8 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments import _networks as networks
 from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models, model_of
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
+from torch_geometric_tactile.experiments._held_out import choice_cuts, mean_training_size
+from torch_geometric_tactile.experiments._score_units import ScoreUnits, comparison_splits
 from torch_geometric_tactile.experiments.advice import advice, recommended, to_dict
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import (
@@ -45,35 +47,52 @@ def plan(folder, settings=None, grid="3x4", **changes):
     return comparison_plan(data_source(folder / "a.npz", grid=grid), settings)
 
 
-def made_up(plan, parts, failed=(), sizes={}):  # noqa: B006
+def predicted(samples, right):
+    """Predictions that are right on a part of the samples."""
+    y, index = samples.data.y.numpy(), np.asarray(samples.indices())
+    prediction = np.where(np.arange(len(y)) < round(right * len(y)), y, (y + 1) % 3)
+    return Predictions(prediction, prediction, y, None, samples.data.trial.numpy(), index)
+
+
+def validated(experiment, right):
+    """A validation part in a run, of which a model is right on a part."""
+    ((fit, val),) = choice_cuts(experiment, 1)[2]
+    said = predicted(val, right)
+    return {
+        "score": float((said.prediction == said.y).mean()),
+        "overlap": len(val) / len(fit),
+        "predictions": [said.to_dict()],
+    }
+
+
+def made_up(plan, parts, failed=(), sizes={}, validation=None):  # noqa: B006
     """A run whose models are right on given parts of the samples of each split."""
     results = []
     for experiment in plan.experiments:
         if experiment.name not in parts or experiment.label in failed:
             continue
         train, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
-        y = test.data.y.numpy()
-        right = parts[experiment.name][experiment.fold] * len(y)
-        prediction = np.where(np.arange(len(y)) < round(right), y, (y + 1) % 3)
-        index = np.asarray(test.indices())
-        predicted = Predictions(prediction, prediction, y, None, test.data.trial.numpy(), index)
-        accuracy = float((prediction == y).mean())
+        said = predicted(test, parts[experiment.name][experiment.fold])
+        accuracy = float((said.prediction == said.y).mean())
         results.append(
             (
                 experiment,
                 {
                     "metrics": {"accuracy": accuracy, "balanced_accuracy": accuracy, "f1": 0.5},
-                    "predictions": predicted.to_dict(),
+                    "predictions": said.to_dict(),
                     "num_parameters": sizes.get(experiment.name, 10),
                     "choose_seconds": 2.0,
                     "train_seconds": 1.0,
-                    "predict_seconds": 1e-5 * (sizes.get(experiment.name) or 10) * len(y),
+                    "predict_seconds": 1e-5 * (sizes.get(experiment.name) or 10) * len(said.y),
                     "num_train": len(train),
                     "num_test": len(test),
                     "chosen": {"setting": {}, "number": 0, "epochs": 3, "validation": [0.5]},
                 },
             )
         )
+        if validation is not None:
+            right = validation[experiment.name]
+            results[-1][1]["validation"] = validated(experiment, right)
     missing = len(plan.experiments) - len(results)
     return summarize(PlanRun(plan, results, 0, dict.fromkeys(failed, "it must not"), missing))
 
@@ -148,12 +167,12 @@ def test_one_network_is_trained_on_many_readings_of_many_taxels(size, samples, s
 def test_taxels_are_placed_where_joints_and_links_are_known(grasps):
     source = data_source("AllegroUSkin", arguments={"root": str(grasps), "split": None})
     dataset = source.resolve()[0].load()
-    assert ComparedTask.of(dataset, "accuracy", 0.6).posed
+    assert ComparedTask.of(dataset, "accuracy", 60).posed
     arrays = {"x": torch.zeros(6, 12, 1), "y": torch.tensor([0, 1] * 3), "layout": grid(3, 4, 0.01)}
     from torch_geometric_tactile.data import StaticDataset
 
     other = StaticDataset.from_arrays(joint=torch.zeros(6, 16), **arrays)
-    assert not ComparedTask.of(other, "accuracy", 0.6).posed
+    assert not ComparedTask.of(other, "accuracy", 60).posed
 
 
 def test_networks_are_trained_by_the_recipe():
@@ -416,6 +435,68 @@ def test_one_given_part_has_a_verdict_by_its_units(tmp_path):
     assert "no verdict on fewer than 3 splits (unless all test on one given part)" in page
 
 
+def with_test_part(folder, num_train, num_test):
+    """The plan of a file of touches, of which the first are to train on."""
+    part = np.repeat([0, 2], [4 * num_train, 4 * num_test])
+    settings = ComparisonSettings(models=("fnn", "svm_linear"), by="given")
+    return plan(folder, settings, num_trials=num_train + num_test, part=part)
+
+
+def identities(plan):
+    return [{**experiment.identity(), "data": None} for experiment in plan.experiments]
+
+
+@pytest.mark.parametrize("num_train", [6, 300, 1200])  # trials of four samples
+def test_training_does_not_follow_from_the_number_of_test_samples(tmp_path, num_train):
+    once, twice = (with_test_part(tmp_path, num_train, num_test) for num_test in (300, 600))
+    assert identities(once) == identities(twice)
+    recipe = training_recipe(round(0.8 * 4 * num_train))
+    assert (once.experiments[0].batch_size, once.experiments[0].epochs) == recipe[:2]
+    assert once.experiments[0].choice.members == (3 if num_train < 310 else 1)
+    assert identities(once) != identities(with_test_part(tmp_path, 600, 300))
+
+
+def test_more_test_samples_change_no_answer(tmp_path):
+    content = touches(tmp_path / "a.npz", num_trials=24) | {"part": np.repeat([0, 2], [24, 72])}
+    settings = ComparisonSettings(models=("fnn", "svm_linear"), by="given")
+    answers = []
+    for num_samples in (48, 96):
+        np.savez(tmp_path / "a.npz", **{key: v[:num_samples] for key, v in content.items()})
+        found = comparison_plan(data_source(tmp_path / "a.npz", grid="3x4"), settings)
+        run = run_plan(found, tmp_path / "out")
+        said = [Predictions.from_dict(result["predictions"]) for _, result in run.results]
+        answers.append([p.prediction[p.index < 48].tolist() for p in said])
+    assert [len(values) for values in answers[0]] == [24, 24]
+    assert answers[0] == answers[1]
+
+
+@pytest.mark.parametrize(("folds", "num_train"), [(3, 64), (4, 72)])
+def test_training_follows_from_the_mean_over_unequal_folds(tmp_path, folds, num_train):
+    group = np.repeat([0, 1, 2, 3], [60, 12, 12, 12])
+    settings = ComparisonSettings(models=("fnn",), by="group", folds=folds)
+    found = plan(tmp_path, settings, num_trials=24, group=group)
+    protocol = found.protocols[0].protocol
+    assert len({len(e.data.split(protocol, 0, e.fold).train) for e in found.experiments}) > 1
+    assert mean_training_size(found.data, protocol) == pytest.approx(num_train)
+
+
+@pytest.mark.parametrize(
+    ("by", "part"), [("trial", GIVEN), ("given", GIVEN), ("given", np.where(GIVEN == 1, 0, GIVEN))]
+)
+def test_only_selected_samples_count_and_are_trained_on(tmp_path, by, part):
+    touches(tmp_path / "a.npz", part=part)
+    settings = ComparisonSettings(models=("svm_linear",), by=by)
+    source = DataSource("compared.SelectedTouches", {"path": str(tmp_path / "a.npz")})
+    found = comparison_plan(source, settings, selection={"stride": 2})
+    assert found.facts.num_samples == 24
+    assert mean_training_size(found.data, found.protocols[0].protocol) == 18
+    train, test, cuts = choice_cuts(found.experiments[0], 1)
+    assert (len(train), len(test), sum(map(len, cuts[0]))) == (18, 6, 18)
+    is_selected = found.data.is_selected(found.data.load())
+    for samples in (train, test, *cuts[0]):
+        assert is_selected[torch.as_tensor(list(samples.indices()))].all()
+
+
 def test_nothing_is_recommended_where_given_parts_share_trials(tmp_path):
     part = np.where(np.arange(48) % 2, 2, 0)
     found = plan(tmp_path, replace(THREE, by="given"), part=part)
@@ -429,6 +510,130 @@ def test_nothing_is_recommended_where_given_parts_share_trials(tmp_path):
     assert recommended(by_frame).model.name == "gcn"
     assert "12 trials are in the training and the test part of a split" in advice(by_frame)
     assert "On samples of trials that the model has seen, gcn is right in" in advice(by_frame)
+
+
+MANY_GIVEN = np.repeat([0, 1, 2], [48, 48, 96])  # 48 trials
+POOR_FLOOR = {"constant": [0.25] * 3}
+
+
+def given(folder, parts, validation, seeds=1, **more):
+    settings = replace(THREE, by="given", seeds=seeds)
+    found = plan(folder, settings, num_trials=48, part=MANY_GIVEN)
+    validation = {**validation, "constant": 0.25}
+    return made_up(found, {**parts, **POOR_FLOOR}, validation=validation, **more)
+
+
+def test_the_model_of_given_parts_is_chosen_by_validation_scores(tmp_path):
+    parts = {"gcn": [0.8], "fnn": [0.85], "forest": [0.5]}
+    comparison = given(tmp_path, parts, {"gcn": 0.9, "fnn": 0.7, "forest": 0.5})
+    assert comparison.is_validated
+    assert recommended(comparison).model.name == "gcn"
+    text = advice(comparison)
+    assert text.startswith(
+        "Take gcn (accuracy 80.2 %, 89.6 % on validation parts): fnn, the best plain model, is 5.2 "
+        "points better. fnn is ahead in 2 trials against 0, but within the noise of ± "
+    )
+    assert "split" not in text
+    assert "disagree" not in text
+    assert "the best of 3 models, chosen by validation scores; one training, and" in text
+    content = to_dict(comparison)
+    assert (content["chosen_by"], content["num_splits"]) == ("validation", 1)
+    assert content["models"][0]["validation"] == pytest.approx(43 / 48)
+    page = comparison_markdown(comparison)
+    assert "| model | kind | accuracy (%) |" in page
+    assert "| validation accuracy (%) |" in page
+    assert "| gcn | graph | 80.2 | 80.2 | 50.0 | 89.6 |" in page
+    assert "over the splits" not in page.partition("## Chosen")[0].partition("A difference is")[0]
+    assert comparison_csv(comparison).splitlines()[1].endswith(",0.8958333333333334,")
+    assert deploy(comparison, "forest").score.sd is None
+
+
+def test_test_part_that_proves_the_opposite_of_validation_parts_is_told(tmp_path):
+    parts = {"gcn": [0.95], "fnn": [0.6], "forest": [0.28]}
+    comparison = given(tmp_path, parts, {"gcn": 0.5, "fnn": 0.8, "forest": 0.5})
+    assert recommended(comparison).model.name == "fnn"
+    assert (
+        "The validation parts and the test part disagree: on the test part gcn is 34.4 points "
+        "better than fnn, beyond the noise. Test both on new trials."
+    ) in advice(comparison)
+
+
+def test_model_that_is_worse_than_the_constant_answer_on_the_test_part_is_not_taken(tmp_path):
+    parts = {"gcn": [0.05], "fnn": [0.05], "forest": [0.0]}
+    comparison = given(tmp_path, parts, {"gcn": 0.9, "fnn": 0.8, "forest": 0.5})
+    assert recommended(comparison) is None
+    assert "gcn (accuracy 5.2 %, 89.6 % on validation parts), the best model, is worse on the " in (
+        advice(comparison)
+    )
+
+
+@pytest.mark.parametrize(("sizes", "name"), [({"gcn": 9}, "gcn"), ({"gcn": 11}, "fnn")])
+def test_of_equal_validation_scores_the_smallest_model_is_taken(tmp_path, sizes, name):
+    parts = {"gcn": [0.6], "fnn": [0.6], "forest": [0.9]}
+    validation = {"gcn": 1.0, "fnn": 1.0, "forest": 0.9}
+    assert recommended(given(tmp_path, parts, validation, sizes=sizes)).model.name == name
+
+
+def test_a_simpler_model_is_taken_by_its_validation_score(tmp_path):
+    parts = {"gcn": [0.9], "fnn": [0.6], "forest": [0.5]}
+    validation = {"gcn": 0.81, "fnn": 0.79, "forest": 0.5}
+    comparison = given(tmp_path, parts, validation, sizes={"gcn": 20})
+    near = replace(comparison, tolerance=0.03)
+    assert [recommended(one).model.name for one in (comparison, near)] == ["gcn", "fnn"]
+    assert comparison.validation_difference("gcn", "fnn").num_units == 12
+
+
+def test_runs_without_validation_scores_are_chosen_by_test_scores(tmp_path):
+    found = plan(tmp_path, replace(THREE, by="given"), num_trials=48, part=MANY_GIVEN)
+    comparison = made_up(found, {"gcn": [0.8], "fnn": [0.85], **POOR_FLOOR})
+    assert not comparison.is_validated
+    assert recommended(comparison).model.name == "fnn"
+    assert "chosen by these scores" in advice(comparison)
+    with pytest.raises(ValueError, match=r"'gcn' must have a validation score \(got none\)"):
+        comparison.validation_difference("gcn", "fnn")
+
+
+def test_seeds_of_given_parts_are_one_split(tmp_path):
+    parts = {"gcn": [0.9], "fnn": [0.6], "forest": [0.5]}
+    validation = {"gcn": 0.9, "fnn": 0.6, "forest": 0.5}
+    one, three = (given(tmp_path, parts, validation, seeds) for seeds in (1, 3))
+    first, second = (comparison.difference("gcn", "fnn") for comparison in (one, three))
+    assert (second.num_splits, second.num_seeds, second.over_seeds) == (1, 3, 0.0)
+    assert second.margin == pytest.approx(first.margin)
+    assert (three.num_splits, three.num_seeds) == (1, 3)
+    text = advice(three)
+    assert "over 24 trials and 0.0 over 3 seeds)" in text
+    assert "the mean of 3 trainings" in text
+    page = comparison_markdown(three)
+    assert "1 split. Mean ± standard deviation over 3 seeds of the training." in page
+    assert "| to fnn (points) | over seeds | over trials |" in page
+    assert ",accuracy,0.8958333333333334,0.0,1," in comparison_csv(three)
+
+
+@pytest.mark.parametrize("num_seen", [0, 1])
+def test_steps_of_a_few_new_persons_are_no_units(tmp_path, num_seen):
+    # 180 steps of three persons, of whom one may have a step among those to train on.
+    person = np.repeat(np.arange(6), 60)
+    person[:num_seen] = 5
+    changes = {"group": person, "trial": None, "part": np.repeat([0, 2], 180)}
+    found = plan(tmp_path, replace(THREE, by="given"), num_trials=360, frames=1, **changes)
+    units = ScoreUnits.of(found.data.load(), comparison_splits(found))
+    assert (units.name, units.num_seen) == ("group", num_seen)
+    assert len(np.unique(units.numbers[180:])) == 3
+    held_out = [set(part.group.tolist()) for part in choice_cuts(found.experiments[0], 1)[2][0]]
+    assert not set.intersection(*held_out)
+
+
+def test_trials_in_both_parts_are_told_though_most_persons_are_new(tmp_path):
+    person, trial = np.repeat(np.arange(6), 8), np.arange(48)
+    person[0], trial[0] = 5, 47
+    found = plan(
+        tmp_path, replace(THREE, by="given"), group=person, trial=trial, part=np.repeat([0, 2], 24)
+    )
+    units = ScoreUnits.of(found.data.load(), comparison_splits(found))
+    assert (units.num_seen, units.num_leaked) == (1, 1)
+    comparison = made_up(found, {"gcn": [1.0], "fnn": [0.2], "constant": [0.2]})
+    assert advice(comparison).startswith("Take none: 1 trial of the test part is in the training")
 
 
 def test_page_without_a_plain_model_compares_with_none(tmp_path):
@@ -478,7 +683,8 @@ def test_pages_hold_the_numbers(tmp_path):
 def test_json_has_one_form(tmp_path):
     content = to_dict(made_up(plan(tmp_path, THREE), {"gcn": GOOD, "fnn": POOR}))
     assert list(content) == [
-        *("format", "version", "data", "protocol", "num_splits", "task", "metric", "unit"),
+        *("format", "version", "data", "protocol", "num_splits", "num_seeds", "chosen_by"),
+        *("task", "metric", "unit"),
         *("constant", "tolerance", "recommended", "best_plain"),
         *("models", "failed", "missing", "advice"),
     ]
@@ -487,9 +693,11 @@ def test_json_has_one_form(tmp_path):
     assert content["recommended"] == "gcn"
     gcn, fnn = content["models"]
     assert list(gcn) == [
-        *("name", "title", "kind", "scores", "difference", "num_parameters", "seconds"),
-        *("milliseconds", "chosen"),
+        *("name", "title", "kind", "scores", "validation", "difference", "num_parameters"),
+        *("seconds", "milliseconds", "chosen"),
     ]
+    assert (content["num_splits"], content["num_seeds"], content["chosen_by"]) == (3, 1, "test")
+    assert gcn["validation"] is None
     assert gcn["scores"]["accuracy"] == {"mean": 1.0, "sd": 0.0}
     assert gcn["difference"]["mean"] == 0.75
     assert gcn["difference"]["verdict"] == "beyond the noise"

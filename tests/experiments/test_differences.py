@@ -96,8 +96,26 @@ def test_seeds_of_one_test_part_are_one_split():
     assert (found.mean, found.num_splits) == (0.5, 2)
     assert found.over_splits == pytest.approx(math.sqrt(0.125) * math.sqrt(1 / 2 + 1))
     assert found.verdict == "too few splits"
-    given = paired_difference(one, other, "accuracy")  # there, seeds are all that varies
-    assert given.num_splits == 4
+    assert found.num_seeds == 1  # of two test parts
+
+
+def test_seeds_of_given_parts_add_to_the_error_over_units():
+    # Gains 0.5 and 0 of two seeds on one test part: 0.25 on average, 0.25 over seeds.
+    index = np.arange(4)
+    one = [said(1, 1, 1, 1, trial=None, index=index)] * 2
+    other = [said(0, 0, 1, 1, trial=None, index=index), said(1, 1, 1, 1, trial=None, index=index)]
+    found = paired_difference(one, other, "accuracy")
+    assert (found.mean, found.num_splits, found.num_seeds, found.num_units) == (0.25, 1, 2, 4)
+    assert math.isnan(found.over_splits)
+    # Gains of the samples, mean of both seeds: 0.5, 0.5, 0, 0.
+    assert found.over_units == pytest.approx(np.std([0.5, 0.5, 0, 0], ddof=1) / 2)
+    assert found.over_seeds == pytest.approx(0.25)
+    assert found.error == pytest.approx(math.hypot(found.over_units, 0.25))
+    assert found.margin == pytest.approx(3.182446 * found.error)  # t of three degrees
+    assert found.verdict == "within the noise"
+    same = paired_difference(one[:1] * 3, other[:1] * 3, "accuracy")  # models without randomness
+    assert (same.num_splits, same.num_seeds, same.over_seeds) == (1, 3, 0.0)
+    assert same.margin == paired_difference(one[:1], other[:1], "accuracy").margin
 
 
 def test_one_given_part_is_judged_by_its_units():

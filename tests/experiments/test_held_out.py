@@ -104,6 +104,38 @@ def test_no_more_folds_than_trials(tmp_path):
         balanced_protocol(one, "trial")
 
 
+PERSONS = np.repeat(["ann", "bo", "cy", "di"], 12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "by", "message"),
+    [
+        ({"group": PERSONS}, "group", "are split by group (4 of them): the scores are for a new"),
+        ({"group": PERSONS, "y": np.arange(48) / 7}, "group", "'--by frame' splits them one by"),
+        (
+            {"group": PERSONS == "ann"},
+            "frame",
+            "since 3 groups or more are needed to split by group (got 2): if several",
+        ),
+        ({"group": PERSONS == "ann"}, "frame", "('--by group' holds out whole groups)"),
+        (
+            {"group": PERSONS, "y": PERSONS},  # objects that are the classes
+            "frame",
+            "since 4 of 4 classes are in one group only, and could not be learned: if several",
+        ),
+        ({"session": PERSONS}, "frame", "('--by session' holds out whole sessions)"),
+        ({}, "frame", "too high for a new one"),
+    ],
+)
+def test_samples_without_trials_are_split_by_group_if_there_are_several(
+    tmp_path, caplog, changes, by, message
+):
+    found = dataset(tmp_path, trial=None, **changes)
+    assert compared_protocol(found, None, 5).by == by
+    assert "the samples have no 'trial', and are split" in caplog.text
+    assert message in caplog.text
+
+
 @pytest.mark.parametrize(
     ("changes", "by", "match"),
     [

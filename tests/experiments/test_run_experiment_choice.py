@@ -57,6 +57,46 @@ def test_best_setting_on_the_validation_part_is_taken(tmp_path):
     json.dumps(result, allow_nan=False)
 
 
+@pytest.mark.parametrize(("part", "cuts"), [(GIVEN, 1), (np.where(GIVEN == 1, 0, GIVEN), 3)])
+def test_a_single_setting_is_validated_too_as_it_is_trained_for_the_test(tmp_path, part, cuts):
+    touches(tmp_path / "a.npz", part=part)
+    changes = {"protocol": Protocol("given"), "model": FNN, "epochs": 1}
+    choice = Choice(members=2, num_validation_cuts=5, most_samples=8)
+    one = experiment(tmp_path / "a.npz", choice=choice, **changes)
+    validation = run_experiment(one)["validation"]
+    said = [Predictions.from_dict(content) for content in validation["predictions"]]
+    assert len(said) == cuts
+    assert validation["score"] == pytest.approx(
+        np.mean([(p.y == p.prediction).mean() for p in said])
+    )
+    (fit, val), *_ = choice_cuts(one, 5)[2]
+    assert validation["overlap"] == len(val) / len(fit)
+    alone = replace(one, choice=replace(choice, num_validation_cuts=0))
+    trained = run.fit(alone, fit, val)  # both members, on all samples
+    assert trained.prediction.tolist() == said[0].prediction.tolist()
+    assert "validation" not in run_experiment(alone)
+    assert alone.code != one.code
+    assert "num_validation_cuts" not in alone.identity()["choice"]
+
+
+def test_model_that_cannot_be_validated_has_no_score(tmp_path, monkeypatch):
+    touches(tmp_path / "a.npz", part=GIVEN)
+    one = experiment(
+        tmp_path / "a.npz", protocol=Protocol("given"), choice=Choice(num_validation_cuts=5)
+    )
+    fit = run.fit
+
+    def diverge(experiment, train, test, *more):
+        if len(test) == 12 and test.trial.unique().tolist() == [6, 7, 8]:
+            raise ValueError("it diverges")
+        return fit(experiment, train, test, *more)
+
+    monkeypatch.setattr(run, "fit", diverge)
+    result = run_experiment(one)
+    assert (result["validation"]["score"], result["validation"]["predictions"]) == (None, [])
+    json.dumps(result, allow_nan=False)
+
+
 def said_of(rights):
     """What a setting said of cuts of ten trials each, of which some are right."""
     y = np.ones(10, dtype=int)
@@ -186,12 +226,12 @@ def test_garbage_in_the_test_part_changes_no_choice(tmp_path, model, what):
     is_test = GIVEN == 2
     garbage[is_test] = (content["y"][is_test] + 1) % 3 if what == "y" else 1e3
     touches(tmp_path / "b.npz", part=GIVEN, **{what: garbage})
-    given = {"protocol": Protocol("given")}
+    given = {"protocol": Protocol("given"), "choice": Choice(settings, num_validation_cuts=5)}
     found = [
-        run_experiment(experiment(tmp_path / name, model, settings, **given))
-        for name in ("a.npz", "b.npz")
+        run_experiment(experiment(tmp_path / name, model, **given)) for name in ("a.npz", "b.npz")
     ]
     assert found[0]["chosen"] == found[1]["chosen"]
+    assert found[0]["validation"] == found[1]["validation"]
     if what == "y":  # nor what is predicted
         said = [result["predictions"]["prediction"] for result in found]
         assert said[0] == said[1]

@@ -33,6 +33,16 @@ def test_other_usual_names_are_found(tmp_path, caplog):
     assert caplog.text.endswith("'i', 'j'\n")  # ten of them
 
 
+def test_persons_are_groups_if_there_are_no_others(tmp_path, caplog):
+    assert set(read_samples_npz(write(tmp_path / "a.npz", x=X, y=Y, subject_id=Y))) == {
+        *("x", "y", "group"),
+    }
+    assert caplog.text == ""
+    path = write(tmp_path / "b.npz", x=X, y=Y, object=Y + 5, person=Y)
+    assert np.array_equal(read_samples_npz(path)["group"], Y + 5)
+    assert "not used: 'person'" in caplog.text
+
+
 def test_ten_arrays_that_are_no_data_set_are_listed(tmp_path):
     path = write(tmp_path / "a.npz", **dict.fromkeys("abcdefghijk", Y))
     with pytest.raises(ValueError, match=r"'x' is missing \(got 'a', .*, 'i', 'j'\)"):

@@ -94,13 +94,15 @@ def intention(plan: "Plan", jobs: int | None, seconds: dict[str, float]) -> str:
     (protocol,) = plan.protocols
     facts, num_jobs = plan.facts, effective_n_jobs(jobs)
     models = [cell.experiment for cell in plan.table.cells]
-    splits = len({(e.seed, e.fold) for e in plan.experiments})
+    num_runs = len({(e.seed, e.fold) for e in plan.experiments})
+    runs = "seed" if protocol.protocol.by == "given" else "split"
+    runs += "s" * (num_runs > 1)
     text = (
         f"{facts.num_samples:,} samples"
         + (f" of {facts.num_frames} frames" if facts.num_frames else "")
         + (f", {facts.num_trials:,} trials" if facts.num_trials else "")
         + facts.part_note
-        + f"; {protocol.protocol.describe()}; {len(models)} models x {splits} splits"
+        + f"; {protocol.protocol.describe()}; {len(models)} models x {num_runs} {runs}"
     )
     if not seconds:
         return f"{text}; all runs are finished"

@@ -158,8 +158,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     training.add_argument(
         "--by",
         choices=("trial", "group", "session", "frame", "given"),
-        help="what a split keeps together (default: trial, or frame without trials); given: the "
-        "parts of the data set",
+        help="what a split keeps together (default: trial; without trials group, if there are "
+        "several; otherwise frame); given: the parts of the data set, of which the model is "
+        "recommended by validation scores",
     )
     training.add_argument(
         "--folds", metavar="N", type=small_count, default=5, help="number of folds (default: 5)"
@@ -169,7 +170,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=small_count,
         default=1,
-        help="random draws of the folds (default: 1)",
+        help="random draws of the folds, or trainings on given parts (default: 1)",
     )
     training.add_argument(
         "--metric",
@@ -419,8 +420,10 @@ def _row(run: "PlanRun") -> str:
     comparison = summarize(run)
     (result,), metric = comparison.results, comparison.metric
     mean, sd = (shown_number(metric, value) for value in result.scores[metric])
+    spread = f" ± {sd}" if len(run.results) > 1 else ""
+    runs = "seed" if comparison.has_given_parts else "split"
     name = result.model.name
-    return f"{name:18} {NAMES[metric]} {mean} ± {sd}, {result.seconds:,.1f} s a split"
+    return f"{name:18} {NAMES[metric]} {mean}{spread}, {result.seconds:,.1f} s a {runs}"
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -20,6 +20,9 @@ _TRANSFORMS = "torch_geometric_tactile.transforms."
 _FEW_SAMPLES = 1000
 _MEMBERS = 3
 _REPEATS = 3
+# On which models are scored to choose one, where there is one given test part: all fifths of few
+# samples, since each has very few.
+_VALIDATION_CUTS, _VALIDATION_CUTS_OF_FEW = 3, 5
 _MOST_TRIED = 1000  # samples of a cut that an estimator is trained on
 # With more taxels and readings of all training samples, a network is one, of the first setting.
 MANY_TAXELS = 500
@@ -48,18 +51,18 @@ class ComparedTask:
     num_channels: int = 1
     several: str = ""  # without a layout, the numbers of taxels in words
     most_taxels: int = 1  # without a layout
+    has_given_parts: bool = False
 
     @classmethod
     def of(
         cls,
         dataset: SampleSet,
         metric: str,
-        part: float,
+        num_train: int,
         num_frames: int | None = None,
         **more: Any,
     ) -> "ComparedTask":
-        r"""Returns the task of a data set."""
-        num_train = max(1, round(part * len(dataset)))
+        r"""Returns the task of a data set, of which so many samples are trained on."""
         width = dataset.batch(torch.tensor([0])).x.shape[-1]
         if isinstance(dataset, GraphSamples):
             more["several"] = dataset.describe_taxels()
@@ -144,10 +147,13 @@ class ComparedTask:
         r"""Returns what is chosen for a model."""
         few = self.num_train <= _FEW_SAMPLES
         members = self.members or (_MEMBERS if few and not self.is_slow else 1)
+        cuts = _VALIDATION_CUTS_OF_FEW if few else _VALIDATION_CUTS
+        cuts = cuts if self.has_given_parts else 0
         if is_estimator:
-            return Choice(settings, self.metric, members, _REPEATS, _MOST_TRIED)
+            return Choice(settings, self.metric, members, _REPEATS, _MOST_TRIED, cuts)
         settings = settings[:1] if self.is_slow else settings
-        return Choice(settings, self.metric, members, _REPEATS if few else 1)
+        repeats = _REPEATS if few else 1
+        return Choice(settings, self.metric, members, repeats, num_validation_cuts=cuts)
 
     def transform(
         self,

@@ -36,6 +36,11 @@ class Choice:
     best of these is trained on the whole training part. A setting that is not ahead of the default
     is tried on no further cut.
 
+    With :obj:`num_validation_cuts`, the setting that is chosen, also a single one, is then trained
+    as it will be for the test (all :obj:`members`, no limit of samples) on so many cuts, without
+    their validation parts, and scored on these. Models are chosen by these scores where all are
+    tested on one given part.
+
     A setting is merged into the model, but for its :obj:`"transform"` and
     :obj:`"train_transform"`, which take the place of the experiment's.
     """
@@ -45,6 +50,7 @@ class Choice:
     members: int = 1
     repeats: int = 3
     most_samples: int = 2000
+    num_validation_cuts: int = 0
 
     def __post_init__(self) -> None:
         if self.metric not in _METRICS:
@@ -53,6 +59,11 @@ class Choice:
         need(self.members >= 1, "'members' must be at least 1", self.members)
         need(self.repeats >= 1, "'repeats' must be at least 1", self.repeats)
         need(self.most_samples >= 1, "'most_samples' must be at least 1", self.most_samples)
+        need(
+            self.num_validation_cuts >= 0,
+            "'num_validation_cuts' must be at least 0",
+            self.num_validation_cuts,
+        )
 
     @property
     def of_numbers(self) -> bool:
@@ -61,7 +72,10 @@ class Choice:
 
     def to_dict(self) -> dict[str, Any]:
         r"""Returns the arguments as JSON values."""
-        return {**asdict(self), "settings": [dict(setting) for setting in self.settings]}
+        content = {**asdict(self), "settings": [dict(setting) for setting in self.settings]}
+        if not self.num_validation_cuts:  # runs that were stored before there were any stay valid
+            del content["num_validation_cuts"]
+        return content
 
 
 @dataclass(frozen=True, eq=False)

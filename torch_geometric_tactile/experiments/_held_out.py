@@ -1,6 +1,7 @@
 r"""What is held out of a data set to test on and, of the rest, to choose on."""
 
 import logging
+import statistics
 import warnings
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._graph_samples import SampleSet
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._experiment import Experiment
+from torch_geometric_tactile.experiments.source import DataSource
 
 _logger = logging.getLogger(__name__)
 _FOLDS = 5
@@ -71,7 +73,9 @@ def _num_units(dataset: SampleSet, by: str) -> int:
 
 
 def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protocol:
-    r"""Returns how a comparison holds out samples: by trial if there are trials, unless told."""
+    r"""Returns how a comparison holds out samples. If :obj:`by` is left out, that is by trial; of
+    samples without trials by group, where there are enough groups, and otherwise by frame.
+    """
     by = by or _default_unit(dataset)
     if by == "given":
         with sharing_ignored():
@@ -99,11 +103,46 @@ def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protoco
 def _default_unit(dataset: SampleSet) -> str:
     if dataset.column("trial") is not None:
         return "trial"
+    kind = dataset.group_kind  # of frames: windows and whole trials have trials
+    count, obstacle = _num_groups(dataset), ""
+    if count:
+        obstacle = _obstacle_to_groups(dataset, count)
+        if not obstacle:
+            _logger.warning(
+                "the samples have no 'trial', and are split by %s (%d of them): the scores are for "
+                "a new %s; '--by frame' splits them one by one, if no two are of one touch and new "
+                "%ss do not matter",
+                *(kind, count, kind, kind),
+            )
+            return "group"
+    others = [by for by in ("group", "session") if dataset.column(by) is not None]
+    hints = " or ".join(f"'--by {by}'" for by in others)
     _logger.warning(
-        "the samples have no 'trial', and are split one by one: if several are of one touch, the "
-        "scores tell how well models recognise that touch again, and are too high for a new one"
+        "the samples have no 'trial', and are split one by one%s: if several are of one touch, the "
+        "scores tell how well models recognise that touch again, and are too high for a new one%s",
+        f", since {obstacle}" if obstacle else "",
+        f" ({hints} holds out whole {'s or '.join(others)}s)" if others else "",
     )
     return "frame"
+
+
+def _num_groups(dataset: SampleSet) -> int:
+    group = column_of(dataset, "group")
+    return 0 if group is None else len(np.unique(group))
+
+
+def _obstacle_to_groups(dataset: SampleSet, count: int) -> str:
+    # Why samples without trials are not split by group, in words.
+    if count < _LEAST:
+        return f"{_LEAST} groups or more are needed to split by group (got {count})"
+    group, y = column_of(dataset, "group"), column_of(dataset, "y")
+    if group is None or y is None or y.ndim != 1 or y.dtype.kind == "f":
+        return ""
+    classes = np.unique(y)
+    in_one = sum(len(np.unique(group[y == label])) == 1 for label in classes)
+    if 2 * in_one > len(classes):  # as of objects that are the classes
+        return f"{in_one} of {len(classes)} classes are in one group only, and could not be learned"
+    return ""
 
 
 def _check_cut(dataset: SampleSet, by: str) -> None:
@@ -141,6 +180,19 @@ def _check_one_part(frames: SampleSet, key: str) -> None:
         )
 
 
+def mean_training_size(source: DataSource, protocol: Protocol) -> float:
+    r"""Returns the number of samples that a model is trained on, to be tested: the mean over the
+    folds, of given parts that of both to train and to validate on. Only samples that are selected
+    count.
+
+    Args:
+        source (DataSource): The samples.
+        protocol (Protocol): Its folds, or :obj:`"given"`.
+    """
+    splits = [source.split(protocol, fold=fold) for fold in range(protocol.folds or 1)]
+    return statistics.fmean(len(split.train) + len(split.val) for split in splits)
+
+
 def choice_parts(experiment: Experiment) -> Parts:
     r"""Returns the parts of an experiment. The validation part is the first of
     :func:`choice_cuts`.
@@ -159,9 +211,7 @@ def choice_cuts(
     """
     protocol = experiment.protocol
     if protocol.by == "given":
-        dataset = experiment.data.load()
-        with sharing_ignored():
-            split = protocol.split(dataset)
+        dataset, split = experiment.data.load(), experiment.data.split(protocol)
         if len(split.val):
             train = torch.cat([split.train, split.val]).sort().values
             part = _some(dataset[split.train], most, experiment.seed)
@@ -178,12 +228,14 @@ def choice_cuts(
 
 
 def _held_out_by(train: SampleSet, test: SampleSet) -> str:
-    # The largest unit of which given parts share none.
+    # The largest unit that is new in the test part; of groups most have to be (see ScoreUnits).
     for by in ("group", "trial"):
-        known, other = column_of(train, by), column_of(test, by)
-        if known is None or other is None or len(np.unique(known)) < 2:
+        known, tested = (column_of(part, by) for part in (train, test))
+        if known is None or tested is None or len(np.unique(known)) < 2:
             continue
-        if not np.isin(other, known).any():
+        units = np.unique(tested)
+        num_seen = int(np.isin(units, known).sum())
+        if num_seen == 0 or (by == "group" and 2 * num_seen < len(units)):
             return by
     return "frame"
 

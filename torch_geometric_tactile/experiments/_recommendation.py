@@ -5,6 +5,7 @@ from typing import Literal, NamedTuple
 
 from torch_geometric_tactile.experiments._compared_models import FLOOR
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
+from torch_geometric_tactile.experiments.differences import Difference
 
 
 class Recommendation(NamedTuple):
@@ -12,11 +13,11 @@ class Recommendation(NamedTuple):
 
     Args:
         result (ModelResult, optional): The model.
-        best (ModelResult, optional): The model with the best mean, which is another one where a
-            simpler model is recommended.
+        best (ModelResult, optional): The model with the best mean (of given parts on validation
+            parts), which is another one where a simpler model is recommended.
         obstacle (str): Why none is recommended: no model has a result for every split, given parts
-            share trials, the constant answer is the best, or the best is within one standard error
-            of it.
+            share trials, the constant answer is the best, or the best is not ahead of it by more
+            than one standard error on the test parts.
     """
 
     result: ModelResult | None
@@ -29,6 +30,9 @@ def recommend(comparison: Comparison) -> Recommendation:
     standard error of the difference and within the tolerance, with at most half the weights, and
     not slower. Of several such models the smallest is recommended.
 
+    With given parts, means and differences are those on validation parts, so that the test part
+    chooses nothing but whether a model is better than the constant answer.
+
     Args:
         comparison (Comparison): The scores.
     """
@@ -40,25 +44,30 @@ def recommend(comparison: Comparison) -> Recommendation:
         return Recommendation(None, best, "shared trials")
     if best.model.name == FLOOR:
         return Recommendation(None, best, "constant")
-    if any(result.model.name == FLOOR for result in comparison.results) and _is_within_one_error(
-        comparison, best.model.name, FLOOR
-    ):
+    has_floor = any(result.model.name == FLOOR for result in comparison.results)
+    if has_floor and not _is_ahead_of_floor(comparison, best):
         return Recommendation(None, best, "near constant")
     models = [result for result in comparison.results if result.model.name != FLOOR]
     near = [r for r in models if _is_simpler(r, best) and _is_close(comparison, best, r)]
     return Recommendation(min(near, key=_size, default=best), best)
 
 
-def _is_within_one_error(comparison: Comparison, first: str, second: str) -> bool:
-    difference = comparison.difference(first, second)
-    return not abs(difference.mean) > (0.0 if math.isnan(difference.error) else difference.error)
+def _is_ahead_of_floor(comparison: Comparison, result: ModelResult) -> bool:
+    difference = comparison.difference(result.model.name, FLOOR)
+    gain = -difference.mean if comparison.metric == "mae" else difference.mean
+    return gain > _error(difference)
 
 
 def _is_close(comparison: Comparison, best: ModelResult, other: ModelResult) -> bool:
-    loss = comparison.goodness(best) - comparison.goodness(other)
-    return loss <= comparison.tolerance + 1e-12 and _is_within_one_error(
-        comparison, best.model.name, other.model.name
-    )
+    if not comparison.merit(best) - comparison.merit(other) <= comparison.tolerance + 1e-12:
+        return False
+    differ = comparison.validation_difference if comparison.is_validated else comparison.difference
+    difference = differ(best.model.name, other.model.name)
+    return not abs(difference.mean) > _error(difference)
+
+
+def _error(difference: Difference) -> float:
+    return 0.0 if math.isnan(difference.error) else difference.error
 
 
 def _is_simpler(result: ModelResult, best: ModelResult) -> bool:

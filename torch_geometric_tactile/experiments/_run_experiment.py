@@ -96,6 +96,8 @@ def _run(experiment: Experiment) -> dict[str, Any]:
     if choice is not None:
         train, test, cuts = choice_cuts(experiment, choice.repeats, choice.most_samples)
         experiment, chosen = _choose(experiment, choice, cuts)
+        if choice.num_validation_cuts:
+            chosen |= _validate(experiment, choice, chosen["choose_seconds"])
     elif experiment.threshold is not None:
         train, val, _, test = choice_parts(experiment)
     else:
@@ -167,6 +169,25 @@ def _choose(
     seconds = time.perf_counter() - start
     chosen_one = experiment.with_setting(choice.settings[best])
     return chosen_one, {"choose_seconds": seconds, "chosen": chosen}
+
+
+def _validate(experiment: Experiment, choice: Choice, choose_seconds: float) -> dict[str, Any]:
+    # The scores of the chosen setting on validation parts, trained as it is for the test.
+    start = time.perf_counter()
+    cuts = choice_cuts(experiment, choice.num_validation_cuts)[2]
+    try:
+        said = [_judge(experiment, fit(experiment, part, val), val) for part, val in cuts]
+    except ValueError:  # as of a network that diverges
+        said = []
+    scores = [prediction_scores(p.y, p.prediction, choice.of_numbers)[choice.metric] for p in said]
+    return {
+        "choose_seconds": choose_seconds + time.perf_counter() - start,
+        "validation": {
+            "score": float(np.mean(scores)) if scores else None,
+            "overlap": len(cuts[0][1]) / len(cuts[0][0]),
+            "predictions": [predictions.to_dict() for predictions in said],
+        },
+    }
 
 
 def _is_better(setting: _Tried, default: _Tried, metric: str, overlap: float) -> bool:

@@ -9,13 +9,14 @@ import torch
 
 from torch_geometric_tactile.data._frame_view import innermost
 from torch_geometric_tactile.data._graph_samples import SampleSet
-from torch_geometric_tactile.data._shared_samples import shared_units, sharing_ignored
+from torch_geometric_tactile.data._shared_samples import shared_units
 from torch_geometric_tactile.experiments._held_out import column_of
 from torch_geometric_tactile.experiments._scores import prediction_scores
 from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.predictions import Predictions
 
 _KEYS = ("trial", "group", "session")
+_LARGE = ("group", "session")  # that have several trials
 
 
 class SeenAndTest(NamedTuple):
@@ -34,20 +35,18 @@ def comparison_splits(plan: Plan) -> list[SeenAndTest]:
         plan (Plan): The comparison.
     """
     splits = {(e.seed, e.fold): e for e in plan.experiments}.values()
-    dataset = plan.data.load()
-    is_selected = plan.data.is_selected(dataset)
     parts = []
     for experiment in splits:
-        with sharing_ignored():
-            split = experiment.protocol.split(dataset, experiment.seed, experiment.fold)
-        seen = torch.cat([split.train, split.val])
-        parts.append(SeenAndTest(*(part[is_selected[part]].numpy() for part in (seen, split.test))))
+        train, val, test = plan.data.split(experiment.protocol, experiment.seed, experiment.fold)
+        parts.append(SeenAndTest(torch.cat([train, val]).numpy(), test.numpy()))
     return parts
 
 
 @dataclass(frozen=True, eq=False)
 class ScoreUnits:
-    r"""The largest of group, session and trial of which no member is in both parts of a split.
+    r"""The largest of group, session and trial of which no member is in both parts of a split. Of a
+    single split, as of given parts, a group or session is a unit if most of those that are tested
+    are new: samples of one person are no independent observations, whoever else was seen.
 
     Args:
         name (str): What one is called, such as :obj:`"trial"` or :obj:`"person"`; :obj:`"sample"`
@@ -56,11 +55,14 @@ class ScoreUnits:
             where each sample is one.
         num_leaked (int): How many trials are in both parts of some split: no score then says
             anything about a new trial.
+        num_seen (int): How many of the units that are tested are in the training part too, where
+            the others are new.
     """
 
     name: str
     numbers: np.ndarray | None = None
     num_leaked: int = 0
+    num_seen: int = 0
 
     @classmethod
     def of(cls, dataset: SampleSet, splits: Sequence[SeenAndTest]) -> Self:
@@ -74,16 +76,30 @@ class ScoreUnits:
         numbers = {key: column for key, column in columns.items() if column is not None}
         shared = [shared_units(dataset, [torch.from_numpy(part) for part in s]) for s in splits]
         leaked = {key: {n for units in shared for n in units[key]} for key in numbers}
-        unseen_keys = [key for key in numbers if not leaked[key]]
-        if unseen_keys:
-            tested = np.concatenate([split.test for split in splits])
-            key = min(unseen_keys, key=lambda key: len(np.unique(numbers[key][tested])))
+        tested = np.concatenate([split.test for split in splits])
+        num_tested = {key: len(np.unique(column[tested])) for key, column in numbers.items()}
+        new_keys = [key for key in numbers if not leaked[key]]
+        if len({split.test.tobytes() for split in splits}) == 1:
+            new_keys += [k for k in _LARGE if 0 < 2 * len(leaked.get(k, ())) < num_tested.get(k, 0)]
+        if new_keys:
+            key = min(new_keys, key=lambda key: num_tested[key])
             name = innermost(dataset).group_kind if key == "group" else key
-            return cls(name, _by_stored_place(dataset, numbers[key]))
+            num_seen = len(leaked[key])
+            num_leaked = len(leaked.get("trial", ())) if num_seen else 0
+            return cls(name, _by_stored_place(dataset, numbers[key]), num_leaked, num_seen)
         if "trial" not in numbers:
             return cls("sample")
         trials = _by_stored_place(dataset, numbers["trial"])
         return cls("trial", trials, num_leaked=len(leaked["trial"]))
+
+    def num_of(self, predictions: Sequence[Predictions]) -> int:
+        r"""Returns the number of units of predictions that :meth:`of_predictions` returned.
+
+        Args:
+            predictions (sequence of Predictions): Those of several splits.
+        """
+        places = [p.index if p.trial is None else p.trial for p in predictions]
+        return len(np.unique(np.concatenate([p for p in places if p is not None])))
 
     def of_predictions(self, predictions: Predictions) -> Predictions:
         r"""Returns predictions with the units in place of the trials.

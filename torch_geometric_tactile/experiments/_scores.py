@@ -19,9 +19,10 @@ LEAST_PAIRS = 3
 RULE = (
     "A difference is beyond the noise if it is larger than both standard errors times Student's t "
     "(two-sided, 5 %); the error over the splits is corrected for training sets that overlap "
-    f"(Nadeau and Bengio, 2003). There is no verdict on fewer than {LEAST_PAIRS} splits (unless "
-    f"all test on one given part), nor on fewer than {LEAST_PAIRS} units: the trials, persons or "
-    "objects that are new in the test parts."
+    "(Nadeau and Bengio, 2003). Seeds of one test part are one split: their mean is judged, by the "
+    f"error over the units and the seeds together. There is no verdict on fewer than {LEAST_PAIRS} "
+    f"splits (unless all test on one given part), nor on fewer than {LEAST_PAIRS} units: the "
+    "trials, persons or objects that are new in the test parts."
 )
 
 

@@ -20,7 +20,7 @@ from torch_geometric_tactile.experiments.comparison import Comparison, ModelResu
 from torch_geometric_tactile.experiments.differences import Difference, paired_difference
 from torch_geometric_tactile.experiments.predictions import Predictions
 
-_VERSION = 3
+_VERSION = 4
 _FEW_UNITS = 5  # with fewer the choice is called uncertain
 _FOLDS = 10  # that are suggested where fewer cannot prove a difference
 _LISTED_UNITS = 50  # whose lowest and highest scores are told
@@ -34,7 +34,8 @@ _SAMPLES_PER_UNIT = 5  # of a unit that has a score of its own
 
 def advice(comparison: Comparison) -> str:
     r"""Returns three things in plain words. **The recommendation** is the model with the best mean,
-    unless a simpler one is about as good (:func:`recommended`). **The verdict** says what is proved
+    with given parts on validation parts, unless a simpler one is about as good
+    (:func:`recommended`). **The verdict** says what is proved
     about it, against the best model of the other kind (graph or plain) and against the constant
     answer. **The last sentence** can be quoted: the score, what is new in the test parts, and how
     much the score varies.
@@ -48,6 +49,7 @@ def advice(comparison: Comparison) -> str:
         return _no_recommendation(comparison, recommendation)
     sentences = [
         *_choice(comparison, recommendation, result),
+        _contradiction(comparison, result),
         _over_constant(comparison, result),
         _few_units(comparison),
         *(f"{text[0].upper()}{text[1:]}." for text in comparison.run.plan.shared),
@@ -60,10 +62,12 @@ def recommended(comparison: Comparison) -> ModelResult | None:
     r"""Returns the model that :func:`advice` recommends, or :obj:`None` if it recommends none.
 
     It is the model with the best mean, unless another one is within one standard error of the
-    paired difference (the larger of those over splits and over units; of one given part that over
-    units) and within the tolerance of the comparison, has at most half the weights, and is not
-    slower. Of several such models it is the smallest. None is recommended if the best is within
-    one standard error of the constant answer, or if given parts share trials.
+    paired difference (the larger of those over splits and over units) and within the tolerance of
+    the comparison, has at most half the weights, and is not slower. Of several such models it is
+    the smallest. With given parts, means and differences are those on validation parts.
+
+    None is recommended if the best is not ahead of the constant answer by more than one standard
+    error on the test parts, or if given parts share trials.
 
     Args:
         comparison (Comparison): The scores.
@@ -89,9 +93,15 @@ def _no_recommendation(comparison: Comparison, recommendation: Recommendation) -
         )
     difference = comparison.difference(best.model.name, FLOOR)
     return (
-        f"Take none yet: {_with_score(comparison, best)}, the best model, is within one standard "
-        f"error of {floor} ({_errors(comparison, difference)}). More {units.name}s would tell."
+        f"Take none yet: {_with_score(comparison, best)}, the best model, is "
+        f"{_relation_to_floor(comparison, best)} {floor} ({_errors(comparison, difference)}). More "
+        f"{units.name}s would tell."
     )
+
+
+def _relation_to_floor(comparison: Comparison, result: ModelResult) -> str:
+    is_worse = comparison.goodness(result) < comparison.goodness(comparison.of(FLOOR))
+    return "worse on the test part than" if is_worse else "within one standard error of"
 
 
 def _choice(
@@ -109,7 +119,7 @@ def _choice(
     of_other_kind = [r for r in rivals if r.model.is_graph != result.model.is_graph]
     if not rivals:
         return [f"{text}; no other model has a score."]
-    rival = max(of_other_kind or rivals, key=comparison.goodness)
+    rival = max(of_other_kind or rivals, key=comparison.merit)
     kind = "the best graph model" if rival.model.is_graph else "the best plain model"
     if not of_other_kind:
         kind = "the next best model" if best is result else "the best of the others"
@@ -124,6 +134,24 @@ def _choice(
         return [f"{text}, which is {_beyond(comparison, difference)}."]
     leader = rival if is_better else result
     return [f"{text}.", _not_proved(comparison, leader, difference)]
+
+
+def _contradiction(comparison: Comparison, result: ModelResult) -> str:
+    # What is said of the best model on the test part, if another one was chosen by validation
+    # scores, and that cannot be by chance.
+    leader = max(comparison.results, key=comparison.goodness)
+    if not comparison.is_validated or leader is result:
+        return ""
+    difference = comparison.difference(leader.model.name, result.model.name)
+    if not difference.is_beyond_noise:
+        return ""
+    size = shown_number(comparison.metric, abs(difference.mean))
+    points = " points" if comparison.metric in PERCENT else ""
+    return (
+        f"The validation parts and the test part disagree: on the test part {leader.model.name} is "
+        f"{size}{points} better than {result.model.name}, beyond the noise. Test both on new "
+        f"{comparison.units.name}s."
+    )
 
 
 def _beyond(comparison: Comparison, difference: Difference) -> str:
@@ -188,6 +216,13 @@ def _few_units(comparison: Comparison) -> str:
             f"{'is' if comparison.units.num_leaked == 1 else 'are'} in the training and the test "
             "part of a split: the scores say nothing about new trials (split by trial)."
         )
+    num_seen, unit = comparison.units.num_seen, comparison.units.name
+    if num_seen:
+        return (
+            f"{num_seen} of {_count(num_units, unit)} in the test part "
+            f"{'is' if num_seen == 1 else 'are'} in the training part too: put each {unit} into "
+            "one part."
+        )
     if num_units >= _FEW_UNITS:
         return ""
     return f"Only {_count(num_units, comparison.units.name)}: others may give another choice."
@@ -206,13 +241,25 @@ def quotation(comparison: Comparison, result: ModelResult) -> str:
     where = f"On {unit}s that the model has never seen"
     if comparison.units.num_leaked:
         where = "On samples of trials that the model has seen"
+    elif comparison.units.num_seen:
+        where = f"On {unit}s most of which the model has never seen"
     num_models = sum(other.model.name != FLOOR for other in comparison.results)
+    by = "validation scores" if comparison.is_validated else "these scores"
     remarks = [
         _variation(comparison, name),
         f"always answering {constant.name} would give {_number(comparison, constant.score)}",
-        f"the best of {num_models} models, chosen by these scores" if num_models > 1 else "",
+        f"the best of {num_models} models, chosen by {by}" if num_models > 1 else "",
+        _trainings(comparison),
     ]
     return f"{where}, {name} {_VERBS[metric]} {value} ({'; '.join(filter(None, remarks))})."
+
+
+def _trainings(comparison: Comparison) -> str:
+    if not comparison.has_given_parts:
+        return ""
+    if comparison.num_seeds > 1:
+        return f"the mean of {comparison.num_seeds} trainings"
+    return "one training, and another one would give another score"
 
 
 def _variation(comparison: Comparison, name: str) -> str:
@@ -278,6 +325,8 @@ def _simplicity(result: ModelResult, best: ModelResult) -> str:
 
 def _with_score(comparison: Comparison, result: ModelResult) -> str:
     score = _number(comparison, result.scores[comparison.metric].mean)
+    if comparison.is_validated and result.validation is not None:
+        score += f", {_number(comparison, result.validation)} on validation parts"
     return f"{result.model.name} ({NAMES[comparison.metric]} {score})"
 
 
@@ -296,6 +345,7 @@ def _errors(comparison: Comparison, difference: Difference) -> str:
         for error, count, unit in (
             (difference.over_splits, difference.num_splits, "split"),
             (difference.over_units, difference.num_units, difference.unit),
+            (difference.over_seeds, difference.num_seeds, "seed"),
         )
         if not math.isnan(error)
     ]
@@ -323,6 +373,8 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
         },
         "protocol": protocol.protocol.describe(),
         "num_splits": comparison.num_splits,
+        "num_seeds": comparison.num_seeds,
+        "chosen_by": "validation" if comparison.is_validated else "test",
         "task": plan.table.task,
         "metric": comparison.metric,
         "unit": comparison.units.name,
@@ -344,12 +396,14 @@ def _model_dict(result: ModelResult) -> dict[str, Any]:
         "title": result.model.title,
         "kind": "graph" if result.model.is_graph else "plain",
         "scores": {key: _summary_dict(value) for key, value in result.scores.items()},
+        "validation": result.validation,
         "difference": None
         if difference is None
         else {
             "mean": difference.mean,
             "over_splits": _json_number(difference.over_splits),
             "over_units": _json_number(difference.over_units),
+            "over_seeds": _json_number(difference.over_seeds),
             "num_splits": difference.num_splits,
             "num_units": difference.num_units,
             "margin": _json_number(difference.margin),

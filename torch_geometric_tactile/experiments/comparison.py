@@ -2,6 +2,7 @@ r"""Models compared on one data set: the plan and the scores."""
 
 import math
 import statistics
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -17,14 +18,19 @@ from torch_geometric_tactile.experiments._compared_models import (
     model_of,
 )
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
-from torch_geometric_tactile.experiments._held_out import compared_protocol
+from torch_geometric_tactile.experiments._held_out import compared_protocol, mean_training_size
 from torch_geometric_tactile.experiments._score_units import (
     ConstantAnswer,
     ScoreUnits,
     comparison_splits,
 )
+from torch_geometric_tactile.experiments._scores import LEAST_PAIRS
 from torch_geometric_tactile.experiments.compared_windows import of_frames
-from torch_geometric_tactile.experiments.differences import Difference, run_difference
+from torch_geometric_tactile.experiments.differences import (
+    Difference,
+    paired_difference,
+    run_difference,
+)
 from torch_geometric_tactile.experiments.plan import Plan, Settings, list_experiments
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, run_plan
@@ -34,7 +40,8 @@ from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 _CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
 _NUMBER_METRICS = ("mae", "rmse", "r2")
 _UNITS = ("trial", "group", "session", "frame", "given")
-_CHOOSE_ON = 0.8  # of the training part
+# The part of the training samples on which settings are chosen: the recipe of networks follows it.
+_CHOOSE_ON = 0.8
 _TOLERANCE = 0.01  # one point
 _TOLERANCES = {"mae": 0.02}  # of the smallest error
 
@@ -49,9 +56,10 @@ class ComparisonSettings:
             place in the data if left out.
         by (str, optional): What stays together in a split: :obj:`"trial"`, :obj:`"group"`,
             :obj:`"session"`, :obj:`"frame"` (nothing), or :obj:`"given"`. If left out, the trial;
-            without trials the frame, and a warning is logged.
+            without trials the group, where three or more of them share their classes; otherwise the
+            frame. Without trials a warning says which.
         folds (int): Number of folds: each is tested on once a seed.
-        seeds (int): How often the folds are drawn.
+        seeds (int): How often the folds are drawn, or models are trained on given parts.
         metric (str, optional): What models are chosen by and compared by: :obj:`"accuracy"` (of
             classes, if left out), :obj:`"balanced_accuracy"` (then rare classes also weigh as much
             in training), or :obj:`"mae"` (of numbers).
@@ -117,7 +125,9 @@ class ComparisonSettings:
 
 
 class Summary(NamedTuple):
-    r"""Mean and standard deviation over splits; the latter is NaN for less than two."""
+    r"""Mean and standard deviation over splits, or over the seeds of given parts; the latter is NaN
+    for less than two.
+    """
 
     mean: float
     sd: float
@@ -125,7 +135,7 @@ class Summary(NamedTuple):
 
 @dataclass(frozen=True)
 class ModelResult:
-    r"""Scores of one model over all splits.
+    r"""Scores of one model over all splits, or over all seeds of given parts.
 
     Args:
         model (ComparedModel): The model.
@@ -135,6 +145,8 @@ class ModelResult:
         seconds (float): Of choosing and training on one split, mean.
         milliseconds (float): Of predicting one sample, mean.
         chosen (tuple of dict): What was chosen on each split.
+        validation (float, optional): Of given parts, the score that is compared, on validation
+            parts: the mean over these and over the seeds.
     """
 
     model: ComparedModel
@@ -144,6 +156,7 @@ class ModelResult:
     seconds: float
     milliseconds: float
     chosen: tuple[dict[str, Any], ...]
+    validation: float | None = None
 
 
 @dataclass(frozen=True)
@@ -154,7 +167,7 @@ class Comparison:
         run (PlanRun): The runs.
         metric (str): What is compared.
         results (tuple of ModelResult): Of the models that have a result for every split.
-        best_plain (str, optional): The best of the plain models, by its name.
+        best_plain (str, optional): The best of the plain models by :meth:`merit`, by its name.
         units (ScoreUnits): What is new in the test parts, and counts as one observation.
         constant (ConstantAnswer): The most frequent answer, or the mean, and its score.
         tolerance (float): How much worse than the best a simpler model may be to be recommended:
@@ -175,22 +188,55 @@ class Comparison:
         return _NUMBER_METRICS if self.metric == "mae" else _CLASS_METRICS
 
     @property
+    def has_given_parts(self) -> bool:
+        r"""Whether all models are tested on one test part that was given."""
+        return all(e.protocol.by == "given" for e in self.run.plan.experiments)
+
+    @property
     def num_splits(self) -> int:
-        r"""The number of splits that each model is compared on."""
-        return len({(e.seed, e.fold) for e in self.run.plan.experiments})
+        r"""The number of splits that each model is compared on. Given parts are one split, with any
+        number of seeds.
+        """
+        splits = {(e.seed, e.fold) for e in self.run.plan.experiments}
+        return 1 if self.has_given_parts else len(splits)
+
+    @property
+    def num_seeds(self) -> int:
+        r"""How often each model was trained on each training part, or the folds were drawn."""
+        return len({e.seed for e in self.run.plan.experiments})
+
+    @property
+    def is_validated(self) -> bool:
+        r"""Whether a model is chosen by validation scores, as with given parts, and not by the
+        scores of the test parts.
+        """
+        return any(result.validation is not None for result in self.results)
 
     @property
     def best(self) -> ModelResult | None:
-        r"""The model with the best score; of equals the smallest."""
+        r"""The model with the most merit; of equals the smallest."""
 
         def rank(result: ModelResult) -> tuple[float, float, float]:
             size = math.inf if result.num_parameters is None else result.num_parameters
-            return -round(self.goodness(result), 12), size, result.milliseconds
+            return -round(self.merit(result), 12), size, result.milliseconds
 
         return min(self.results, key=rank, default=None)
 
+    def merit(self, result: ModelResult) -> float:
+        r"""Returns what models are chosen by, higher for better ones: the validation score if
+        :obj:`is_validated`, and otherwise :meth:`goodness`.
+
+        Args:
+            result (ModelResult): Of a model.
+        """
+        if not self.is_validated:
+            return self.goodness(result)
+        if result.validation is None:  # its training failed without the validation parts
+            return -math.inf
+        return -result.validation if self.metric == "mae" else result.validation
+
     def goodness(self, result: ModelResult) -> float:
-        r"""Returns the score that models are compared by, higher for better ones.
+        r"""Returns the score on the test parts that is compared, higher for better ones.
 
         Args:
             result (ModelResult): Of a model.
@@ -233,6 +279,36 @@ class Comparison:
         if difference is None:
             raise ValueError(f"'{first}' and '{second}' must have a finished split (got none)")
         return difference
+
+    def validation_difference(self, first: str, second: str) -> Difference:
+        r"""Returns the validation score of one model less that of another on the same parts.
+
+        Args:
+            first (str): Name of the one.
+            second (str): Name of the other.
+
+        Raises:
+            ValueError: If one of them has no validation score.
+        """
+        validations = [self._validations(name) for name in (first, second)]
+        for name, found in zip((first, second), validations, strict=True):
+            need(found, f"'{name}' must have a validation score (got none)")
+        one, other = (
+            [Predictions.from_dict(said) for entry in found for said in entry["predictions"]]
+            for found in validations
+        )
+        overlap = statistics.fmean(entry["overlap"] for entry in validations[0])
+        unit = self.units.name
+        units, others = (
+            [self.units.of_predictions(said) for said in part] for part in (one, other)
+        )
+        if self.units.num_of(units) >= LEAST_PAIRS:
+            return paired_difference(units, others, self.metric, overlap, unit)
+        return paired_difference(one, other, self.metric, overlap)  # fewer than can be counted
+
+    def _validations(self, name: str) -> list[dict[str, Any]]:
+        found = [r.get("validation") for e, r in self.run.results if e.name == name]
+        return [entry for entry in found if entry and entry["predictions"]]
 
     def predictions(self, name: str) -> list[Predictions]:
         r"""Returns the predictions of one model, split by split, with their units as trials.
@@ -291,15 +367,18 @@ def comparison_plan(
         kind = "numbers" if numbers else "classes"
         raise ArgumentError(Argument("metric"), f" must be {allowed} for {kind} (got '{metric}')")
     protocol = compared_protocol(dataset, settings.by, settings.folds)
-    part = _CHOOSE_ON * (1 - 1 / (protocol.folds or settings.folds))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of classes with few units, which the runs tell of
+        num_train = mean_training_size(source, protocol)
     task = ComparedTask.of(
         dataset,
         metric,
-        part,
+        max(1, round(_CHOOSE_ON * num_train)),
         num_frames=facts.num_frames,
         epochs=settings.epochs,
         tare=tare,
         members=settings.members,
+        has_given_parts=protocol.by == "given",
     )
     models = chosen_models(settings.models, task)
     held_out = "given" if protocol.by == "given" else f"by {protocol.by}"
@@ -364,37 +443,52 @@ def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
         for name, of_split in by_model.items()
         if len(of_split) == len(splits)
     }
-    sign = -1 if metric == "mae" else 1
-    means = {name: sign * _summary(results, metric).mean for name, results in whole.items()}
-    models = {name: _measured_model(name, results) for name, results in whole.items()}
-    plain = [name for name in means if not models[name].is_graph]
-    best_plain = max(plain, key=lambda name: (means[name], name != FLOOR), default=None)
     dataset, data_splits = plan.data.load(), comparison_splits(plan)
     units = ScoreUnits.of(dataset, data_splits)
     constant = ConstantAnswer.of(dataset, data_splits, metric)
     if tolerance is None:
         tolerance = _TOLERANCES.get(metric, _TOLERANCE)
-    if metric == "mae":
-        tolerance *= min((-mean for mean in means.values()), default=0.0)
-    comparison = Comparison(run, metric, (), best_plain, units, constant, tolerance)
-    metrics = comparison.metrics
+    comparison = Comparison(run, metric, (), None, units, constant, tolerance)
     results = tuple(
         ModelResult(
-            model=models[name],
-            scores={key: _summary(whole[name], key) for key in metrics},
-            difference=(
-                None if best_plain in (None, name) else comparison.difference(name, str(best_plain))
-            ),
+            model=_measured_model(name, whole[name]),
+            scores={key: _summary(whole[name], key) for key in comparison.metrics},
+            difference=None,
             num_parameters=_mean([r["num_parameters"] for r in whole[name]]),
             seconds=statistics.fmean(r["choose_seconds"] + r["train_seconds"] for r in whole[name]),
             milliseconds=1000
             * statistics.fmean(r["predict_seconds"] / r["num_test"] for r in whole[name]),
             chosen=tuple(r["chosen"] for r in whole[name]),
+            validation=_validation_score(whole[name]),
         )
         for name in (cell.experiment for cell in plan.table.cells)
         if name in whole
     )
-    return replace(comparison, results=results)
+    comparison = replace(comparison, results=results)
+    merits = {result.model.name: comparison.merit(result) for result in results}
+    if metric == "mae":
+        smallest = min((-merit for merit in merits.values()), default=0.0)
+        comparison = replace(comparison, tolerance=tolerance * smallest)
+    plain = [result.model.name for result in results if not result.model.is_graph]
+    best_plain = max(plain, key=lambda name: (merits[name], name != FLOOR), default=None)
+    if best_plain is None:
+        return comparison
+    return replace(
+        comparison,
+        best_plain=best_plain,
+        results=tuple(
+            result
+            if result.model.name == best_plain
+            else replace(result, difference=comparison.difference(result.model.name, best_plain))
+            for result in results
+        ),
+    )
+
+
+def _validation_score(results: list[dict[str, Any]]) -> float | None:
+    # Over the seeds; none of folds, nor of a model whose training failed on a part.
+    scores = [(result.get("validation") or {}).get("score") for result in results]
+    return _mean(scores)
 
 
 def _measured_model(name: str, results: list[dict[str, Any]]) -> ComparedModel:

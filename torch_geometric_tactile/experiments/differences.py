@@ -32,15 +32,17 @@ class Difference(NamedTuple):
             overlap; NaN for less than two.
         over_units (float): Its standard error over the units (trials, or whatever is new in a test
             part: persons, sessions, samples): all samples of one unit count as one observation.
-        num_splits (int): Number of splits: pairs of models with one training part and seed. Of
-            splits that overlap, those with one test part (an object left out, with several seeds)
-            are one split, their mean: seeds are no further objects.
+        num_splits (int): Number of splits. Those with one test part (given parts, or an object left
+            out, with several seeds) are one split, their mean: seeds are no further samples.
         num_units (int): Number of units.
         unit (str): What a unit is called.
         has_one_test_part (bool): Whether all splits test on the same samples, as given parts do.
-            The units alone then decide where there are fewer than three splits, which are seeds.
+            The units and seeds then decide.
         splits (Signs): Splits with a difference above and below zero.
         units (Signs): Units with a difference above and below zero.
+        over_seeds (float): Where all splits test on the same samples, the standard error of the
+            mean over their seeds; NaN for less than two.
+        num_seeds (int): Number of seeds of this test part, otherwise 1.
 
     Examples:
         >>> two, five = (Difference(2.8, 0.1, 0.9, n, 600) for n in (2, 5))
@@ -57,20 +59,29 @@ class Difference(NamedTuple):
     has_one_test_part: bool = False
     splits: Signs = Signs(0, 0)
     units: Signs = Signs(0, 0)
+    over_seeds: float = math.nan
+    num_seeds: int = 1
 
     @property
     def error(self) -> float:
-        r"""The larger of both standard errors; NaN if neither is known."""
-        errors = [e for e in (self.over_splits, self.over_units) if math.isfinite(e)]
+        r"""The larger of both standard errors; NaN if neither is known. That over seeds of one test
+        part adds to that over units.
+        """
+        errors = [e for e in (self.over_splits, self._over_test_part) if math.isfinite(e)]
         return max(errors) if errors else math.nan
+
+    @property
+    def _over_test_part(self) -> float:
+        # Units and seeds vary independently of each other.
+        return math.hypot(self.over_units, 0.0 if math.isnan(self.over_seeds) else self.over_seeds)
 
     @property
     def margin(self) -> float:
         r"""How far from zero the mean may be by chance: the larger of both standard errors times
         Student's :math:`t` (two-sided, 5 %) of as many pairs; NaN for fewer than three.
         """
-        pairs = [(self.over_units, self.num_units)]
-        if not self.has_one_test_part or self.num_splits >= LEAST_PAIRS:
+        pairs = [(self._over_test_part, self.num_units)]
+        if not self.has_one_test_part:
             pairs.append((self.over_splits, self.num_splits))
         if min(count for _, count in pairs) < LEAST_PAIRS:
             return math.nan
@@ -131,7 +142,6 @@ def paired_difference(
     """
     gains, units = [], []
     by_part: dict[bytes | int, list[float]] = {}
-    test_parts: set[bytes | int] = set()
     for i, (a, b) in enumerate(zip(first, second, strict=True)):
         if not np.array_equal(a.y, b.y):
             raise ValueError("'second' must be of the same samples as 'first' (got other labels)")
@@ -141,12 +151,12 @@ def paired_difference(
         samples = np.arange(len(a.y)) if a.index is None else a.index
         units.append(samples if a.trial is None else a.trial)
         part = i if a.index is None else np.sort(a.index).tobytes()
-        test_parts.add(part)
-        by_part.setdefault(part if overlap else i, []).append(float(gains[-1].mean()))
+        by_part.setdefault(part, []).append(float(gains[-1].mean()))
     means = np.array([np.mean(values) for values in by_part.values()])
     count, mean = len(means), float(means.mean())
     spread = float(means.std(ddof=1)) if count > 1 else math.nan
     over_units, num_units, unit_signs = _over_units(mean, gains, units)
+    seeds = next(iter(by_part.values())) if count == 1 else [mean]
     return Difference(
         mean,
         spread * math.sqrt(1 / count + overlap),
@@ -154,9 +164,13 @@ def paired_difference(
         count,
         num_units,
         unit or ("sample" if first[0].trial is None else "trial"),
-        has_one_test_part=len(test_parts) == 1,
+        has_one_test_part=count == 1,
         splits=_signs(means),
         units=unit_signs,
+        over_seeds=float(np.std(seeds, ddof=1)) / math.sqrt(len(seeds))
+        if len(seeds) > 1
+        else math.nan,
+        num_seeds=len(seeds),
     )
 
 

@@ -213,14 +213,18 @@ def _of_run(experiment: Experiment) -> float:
     # About half of the settings are behind the default on the first cut.
     others = len(choice.settings) - 1
     tried = others + len(cuts) + (len(cuts) - 1) * others // 2 if others else 0
-    finals = 1 if experiment.is_estimator else choice.members
-    trainings = tried * len(parts.fit) + finals * len(parts.train)
+    members = 1 if experiment.is_estimator else choice.members
+    trainings, num_trainings = tried * len(parts.fit) + members * len(parts.train), tried + members
+    if choice.num_validation_cuts:
+        validation = choice_cuts(experiment, choice.num_validation_cuts)[2]
+        trainings += members * sum(len(part) for part, _ in validation)
+        num_trainings += members * len(validation)
     if experiment.is_estimator:
         return _of_estimator(experiment, parts, few, trainings)
     probe = replace(experiment, epochs=_PROBE_EPOCHS, choice=replace(choice, members=1))
     whole, steps = _seconds(probe, few, _some(parts.val, 8))
     epochs = experiment.epochs * trainings / (_PROBE_EPOCHS * len(few))
-    return (whole - steps) * (tried + finals) + steps * epochs
+    return (whole - steps) * num_trainings + steps * epochs
 
 
 def _of_estimator(

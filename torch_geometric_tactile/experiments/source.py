@@ -18,6 +18,7 @@ from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
 from torch_geometric_tactile.data._frame_view import FrameView, dataset_part, innermost
 from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet, as_samples
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
+from torch_geometric_tactile.data.protocol import Split
 from torch_geometric_tactile.experiments._building import (
     argument_names,
     build_object,
@@ -94,13 +95,18 @@ class DataSource:
     def _place(self) -> tuple[str, str, str]:
         return self.class_path, json.dumps(self.arguments, sort_keys=True), self.fingerprint
 
+    def split(self, protocol: Protocol, seed: int = 0, fold: int = 0) -> Split:
+        r"""Returns the indices of the parts of a split, of the samples that are selected."""
+        dataset = self.load()
+        with sharing_ignored():
+            split = protocol.split(dataset, seed, fold)
+        is_selected = self.is_selected(dataset)
+        return Split(*(part[is_selected[part]] for part in split))
+
     def parts(self, protocol: Protocol, seed: int, fold: int) -> tuple[SampleSet, SampleSet]:
         r"""Returns the samples to train on, and those to test on."""
         dataset = self.load()
-        with sharing_ignored():
-            train, _, test = protocol.split(dataset, seed, fold)
-        is_chosen = self.is_selected(dataset)
-        train, test = train[is_chosen[train]], test[is_chosen[test]]
+        train, _, test = self.split(protocol, seed, fold)
         for name, part in (("train", train), ("test", test)):
             if not len(part):
                 raise ValueError(

@@ -26,6 +26,10 @@ _SAMPLE_ARRAYS: dict[str, tuple[str, ...]] = {
     "normal": ("normal", "normals"),
     "edge_index": ("edge_index", "edges"),
 }
+# Groups, unless there is an array with a name of these above.
+_PERSONS = tuple(
+    f"{name}{end}" for name in ("person", "subject", "participant") for end in ("", "s", "_id")
+)
 _BY_NAME = {name: key for key, names in _SAMPLE_ARRAYS.items() for name in names}
 _ROWS = ("y", "trial", "group", "session", "set", "joint", "time", "part")
 _TEXTS = ("y", "trial", "group", "session", "set", "class_names", "part")
@@ -40,7 +44,8 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
     :math:`(S, \ldots)`, and may hold :obj:`trial`, :obj:`group`, :obj:`session`, :obj:`set`,
     :obj:`joint`, :obj:`time` and :obj:`part` with a row for each sample, the :obj:`class_names`,
     and of the taxels :obj:`pos`, :obj:`normal` and :obj:`edge_index`. Other usual names, such as
-    :obj:`labels`, are found as well (:obj:`SAMPLE_ARRAYS`); arrays with any other name are not
+    :obj:`labels`, are found as well (:obj:`SAMPLE_ARRAYS`), and a :obj:`person`, :obj:`subject` or
+    :obj:`participant` is the group if there is no other; arrays with any other name are not
     read, and a warning is logged that names them.
 
     Args:
@@ -72,13 +77,16 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
         for name in shapes:
             if name in _BY_NAME:
                 found.setdefault(_BY_NAME[name], []).append(name)
+        persons = [name for name in _PERSONS if name in shapes]
+        if persons:
+            found.setdefault("group", persons[:1])
         problem = _problem(found, shapes)
         content = {}
         if not problem:
             content = {key: arrays.read(names[0]) for key, names in found.items()}
             problem = next(filter(None, map(_kind_problem, content, content.values())), "")
     need(not problem, f"'{path}' must hold labelled samples: {problem}")
-    unknown = sorted(set(shapes) - set(_BY_NAME))
+    unknown = sorted(set(shapes) - set(_BY_NAME) - set(found.get("group", ())))
     if unknown:
         _logger.warning("'%s': not used: %s", path, short_list(unknown, 10, quoted, rest=""))
     return content

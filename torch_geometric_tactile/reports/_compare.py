@@ -38,12 +38,13 @@ PERCENT = ("accuracy", "balanced_accuracy", "f1")
 _COLUMNS = (
     *("model", "kind", "metric", "mean", "sd", "splits"),
     *("difference", "over_splits", "over_units", "parameters", "seconds", "milliseconds"),
+    *("validation", "over_seeds"),
 )
 _WHO_SEES_TIME = (
     "The models temporal, lstm, temporal_cnn and minirocket process the frames in their order, and "
     "svm_signal takes statistics of each signal; all others take the frames of a taxel as channels."
 )
-_PARTS = "The test samples of all splits together."
+_PARTS = "The test samples of all splits together, with the mean over their seeds."
 _KINDS = ("set", "session", "group", "trial")
 _MOST = 50
 _SIMULATED = "The samples are simulated: the results may not hold for a real hand."
@@ -79,12 +80,15 @@ def comparison_rows(comparison: Comparison) -> tuple[list[str], list[list[str]]]
     r"""Returns the header and the rows of a table of a comparison, the best model first."""
     names = [f"{NAMES[key]}{' (%)' if key in PERCENT else ''}" for key in comparison.metrics]
     header = ["model", "kind", *names]
+    if comparison.is_validated:
+        header.append(f"validation {names[comparison.metrics.index(comparison.metric)]}")
     if comparison.best_plain is not None:
         unit = " (points)" if comparison.metric in PERCENT else ""
         over_units = f"over {comparison.units.name}s"
-        header += [f"to {comparison.best_plain}{unit}", "over splits", over_units]
+        over_runs = "over seeds" if comparison.has_given_parts else "over splits"
+        header += [f"to {comparison.best_plain}{unit}", over_runs, over_units]
     header += ["parameters", "seconds", "ms a sample"]
-    ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
+    ordered = sorted(comparison.results, key=comparison.merit, reverse=True)
     return header, [_row(comparison, result) for result in ordered]
 
 
@@ -94,13 +98,18 @@ def _row(comparison: Comparison, result: ModelResult) -> list[str]:
         mean, sd = result.scores[key]
         text = shown_number(key, mean)
         scores.append(text if math.isnan(sd) else f"{text} ± {shown_number(key, sd)}")
+    if comparison.is_validated:
+        value = math.nan if result.validation is None else result.validation
+        scores.append(shown_number(comparison.metric, value))
     difference = [] if comparison.best_plain is None else ["", "", ""]
     if result.difference is not None:
-        mean, over_splits, over_units = result.difference[:3]
+        mean, over_runs, over_units = result.difference[:3]
+        if comparison.has_given_parts:
+            over_runs = result.difference.over_seeds
         sign = "+" if mean > 0 else ""
         number = shown_number(comparison.metric, mean)
         mark = " *" if result.difference.is_beyond_noise else ""
-        errors = [f"± {shown_number(comparison.metric, e)}" for e in (over_splits, over_units)]
+        errors = [f"± {shown_number(comparison.metric, e)}" for e in (over_runs, over_units)]
         difference = [f"{sign}{number}{mark}", *errors]
     size = "" if result.num_parameters is None else f"{result.num_parameters:,.0f}"
     kind = "graph" if result.model.is_graph else "plain"
@@ -145,10 +154,28 @@ def _facts(comparison: Comparison) -> list[str]:
     more.append(_SIMULATED if plan.data.kind == "simulated" else "")
     return [
         f"{facts.num_samples:,} samples{held}{facts.part_note}; {protocol.protocol.describe()}, "
-        f"{splits}. Mean ± standard deviation over the splits. Settings were "
+        f"{splits}. {_spread(comparison)}Settings were "
         "chosen on a part of each training part; each test part was used once.",
-        *filter(None, more),
+        *filter(None, [_choice_of_model(comparison), *more]),
     ]
+
+
+def _spread(comparison: Comparison) -> str:
+    if not comparison.has_given_parts:
+        return "Mean ± standard deviation over the splits. "
+    if comparison.num_seeds == 1:
+        return "Scores of one training of each model. "
+    return f"Mean ± standard deviation over {comparison.num_seeds} seeds of the training. "
+
+
+def _choice_of_model(comparison: Comparison) -> str:
+    if not comparison.is_validated:
+        return ""
+    return (
+        "The model is recommended by the score on validation parts, which are held out of the "
+        "samples to train on (the given ones, if there are any); models are then trained again on "
+        "all of these. The test part chooses no model."
+    )
 
 
 def describe_sensors(plan: Plan) -> str:
@@ -169,9 +196,10 @@ def describe_sensors(plan: Plan) -> str:
 def _differences(comparison: Comparison) -> str:
     if comparison.best_plain is None:
         return ""
+    runs = "seeds" if comparison.has_given_parts else "splits"
     return (
         f"Differences are to {comparison.best_plain}, the best plain model, on the same samples, "
-        f"with their standard errors over the splits and over the {comparison.units.name}s; * is "
+        f"with their standard errors over the {runs} and over the {comparison.units.name}s; * is "
         f"beyond the noise. {RULE}"
     )
 
@@ -211,17 +239,21 @@ def comparison_csv(comparison: Comparison) -> str:
         kind = "graph" if result.model.is_graph else "plain"
         for key in comparison.metrics:
             mean, sd = result.scores[key]
-            same = result.difference is not None and key == comparison.metric
-            difference = result.difference[:3] if same and result.difference else ("", "", "")
-            numbers = [mean, sd, len(result.chosen), *difference]
+            is_compared = key == comparison.metric
+            difference = result.difference if is_compared else None
+            numbers: list[float | None] = [mean, sd, comparison.num_splits]
+            numbers += [None] * 3 if difference is None else difference[:3]
+            more = [result.validation if is_compared else None]
+            more.append(None if difference is None else difference.over_seeds)
             size = "" if result.num_parameters is None else result.num_parameters
             row = [kind, key, *map(_cell, numbers), size, result.seconds, result.milliseconds]
+            row += map(_cell, more)
             writer.writerow([safe_cell(result.model.name), *row])
     return file.getvalue()
 
 
 def _cell(value: object) -> object:
-    return "" if isinstance(value, float) and math.isnan(value) else value
+    return "" if value is None or (isinstance(value, float) and math.isnan(value)) else value
 
 
 def _picture(comparison: Comparison) -> "Figure":
@@ -235,7 +267,10 @@ def _picture(comparison: Comparison) -> "Figure":
         for result in ordered
     }
     series = [name for name in _SERIES.values() if any(name in row for row in rows.values())]
-    label = f"{NAMES[metric]}{unit}, mean and standard deviation over splits"
+    runs = "seeds" if comparison.has_given_parts else "splits"
+    label = f"{NAMES[metric]}{unit}, mean and standard deviation over {runs}"
+    if comparison.has_given_parts and comparison.num_seeds == 1:
+        label = f"{NAMES[metric]}{unit}"
     panel = ComparisonPanel("", label, rows)  # type: ignore[arg-type]
     return plot_comparison([panel], series, comparison.run.plan.table.title)
 
@@ -252,7 +287,10 @@ def _part_tables(comparison: Comparison) -> Iterator[tuple[str, list[str], list[
     joined = {name: Predictions.join(predictions) for name, predictions in said.items()}
     for kind in _KINDS[:-1]:
         of_model = {name: _names(dataset, kind, j.index) for name, j in joined.items()}
-        names, counts = np.unique(next(iter(of_model.values()), []), return_counts=True)
+        once = _first_places(next(iter(joined.values()), None))
+        if column_of(dataset, kind) is None or once is None:
+            continue
+        names, counts = np.unique(next(iter(of_model.values()))[once], return_counts=True)
         if not 2 <= len(names) <= _MOST:
             continue
         rows = []
@@ -261,6 +299,13 @@ def _part_tables(comparison: Comparison) -> Iterator[tuple[str, list[str], list[
             scores = (prediction_scores(p.y, p.prediction, metric == "mae")[metric] for p in parts)
             rows.append([name, f"{count:,}", *(shown_number(metric, score) for score in scores)])
         yield kind, [kind, "test samples", *joined], rows
+
+
+def _first_places(said: Predictions | None) -> np.ndarray | None:
+    # The first prediction of each sample, of which several seeds have predictions.
+    if said is None or said.index is None:
+        return None
+    return np.unique(said.index, return_index=True)[1]
 
 
 def prediction_rows(comparison: Comparison) -> Iterator[list[Any]]:
