@@ -1,14 +1,21 @@
 """Settings in words: no import path, no braces, and each unlike the others of its model."""
 
 import re
+from dataclasses import replace
 
 import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
+from compared import touches
+
+from torch_geometric_tactile.experiments import comparison as comparing
 from torch_geometric_tactile.experiments._compared_models import MODELS
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments._setting_words import describe_setting
+from torch_geometric_tactile.experiments.compared_windows import data_source
+from torch_geometric_tactile.experiments.comparison import ComparisonSettings
+from torch_geometric_tactile.reports._compare import comparison_markdown
 from torch_geometric_tactile.sensors import grid
 
 TASKS = {
@@ -83,3 +90,19 @@ def test_settings_in_words(setting, words):
     assert not _NO_WORDS.search(text)
     if words is not None:
         assert text == words
+
+
+def test_page_of_a_comparison_says_how_often_each_was_chosen(tmp_path):
+    touches(tmp_path / "a.npz")
+    settings = ComparisonSettings(models=("svm_rbf", "constant"), folds=3)
+    source = data_source(tmp_path / "a.npz", grid="3x4")
+    comparison = comparing.compare(source, settings, tmp_path / "out")
+    tried = comparison.run.plan.experiments[0].choice.settings
+    svm, constant = comparison.results
+    chosen = tuple({"setting": tried[number]} for number in (0, -1, -1))
+    page = comparison_markdown(replace(comparison, results=(replace(svm, chosen=chosen), constant)))
+    both = (
+        "C = 1, kernel width 1; C = 10, kernel width 1, readings in units of their size (RMS) (2 x)"
+    )
+    assert f"| {both} |" in page
+    assert "| the default (3 x) |" in page

@@ -57,7 +57,7 @@ class DescriptorFeatures(FlatReadings):
         if not self.with_readings:
             return rows
         flat = super().transform(x)
-        times = max(1, round(flat.shape[1] / rows.shape[1])) if self.balanced else 1
+        times = num_repeats(flat.shape[1], rows.shape[1]) if self.balanced else 1
         return np.concatenate([*[rows] * times, flat], axis=1)
 
     def _rows(self, x: Any) -> np.ndarray:
@@ -74,3 +74,8 @@ class DescriptorFeatures(FlatReadings):
         parts = [data.index_select(rows) for rows in torch.arange(len(values)).split(at_once)]
         found = [describe(part).descriptors.numpy() for part in parts or [data]]
         return np.concatenate(found)
+
+
+def num_repeats(num_readings: int, num_descriptors: int) -> int:
+    r"""Returns how often descriptors are repeated to be about as many as the readings."""
+    return max(1, round(num_readings / num_descriptors))

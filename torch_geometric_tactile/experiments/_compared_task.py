@@ -1,7 +1,7 @@
 r"""What the models of a comparison have to do."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
@@ -110,13 +110,17 @@ class ComparedTask:
         return [16, 32, *[64] * (stages - 2)] if stages > 2 else [32, 64]
 
     def choice(
-        self, settings: Sequence[dict[str, Any]] = ({},), *, is_estimator: bool = False
+        self,
+        settings: Sequence[dict[str, Any]] = ({},),
+        *,
+        is_estimator: bool = False,
+        draft: Mapping[str, Any] | None = None,
     ) -> Choice:
-        r"""Returns what is chosen for a model."""
+        r"""Returns what is chosen for a model, which is changed by :obj:`draft` until then."""
         few = self.num_train <= _FEW_SAMPLES
         members = self.members or (_MEMBERS if few and not self.is_slow else 1)
         if is_estimator:
-            return Choice(settings, self.metric, members, _REPEATS, _MOST_TRIED)
+            return Choice(settings, self.metric, members, _REPEATS, _MOST_TRIED, draft or {})
         settings = settings[:1] if self.is_slow else settings
         return Choice(settings, self.metric, members, _REPEATS if few else 1)
 

@@ -37,7 +37,8 @@ class Choice:
     is tried on no further cut.
 
     A setting is laid over the model, but for its :obj:`"transform"`, which takes the place of the
-    experiment's.
+    experiment's. While settings are compared, :obj:`draft` is laid over the model first, such as a
+    smaller number of trees; the chosen setting is trained without it.
     """
 
     settings: Sequence[Mapping[str, Any]] = ({},)
@@ -45,6 +46,7 @@ class Choice:
     members: int = 1
     repeats: int = 3
     most_samples: int = 2000
+    draft: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.metric not in _METRICS:
@@ -61,7 +63,8 @@ class Choice:
 
     def to_dict(self) -> dict[str, Any]:
         r"""Returns the arguments as JSON values."""
-        return {**asdict(self), "settings": [dict(setting) for setting in self.settings]}
+        settings = [dict(setting) for setting in self.settings]
+        return {**asdict(self), "settings": settings, "draft": dict(self.draft)}
 
 
 @dataclass(frozen=True, eq=False)

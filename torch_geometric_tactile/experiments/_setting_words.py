@@ -45,9 +45,7 @@ _TRANSFORMS = ("transform", "train_transform")
 _CONTAINERS = ("model", "optimizer", "data", "trainer", "init_args")
 
 
-def describe_setting(
-    setting: Mapping[str, Any], transform: Mapping[str, Any] | None = None
-) -> str:
+def describe_setting(setting: Mapping[str, Any], transform: Mapping[str, Any] | None = None) -> str:
     r"""Returns a setting of a :class:`Choice` in words, with a comma between its parts.
 
     Args:
