@@ -13,7 +13,7 @@ from torch_geometric_tactile.baselines import DescriptorFeatures
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.experiments import _compared_models as compared_models
 from torch_geometric_tactile.experiments import comparison as comparing
-from torch_geometric_tactile.experiments._compared_models import model_of
+from torch_geometric_tactile.experiments._compared_models import MODELS, model_of
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import ComparisonSettings
@@ -40,12 +40,18 @@ def test_each_setting_of_a_forest_has_features_of_its_own(size, num_frames):
     assert settings[0] == {"init_args": {}}
 
 
-def test_settings_of_a_forest_are_compared_with_fewer_trees():
+@pytest.mark.parametrize("name", ["forest", "descriptors_forest", "posed_forest"])
+def test_settings_of_a_forest_are_compared_with_fewer_trees(name):
     task = ComparedTask(grid(3, 4, 0.004), "accuracy", 100)
-    cell = model_of("descriptors_forest").to_cell(task)
+    cell = model_of(name).to_cell(task)
     assert cell.choice.draft == {"init_args": {"num_trees": 100}}
-    assert "num_trees" not in cell.estimator["init_args"]
-    assert model_of("svm_rbf").to_cell(task).choice.draft == {}
+    assert "num_trees" not in cell.estimator["init_args"]  # the default of 300 to be tested
+
+
+def test_only_forests_have_a_draft():
+    task = ComparedTask(grid(3, 4, 0.004), "accuracy", 100)
+    names = [model.name for model in MODELS if model.to_cell(task).choice.draft]
+    assert names == ["forest", "descriptors_forest", "posed_forest"]
 
 
 def test_a_network_may_be_trained_on_readings_in_units_of_their_size(tmp_path, monkeypatch):

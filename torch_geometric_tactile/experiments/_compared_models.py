@@ -288,7 +288,13 @@ MODELS: tuple[ComparedModel, ...] = (
         arguments=lambda task: {"num_channels": task.num_channels},
         lacks=lacks_many_frames,
     ),
-    _Estimator("forest", "random forest on the readings", "flat_forest", _PLAIN_LEAVES),
+    _Estimator(
+        "forest",
+        "random forest on the readings",
+        "flat_forest",
+        _PLAIN_LEAVES,
+        draft=_FEWER_TREES,
+    ),
     _Estimator(
         "descriptors_svm",
         "support vector machine on descriptors of the layout",
@@ -312,6 +318,7 @@ MODELS: tuple[ComparedModel, ...] = (
         _LEAVES,
         sums_patches=True,
         lacks=lacks_a_frame,
+        draft=_FEWER_TREES,
     ),
     _Estimator(
         "posed_ridge",
