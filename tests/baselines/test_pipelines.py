@@ -6,14 +6,7 @@ import torch
 from sklearn.base import clone
 
 from torch_geometric_tactile import baselines
-from torch_geometric_tactile.baselines import (
-    FlatReadings,
-    GraspSVM,
-    constant,
-    descriptor_forest,
-    flat_forest,
-    rbf_svm,
-)
+from torch_geometric_tactile.baselines import FlatReadings, GraspSVM, constant, flat_forest, rbf_svm
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import grid
 
@@ -140,13 +133,3 @@ def test_linear_svm_takes_few_steps_where_readings_outnumber_samples():
     assert baselines.linear_svm().fit(x, y)[-1].n_iter_ < 50
     numbers = baselines.linear_svm("regression").fit(x, y.astype(float))[-1].regressor_
     assert numbers.estimators_[0].n_iter_ < 50
-
-
-@pytest.mark.parametrize(("size", "num_features"), [((1, 2), None), ((40, 30), 64)])
-def test_splits_of_descriptors_look_at_a_tenth_of_the_features(size, num_features):
-    layout = grid(*size, pitch=0.01)
-    x = np.random.default_rng(0).random((6, layout.num_taxels, 1))
-    forest = clone(descriptor_forest(layout, num_trees=2)).fit(x, [0, 0, 0, 1, 1, 1])
-    tenth = forest[-1].n_features_in_ // 10
-    assert forest[-1].estimators_[0].max_features_ == (num_features or tenth)
-    assert tenth > 64 if num_features else tenth < 64
