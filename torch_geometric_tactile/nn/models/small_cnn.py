@@ -85,7 +85,7 @@ class SmallCNN(BaseModel):
             Conv2d(a, b, 3, padding=1, bias=False) for a, b in zip(ins, widths, strict=True)
         )
         # Maps have the memory format of the weights: pooling is then a third faster on a processor.
-        self.convs.to(memory_format=torch.channels_last)
+        self.convs.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.norms = ModuleList(BatchNorm2d(width) for width in widths)
         rows, cols = self.size
         for _ in widths:
