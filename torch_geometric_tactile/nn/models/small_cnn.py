@@ -84,7 +84,8 @@ class SmallCNN(BaseModel):
         self.convs = ModuleList(
             Conv2d(a, b, 3, padding=1, bias=False) for a, b in zip(ins, widths, strict=True)
         )
-        # Maps have the memory format of the weights: pooling is then a third faster on a processor.
+        # Maps of one channel take the memory format of the weights. Training on images of 28 x 50
+        # then takes 0.7 of the time on a processor.
         self.convs.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.norms = ModuleList(BatchNorm2d(width) for width in widths)
         rows, cols = self.size
