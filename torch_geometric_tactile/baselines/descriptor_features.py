@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.baselines._readings import readings
+from torch_geometric_tactile.baselines._readings import num_repeats, readings
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
@@ -74,8 +74,3 @@ class DescriptorFeatures(FlatReadings):
         parts = [data.index_select(rows) for rows in torch.arange(len(values)).split(at_once)]
         found = [describe(part).descriptors.numpy() for part in parts or [data]]
         return np.concatenate(found)
-
-
-def num_repeats(num_readings: int, num_descriptors: int) -> int:
-    r"""Returns how often descriptors are repeated to be about as many as the readings."""
-    return max(1, round(num_readings / num_descriptors))

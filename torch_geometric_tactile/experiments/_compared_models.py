@@ -8,7 +8,7 @@ from torch.nn import Module
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need_argument
 from torch_geometric_tactile._own_modules import import_own
-from torch_geometric_tactile.baselines.descriptor_features import num_repeats
+from torch_geometric_tactile.baselines._readings import num_repeats
 from torch_geometric_tactile.experiments._building import find_class
 from torch_geometric_tactile.experiments._compared_task import (
     MANY_TAXELS,
