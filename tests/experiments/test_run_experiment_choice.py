@@ -164,6 +164,26 @@ def test_setting_that_is_behind_is_not_tried_again(tmp_path, monkeypatch):
     assert tried == [(9, 20), (1, 20), (9, 20), (9, 20), (9, 48)]
 
 
+def test_draft_is_for_the_comparison_of_settings_alone(tmp_path, monkeypatch):
+    touches(tmp_path / "a.npz")
+    trained = []
+    fit = run.fit
+
+    def watched(experiment, *parts):
+        arguments = experiment.model["init_args"]
+        trained.append((arguments["num_trees"], arguments.get("min_samples_leaf")))
+        return fit(experiment, *parts)
+
+    monkeypatch.setattr(run, "fit", watched)
+    settings = [{}, {"init_args": {"min_samples_leaf": 99}}]
+    choice = Choice(settings, repeats=1, draft={"init_args": {"num_trees": 2}})
+    one = experiment(tmp_path / "a.npz", FOREST, choice=choice)
+    result = run_experiment(Experiment.from_dict(json.loads(json.dumps(one.to_dict()))))
+    assert trained == [(2, None), (2, 99), (5, None)]
+    assert result["chosen"]["setting"] == {}
+    assert one.code != replace(one, choice=Choice(settings, repeats=1)).code
+
+
 def test_transform_is_a_setting(tmp_path):
     touches(tmp_path / "a.npz")
     no_readings = {

@@ -52,3 +52,8 @@ def check_finite(values: np.ndarray, name: str) -> None:
         f"{len(rows)} of {len(values)} rows, the first is {rows[0]}); fill missing ones with "
         "FillMissing() before"
     )
+
+
+def num_repeats(num_readings: int, num_descriptors: int) -> int:
+    r"""Returns how often descriptors are repeated to be about as many as the readings."""
+    return max(1, round(num_readings / num_descriptors))

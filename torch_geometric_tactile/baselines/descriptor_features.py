@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.baselines._readings import readings
+from torch_geometric_tactile.baselines._readings import num_repeats, readings
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
@@ -57,7 +57,7 @@ class DescriptorFeatures(FlatReadings):
         if not self.with_readings:
             return rows
         flat = super().transform(x)
-        times = max(1, round(flat.shape[1] / rows.shape[1])) if self.balanced else 1
+        times = num_repeats(flat.shape[1], rows.shape[1]) if self.balanced else 1
         return np.concatenate([*[rows] * times, flat], axis=1)
 
     def _rows(self, x: Any) -> np.ndarray:

@@ -64,7 +64,8 @@ def descriptor_forest(
     class_weight: _Weight = None,
 ) -> Pipeline:
     r"""Returns extremely randomised trees (Geurts et al. 2006) on the features of
-    :class:`DescriptorFeatures` and on the readings, of which they take what helps.
+    :class:`DescriptorFeatures` and on the readings, of which they take what helps. A split of
+    classes looks at a tenth of the features, and one of numbers at a third.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels.
@@ -85,6 +86,7 @@ def descriptor_forest(
     forest: Any = ExtraTreesRegressor(max_features=1 / 3)
     if _is_classes(task):
         # A tenth of the features, where their root is usual: of a large layout most are of no use.
+        # 64 of 2,074 features took half the time, and lost 8 points on simulated letters.
         forest = ExtraTreesClassifier(max_features=0.1, class_weight=class_weight)
     forest.set_params(n_estimators=num_trees, min_samples_leaf=min_samples_leaf)
     features = DescriptorFeatures(layout, with_readings=True, balanced=balanced)

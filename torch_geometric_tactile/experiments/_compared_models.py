@@ -8,6 +8,7 @@ from torch.nn import Module
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need_argument
 from torch_geometric_tactile._own_modules import import_own
+from torch_geometric_tactile.baselines._readings import num_repeats
 from torch_geometric_tactile.experiments._building import find_class
 from torch_geometric_tactile.experiments._compared_task import (
     MANY_TAXELS,
@@ -21,6 +22,7 @@ from torch_geometric_tactile.experiments._compared_task import (
 )
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.nn.models._calls import takes_batch
+from torch_geometric_tactile.transforms import TaxelDescriptors
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
@@ -93,6 +95,7 @@ class _Estimator(ComparedModel):
     room: str = _BASELINES
     sums_patches: bool = False  # of readings that are neither scaled nor filled
     centred: bool = True
+    draft: _Arguments = field(default_factory=dict)  # while settings are compared
 
     def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
         scaled = not self.sums_patches
@@ -107,7 +110,9 @@ class _Estimator(ComparedModel):
             "estimator": {"class_path": path, "init_args": arguments},
             "transform": task.transform(**form),
             "choice": task.choice(
-                [_of_readings(task, form, setting) for setting in settings], is_estimator=True
+                [_of_readings(task, form, setting) for setting in settings],
+                is_estimator=True,
+                draft={"init_args": self.draft} if self.draft else None,
             ),
         }
 
@@ -151,6 +156,7 @@ _DESCRIBED_LEAVES: _Tried = [
     {"normalized": True, "rooted": True},
     {"normalized": True, "rooted": True, "balanced": False},
 ]
+_FEWER_TREES = {"num_trees": 100}
 _RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT = [{}, _decay(0.1, dropout=0.5)]
 _NO_TAXEL_DROPOUT = {"taxel_dropout": 0.0}  # where each taxel carries what no other does
@@ -230,6 +236,14 @@ def _temporal(task: ComparedTask) -> _Tried:
     shifted = {**mixed, "train_transform": task.time_shift()}
     whole = {"model": {"init_args": _WHOLE_WINDOW}}
     return [*_OPERATORS[:2], whole, mixed, shifted, _normalized(task)]
+
+
+def _described_leaves(task: ComparedTask) -> _Tried:
+    # Without repeated descriptors, drawing features by their number is the default.
+    assert task.layout is not None
+    names = TaxelDescriptors(task.layout).names(of_windows=task.num_frames is not None)
+    is_repeated = num_repeats(task.num_taxels * (task.num_frames or 1), len(names)) > 1
+    return [s for s in _DESCRIBED_LEAVES if is_repeated or "balanced" not in s]
 
 
 FLOOR = "constant"
@@ -341,7 +355,13 @@ MODELS: tuple[ComparedModel, ...] = (
         arguments=lambda task: {"num_channels": task.num_channels},
         lacks=lacks_many_frames,
     ),
-    _Estimator("forest", "random forest on the readings", "flat_forest", _PLAIN_LEAVES),
+    _Estimator(
+        "forest",
+        "random forest on the readings",
+        "flat_forest",
+        _PLAIN_LEAVES,
+        draft=_FEWER_TREES,
+    ),
     _Estimator(
         "descriptors_svm",
         "support vector machine on descriptors of the layout",
@@ -354,8 +374,9 @@ MODELS: tuple[ComparedModel, ...] = (
         "descriptors_forest",
         "extra trees on descriptors of the layout and readings",
         "descriptor_forest",
-        _DESCRIBED_LEAVES,
+        _described_leaves,
         centred=False,
+        draft=_FEWER_TREES,
     ),
     _Estimator(
         "posed_forest",
@@ -364,6 +385,7 @@ MODELS: tuple[ComparedModel, ...] = (
         _LEAVES,
         sums_patches=True,
         lacks=lacks_a_frame,
+        draft=_FEWER_TREES,
     ),
     _Estimator(
         "posed_ridge",

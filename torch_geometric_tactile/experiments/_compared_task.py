@@ -1,7 +1,7 @@
 r"""What the models of a comparison have to do."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
@@ -117,7 +117,10 @@ class ComparedTask:
         r"""Whether the readings are an image of at least 8 x 8 cells, on one patch."""
         if self.layout is None or min(self.map_size) < _MIN_IMAGE_SIZE:
             return False
-        return all(len(key.unique()) == 1 for key in (self.layout.patch, self.layout.link))
+        patch, link = self.layout.patch, self.layout.link
+        assert patch is not None
+        assert link is not None
+        return len(patch.unique()) == 1 and len(link.unique()) == 1
 
     @property
     def cnn_widths(self) -> list[int]:
@@ -142,15 +145,21 @@ class ComparedTask:
         )
 
     def choice(
-        self, settings: Sequence[dict[str, Any]] = ({},), *, is_estimator: bool = False
+        self,
+        settings: Sequence[dict[str, Any]] = ({},),
+        *,
+        is_estimator: bool = False,
+        draft: Mapping[str, Any] | None = None,
     ) -> Choice:
-        r"""Returns what is chosen for a model."""
+        r"""Returns what is chosen for a model, which is changed by :obj:`draft` until then."""
         few = self.num_train <= _FEW_SAMPLES
         members = self.members or (_MEMBERS if few and not self.is_slow else 1)
         cuts = _VALIDATION_CUTS_OF_FEW if few else _VALIDATION_CUTS
         cuts = cuts if self.has_given_parts else 0
         if is_estimator:
-            return Choice(settings, self.metric, members, _REPEATS, _MOST_TRIED, cuts)
+            return Choice(
+                *(settings, self.metric, members, _REPEATS, _MOST_TRIED, cuts), draft=draft or {}
+            )
         settings = settings[:1] if self.is_slow else settings
         repeats = _REPEATS if few else 1
         return Choice(settings, self.metric, members, repeats, num_validation_cuts=cuts)

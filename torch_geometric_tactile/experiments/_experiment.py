@@ -42,7 +42,9 @@ class Choice:
     tested on one given part.
 
     A setting is merged into the model, but for its :obj:`"transform"` and
-    :obj:`"train_transform"`, which take the place of the experiment's.
+    :obj:`"train_transform"`, which take the place of the experiment's. While settings
+    are compared, :obj:`draft` is merged into the model first, such as a smaller number of trees;
+    the chosen setting is trained without it.
     """
 
     settings: Sequence[Mapping[str, Any]] = ({},)
@@ -51,6 +53,7 @@ class Choice:
     repeats: int = 3
     most_samples: int = 2000
     num_validation_cuts: int = 0
+    draft: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.metric not in _METRICS:
@@ -72,9 +75,11 @@ class Choice:
 
     def to_dict(self) -> dict[str, Any]:
         r"""Returns the arguments as JSON values."""
-        content = {**asdict(self), "settings": [dict(setting) for setting in self.settings]}
-        if not self.num_validation_cuts:  # runs that were stored before there were any stay valid
-            del content["num_validation_cuts"]
+        settings = [dict(setting) for setting in self.settings]
+        content = {**asdict(self), "settings": settings, "draft": dict(self.draft)}
+        for name in ("num_validation_cuts", "draft"):  # runs stored before these stay valid
+            if not content[name]:
+                del content[name]
         return content
 
 

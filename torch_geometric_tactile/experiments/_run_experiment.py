@@ -146,8 +146,8 @@ def _choose(
 ) -> tuple[Experiment, dict[str, Any]]:
     # The experiment with the setting that is chosen, and what is told of the choice.
     start = time.perf_counter()
-    one = replace(experiment, choice=replace(choice, members=1))
-    tried = [_Tried(one.with_setting(setting)) for setting in choice.settings]
+    draft = replace(experiment, choice=replace(choice, members=1)).with_setting(choice.draft)
+    tried = [_Tried(draft.with_setting(setting)) for setting in choice.settings]
     racing = tried if len(tried) > 1 else []
     for part, val in cuts:
         for setting in racing:

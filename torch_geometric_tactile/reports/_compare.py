@@ -22,6 +22,7 @@ from torch_geometric_tactile.experiments._scores import (
     prediction_scores,
     shown_number,
 )
+from torch_geometric_tactile.experiments._setting_words import describe_setting
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import describe_cut, describe_left_out
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
@@ -206,24 +207,14 @@ def _differences(comparison: Comparison) -> str:
 
 def _chosen(comparison: Comparison) -> list[list[str]]:
     rows = []
+    transforms = {e.name: e.transform for e in comparison.run.plan.experiments}
     for result in comparison.results:
-        texts = []
-        for chosen in result.chosen:
-            texts.append(_setting(chosen["setting"]) or "as is")
+        transform = transforms[result.model.name]
+        texts = [describe_setting(chosen["setting"], transform) for chosen in result.chosen]
         counted = {text: texts.count(text) for text in texts}
         said = "; ".join(f"{text} ({n} x)" if n > 1 else text for text, n in counted.items())
         rows.append([result.model.name, result.model.title, said])
     return rows
-
-
-def _setting(setting: object) -> str:
-    if not isinstance(setting, dict):
-        return str(setting)
-    parts = []
-    for key, value in setting.items():
-        inner = _setting(value)
-        parts.append(inner if isinstance(value, dict) else f"{key} {inner}")
-    return ", ".join(filter(None, parts))
 
 
 def _escaped(rows: Sequence[Sequence[str]]) -> list[list[str]]:

@@ -73,3 +73,17 @@ def test_eight_widths_are_the_most():
 def test_bad_input_is_refused(make, match):
     with pytest.raises(ValueError, match=match):
         make()
+
+
+def test_maps_stay_in_channels_last_format_with_weights_of_any(tmp_path):
+    torch.manual_seed(0)
+    model = SmallCNN(grid(8, 8, pitch=0.01), 3, in_channels=1).eval()
+    plain = {name: value.contiguous() for name, value in model.state_dict().items()}
+    torch.save(plain, tmp_path / "a.pt")
+    other = SmallCNN(grid(8, 8, pitch=0.01), 3, in_channels=1).eval()
+    other.load_state_dict(torch.load(tmp_path / "a.pt", weights_only=True))
+    formats = []
+    other.norms[1].register_forward_hook(lambda norm, given, out: formats.append(out))
+    x = torch.randn(4, 64, 1)
+    assert other(x).allclose(model(x), atol=1e-6)
+    assert formats[0].is_contiguous(memory_format=torch.channels_last)
