@@ -154,7 +154,7 @@ def test_slow_models_are_left_out_on_many_taxels_unless_named(name):
 
 @pytest.mark.parametrize(
     ("size", "samples", "settings", "members"),
-    [((20, 25), 900, 2, 3), ((3, 167), 900, 2, 3), ((3, 400), 900, 1, 1), ((3, 167), 2000, 1, 1)],
+    [((20, 25), 900, 3, 3), ((3, 167), 900, 3, 3), ((3, 400), 900, 1, 1), ((3, 167), 2000, 1, 1)],
 )
 def test_one_network_is_trained_on_many_readings_of_many_taxels(size, samples, settings, members):
     task = ComparedTask(grid(*size, 0.01), "accuracy", samples, members=None)

@@ -36,7 +36,7 @@ NEEDED = {
 # No sizes, and PyG's own.
 OTHERS = {"BilinearFeature", "StaticGATConv", "StaticGATv2Conv", "StaticGCNConv", "TaxelPool"}
 NO_SIZES = ("layout", "finger", "dim", "pool_dim", "channels", "conv")
-NOT_NEGATIVE = {"num_joints", "direct_channels", "descriptor_channels"}
+NOT_NEGATIVE = {"num_joints", "direct_channels", "descriptor_channels", "mixed_channels"}
 
 
 def arguments():

@@ -245,6 +245,36 @@ PAIRS = {  # a data set, a model, and transforms
         ),
         [T.ZScore(per="signal")],
     ),
+    "temporal_pooled": lambda: (
+        Windows(dataset(), 6, hop=2),
+        TemporalTaxelNet(
+            *(LAYOUT, 2),
+            in_channels=3,
+            num_filters=2,
+            filter_size=1,
+            dilation=1,
+            num_blocks=1,
+            pool="mean_max",
+            mixed_channels=5,
+            widths=(4,),
+        ),
+        [T.ZScore(per="signal")],
+    ),
+    "temporal_mixed": lambda: (
+        Windows(dataset(), 6, hop=2),
+        TemporalTaxelNet(
+            *(LAYOUT, 2),
+            in_channels=3,
+            num_filters=2,
+            filter_size=2,
+            dilation=1,
+            num_blocks=1,
+            kernel_size=2,
+            mixed_channels=5,
+            widths=(4,),
+        ),
+        [T.ZScore(per="signal")],
+    ),
     "knn": lambda: (
         dataset(),
         Reader("pos", "segment_batch", "edge_is_within"),
@@ -287,7 +317,7 @@ PAIRS = {  # a data set, a model, and transforms
 }
 
 
-STEPPED = {"temporal_taxel_net"}
+STEPPED = {"temporal_mixed", "temporal_taxel_net"}
 
 
 def doubled(parent):

@@ -324,8 +324,12 @@ MODELS = {
     "posed_open": lambda: PosedTaxelNet(small_models.LAYOUT, 3, posed=False, widths=(4, 2)),
     "small_cnn": lambda: SmallCNN(small_models.LAYOUT, 3, widths=(4, 4), hidden_channels=5),
     "taxel": lambda: TaxelNet(small_models.LAYOUT, 3, direct_channels=2, max_taxels=6),
+    "taxel_pyramid": lambda: TaxelNet(small_models.LAYOUT, 3, max_taxels=6, head_taxels=3, depth=1),
     "taxel_described": lambda: TaxelNet(small_models.LAYOUT, 3, descriptor_channels=4),
     "taxel_joint": lambda: TaxelNet(small_models.LAYOUT, 3, conv="self", num_joints=2),
+    "temporal_pooled": lambda: TemporalTaxelNet(
+        *(small_models.LAYOUT, 3), pool="mean", mixed_channels=4, num_filters=2, filter_size=2
+    ),
     "temporal": lambda: TemporalTaxelNet(
         small_models.LAYOUT, 3, num_filters=2, filter_size=2, max_taxels=6, num_joints=2
     ),

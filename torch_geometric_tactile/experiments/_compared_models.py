@@ -238,6 +238,10 @@ def _temporal(task: ComparedTask) -> _Tried:
     return [*_OPERATORS[:2], whole, mixed, shifted, _normalized(task)]
 
 
+def _temporal_cnn(task: ComparedTask) -> _Tried:
+    return [{}, {"train_transform": task.time_shift()}, _normalized(task)]
+
+
 def _described_leaves(task: ComparedTask) -> _Tried:
     # Without repeated descriptors, drawing features by their number is the default.
     assert task.layout is not None
@@ -329,7 +333,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "temporal_cnn",
         "TemporalCNN, a residual network over time on the readings of each frame",
         "TemporalCNN",
-        ({},),
+        _temporal_cnn,
         lacks=lacks_frames,
     ),
     _Estimator(
