@@ -217,7 +217,7 @@ def _taxel_net(task: ComparedTask) -> _Tried:
 
 def _cnn(task: ComparedTask) -> _Tried:
     if not task.is_image:
-        return _DROPOUT
+        return [*_DROPOUT, _normalized(task)]
     shifted = {"train_transform": task.shift()}
     if task.is_slow:
         return [shifted]
