@@ -197,3 +197,15 @@ def test_a_saved_model_has_no_augmentation(tmp_path, monkeypatch):
     settings = ComparisonSettings(models=("fnn",), folds=3, epochs=2, members=1)
     predictor = deploy(comparing.compare(source, settings, tmp_path / "out"), "fnn")
     assert "RandomShift" not in str(predictor.preparation.transform)
+
+
+@pytest.mark.parametrize("name", ["temporal", "temporal_cnn", "taxel_net", "cnn", "fnn", "lstm"])
+def test_fewer_settings_are_tried_on_many_samples(name):
+    tasks = [
+        ComparedTask(grid(8, 8, 0.01), "accuracy", count, num_frames=9) for count in (1000, 1001)
+    ]
+    few, many = (network_settings(name, task) for task in tasks)
+    assert few[0] == many[0] == {}
+    assert len(many) < len(few)
+    assert all(setting in few for setting in many)
+    assert "NormalizeRMS" not in str(many)

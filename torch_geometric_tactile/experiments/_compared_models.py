@@ -199,34 +199,39 @@ def _described(task: ComparedTask) -> _Tried:
     return [{"model": arguments, "transform": task.transform(centred=False)}]
 
 
-def _normalized(task: ComparedTask) -> dict[str, Any]:
-    return {"transform": task.transform(normalized=True)}
+def _normalized(task: ComparedTask) -> _Tried:
+    # With many samples a network learns what strength means.
+    return [{"transform": task.transform(normalized=True)}] if task.is_few else []
+
+
+def _more_decay(task: ComparedTask) -> _Tried:
+    return _MORE_DECAY if task.is_few else [{}]
 
 
 def _taxel_net(task: ComparedTask) -> _Tried:
     if not task.is_image:
-        return [*_OPERATORS, _normalized(task), *_described(task)]
+        return [*_OPERATORS, *_normalized(task), *_described(task)]
     pyramid = {"model": {"init_args": {**_PYRAMID, "widths": task.cnn_widths}}}
     shifted = {**pyramid, "train_transform": task.shift()}
     if task.is_slow:  # one setting is trained
         return [shifted]
     deep = {"model": {"init_args": _DEEP}, "train_transform": task.shift()}
-    tried = [{}, _OPERATORS[1], pyramid, shifted, deep, *_mirrored(task, pyramid)]
-    return [*tried, _normalized(task), *_described(task)]
+    tried = [*_OPERATORS[:2], pyramid, shifted, deep]
+    return [*tried, *_mirrored(task, pyramid), *_normalized(task), *_described(task)]
 
 
 def _cnn(task: ComparedTask) -> _Tried:
     if not task.is_image:
-        return [*_DROPOUT, _normalized(task)]
+        return [*_DROPOUT, *_normalized(task)]
     shifted = {"train_transform": task.shift()}
     if task.is_slow:
         return [shifted]
-    return [*_DROPOUT, shifted, *_mirrored(task, {}), _normalized(task)]
+    return [*_DROPOUT, shifted, *_mirrored(task, {}), *_normalized(task)]
 
 
 def _mirrored(task: ComparedTask, setting: dict[str, Any]) -> _Tried:
     # Of shear, one channel would change its sign: which one is not known.
-    if task.num_channels > 1:
+    if task.num_channels > 1 or not task.is_few:
         return []
     return [{**setting, "train_transform": task.shift(mirrored=True)}]
 
@@ -235,11 +240,14 @@ def _temporal(task: ComparedTask) -> _Tried:
     mixed = {"model": {"init_args": _MIXED_TAXELS}}
     shifted = {**mixed, "train_transform": task.time_shift()}
     whole = {"model": {"init_args": _WHOLE_WINDOW}}
-    return [*_OPERATORS[:2], whole, mixed, shifted, _normalized(task)]
+    more = [shifted, *_normalized(task)] if task.is_few else []
+    return [*_OPERATORS[:2], whole, mixed, *more]
 
 
 def _temporal_cnn(task: ComparedTask) -> _Tried:
-    return [{}, {"train_transform": task.time_shift()}, _normalized(task)]
+    if not task.is_few:
+        return [{}]
+    return [{}, {"train_transform": task.time_shift()}, *_normalized(task)]
 
 
 def _described_leaves(task: ComparedTask) -> _Tried:
@@ -281,7 +289,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "gcn",
         "TactileGCN, a plain GCN",
         "TactileGCN",
-        _MORE_DECAY,
+        _more_decay,
         {"widths": [32, 32], "pools": [1, 1], "head_widths": [128], "head_pools": [1]},
         is_graph=True,
         lr=1e-3,
@@ -291,7 +299,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "grasp_gcn",
         "GraspGCN, a graph convolution on all frames of a taxel",
         "GraspGCN",
-        lambda task: [*_MORE_DECAY, _FINGERS_APART] if task.num_channels > 1 else _MORE_DECAY,
+        lambda task: [*_more_decay(task), *([_FINGERS_APART] if task.num_channels > 1 else [])],
         is_graph=True,
         lr=1e-3,
         lacks=lacks_frames,
@@ -300,7 +308,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "fnn",
         "TactileFNN, fully connected",
         "TactileFNN",
-        lambda task: [*_MORE_DECAY, _normalized(task)],
+        lambda task: [*_more_decay(task), *_normalized(task)],
         {"widths": [256, 64], "pools": [1, 1]},
         lr=1e-3,
     ),
@@ -316,7 +324,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "bmf_cnn",
         "BMFCNN, bilinear features on the map of the layout",
         "BMFCNN",
-        _MORE_DECAY,
+        _more_decay,
         lr=1e-3,
         lacks=lacks_a_large_map,
         most_taxels=MANY_TAXELS,
@@ -325,7 +333,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "lstm",
         "GraspLSTM, recurrent, on the readings of each frame",
         "GraspLSTM",
-        _MORE_DECAY,
+        _more_decay,
         lr=1e-3,
         lacks=lacks_frames,
     ),

@@ -94,6 +94,11 @@ class ComparedTask:
         return recipe if self.epochs is None else recipe._replace(max_epochs=self.epochs)
 
     @property
+    def is_few(self) -> bool:
+        r"""Whether the samples to train on are few."""
+        return self.num_train <= _FEW_SAMPLES
+
+    @property
     def is_slow(self) -> bool:
         r"""Whether the readings to train a network on are many."""
         taxels = self.num_taxels
@@ -152,16 +157,15 @@ class ComparedTask:
         draft: Mapping[str, Any] | None = None,
     ) -> Choice:
         r"""Returns what is chosen for a model, which is changed by :obj:`draft` until then."""
-        few = self.num_train <= _FEW_SAMPLES
-        members = self.members or (_MEMBERS if few and not self.is_slow else 1)
-        cuts = _VALIDATION_CUTS_OF_FEW if few else _VALIDATION_CUTS
+        members = self.members or (_MEMBERS if self.is_few and not self.is_slow else 1)
+        cuts = _VALIDATION_CUTS_OF_FEW if self.is_few else _VALIDATION_CUTS
         cuts = cuts if self.has_given_parts else 0
         if is_estimator:
             return Choice(
                 *(settings, self.metric, members, _REPEATS, _MOST_TRIED, cuts), draft=draft or {}
             )
         settings = settings[:1] if self.is_slow else settings
-        repeats = _REPEATS if few else 1
+        repeats = _REPEATS if self.is_few else 1
         return Choice(settings, self.metric, members, repeats, num_validation_cuts=cuts)
 
     def transform(
