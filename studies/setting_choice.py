@@ -43,11 +43,13 @@ _PYRAMID = {
 _MIXED = {
     "pool": "mean_max",
     "mixed_channels": 128,
-    "filter_size": 1,
+    "num_filters": None,
+    "widths": [16],
     "kernel_size": 5,
     "dilation": 1,
     "num_blocks": 3,
-    "dropout": 0.3,
+    "hidden_channels": None,
+    "dropout": 0.0,
     "taxel_dropout": 0.0,
 }
 
@@ -166,8 +168,12 @@ def window_settings() -> dict[str, tuple[str, dict[str, Any]]]:
         "mean and maximum": ("temporal", _model(taxel_dropout=0.0, pool="mean_max")),
         "mixed": ("temporal", mixed),
         "mixed, 64 channels": ("temporal", _model(**_MIXED | {"mixed_channels": 64})),
-        "mixed, dropout 0.1": ("temporal", _model(**_MIXED | {"dropout": 0.1})),
-        "mixed, 16 features": ("temporal", _model(**_MIXED, widths=[16])),
+        "mixed, dropout 0.3": ("temporal", _model(**_MIXED | {"dropout": 0.3})),
+        "mixed, 16 filters": (
+            "temporal",
+            _model(**_MIXED | {"num_filters": 16, "filter_size": 1}),
+        ),
+        "mixed, hidden layer": ("temporal", _model(**_MIXED | {"hidden_channels": 64})),
         "mixed, last frame": ("temporal", _model(**_MIXED | {"pool": "last"})),
         "mixed, shifts in time": ("temporal", mixed | shifts),
         "temporal_cnn": ("temporal_cnn", {}),

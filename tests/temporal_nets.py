@@ -18,6 +18,8 @@ MODELS = {
     "difference": {"conv": "difference", "dilation": 1, "num_blocks": 3, "in_channels": 1},
     "joints": {"num_joints": 2, "num_sectors": 6, "filter_size": 4, "kernel_size": 1},
     "mixed": {"mixed_channels": 5, "max_taxels": 8, "dilation": 2},
+    "readings": {"num_filters": None, "hidden_channels": None, "dilation": 2},
+    "mixed_readings": {"num_filters": None, "mixed_channels": 5, "in_channels": 3},
 }
 
 # Of windows that are judged as a whole, which cannot be streamed.
@@ -26,7 +28,16 @@ POOLED = {
     "mixed_mean_max": {"pool": "mean_max", "mixed_channels": 5, "filter_size": 1, "num_joints": 2},
 }
 
-FIELDS = {"electrodes": 9, "pooled": 9, "self": 10, "difference": 17, "joints": 4, "mixed": 17}
+FIELDS = {
+    "electrodes": 9,
+    "pooled": 9,
+    "self": 10,
+    "difference": 17,
+    "joints": 4,
+    "mixed": 17,
+    "readings": 13,
+    "mixed_readings": 9,
+}
 
 
 def small(name="pooled", **more):

@@ -607,6 +607,7 @@ def test_seeds_of_given_parts_are_one_split(tmp_path):
     page = comparison_markdown(three)
     assert "1 split. Mean ± standard deviation over 3 seeds of the training." in page
     assert "| to fnn (points) | over seeds | over trials |" in page
+    assert "| to fnn (points) | over trials | parameters |" in comparison_markdown(one)
     assert ",accuracy,0.8958333333333334,0.0,1," in comparison_csv(three)
 
 

@@ -179,11 +179,13 @@ _WHOLE_WINDOW = {"pool": "mean", **_NO_TAXEL_DROPOUT}
 _MIXED_TAXELS = {
     "pool": "mean_max",
     "mixed_channels": 128,
-    "filter_size": 1,
+    "num_filters": None,
+    "widths": [16],
     "kernel_size": 5,
     "dilation": 1,
     "num_blocks": 3,
-    "dropout": 0.3,
+    "hidden_channels": None,
+    "dropout": 0.0,
     **_NO_TAXEL_DROPOUT,
 }
 _MORE_DECAY = [{}, _decay(0.5)]

@@ -26,6 +26,7 @@ from torch_geometric_tactile.experiments._setting_words import describe_setting
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import describe_cut, describe_left_out
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
+from torch_geometric_tactile.experiments.differences import Difference
 from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.io._csv_table import safe_cell
@@ -85,12 +86,20 @@ def comparison_rows(comparison: Comparison) -> tuple[list[str], list[list[str]]]
         header.append(f"validation {names[comparison.metrics.index(comparison.metric)]}")
     if comparison.best_plain is not None:
         unit = " (points)" if comparison.metric in PERCENT else ""
-        over_units = f"over {comparison.units.name}s"
-        over_runs = "over seeds" if comparison.has_given_parts else "over splits"
-        header += [f"to {comparison.best_plain}{unit}", over_runs, over_units]
+        errors = [name for name, _ in _errors(comparison, None)]
+        header += [f"to {comparison.best_plain}{unit}", *errors]
     header += ["parameters", "seconds", "ms a sample"]
     ordered = sorted(comparison.results, key=comparison.merit, reverse=True)
     return header, [_row(comparison, result) for result in ordered]
+
+
+def _errors(comparison: Comparison, difference: Difference | None) -> list[tuple[str, float]]:
+    # The standard errors of a difference, by the headers of their columns.
+    over = Difference(math.nan, math.nan, math.nan, 0, 0) if difference is None else difference
+    columns = [(f"over {comparison.units.name}s", over.over_units)]
+    if not comparison.has_given_parts:
+        return [("over splits", over.over_splits), *columns]
+    return [("over seeds", over.over_seeds), *columns] if comparison.num_seeds > 1 else columns
 
 
 def _row(comparison: Comparison, result: ModelResult) -> list[str]:
@@ -102,16 +111,15 @@ def _row(comparison: Comparison, result: ModelResult) -> list[str]:
     if comparison.is_validated:
         value = math.nan if result.validation is None else result.validation
         scores.append(shown_number(comparison.metric, value))
-    difference = [] if comparison.best_plain is None else ["", "", ""]
+    errors = _errors(comparison, result.difference)
+    difference = [] if comparison.best_plain is None else [""] * (1 + len(errors))
     if result.difference is not None:
-        mean, over_runs, over_units = result.difference[:3]
-        if comparison.has_given_parts:
-            over_runs = result.difference.over_seeds
+        mean = result.difference.mean
         sign = "+" if mean > 0 else ""
         number = shown_number(comparison.metric, mean)
         mark = " *" if result.difference.is_beyond_noise else ""
-        errors = [f"± {shown_number(comparison.metric, e)}" for e in (over_runs, over_units)]
-        difference = [f"{sign}{number}{mark}", *errors]
+        difference = [f"{sign}{number}{mark}"]
+        difference += [f"± {shown_number(comparison.metric, error)}" for _, error in errors]
     size = "" if result.num_parameters is None else f"{result.num_parameters:,.0f}"
     kind = "graph" if result.model.is_graph else "plain"
     times = [f"{result.seconds:,.1f}", f"{result.milliseconds:.2g}"]

@@ -101,7 +101,8 @@ def test_temporal_taxel_net_order_of_the_features_matters():
 
 def test_temporal_taxel_net_state_is_tensors(model):
     state = model.initial_state(3, dtype=torch.double)
-    assert len(state) == 1 + (model.mixer is not None) + len(model.blocks)
+    first_layers = [layer for layer in (model.filters, model.mixer) if layer is not None]
+    assert len(state) == len(first_layers) + len(model.blocks)
     assert all(len(part) == 3 and part.dtype == torch.double for part in state)
     frames = samples(5, model.num_nodes, model.in_channels)
     joint = samples(5, 2)

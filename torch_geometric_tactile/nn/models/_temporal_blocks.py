@@ -62,8 +62,8 @@ class TemporalBlock(Module):
 
 class FrameHead(Module):
     r"""From the features of all taxels to the logits of a frame: all side by side, their mean and
-    their maximum, a hidden layer, and the logits. Features that are mixed already are taken as they
-    are.
+    their maximum, a hidden layer if it has a width, and the logits. Features that are mixed already
+    are taken as they are.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class FrameHead(Module):
         num_nodes: int,
         width: int,
         out_channels: int,
-        hidden_channels: int,
+        hidden_channels: int | None,
         dropout: float,
         num_joints: int,
         are_mixed: bool = False,
@@ -81,9 +81,13 @@ class FrameHead(Module):
         self.are_mixed = are_mixed
         in_channels = width if are_mixed else (num_nodes + 2) * width
         self.dropout = ByteDropout(dropout)
-        self.lin = Linear(in_channels + num_joints, hidden_channels, bias=False)
-        self.norm = TaxelNorm(hidden_channels)
-        self.lin_out = Linear(hidden_channels, out_channels)
+        width = in_channels + num_joints
+        self.lin: Linear | None = None
+        if hidden_channels is not None:
+            self.lin = Linear(width, hidden_channels, bias=False)
+            self.norm = TaxelNorm(hidden_channels)
+            width = hidden_channels
+        self.lin_out = Linear(width, out_channels)
 
     def forward(self, h: Tensor, joint: OptTensor) -> Tensor:
         r"""Returns the logits of one frame :math:`(B, O)`, or of all :math:`(B, T, O)`.
@@ -97,7 +101,9 @@ class FrameHead(Module):
         if not self.are_mixed:
             features = torch.cat([features, rows.mean(dim=1), rows.amax(dim=1)], dim=1)
         features = with_joints(self.dropout(features), joint, self.num_joints)
-        out: Tensor = self.lin_out(self.dropout(self.norm(self.lin(features)).relu()))
+        if self.lin is not None:
+            features = self.dropout(self.norm(self.lin(features)).relu())
+        out: Tensor = self.lin_out(features)
         return out if h.dim() == 3 else out.unflatten(0, (h.size(0), h.size(2)))
 
 

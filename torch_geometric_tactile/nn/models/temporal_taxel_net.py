@@ -83,7 +83,8 @@ class TemporalTaxelNet(BaseModel):
             of a layout file.
         out_channels (int): Number of labels or classes.
         in_channels (int): Channels of each taxel in one frame :math:`C`: axes or fingers.
-        num_filters (int): Number of filters of the readings.
+        num_filters (int, optional): Number of filters of the readings. If :obj:`None`, the readings
+            themselves go into the first level, and :math:`F = 1`.
         filter_size (int): Length of the filters in frames :math:`F`.
         widths (sequence of int, optional): Width of each level, the last for all further ones. If
             left out, 32 without pooling, and 16, 32 and 64 with it.
@@ -98,7 +99,8 @@ class TemporalTaxelNet(BaseModel):
             Streams need :obj:`"last"`.
         mixed_channels (int): Width of the blocks on the joined features of all taxels; 0 for blocks
             on the features of each taxel.
-        hidden_channels (int): Width of the hidden layer.
+        hidden_channels (int, optional): Width of the hidden layer; if :obj:`None`, the logits
+            follow from the features without one.
         dropout (float): Part of the features dropped in training before each layer of the head, and
             half of it in the blocks.
         taxel_dropout (float): Part of the taxels that read nothing in training, drawn anew for each
@@ -137,7 +139,7 @@ class TemporalTaxelNet(BaseModel):
         out_channels: int,
         *,
         in_channels: int = 1,
-        num_filters: int = 16,
+        num_filters: Optional[int] = 16,
         filter_size: int = 16,
         widths: Optional[Sequence[int]] = None,
         depth: int = 1,
@@ -148,7 +150,7 @@ class TemporalTaxelNet(BaseModel):
         num_blocks: int = 2,
         pool: Literal["last", "mean", "max", "mean_max"] = "last",
         mixed_channels: int = 0,
-        hidden_channels: int = 64,
+        hidden_channels: Optional[int] = 64,
         dropout: float = 0.5,
         taxel_dropout: float = 0.2,
         max_taxels: int = 64,
@@ -160,14 +162,14 @@ class TemporalTaxelNet(BaseModel):
         check_sizes(
             out_channels=out_channels,
             in_channels=in_channels,
-            num_filters=num_filters,
+            num_filters=1 if num_filters is None else num_filters,
             filter_size=filter_size,
             depth=depth,
             num_sectors=num_sectors,
             kernel_size=kernel_size,
             dilation=dilation,
             num_blocks=num_blocks,
-            hidden_channels=hidden_channels,
+            hidden_channels=1 if hidden_channels is None else hidden_channels,
             max_taxels=max_taxels,
         )
         for name, size in (("num_joints", num_joints), ("mixed_channels", mixed_channels)):
@@ -181,14 +183,17 @@ class TemporalTaxelNet(BaseModel):
         self.pool = pool
         self.taxel_dropout = check_taxel_dropout(taxel_dropout)
         self.num_joints = num_joints
-        self.receptive_field = filter_size + (kernel_size - 1) * dilation * (2**num_blocks - 1)
+        self.receptive_field = 1 + (kernel_size - 1) * dilation * (2**num_blocks - 1)
         pools = pooled_layouts(layout, max_taxels)
         self.widths = level_widths(widths, 1 + len(pools))
         self.taxels = (self.num_nodes, *(pool.num_clusters for pool in pools))
         self.norm = ReadingNorm(in_channels)
-        self.filters = FrameFilters(in_channels, num_filters, filter_size)
+        self.filters: Optional[FrameFilters] = None
+        if num_filters is not None:
+            self.filters = FrameFilters(in_channels, num_filters, filter_size)
+            self.receptive_field += filter_size - 1
         ons = [layout, *(pool.coarse for pool in pools)]
-        before = [num_filters, *self.widths]
+        before = [num_filters or in_channels, *self.widths]
         self.levels = ModuleList()
         for i, width in enumerate(self.widths):
             level = (before[i], *[width] * (1 if i == 0 and pools else depth))
@@ -241,7 +246,11 @@ class TemporalTaxelNet(BaseModel):
             x = x * seen[:, :, None, None]
         # Of every frame, or of those that the answer rests on.
         stride = 1 if per_frame else self.dilation
-        h = self.filters(x, stride if self.mixer is None else 1)
+        first_stride = stride if self.mixer is None else 1
+        if self.filters is None:
+            h = x[:, :, (x.size(2) - 1) % first_stride :: first_stride]
+        else:
+            h = self.filters(x, first_stride)
         for level in self.levels:
             h = in_frames(level, h)
         if self.mixer is not None:
@@ -282,11 +291,12 @@ class TemporalTaxelNet(BaseModel):
             dtype (torch.dtype, optional): Likewise.
         """
         need(self.can_step, _NEEDS_LAST.format("initial_state"), self.pool)
-        convs = [self.filters.conv, *(block.conv for block in _temporal(self.blocks))]
-        taxels = [self.num_nodes] + [self.taxels[-1]] * len(self.blocks)
-        if self.mixer is not None:
-            convs.insert(1, self.mixer.conv)
-            taxels[1:] = [1] * (1 + len(self.blocks))
+        num_nodes = self.taxels[-1] if self.mixer is None else 1
+        convs = [block.conv for block in _temporal(self.blocks)]
+        convs = convs if self.mixer is None else [self.mixer.conv, *convs]
+        taxels = [num_nodes] * len(convs)
+        if self.filters is not None:
+            convs, taxels = [self.filters.conv, *convs], [self.num_nodes, *taxels]
         return tuple(
             conv.initial_state(batch_size, count, device=device, dtype=dtype)
             for conv, count in zip(convs, taxels, strict=True)
@@ -310,16 +320,19 @@ class TemporalTaxelNet(BaseModel):
         """
         x = stacked_readings(frame, self.num_nodes, self.in_channels, "channels")
         need(self.can_step, _NEEDS_LAST.format("step"), self.pool)
-        num_first = 1 if self.mixer is None else 2
-        _check_state(state, num_first + len(self.blocks))
-        h, first = self.filters.step(self.norm(x), state[0])
-        after = [first]
+        layers = [layer for layer in (self.filters, self.mixer) if layer is not None]
+        _check_state(state, len(layers) + len(self.blocks))
+        before, after = list(state), []
+        h = self.norm(x)
+        if self.filters is not None:
+            h, seen = self.filters.step(h, before.pop(0))
+            after.append(seen)
         for level in self.levels:
             h = level(h)
         if self.mixer is not None:
-            h, mixed = self.mixer.step(h.flatten(1).unsqueeze(1), state[1])
-            after.append(mixed)
-        for block, seen in zip(_temporal(self.blocks), state[num_first:], strict=True):
+            h, seen = self.mixer.step(h.flatten(1).unsqueeze(1), before.pop(0))
+            after.append(seen)
+        for block, seen in zip(_temporal(self.blocks), before, strict=True):
             h, seen = block.step(h, seen)
             after.append(seen)
         return self.head(h, joint), tuple(after)
