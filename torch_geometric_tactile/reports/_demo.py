@@ -41,9 +41,9 @@ DemoComparisons = Mapping[str, Mapping[str, Comparison]]
 
 _FINGERS = ("index finger", "middle finger", "thumb")
 _CAPTION = (
-    "Mean ± standard deviation over the splits. The first three columns split "
-    "the training set: random grasps, objects that no training grasp is of, and one of the three "
-    "recording sessions (palm poses). The official test has other objects in other sessions. "
+    "Mean ± standard deviation over the splits, of the official test over the seeds. The first "
+    "three columns split the training set: random grasps, objects that no training grasp is of, "
+    "and one of the three recording sessions (palm poses). The official test has other objects in other sessions. "
     "Common mode: the mean over each finger's electrodes is subtracted in every reading. Settings "
     "were chosen on a part of each training part; networks are trained for {epochs} epochs. The "
     "row in bold is the model that is recommended on the official test."
@@ -193,7 +193,8 @@ def _pictures(comparisons: DemoComparisons, out: Path) -> list[ReportPicture]:
         "protocols": (
             plot_protocols(_accuracies(comparisons), chance=0.5),
             "Accuracy by what is held out",
-            "Means over the splits in %; bars are standard deviations, the dashed line is 50 %.",
+            "Means over the splits (official test: over the seeds) in %; bars are standard "
+            "deviations, the dashed line is 50 %.",
         ),
         "grasps": (
             plot_grasps(
