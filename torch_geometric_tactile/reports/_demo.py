@@ -43,7 +43,8 @@ _FINGERS = ("index finger", "middle finger", "thumb")
 _CAPTION = (
     "Mean ± standard deviation over the splits, of the official test over the seeds. The first "
     "three columns split the training set: random grasps, objects that no training grasp is of, "
-    "and one of the three recording sessions (palm poses). The official test has other objects in other sessions. "
+    "and one of the three recording sessions (palm poses). The official test has other objects in "
+    "other sessions. "
     "Common mode: the mean over each finger's electrodes is subtracted in every reading. Settings "
     "were chosen on a part of each training part; networks are trained for {epochs} epochs. The "
     "row in bold is the model that is recommended on the official test."
