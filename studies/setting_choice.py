@@ -24,6 +24,8 @@ from shared import describe_machine, parse
 
 from torch_geometric_tactile import datasets
 from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile.experiments._compared_models import MIXED_TAXELS, PYRAMID
+from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import ComparisonSettings, comparison_plan
@@ -32,26 +34,6 @@ from torch_geometric_tactile.sensors import grid
 
 _MAX_VALIDATED = 600
 _TRANSFORMS = "torch_geometric_tactile.transforms"
-_PYRAMID = {
-    "depth": 1,
-    "max_taxels": 32,
-    "head_taxels": 8,
-    "direct_channels": 0,
-    "dropout": 0.3,
-    "taxel_dropout": 0.0,
-}
-_MIXED = {
-    "pool": "mean_max",
-    "mixed_channels": 128,
-    "num_filters": None,
-    "widths": [16],
-    "kernel_size": 5,
-    "dilation": 1,
-    "num_blocks": 3,
-    "hidden_channels": None,
-    "dropout": 0.0,
-    "taxel_dropout": 0.0,
-}
 
 
 def textures(data: Path, made: Path) -> tuple[Samples, int]:
@@ -139,7 +121,7 @@ def _shift(cells: int) -> dict[str, Any]:
 
 def image_settings(widths: list[int]) -> dict[str, tuple[str, dict[str, Any]]]:
     """Returns settings of networks on images, by their names."""
-    pyramid = _model(**_PYRAMID, widths=widths)
+    pyramid = _model(**PYRAMID, widths=widths)
     deep = _model(taxel_dropout=0.0, max_taxels=4)
     return {
         "taxel_net": ("taxel_net", {}),
@@ -160,21 +142,21 @@ def image_settings(widths: list[int]) -> dict[str, tuple[str, dict[str, Any]]]:
 def window_settings() -> dict[str, tuple[str, dict[str, Any]]]:
     """Returns settings of networks on windows, by their names."""
     step = {"class_path": f"{_TRANSFORMS}.RandomTimeShift", "init_args": {"steps": 3}}
-    mixed, shifts = _model(**_MIXED), {"train_transform": step}
+    mixed, shifts = _model(**MIXED_TAXELS), {"train_transform": step}
     return {
         "temporal": ("temporal", {}),
         "no taxel dropout": ("temporal", _model(taxel_dropout=0.0)),
         "mean": ("temporal", _model(taxel_dropout=0.0, pool="mean")),
         "mean and maximum": ("temporal", _model(taxel_dropout=0.0, pool="mean_max")),
         "mixed": ("temporal", mixed),
-        "mixed, 64 channels": ("temporal", _model(**_MIXED | {"mixed_channels": 64})),
-        "mixed, dropout 0.3": ("temporal", _model(**_MIXED | {"dropout": 0.3})),
+        "mixed, 64 channels": ("temporal", _model(**MIXED_TAXELS | {"mixed_channels": 64})),
+        "mixed, dropout 0.3": ("temporal", _model(**MIXED_TAXELS | {"dropout": 0.3})),
         "mixed, 16 filters": (
             "temporal",
-            _model(**_MIXED | {"num_filters": 16, "filter_size": 1}),
+            _model(**MIXED_TAXELS | {"num_filters": 16, "filter_size": 1}),
         ),
-        "mixed, hidden layer": ("temporal", _model(**_MIXED | {"hidden_channels": 64})),
-        "mixed, last frame": ("temporal", _model(**_MIXED | {"pool": "last"})),
+        "mixed, hidden layer": ("temporal", _model(**MIXED_TAXELS | {"hidden_channels": 64})),
+        "mixed, last frame": ("temporal", _model(**MIXED_TAXELS | {"pool": "last"})),
         "mixed, shifts in time": ("temporal", mixed | shifts),
         "temporal_cnn": ("temporal_cnn", {}),
         "temporal_cnn, dropout 0.3": ("temporal_cnn", _model(dropout=0.3)),
@@ -239,13 +221,11 @@ def main() -> None:
         samples, num_frames = load(options.data, made) if is_window else (load(options.data, made), None)
         for draw in range(options.first, options.first + options.draws):
             plan = plan_of(samples, num_frames, draw, options, name)
-            (first, *_) = plan.experiments
-            pyramids = [
-                s["model"]["init_args"]["widths"]
-                for s in first.choice.settings
-                if "head_taxels" in s.get("model", {}).get("init_args", {})
-            ]
-            settings = window_settings() if is_window else image_settings(pyramids[0])
+            if is_window:
+                settings = window_settings()
+            else:
+                task = ComparedTask(samples.layout, "accuracy", len(samples.y))
+                settings = image_settings(task.cnn_widths)
             for title, (model, setting) in settings.items():
                 of_draw = scores.setdefault(name, {}).setdefault(title, {})
                 if str(draw) in of_draw:

@@ -166,7 +166,7 @@ _OPERATORS: _Tried = [
     {"model": {"init_args": {**_NO_TAXEL_DROPOUT, "conv": "self"}}},
 ]
 # As a convolutional network: few convolutions, and pooling to a few taxels before the head.
-_PYRAMID = {
+PYRAMID = {
     "depth": 1,
     "max_taxels": 32,
     "head_taxels": 8,
@@ -176,7 +176,7 @@ _PYRAMID = {
 }
 _DEEP = {"max_taxels": 4, **_NO_TAXEL_DROPOUT}  # convolutions also on the few taxels
 _WHOLE_WINDOW = {"pool": "mean", **_NO_TAXEL_DROPOUT}
-_MIXED_TAXELS = {
+MIXED_TAXELS = {
     "pool": "mean_max",
     "mixed_channels": 128,
     "num_filters": None,
@@ -213,13 +213,13 @@ def _more_decay(task: ComparedTask) -> _Tried:
 def _taxel_net(task: ComparedTask) -> _Tried:
     if not task.is_image:
         return [*_OPERATORS, *_normalized(task), *_described(task)]
-    pyramid = {"model": {"init_args": {**_PYRAMID, "widths": task.cnn_widths}}}
+    pyramid = {"model": {"init_args": {**PYRAMID, "widths": task.cnn_widths}}}
     shifted = {**pyramid, "train_transform": task.shift()}
     if task.is_slow:  # one setting is trained
         return [shifted]
     deep = {"model": {"init_args": _DEEP}, "train_transform": task.shift()}
-    tried = [*_OPERATORS[:2], pyramid, shifted, deep]
-    return [*tried, *_mirrored(task, pyramid), *_normalized(task), *_described(task)]
+    unmirrored = [*_OPERATORS[:2], pyramid, shifted, deep]
+    return [*unmirrored, *_mirrored(task, pyramid), *_normalized(task), *_described(task)]
 
 
 def _cnn(task: ComparedTask) -> _Tried:
@@ -239,7 +239,7 @@ def _mirrored(task: ComparedTask, setting: dict[str, Any]) -> _Tried:
 
 
 def _temporal(task: ComparedTask) -> _Tried:
-    mixed = {"model": {"init_args": _MIXED_TAXELS}}
+    mixed = {"model": {"init_args": MIXED_TAXELS}}
     shifted = {**mixed, "train_transform": task.time_shift()}
     whole = {"model": {"init_args": _WHOLE_WINDOW}}
     more = [shifted, *_normalized(task)] if task.is_few else []

@@ -115,13 +115,13 @@ def _default_unit(dataset: SampleSet) -> str:
                 *(kind, count, kind, kind),
             )
             return "group"
-    others = [by for by in ("group", "session") if dataset.column(by) is not None]
-    hints = " or ".join(f"'--by {by}'" for by in others)
+    units = [by for by in ("group", "session") if dataset.column(by) is not None]
+    hints = " or ".join(f"'--by {by}'" for by in units)
     _logger.warning(
         "the samples have no 'trial', and are split one by one%s: if several are of one touch, the "
         "scores tell how well models recognise that touch again, and are too high for a new one%s",
         f", since {obstacle}" if obstacle else "",
-        f" ({hints} holds out whole {'s or '.join(others)}s)" if others else "",
+        f" ({hints} holds out whole {'s or '.join(units)}s)" if units else "",
     )
     return "frame"
 

@@ -176,16 +176,18 @@ def _validate(experiment: Experiment, choice: Choice, choose_seconds: float) -> 
     start = time.perf_counter()
     cuts = choice_cuts(experiment, choice.num_validation_cuts)[2]
     try:
-        said = [_judge(experiment, fit(experiment, part, val), val) for part, val in cuts]
+        predictions = [_judge(experiment, fit(experiment, part, val), val) for part, val in cuts]
     except ValueError:  # as of a network that diverges
-        said = []
-    scores = [prediction_scores(p.y, p.prediction, choice.of_numbers)[choice.metric] for p in said]
+        predictions = []
+    scores = [
+        prediction_scores(p.y, p.prediction, choice.of_numbers)[choice.metric] for p in predictions
+    ]
     return {
         "choose_seconds": choose_seconds + time.perf_counter() - start,
         "validation": {
             "score": float(np.mean(scores)) if scores else None,
             "overlap": len(cuts[0][1]) / len(cuts[0][0]),
-            "predictions": [predictions.to_dict() for predictions in said],
+            "predictions": [p.to_dict() for p in predictions],
         },
     }
 

@@ -130,11 +130,16 @@ def _changed_steps(
             yield _step_words(step)
             continue
         arguments = step.get("init_args") or {}
-        given = of_default[path].get("init_args") or {}
-        known = {key: _LEFT_OUT[key] for key in _LEFT_OUT if key in {**arguments, **given}}
-        arguments, given = merged(known, arguments), merged(known, given)
+        default_arguments = of_default[path].get("init_args") or {}
+        left_out = {
+            key: _LEFT_OUT[key] for key in _LEFT_OUT if key in {**arguments, **default_arguments}
+        }
+        arguments, default_arguments = (
+            merged(left_out, arguments),
+            merged(left_out, default_arguments),
+        )
         for key in arguments:
-            if arguments[key] != given.get(key):
+            if arguments[key] != default_arguments.get(key):
                 yield _argument_words(key, arguments[key])
     for path in of_default:
         if path not in steps:

@@ -291,24 +291,24 @@ class Comparison:
             ValueError: If one of them has no validation score.
         """
         validations = [self._validations(name) for name in (first, second)]
-        for name, found in zip((first, second), validations, strict=True):
-            need(found, f"'{name}' must have a validation score (got none)")
+        for name, of_model in zip((first, second), validations, strict=True):
+            need(of_model, f"'{name}' must have a validation score (got none)")
         one, other = (
-            [Predictions.from_dict(said) for entry in found for said in entry["predictions"]]
-            for found in validations
+            [Predictions.from_dict(said) for entry in of_model for said in entry["predictions"]]
+            for of_model in validations
         )
         overlap = statistics.fmean(entry["overlap"] for entry in validations[0])
         unit = self.units.name
-        units, others = (
+        one_by_unit, other_by_unit = (
             [self.units.of_predictions(said) for said in part] for part in (one, other)
         )
-        if self.units.num_of(units) >= LEAST_PAIRS:
-            return paired_difference(units, others, self.metric, overlap, unit)
+        if self.units.num_of(one_by_unit) >= LEAST_PAIRS:
+            return paired_difference(one_by_unit, other_by_unit, self.metric, overlap, unit)
         return paired_difference(one, other, self.metric, overlap)  # fewer than can be counted
 
     def _validations(self, name: str) -> list[dict[str, Any]]:
-        found = [r.get("validation") for e, r in self.run.results if e.name == name]
-        return [entry for entry in found if entry and entry["predictions"]]
+        validations = [r.get("validation") for e, r in self.run.results if e.name == name]
+        return [entry for entry in validations if entry and entry["predictions"]]
 
     def predictions(self, name: str) -> list[Predictions]:
         r"""Returns the predictions of one model, split by split, with their units as trials.

@@ -29,17 +29,17 @@ class TensorCheck(Forgetful):
     """
 
     def __init__(self) -> None:
-        self._seen: Optional[tuple[weakref.ref[Tensor], tuple[int, int]]] = None
+        self._checked: Optional[tuple[weakref.ref[Tensor], tuple[int, int]]] = None
 
     def _check(self, tensor: Tensor, size: int, check: Callable[[Tensor, int], None]) -> None:
         if is_traced() or tensor.is_inference():  # an inference tensor counts no writes
             check(tensor, size)
             return
         state = (tensor._version, size)
-        seen = self._seen
-        if seen is None or seen[0]() is not tensor or seen[1] != state:
+        checked = self._checked
+        if checked is None or checked[0]() is not tensor or checked[1] != state:
             check(tensor, size)
-            self._seen = (weakref.ref(tensor), state)
+            self._checked = (weakref.ref(tensor), state)
 
 
 class EdgeCheck(TensorCheck):

@@ -73,8 +73,8 @@ class LoopCache(EdgeCache[Tensor]):
             return edges
 
         key, tensors = (num_nodes,), (edge_index,)
-        found = self._found(key, tensors)
-        return self._keep(key, tensors, looped) if found is None else found
+        looped_edges = self._found(key, tensors)
+        return self._keep(key, tensors, looped) if looped_edges is None else looped_edges
 
 
 def may_keep_loops(edge_index: Adj) -> bool:

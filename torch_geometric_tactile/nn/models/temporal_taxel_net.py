@@ -325,16 +325,16 @@ class TemporalTaxelNet(BaseModel):
         before, after = list(state), []
         h = self.norm(x)
         if self.filters is not None:
-            h, seen = self.filters.step(h, before.pop(0))
-            after.append(seen)
+            h, layer_state = self.filters.step(h, before.pop(0))
+            after.append(layer_state)
         for level in self.levels:
             h = level(h)
         if self.mixer is not None:
-            h, seen = self.mixer.step(h.flatten(1).unsqueeze(1), before.pop(0))
-            after.append(seen)
-        for block, seen in zip(_temporal(self.blocks), before, strict=True):
-            h, seen = block.step(h, seen)
-            after.append(seen)
+            h, layer_state = self.mixer.step(h.flatten(1).unsqueeze(1), before.pop(0))
+            after.append(layer_state)
+        for block, layer_state in zip(_temporal(self.blocks), before, strict=True):
+            h, layer_state = block.step(h, layer_state)
+            after.append(layer_state)
         return self.head(h, joint), tuple(after)
 
     def extra_repr(self) -> str:
