@@ -159,6 +159,10 @@ def window_settings() -> dict[str, tuple[str, dict[str, Any]]]:
         "mixed, last frame": ("temporal", _model(**MIXED_TAXELS | {"pool": "last"})),
         "mixed, shifts in time": ("temporal", mixed | shifts),
         "temporal_cnn": ("temporal_cnn", {}),
+        "temporal_cnn, widths of the paper": (
+            "temporal_cnn",
+            _model(widths=[64, 128, 128], kernel_sizes=[7, 5, 3]),
+        ),
         "temporal_cnn, dropout 0.3": ("temporal_cnn", _model(dropout=0.3)),
         "temporal_cnn, shifts in time": ("temporal_cnn", shifts),
     }

@@ -53,6 +53,26 @@ def test_settings_of_a_forest_are_compared_with_fewer_trees(name):
     assert "num_trees" not in cell.estimator["init_args"]  # the default of 300 to be tested
 
 
+@pytest.mark.parametrize("name", ["forest", "descriptors_forest"])
+@pytest.mark.parametrize(("size", "count"), [((3, 4), 1001), ((28, 50), 800)])
+def test_what_takes_long_is_tried_twice_and_has_fewer_trees(name, size, count):
+    cell = model_of(name).to_cell(ComparedTask(grid(*size, 0.01), "accuracy", count))
+    assert cell.estimator["init_args"]["num_trees"] == 150
+    assert cell.choice.repeats == 2
+    few = model_of(name).to_cell(ComparedTask(grid(*size, 0.01), "accuracy", 100))
+    assert few.choice.repeats == 3
+
+
+def test_on_a_given_part_samples_of_many_taxels_are_validated_on_fewer_cuts():
+    cuts = [
+        ComparedTask(grid(*size, 0.01), "accuracy", count, has_given_parts=True)
+        .choice()
+        .num_validation_cuts
+        for size, count in (((8, 8), 1000), ((8, 8), 1001), ((28, 50), 100))
+    ]
+    assert cuts == [5, 3, 3]
+
+
 def test_only_forests_have_a_draft():
     task = ComparedTask(grid(3, 4, 0.004), "accuracy", 100)
     names = [model.name for model in MODELS if model.to_cell(task).choice.draft]
@@ -103,10 +123,11 @@ def augmentations(settings):
 
 @pytest.mark.parametrize("name", ["taxel_net", "cnn"])
 def test_images_are_shifted_by_a_sixteenth_in_training(name):
-    for size, shift in (((32, 16), (2, 1)), ((28, 50), (2, 3)), ((8, 8), (1, 1))):
+    for size, shift in (((32, 15), (2, 1)), ((28, 50), (2, 3)), ((8, 8), (1, 1))):
         task = ComparedTask(grid(*size, 0.01), "accuracy", 100)
         found = augmentations(network_settings(name, task))
-        assert {"RandomShift", "RandomMirror"} == {step for steps in found for step in steps}
+        mirrors = set() if task.num_taxels > 500 else {"RandomMirror"}  # of few: they take long
+        assert {"RandomShift"} | mirrors == {step for steps in found for step in steps}
         assert all(s["RandomShift"] == {"rows": shift[0], "columns": shift[1]} for s in found)
         assert network_settings(name, task)[0] == {}
 

@@ -157,6 +157,7 @@ _DESCRIBED_LEAVES: _Tried = [
     {"normalized": True, "rooted": True, "balanced": False},
 ]
 _FEWER_TREES = {"num_trees": 100}
+_TREES_OF_MANY = 150  # samples
 _RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT = [{}, _decay(0.1, dropout=0.5)]
 _NO_TAXEL_DROPOUT = {"taxel_dropout": 0.0}  # where each taxel carries what no other does
@@ -218,6 +219,8 @@ def _taxel_net(task: ComparedTask) -> _Tried:
     if task.is_slow:  # one setting is trained
         return [shifted]
     deep = {"model": {"init_args": _DEEP}, "train_transform": task.shift()}
+    if task.is_large:
+        return [{}, shifted, deep, *_described(task)]
     unmirrored = [*_OPERATORS[:2], pyramid, shifted, deep]
     return [*unmirrored, *_mirrored(task, pyramid), *_normalized(task), *_described(task)]
 
@@ -228,6 +231,8 @@ def _cnn(task: ComparedTask) -> _Tried:
     shifted = {"train_transform": task.shift()}
     if task.is_slow:
         return [shifted]
+    if task.is_large:
+        return [{}, shifted]
     return [*_DROPOUT, shifted, *_mirrored(task, {}), *_normalized(task)]
 
 
@@ -242,14 +247,19 @@ def _temporal(task: ComparedTask) -> _Tried:
     mixed = {"model": {"init_args": MIXED_TAXELS}}
     shifted = {**mixed, "train_transform": task.time_shift()}
     whole = {"model": {"init_args": _WHOLE_WINDOW}}
-    more = [shifted, *_normalized(task)] if task.is_few else []
-    return [*_OPERATORS[:2], whole, mixed, *more]
+    if not task.is_few:
+        return [{}, whole, mixed]
+    return [*_OPERATORS[:2], whole, mixed, shifted, *_normalized(task)]
 
 
 def _temporal_cnn(task: ComparedTask) -> _Tried:
     if not task.is_few:
         return [{}]
     return [{}, {"train_transform": task.time_shift()}, *_normalized(task)]
+
+
+def _num_trees(task: ComparedTask) -> _Arguments:
+    return {} if task.is_few and not task.is_slow else {"num_trees": _TREES_OF_MANY}
 
 
 def _described_leaves(task: ComparedTask) -> _Tried:
@@ -374,6 +384,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "random forest on the readings",
         "flat_forest",
         _PLAIN_LEAVES,
+        _num_trees,
         draft=_FEWER_TREES,
     ),
     _Estimator(
@@ -389,6 +400,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "extra trees on descriptors of the layout and readings",
         "descriptor_forest",
         _described_leaves,
+        _num_trees,
         centred=False,
         draft=_FEWER_TREES,
     ),

@@ -20,8 +20,9 @@ _TRANSFORMS = "torch_geometric_tactile.transforms."
 _FEW_SAMPLES = 1000
 _MEMBERS = 3
 _REPEATS = 3
+_REPEATS_OF_MANY = 2  # of estimators
 # On which models are scored to choose one, where there is one given test part: all fifths of few
-# samples, since each has very few.
+# samples, since each has very few, unless samples of many taxels take long.
 _VALIDATION_CUTS, _VALIDATION_CUTS_OF_FEW = 3, 5
 _MOST_TRIED = 1000  # samples of a cut that an estimator is trained on
 # With more taxels and readings of all training samples, a network is one, of the first setting.
@@ -99,10 +100,14 @@ class ComparedTask:
         return self.num_train <= _FEW_SAMPLES
 
     @property
+    def is_large(self) -> bool:
+        r"""Whether a sample has many taxels."""
+        return self.num_taxels > MANY_TAXELS
+
+    @property
     def is_slow(self) -> bool:
-        r"""Whether the readings to train a network on are many."""
-        taxels = self.num_taxels
-        return taxels > MANY_TAXELS and taxels * self.num_train > _MANY_READINGS
+        r"""Whether a sample has many taxels, and the readings to train a network on are many."""
+        return self.is_large and self.num_taxels * self.num_train > _MANY_READINGS
 
     @property
     def num_blocks(self) -> int:
@@ -157,12 +162,15 @@ class ComparedTask:
         draft: Mapping[str, Any] | None = None,
     ) -> Choice:
         r"""Returns what is chosen for a model, which is changed by :obj:`draft` until then."""
-        members = self.members or (_MEMBERS if self.is_few and not self.is_slow else 1)
-        cuts = _VALIDATION_CUTS_OF_FEW if self.is_few else _VALIDATION_CUTS
+        has_time = self.is_few and not self.is_slow
+        members = self.members or (_MEMBERS if has_time else 1)
+        is_quick = self.is_few and not self.is_large
+        cuts = _VALIDATION_CUTS_OF_FEW if is_quick else _VALIDATION_CUTS
         cuts = cuts if self.has_given_parts else 0
         if is_estimator:
+            repeats = _REPEATS if has_time else _REPEATS_OF_MANY
             return Choice(
-                *(settings, self.metric, members, _REPEATS, _MOST_TRIED, cuts), draft=draft or {}
+                *(settings, self.metric, members, repeats, _MOST_TRIED, cuts), draft=draft or {}
             )
         settings = settings[:1] if self.is_slow else settings
         repeats = _REPEATS if self.is_few else 1

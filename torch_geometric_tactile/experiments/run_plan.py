@@ -208,39 +208,40 @@ def _of_run(experiment: Experiment) -> float:
     assert choice is not None
     train, test, cuts = choice_cuts(experiment, choice.repeats, choice.most_samples)
     parts = Parts(*cuts[0], train, test)
-    experiment = experiment.with_setting(choice.settings[0])
     few = _some(parts.fit, _PROBE)
     # About half of the settings are behind the default on the first cut.
     others = len(choice.settings) - 1
     tried = others + len(cuts) + (len(cuts) - 1) * others // 2 if others else 0
     members = 1 if experiment.is_estimator else choice.members
-    trainings, num_trainings = tried * len(parts.fit) + members * len(parts.train), tried + members
+    trained, num_trained = members * len(parts.train), members
     if choice.num_validation_cuts:
         validation = choice_cuts(experiment, choice.num_validation_cuts)[2]
-        trainings += members * sum(len(part) for part, _ in validation)
-        num_trainings += members * len(validation)
+        trained += members * sum(len(part) for part, _ in validation)
+        num_trained += members * len(validation)
     if experiment.is_estimator:
-        return _of_estimator(experiment, parts, few, trainings)
+        return _of_estimator(experiment, parts, few, tried * len(parts.fit), trained)
+    experiment = experiment.with_setting(choice.settings[0])
     probe = replace(experiment, epochs=_PROBE_EPOCHS, choice=replace(choice, members=1))
     whole, steps = _seconds(probe, few, _some(parts.val, 8))
-    epochs = experiment.epochs * trainings / (_PROBE_EPOCHS * len(few))
-    return (whole - steps) * num_trainings + steps * epochs
+    epochs = experiment.epochs * (tried * len(parts.fit) + trained) / (_PROBE_EPOCHS * len(few))
+    return (whole - steps) * (tried + num_trained) + steps * epochs
 
 
 def _of_estimator(
-    experiment: Experiment,
-    parts: Parts,
-    few: SampleSet,
-    trainings: int,
+    experiment: Experiment, parts: Parts, few: SampleSet, num_tried: int, num_trained: int
 ) -> float:
-    assert experiment.choice is not None
-    last = experiment.with_setting(experiment.choice.settings[-1])  # slower for some
-    tried = [_seconds(one, few, _some(parts.val, 8))[0] for one in (experiment, last)]
-    seconds = sum(tried) / len(tried)
-    growth = len(parts.fit) / len(few)
-    if str(experiment.model["class_path"]).endswith(_SQUARE):
-        seconds *= growth
-    return seconds / len(few) * trainings
+    # Of so many samples to compare settings with, and so many to train the chosen one.
+    choice = experiment.choice
+    assert choice is not None
+    last = choice.settings[-1]  # slower for some
+    val = _some(parts.val, 8)
+    found = [_seconds(experiment.with_setting(last), few, val)[0] * num_trained]
+    if num_tried:
+        draft = experiment.with_setting(choice.draft)
+        ends = [_seconds(draft.with_setting(s), few, val)[0] for s in (choice.settings[0], last)]
+        found.append(sum(ends) / 2 * num_tried)
+    is_square = str(experiment.model["class_path"]).endswith(_SQUARE)
+    return sum(found) / len(few) * (len(parts.fit) / len(few) if is_square else 1)
 
 
 def _seconds(

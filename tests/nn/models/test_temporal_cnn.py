@@ -34,16 +34,16 @@ def with_statistics(model):
 def test_repr_and_number_of_parameters():
     model = TemporalCNN("biotac", 2, in_channels=3)
     assert str(model) == (
-        "TemporalCNN(19, 2, in_channels=3, widths=(64, 128, 128), kernel_sizes=(7, 5, 3))"
+        "TemporalCNN(19, 2, in_channels=3, widths=(64, 64, 64), kernel_sizes=(7, 5))"
     )
     assert model.needs_edges is False
 
     def block(before, after):
-        convs = 7 * before * after + (5 + 3) * after * after + 3 * 2 * after
+        convs = 7 * before * after + 5 * after * after + 2 * 2 * after
         return convs + (before * after + 2 * after if before != after else 0)
 
-    head = 2 * 128 * 2 + 2
-    expected = block(3 * 19, 64) + block(64, 128) + block(128, 128) + head
+    head = 2 * 64 * 2 + 2
+    expected = block(3 * 19, 64) + block(64, 64) + block(64, 64) + head
     assert sum(weight.numel() for weight in model.parameters()) == expected
 
 

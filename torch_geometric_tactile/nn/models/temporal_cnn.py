@@ -59,7 +59,7 @@ class TemporalCNN(BaseModel):
             of a layout file, or the number of taxels :math:`N`.
         out_channels (int): Number of labels or classes :math:`O`.
         in_channels (int): Channels of each taxel in one frame :math:`C`.
-        widths (sequence of int): Width of each block.
+        widths (sequence of int): Width of each block; 64, 128 and 128 in the paper.
         kernel_sizes (sequence of int): Length of each convolution of a block in frames, odd; 8, 5
             and 3 in the paper.
         dropout (float): Part of the pooled features dropped in training.
@@ -76,7 +76,7 @@ class TemporalCNN(BaseModel):
     Examples:
         >>> model = TemporalCNN("biotac", 2, in_channels=3)
         >>> model
-        TemporalCNN(19, 2, in_channels=3, widths=(64, 128, 128), kernel_sizes=(7, 5, 3))
+        TemporalCNN(19, 2, in_channels=3, widths=(64, 64, 64), kernel_sizes=(7, 5))
         >>> model(torch.zeros(5, 19, 3 * 60)).shape
         torch.Size([5, 2])
     """
@@ -90,8 +90,8 @@ class TemporalCNN(BaseModel):
         out_channels: int,
         *,
         in_channels: int = 1,
-        widths: Sequence[int] = (64, 128, 128),
-        kernel_sizes: Sequence[int] = (7, 5, 3),
+        widths: Sequence[int] = (64, 64, 64),
+        kernel_sizes: Sequence[int] = (7, 5),
         dropout: float = 0.0,
     ) -> None:
         super().__init__()
