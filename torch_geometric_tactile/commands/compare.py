@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 MODELS = {
     "taxel_net": "TaxelNet, the default graph model",
     "posed_taxel_net": "PosedTaxelNet, for an Allegro hand with joint angles",
-    "temporal": "TemporalTaxelNet, the default for windows of frames *",
+    "temporal": "TemporalTaxelNet, the graph model of windows and streams *",
     "gcn": "TactileGCN, plain GCN",
     "grasp_gcn": "GraspGCN, graph convolution on all frames of each taxel *",
     "fnn": "TactileFNN, fully connected",

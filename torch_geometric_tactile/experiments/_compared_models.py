@@ -290,7 +290,7 @@ MODELS: tuple[ComparedModel, ...] = (
     ),
     _Network(
         "temporal",
-        "TemporalTaxelNet, the default for windows of frames",
+        "TemporalTaxelNet, the graph model of windows and streams",
         "TemporalTaxelNet",
         _temporal,
         lambda task: {"num_blocks": task.num_blocks},
