@@ -3,8 +3,9 @@ r"""Few labels: all models of a comparison on ten labels a class, by several dra
 Each draw of each data set is a file of samples with a training and a test part, which holds whole
 objects, persons, trials or presses that no label is of, and is compared as `tactile compare --by
 given` compares it. `chosen` is the model that it recommends, by the scores on validation parts of
-the labels themselves (or the best by these, if it recommends none). Every run is a file, so that a benchmark that was stopped goes on. Simulated data
-is made here if its folder is missing: `tactile simulate`.
+the labels themselves (or the best by these, if it recommends none). Every run is a file, so that a
+benchmark that was stopped goes on. Simulated data is made here if its folder is missing: `tactile
+simulate`.
 
 Examples:
     PYTHONPATH=benchmarks python studies/few_labels.py --data shared/data --out few_labels

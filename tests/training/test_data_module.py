@@ -5,11 +5,13 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
+import lightning as L
+
 from torch_geometric_tactile.data import Protocol, Split, StaticDataset
 from torch_geometric_tactile.data.splits import SharedDataWarning
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.sensors import biotac, grid
-from torch_geometric_tactile.training import TactileDataModule
+from torch_geometric_tactile.training import TactileDataModule, TactileModule
 from torch_geometric_tactile.transforms import DropTaxels, KNNGraph, SessionZScore, Tare, ZScore
 
 
@@ -28,6 +30,42 @@ def test_scaling_is_fitted_on_the_training_part_only():
     loaded = torch.cat([batch.x for batch in data.train_dataloader()])
     torch.testing.assert_close(loaded.mean(0), torch.zeros(24, 3), rtol=0, atol=1e-4)
     assert len(next(iter(data.val_dataloader())).y) == 15
+
+
+@pytest.mark.parametrize(("count", "size", "expected"), [(33, 16, [16, 16]), (34, 16, [16, 16, 2])])
+def test_no_training_batch_is_a_single_sample(count, size, expected):
+    split = Split(torch.arange(count), torch.arange(count, count + 17), torch.arange(70, 90))
+    data = TactileDataModule(fake(), split=split, batch_size=size)
+    data.setup()
+    assert [len(batch.y) for batch in data.train_dataloader()] == expected
+    assert sum(len(batch.y) for batch in data.val_dataloader()) == 17  # nothing else is left out
+
+
+@pytest.mark.parametrize("size", [1, 16])
+def test_batches_of_one_sample_stay_where_there_are_no_others(size):
+    split = Split(torch.arange(1), torch.arange(1, 3), torch.arange(3, 5))
+    data = TactileDataModule(fake(), split=split, batch_size=size)
+    data.setup()
+    assert [len(batch.y) for batch in data.train_dataloader()] == [1]
+
+
+class Normalized(torch.nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.lin, self.norm = torch.nn.Linear(24 * 3, 2), torch.nn.BatchNorm1d(2)
+
+    def forward(self, x, edge_index):
+        return self.norm(self.lin(x.flatten(1)))
+
+
+def test_batch_normalisation_trains_whatever_the_number_of_samples():
+    split = Split(torch.arange(17), torch.arange(17, 20), torch.arange(20, 25))
+    data = TactileDataModule(fake(), split=split, batch_size=16)
+    module = TactileModule(Normalized(), lambda weights: torch.optim.SGD(weights, lr=0.1))
+    off = ("logger", "enable_checkpointing", "enable_progress_bar", "enable_model_summary")
+    trainer = L.Trainer(max_epochs=2, accelerator="cpu", **dict.fromkeys(off, False))
+    trainer.fit(module, data)
+    assert trainer.global_step == 2
 
 
 def test_session_scaling_measures_new_sessions_without_touching_the_others():

@@ -275,7 +275,9 @@ class TactileDataModule(L.LightningDataModule):
             self._adapt()
 
     def train_dataloader(self) -> StaticLoader | DataLoader:
-        r"""Loads the training part, in a new order every epoch."""
+        r"""Loads the training part, in a new order every epoch. A last batch of a single sample is
+        left out: batch normalisation finds no spread in it.
+        """
         return self._loader("train", self.train_transform, shuffle=True)
 
     def val_dataloader(self) -> StaticLoader | DataLoader | list[Any]:
@@ -298,11 +300,14 @@ class TactileDataModule(L.LightningDataModule):
         part = copy.copy(self._parts[name])
         steps = [step for step in (part.transform, self.transform, last) if step is not None]
         part.transform = Compose(steps) if steps else None
+        is_one_left = len(part) > self.batch_size > 1 and len(part) % self.batch_size == 1
+        drop_last = shuffle and is_one_left
         if isinstance(part, GraphSamples):
             return DataLoader(
                 part,
                 batch_size=self.batch_size,
                 shuffle=shuffle,
+                drop_last=drop_last,
                 num_workers=self.num_workers,
                 persistent_workers=self.num_workers > 0,
             )
@@ -310,6 +315,7 @@ class TactileDataModule(L.LightningDataModule):
             part,
             batch_size=self.batch_size,
             shuffle=shuffle,
+            drop_last=drop_last,
             keyed=True,
             num_workers=self.num_workers,
             persistent_workers=self.num_workers > 0,
