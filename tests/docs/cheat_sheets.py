@@ -327,7 +327,7 @@ def transform_rows() -> Iterator[tuple[str, ...]]:
 MODELS = {
     "TaxelNet": "ours: the default for one frame, on any layout",
     "PosedTaxelNet": "ours: taxels placed by joint angles, metric answers",
-    "TemporalTaxelNet": "ours: the default for windows and streams",
+    "TemporalTaxelNet": "ours: the graph model of windows and streams",
     "SmallCNN": "a plain CNN to compare with",
     "TemporalCNN": "a plain CNN over time to compare with",
     "TactileGCN": "P1, P2 (methods T, E, A and X, I, II)",

@@ -157,7 +157,7 @@ _DESCRIBED_LEAVES: _Tried = [
     {"normalized": True, "rooted": True, "balanced": False},
 ]
 _FEWER_TREES = {"num_trees": 100}
-_TREES_OF_MANY = 150  # samples
+_TREES_OF_MANY = 150  # of samples or readings that are many
 _RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT = [{}, _decay(0.1, dropout=0.5)]
 _NO_TAXEL_DROPOUT = {"taxel_dropout": 0.0}  # where each taxel carries what no other does
@@ -259,7 +259,7 @@ def _temporal_cnn(task: ComparedTask) -> _Tried:
 
 
 def _num_trees(task: ComparedTask) -> _Arguments:
-    return {} if task.is_few and not task.is_slow else {"num_trees": _TREES_OF_MANY}
+    return {} if task.is_quick else {"num_trees": _TREES_OF_MANY}
 
 
 def _described_leaves(task: ComparedTask) -> _Tried:

@@ -110,6 +110,11 @@ class ComparedTask:
         return self.is_large and self.num_taxels * self.num_train > _MANY_READINGS
 
     @property
+    def is_quick(self) -> bool:
+        r"""Whether the samples to train on are few, and do not have many readings."""
+        return self.is_few and not self.is_slow
+
+    @property
     def num_blocks(self) -> int:
         r"""The blocks of a TemporalTaxelNet whose answer rests on all frames, also more than 64."""
         return max(2, math.ceil(math.log2((self.num_frames or 1) / 16)))
@@ -162,13 +167,12 @@ class ComparedTask:
         draft: Mapping[str, Any] | None = None,
     ) -> Choice:
         r"""Returns what is chosen for a model, which is changed by :obj:`draft` until then."""
-        has_time = self.is_few and not self.is_slow
-        members = self.members or (_MEMBERS if has_time else 1)
-        is_quick = self.is_few and not self.is_large
-        cuts = _VALIDATION_CUTS_OF_FEW if is_quick else _VALIDATION_CUTS
+        members = self.members or (_MEMBERS if self.is_quick else 1)
+        has_all_cuts = self.is_few and not self.is_large
+        cuts = _VALIDATION_CUTS_OF_FEW if has_all_cuts else _VALIDATION_CUTS
         cuts = cuts if self.has_given_parts else 0
         if is_estimator:
-            repeats = _REPEATS if has_time else _REPEATS_OF_MANY
+            repeats = _REPEATS if self.is_quick else _REPEATS_OF_MANY
             return Choice(
                 *(settings, self.metric, members, repeats, _MOST_TRIED, cuts), draft=draft or {}
             )

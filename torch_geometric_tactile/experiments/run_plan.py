@@ -235,13 +235,13 @@ def _of_estimator(
     assert choice is not None
     last = choice.settings[-1]  # slower for some
     val = _some(parts.val, 8)
-    found = [_seconds(experiment.with_setting(last), few, val)[0] * num_trained]
+    seconds = _seconds(experiment.with_setting(last), few, val)[0] * num_trained
     if num_tried:
         draft = experiment.with_setting(choice.draft)
         ends = [_seconds(draft.with_setting(s), few, val)[0] for s in (choice.settings[0], last)]
-        found.append(sum(ends) / 2 * num_tried)
+        seconds += sum(ends) / 2 * num_tried
     is_square = str(experiment.model["class_path"]).endswith(_SQUARE)
-    return sum(found) / len(few) * (len(parts.fit) / len(few) if is_square else 1)
+    return seconds / len(few) * (len(parts.fit) / len(few) if is_square else 1)
 
 
 def _seconds(
