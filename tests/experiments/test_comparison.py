@@ -718,6 +718,20 @@ def test_estimate_is_of_each_model_and_trains_one_network_at_a_time(tmp_path, mo
     assert _estimate_seconds([]) == {}
 
 
+def test_estimate_of_a_forest_compares_settings_with_fewer_trees(tmp_path, monkeypatch):
+    trees, module = [], sys.modules[run_plan.__module__]
+    fit = module.fit
+
+    def counted(experiment, *parts):
+        trees.append(experiment.model["init_args"].get("num_trees", 300))
+        return fit(experiment, *parts)
+
+    monkeypatch.setattr(module, "fit", counted)
+    found = plan(tmp_path, ComparisonSettings(models=("forest",), folds=3))
+    _estimate_seconds(found.experiments)
+    assert trees[-3:] == [300, 100, 100]  # trained once, then the first and the last setting tried
+
+
 def test_run_of_a_table_is_no_comparison(tmp_path):
     found = plan(tmp_path, THREE)
     plain = replace(found, experiments=tuple(replace(e, choice=None) for e in found.experiments))
