@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 # As in `experiments`, which is too slow to import for its names.
 TABLES = (
-    *("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "p4"),
+    *("p1-table2", "p1-scaling", "p1-table3", "p2-table2", "p2-scaling", "p2-table4"),
+    *("p3", "p3-k", "p4"),
     *("p5", "p5-digits", "p5-mnist", "p5-arrays", "bts3", "sparsh-p1", "sparsh-p2"),
 )
 _OF_TABLE = object()  # what the table says
@@ -50,8 +51,10 @@ and 'viz', and 'baselines' for P5.
 
 tables:
   p1-table2   object properties: 36 GCNs, CNNs and FNNs, with and without joint angles
+  p1-scaling  the same, with edge features and positions in metres, as in the paper, or scaled
   p1-table3   object properties: the best of these on four adjacency graphs
   p2-table2   objects: 18 GCNs by segmentation of the hand (with their AUC, Table III)
+  p2-scaling  the same, with positions in metres, as in the paper, or scaled
   p2-table4   training memory of these 18
   p3          grasp stability over time: SVM, LSTM, GCN on one or three fingers, and our models
   p3-k        the GCNs of three fingers by number of neighbours in the graph
