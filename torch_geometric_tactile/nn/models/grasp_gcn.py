@@ -17,7 +17,7 @@ from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels
 
 class GraspGCN(BaseModel):
     r"""The GCN-DF, GCN-FF and one-finger GCNs of the "Tactile Grasp Stability Classification Based
-    on Graph Convolutional Networks" paper.
+    on Graph Convolutional Networks" paper (:doc:`P3 </papers>`).
 
     One graph convolution with ReLU on the electrodes, then one fully connected layer on all node
     features. The fingers are alike and share one graph; the channels of :obj:`x` are those of the
