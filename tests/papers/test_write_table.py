@@ -161,6 +161,22 @@ def test_page_points_to_the_same_models_on_real_grasps():
     assert lines.index(line) < lines.index("## Accuracy in %")
 
 
+def test_rank_correlation_with_the_published_accuracies():
+    models = ("x_pos", "i_pos", "x_tac", "i_tac", "ii_tac")  # in the order of the paper
+    for ranks, shown in ((range(5), "1.00"), (range(5, 0, -1), "-1.00"), ([1] * 5, None)):
+        entries = {
+            (name, "trial", 0): result({"accuracy": rank / 10})
+            for name, rank in zip(models, ranks, strict=True)
+        }
+        page = markdown(run("p2-table2", entries, split_by=("trial",), seeds=1))
+        if shown is None:
+            assert "Rank correlation" not in page
+        else:
+            assert f"none in common: {shown} over 5 models (by trial)." in page
+        del entries["x_tac", "trial", 0]
+        assert "Rank correlation" not in markdown(run("p2-table2", entries, seeds=1))
+
+
 def test_page_of_a_table_that_points_nowhere(objects):
     assert "See also" not in markdown(objects)
 

@@ -4,19 +4,24 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from scipy.stats import spearmanr
+
 from torch_geometric_tactile._texts import markdown_table, markdown_text
 from torch_geometric_tactile.experiments._scores import RULE
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers._table_numbers import (
+    PUBLISHED,
     finished_parts,
     has_areas,
     pooled_predictions,
+    table_numbers,
 )
 
 _COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
 _AREA = 0.0015  # how far a published area may be from that of decisions
+_FEWEST_RANKED = 5  # accuracies whose order is compared
 _SQUARED_PERCENT = 100.0**2  # of a variance of parts
 
 
@@ -139,6 +144,28 @@ def area_note(run: PlanRun) -> str:
         f"Areas under the ROC curve: {close} of {len(pairs)} published ones are 1 - {slope:.3f} · "
         f"(1 - accuracy) to {_AREA}. That is the area of decisions, which is smaller than that of "
         "scores. Ours is shown of both."
+    )
+
+
+def correlation_note(run: PlanRun) -> str:
+    r"""Returns how far our accuracies have the order of the published ones, as a sentence; empty
+    for a table with fewer than five published accuracies that we have, or where ours are all equal.
+    """
+    numbers = [n for n in table_numbers(run) if n.metric == "accuracy"]
+    published = {n.experiment: n.mean for n in numbers if n.source == PUBLISHED}
+    parts = []
+    for protocol in run.plan.protocols:
+        ours = {n.experiment: n.mean for n in numbers if n.source == protocol.name}
+        both = [name for name in published if name in ours]
+        if len(both) >= _FEWEST_RANKED and len(set(ours.values())) > 1:
+            correlation = spearmanr(*([of[name] for name in both] for of in (published, ours)))
+            shown = f"{correlation.statistic:.2f} over {len(both)} models"
+            parts.append(f"{shown} ({protocol.name})")
+    if not parts:
+        return ""
+    return (
+        "Rank correlation (Spearman) of published and our accuracies, 1 for the same order and 0 "
+        f"for none in common: {', '.join(parts)}."
     )
 
 
