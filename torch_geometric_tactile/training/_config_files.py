@@ -29,6 +29,7 @@ TEMPLATES = (
     "p2_table2",
     "p3_table2",
     "p3_k",
+    "p3_picks",
     "p4_tables",
     "p5_tables",
 )
