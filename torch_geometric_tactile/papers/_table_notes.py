@@ -147,26 +147,43 @@ def area_note(run: PlanRun) -> str:
     )
 
 
-def correlation_note(run: PlanRun) -> str:
-    r"""Returns how far our accuracies have the order of the published ones, as a sentence; empty
-    for a table with fewer than five published accuracies that we have, or where ours are all equal.
+def correlation_notes(run: PlanRun) -> list[str]:
+    r"""Returns how far our accuracies have the order of the published ones, and that of the columns
+    where these are numbers, as a sentence each; none for fewer than five accuracies, or equal ones.
     """
     numbers = [n for n in table_numbers(run) if n.metric == "accuracy"]
     published = {n.experiment: n.mean for n in numbers if n.source == PUBLISHED}
-    parts = []
+    alike, along = [], []
     for protocol in run.plan.protocols:
         ours = {n.experiment: n.mean for n in numbers if n.source == protocol.name}
         both = [name for name in published if name in ours]
-        if len(both) >= _FEWEST_RANKED and len(set(ours.values())) > 1:
-            correlation = spearmanr(*([of[name] for name in both] for of in (published, ours)))
-            shown = f"{correlation.statistic:.2f} over {len(both)} models"
-            parts.append(f"{shown} ({protocol.name})")
-    if not parts:
+        shown = _rank_correlation([published[name] for name in both], [ours[n] for n in both])
+        if shown:
+            alike.append(f"{shown} over {len(both)} models ({protocol.name})")
+        for row in run.plan.table.rows if run.plan.table.axis else ():
+            cells = [c for c in run.plan.table.cells if c.row == row and c.experiment in ours]
+            columns = [float(cell.column) for cell in cells]
+            shown = _rank_correlation(columns, [ours[cell.experiment] for cell in cells])
+            if shown:
+                along.append(f"{row} {shown} ({protocol.name})")
+    notes = []
+    if alike:
+        notes.append(
+            "Rank correlation (Spearman) of published and our accuracies, 1 for the same order and "
+            f"0 for none in common: {', '.join(alike)}."
+        )
+    if along:
+        notes.append(
+            f"Rank correlation (Spearman) of our mean accuracies with {run.plan.table.axis}: "
+            f"{', '.join(along)}."
+        )
+    return notes
+
+
+def _rank_correlation(first: list[float], second: list[float]) -> str:
+    if len(first) < _FEWEST_RANKED or len(set(second)) == 1:
         return ""
-    return (
-        "Rank correlation (Spearman) of published and our accuracies, 1 for the same order and 0 "
-        f"for none in common: {', '.join(parts)}."
-    )
+    return f"{spearmanr(first, second).statistic:.2f}"
 
 
 def draws_note(run: PlanRun) -> str:
