@@ -104,7 +104,7 @@ class BioTacSPDoS(PlacedFiles):
     group_kind = "object"
     _folder = "BioTacSPDoS"
     _folders = ("raw", "csvs", ".")
-    _processed_name = "biotac_sp_dos_sets.pt"
+    _processed_name = "biotac_sp_dos_objects.pt"
 
     def __init__(
         self,
