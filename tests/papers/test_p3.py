@@ -89,8 +89,10 @@ def test_columns_along_k_are_the_neighbours():
 
 @pytest.mark.parametrize("name", list(expand_template("p3_table2")))
 def test_sizes_are_those_of_the_window(name):
-    model = classifier_from_config(fill_sizes(load_config(f"p3_table2/{name}")["model"], sizes()))
-    model = model.model
+    num_joints = 12 if name.endswith(("joint", "wrench")) else 0
+    config = load_config(f"p3_table2/{name}")["model"]
+    model = classifier_from_config(fill_sizes(config, sizes(num_joints=num_joints))).model
+    assert getattr(model, "num_joints", 0) == num_joints
     if name.startswith("gcn"):
         assert isinstance(model, GraspGCN)
         assert (model.in_channels, model.num_fingers, model.hidden_channels) == (60, 3, 64)
