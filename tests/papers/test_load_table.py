@@ -26,6 +26,8 @@ def test_names_on_the_command_line_are_the_tables():
 
 
 PAPERS = [name for name in table_names() if name.startswith(("p1", "p2"))]
+REAL = ["p2-picks", "p2-icub"]
+PAPERS = [name for name in PAPERS if name not in REAL]
 OF_TEMPLATES = [name for name in PAPERS if not name.endswith("-scaling")]
 
 
@@ -153,6 +155,21 @@ def test_variants_of_a_table_scale_what_is_in_metres(name, like, letters):
             assert len(scaled(variant)) == num_geometric
             assert cell_config(variant)["model"] == cell_config(first)["model"]
     assert not by_name
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_fingers_are_tared_and_segmented(name):
+    table = load_table(name)
+    assert not table.is_published
+    check_arguments(table.data.class_path, table.data.arguments)
+    assert [cell.experiment for cell in table.cells] == list(expand_template("p2_pads"))
+    for cell in table.cells:
+        config = cell_config(cell)
+        tare, *_ = config["data"]["transform"]["init_args"]["transforms"]
+        assert tare["init_args"] == {"key": "trial", "first": 3}
+        model = config["model"]["model"]["init_args"]
+        assert model["segments"] == {"X": None, "I": "digit"}[cell.row]
+        assert ("num_joints" in model) == (cell.section == "with joint angles")
 
 
 def test_published_numbers_of_the_property_paper():
