@@ -19,6 +19,7 @@ def readings(num_frames=FRAMES, seed=0):
         "pac": draw.integers(0, 4096, (num_frames, 3, 22)).astype(np.int16),
         "robot_joint": draw.uniform(-3, 3, (num_frames, 3, 7)).astype(np.float32),
         "finger_joint": draw.uniform(0, 1, (num_frames, 3, 4)).astype(np.float32),
+        "wrench": draw.normal(0, 2, (num_frames, 6)).astype(np.float32),
         "object_pose": np.stack(
             [zero, zero + 0.1, angle, np.cos(angle), np.sin(angle), zero, zero], axis=1
         ).astype(np.float32),
@@ -41,7 +42,7 @@ def values(**more):
 def grasp(num_frames=FRAMES, seed=0, label="success", without=(), **meta):
     """A recording in the neutral form, as a file in it has one."""
     arrays = readings(num_frames, seed)
-    names = ("pressure", "pac", "robot_joint", "finger_joint")
+    names = ("pressure", "pac", "robot_joint", "finger_joint", "wrench")
     phases, phase = np.unique(arrays["phase"], return_inverse=True)
     privileged = {
         "phase": phase,

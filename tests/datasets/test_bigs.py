@@ -47,7 +47,7 @@ def test_grasps_by_hand(folder):
     assert np.allclose(first.pickup_time, 0.2)
     assert first.phase.tolist() == [0] * 20 + [1] * 20 + [2] * 20
     assert first.slip.tolist() == [0] * 31 + [1] * 29
-    for name in ("pressure", "pac", "robot_joint", "object_pose"):
+    for name in ("pressure", "pac", "robot_joint", "wrench", "object_pose"):
         assert np.array_equal(first[name], arrays[name].astype(np.float32)), name
     assert np.array_equal(first.joint, arrays["finger_joint"].reshape(60, 12))
     assert dataset.y.view(4, 60)[:, 0].tolist() == [1, 0, 1, 0]
@@ -90,6 +90,26 @@ def test_a_grasp_without_pick_up_must_say_when_it_ends(ends, kept, tmp_path):
         return
     with pytest.raises(ValueError, match=r"^1 grasps in '.*' must tell when pick-up .*in 'a'\)"):
         BiGS(tmp_path)
+
+
+def test_joint_is_what_is_named(folder):
+    dataset = BiGS(folder, joint_signals=["finger_joint", "wrench"])
+    plain = BiGS(folder)
+    assert torch.equal(dataset.joint, torch.cat([plain.joint, plain.wrench], dim=1))
+    assert dataset[0].joint.shape == (1, 18)
+    assert torch.equal(BiGS(folder, joint_signals=["wrench"]).joint, plain.wrench)
+    for bad in ([], ["pac"], ["wrench", "wrench"], "wrench"):
+        with pytest.raises(ValueError, match=r"'joint_signals' must be some of \['finger_joint'"):
+            BiGS(folder, joint_signals=bad)
+    with pytest.raises(ValueError, match=r"'signals' must have 'wrench' of 'joint_signals'"):
+        BiGS(folder, signals=["finger_joint"], joint_signals=["finger_joint", "wrench"])
+
+
+def test_joint_signals_must_be_in_the_files(tmp_path):
+    write_recording(grasp(trial=1, without=("wrench",)), tmp_path / "a.npz")
+    assert BiGS(tmp_path).joint.shape == (60, 12)
+    with pytest.raises(ValueError, match=r"must hold all of 'joint_signals' .*'finger_joint'"):
+        BiGS(tmp_path, joint_signals=["finger_joint", "wrench"])
 
 
 @pytest.mark.parametrize("until", [-1, float("nan"), float("inf"), True, "2"])

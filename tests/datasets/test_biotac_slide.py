@@ -16,7 +16,7 @@ def make(folder):
     return folder
 
 
-@pytest.mark.parametrize("inner", [".", "raw", "BioTac_slide_20_50"])
+@pytest.mark.parametrize("inner", [".", "raw", "raw_data", "BioTac_slide_20_50/raw_data"])
 def test_slides_by_hand(tmp_path, inner):
     make(tmp_path / inner)
     dataset = BioTacSlide(tmp_path)

@@ -54,6 +54,16 @@ def test_sets_of_the_authors_are_parts(tmp_path):
     assert groups == [{"pen"}, set(), {"cardboard", "screw", "plate", "mug"}]
 
 
+def test_misspelt_file_of_the_authors_is_of_its_object(tmp_path):
+    for name in FOLDERS:
+        sequence(tmp_path / name / "striped290.csv")
+    sequence(tmp_path / "s" / "strippes305.csv")
+    dataset = BioTacSPDoS(tmp_path)
+    assert dataset.group_names == ["striped"]
+    assert "s/strippes305" in dataset.trial_names
+    assert dataset.set.unique().tolist() == [3]
+
+
 def test_folders_and_suffixes_in_capitals(tmp_path):
     make(tmp_path, [name.upper() for name in FOLDERS])
     sequence(tmp_path / "CW" / "hd3.CSV")

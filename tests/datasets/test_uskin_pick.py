@@ -74,6 +74,18 @@ def test_target_and_repeats_have_files_of_their_own(tmp_path):
     assert "uskin_pick_dropped_changes.pt" in names
 
 
+def test_stacked_patches_are_channels_of_one_patch(tmp_path):
+    make(tmp_path)
+    apart = USkinPick(tmp_path)
+    dataset = USkinPick(tmp_path, stacked=True)
+    assert dataset.x.shape == (33, 16, 6)
+    assert torch.equal(dataset.x, torch.cat([apart.x[:, :16], apart.x[:, 16:]], dim=-1))
+    assert dataset.layout.num_taxels == 16
+    assert torch.equal(dataset[0].edge_index, apart[0].edge_index[:, :48])
+    assert torch.equal(dataset[0].pos, apart[0].pos[:16])
+    assert USkinPick(tmp_path).x.shape == (33, 32, 3)
+
+
 def test_unknown_target(tmp_path):
     with pytest.raises(ValueError, match=r"'target' must be one of \['dropped', 'object'\]"):
         USkinPick(make(tmp_path), target="class")

@@ -26,9 +26,12 @@ def test_names_on_the_command_line_are_the_tables():
 
 
 PAPERS = [name for name in table_names() if name.startswith(("p1", "p2"))]
+REAL = ["p2-picks", "p2-icub"]
+PAPERS = [name for name in PAPERS if name not in REAL]
+OF_TEMPLATES = [name for name in PAPERS if not name.endswith("-scaling")]
 
 
-@pytest.mark.parametrize("name", PAPERS)
+@pytest.mark.parametrize("name", OF_TEMPLATES)
 def test_each_experiment_of_the_template_has_one_place(name):
     table = load_table(name)
     (template,) = {cell.config.partition("/")[0] for cell in table.cells}
@@ -119,6 +122,54 @@ def test_a_table_like_another_has_its_models_on_other_data(name, like):
         assert poses(config) == [{"layout": "allegro_uskin_368"}] * len(poses(before))
         assert not any(poses(before))
         assert bool(poses(config)) == (set(cell.column) & {"E", "A", "P"} != set())
+
+
+def scaled(cell):
+    parts = cell_config(cell)["data"]["transform"]["init_args"]["transforms"]
+    scalers = [part.get("init_args", {}) for part in parts if part["class_path"].endswith("ZScore")]
+    return {one["attr"]: one.get("scale_per") for one in scalers if one.get("attr") in GEOMETRY}
+
+
+GEOMETRY = ("edge_attr", "absolute", "pos")
+
+
+@pytest.mark.parametrize(
+    ("name", "like", "letters"),
+    [("p1-scaling", "p1-table2", "EA"), ("p2-scaling", "p2-table2", "P")],
+)
+def test_variants_of_a_table_scale_what_is_in_metres(name, like, letters):
+    table, other = load_table(name), load_table(like)
+    assert (table.paper, table.place, table.task) == (other.paper, other.place, other.task)
+    by_name = {cell.experiment: cell for cell in table.cells}
+    for cell in other.cells:
+        first = by_name.pop(cell.experiment)
+        assert (first.row, first.column) == (f"{cell.row}, {cell.column}", "in metres")
+        assert (first.published, scaled(first)) == (cell.published, {})
+        assert cell_config(first) == cell_config(cell)  # so that finished runs are used again
+        num_geometric = len(set(cell.column) & set(letters))
+        for suffix, scale_per in (("each", None), ("one", "all")) if num_geometric else ():
+            variant = by_name.pop(f"{cell.experiment}_{suffix}")
+            assert variant.row == first.row
+            assert not variant.published
+            assert set(scaled(variant).values()) == {scale_per}
+            assert len(scaled(variant)) == num_geometric
+            assert cell_config(variant)["model"] == cell_config(first)["model"]
+    assert not by_name
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_fingers_are_tared_and_segmented(name):
+    table = load_table(name)
+    assert not table.is_published
+    check_arguments(table.data.class_path, table.data.arguments)
+    assert [cell.experiment for cell in table.cells] == list(expand_template("p2_pads"))
+    for cell in table.cells:
+        config = cell_config(cell)
+        tare, *_ = config["data"]["transform"]["init_args"]["transforms"]
+        assert tare["init_args"] == {"key": "trial", "first": 3}
+        model = config["model"]["model"]["init_args"]
+        assert model["segments"] == {"X": None, "I": "digit"}[cell.row]
+        assert ("num_joints" in model) == (cell.section == "with joint angles")
 
 
 def test_published_numbers_of_the_property_paper():

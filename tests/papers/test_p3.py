@@ -21,7 +21,9 @@ def sizes(num_frames=60, channels=3, **changes):
     return DataSizes(biotac(), width, channels={"tactile": width}, **{**given, **changes})
 
 
-@pytest.mark.parametrize(("table", "template"), [("p3", "p3_table2"), ("p3-k", "p3_k")])
+@pytest.mark.parametrize(
+    ("table", "template"), [("p3", "p3_table2"), ("p3-k", "p3_k"), ("p3-picks", "p3_picks")]
+)
 def test_each_experiment_of_the_template_has_one_place(table, template):
     cells = load_table(table).cells
     names = [cell.experiment for cell in cells if cell.estimator is None]
@@ -29,15 +31,22 @@ def test_each_experiment_of_the_template_has_one_place(table, template):
     assert len({(cell.row, cell.column) for cell in cells}) == len(cells)
 
 
-@pytest.mark.parametrize("name", ["p3", "p3-k"])
+def scaled_readings(transform):
+    *selected, scale = transform["init_args"].get("transforms", [transform])
+    assert scale == {
+        "class_path": "torch_geometric_tactile.transforms.ZScore",
+        "init_args": {"per": "signal"},
+    }
+    return [part["init_args"]["channels"] for part in selected]
+
+
+@pytest.mark.parametrize("name", ["p3", "p3-k", "p3-picks"])
 def test_tables_train_as_their_configurations(name):
     table = load_table(name)
     for cell in table.cells:
         if cell.estimator is not None:
-            assert cell.transform == {
-                "class_path": "torch_geometric_tactile.transforms.ZScore",
-                "init_args": {"per": "signal"},
-            }
+            finger = {"left": [[0, 1, 2]], "right": [[3, 4, 5]]}.get(cell.column, [])
+            assert scaled_readings(cell.transform) == (finger if name == "p3-picks" else [])
             continue
         config = cell_config(cell)
         dataset = config["data"]["dataset"]
@@ -80,8 +89,10 @@ def test_columns_along_k_are_the_neighbours():
 
 @pytest.mark.parametrize("name", list(expand_template("p3_table2")))
 def test_sizes_are_those_of_the_window(name):
-    model = classifier_from_config(fill_sizes(load_config(f"p3_table2/{name}")["model"], sizes()))
-    model = model.model
+    num_joints = 12 if name.endswith(("joint", "wrench")) else 0
+    config = load_config(f"p3_table2/{name}")["model"]
+    model = classifier_from_config(fill_sizes(config, sizes(num_joints=num_joints))).model
+    assert getattr(model, "num_joints", 0) == num_joints
     if name.startswith("gcn"):
         assert isinstance(model, GraspGCN)
         assert (model.in_channels, model.num_fingers, model.hidden_channels) == (60, 3, 64)
@@ -95,6 +106,25 @@ def test_sizes_are_those_of_the_window(name):
         assert (model.in_channels, model.num_nodes) == (3, 19)
 
 
+@pytest.mark.parametrize("name", list(expand_template("p3_picks")))
+def test_models_of_picks_take_two_fingers_with_three_axes(name):
+    config = load_config(f"p3_picks/{name}")
+    model = classifier_from_config(fill_sizes(config["model"], sizes(channels=6))).model
+    if name in ("gcn_l", "gcn_r", "gcn_ff"):
+        assert (model.in_channels, model.num_fingers) == (180, 2)
+        assert (model.fusion, model.finger) == {
+            "gcn_l": (None, 0), "gcn_r": (None, 1), "gcn_ff": ("feature", None)
+        }[name]  # fmt: skip
+    elif name.startswith("gcn"):
+        assert (model.in_channels, model.num_fingers, model.fusion) == (60, 6, "data")
+    elif name.startswith("lstm"):
+        finger = {"l": [[0, 1, 2]], "r": [[3, 4, 5]], "f": []}[name[-1]]
+        assert scaled_readings(config["data"]["transform"]) == finger
+        assert model.num_fingers == (3 if finger else 6)
+    else:
+        assert (model.in_channels, model.num_nodes) == (6, 19)
+
+
 def test_fingers_are_never_guessed_from_sizes_that_agree():
     config = {"model": {"class_path": "GraspGCN"}}
     of_one = fill_sizes(config, sizes(channels=1))["model"]["init_args"]  # 60 is 3 x 20, too
@@ -103,6 +133,9 @@ def test_fingers_are_never_guessed_from_sizes_that_agree():
     match = r"'num_fingers' of GraspGCN must be 1, as in the data \(got 3\)"
     with pytest.raises(ValueError, match=match):
         fill_sizes(config, sizes(channels=1))
+    two = {"model": {"class_path": "GraspGCN", "init_args": {"num_fingers": 2}}}
+    of_two = fill_sizes(two, sizes(channels=6))["model"]["init_args"]  # three axes each
+    assert (of_two["num_fingers"], of_two["in_channels"]) == (2, 180)
     single = fill_sizes(config, sizes(num_frames=None))["model"]["init_args"]
     assert (single["num_fingers"], single["in_channels"]) == (3, 1)
 
@@ -116,5 +149,5 @@ def test_channels_of_a_frame_are_never_those_of_a_window():
 
 
 def test_templates_type_no_size():
-    for template in ("p3_table2", "p3_k"):
+    for template in ("p3_table2", "p3_k"):  # p3_picks says how many channels make a finger
         assert "num_fingers" not in json.dumps(expand_template(template))

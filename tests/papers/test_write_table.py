@@ -75,7 +75,7 @@ def run(name, entries, seeds=2, split_by=("trial", "frame")):
     facts = DataFacts(7000, 80, 8, 8)
     plan = Plan(table, protocols, seeds, data, facts, tuple(experiments.values()))
     results = [
-        (experiments[cell, f"by {split}", seed], value)
+        (experiments.get((cell, split, seed)) or experiments[cell, f"by {split}", seed], value)
         for (cell, split, seed), value in entries.items()
     ]
     return PlanRun(plan, results, 0, {}, len(experiments) - len(results))
@@ -159,6 +159,29 @@ def test_page_points_to_the_same_models_on_real_grasps():
     assert "`tactile table bts3` trains SVM, LSTM and GCN-DF on real grasps, with one frame" in line
     assert {"SVM", "LSTM", "GCN-DF"} <= set(load_table("bts3").rows)
     assert lines.index(line) < lines.index("## Accuracy in %")
+
+
+def test_rank_correlation_with_the_published_accuracies():
+    models = ("x_pos", "i_pos", "x_tac", "i_tac", "ii_tac")  # in the order of the paper
+    for ranks, shown in ((range(5), "1.00"), (range(5, 0, -1), "-1.00"), ([1] * 5, None)):
+        entries = {
+            (name, "trial", 0): result({"accuracy": rank / 10})
+            for name, rank in zip(models, ranks, strict=True)
+        }
+        page = markdown(run("p2-table2", entries, split_by=("trial",), seeds=1))
+        if shown is None:
+            assert "Rank correlation" not in page
+        else:
+            assert f"none in common: {shown} over 5 models (by trial)." in page
+        del entries["x_tac", "trial", 0]
+        assert "Rank correlation" not in markdown(run("p2-table2", entries, seeds=1))
+
+
+def test_rank_correlation_with_the_columns():
+    entries = {(f"df_k{k}", "random", 0): result({"accuracy": 0.9 - 0.01 * k}) for k in range(1, 7)}
+    entries |= {(f"ff_k{k}", "random", 0): result({"accuracy": 0.8}) for k in range(1, 5)}
+    page = markdown(run("p3-k", entries, split_by=("random",), seeds=1))
+    assert "neighbours k of each electrode: GCN-DF -1.00 (random).\n" in page
 
 
 def test_page_of_a_table_that_points_nowhere(objects):

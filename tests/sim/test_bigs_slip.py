@@ -13,7 +13,7 @@ def physics(slide, loss=LOSS):
     velocity = np.zeros((500, 3, 3))
     velocity[..., 0] = slide
     empty = np.zeros((500, 3))
-    rest = [empty, empty, np.zeros((500, 3, 3)), velocity]
+    rest = [empty, empty, np.zeros((500, 3, 3)), velocity, np.zeros((500, 6))]
     poses = [empty, np.zeros((500, 6)), np.zeros((500, 7)), np.zeros(500, dtype=int)]
     return BigsPhysics(np.zeros((500, 3, 3)), *rest, *poses, pickup=PICKUP, loss=loss)
 

@@ -66,6 +66,7 @@ def test_files_hold_what_is_promised(recordings):
             "pac": (3, 22),
             "robot_joint": (3, 7),
             "finger_joint": (3, 4),
+            "wrench": (6,),
         }
         assert recording.privileged["force"].shape == (frames, 3, 3)
         assert recording.privileged["object_pose"].shape == (frames, 7)
@@ -74,6 +75,20 @@ def test_files_hold_what_is_promised(recordings):
         assert (meta["sensor"], meta["unit"], meta["rate"]) == ("biotac", "count", 100)
         assert meta["synthetic"] is True
         assert meta["phase_names"] == list(BIGS_PHASES)
+
+
+def test_a_lifted_object_pulls_at_the_wrist_by_its_weight(recordings):
+    held = [recording for recording in recordings if recording.label == "success"]
+    assert held
+    for recording in held:
+        meta, time = recording.meta, recording.time
+        still = (time > meta["pickup_time"] + 1.5) & (time < meta["shake_time"])
+        force = recording.extra["wrench"][still, :3].mean(axis=0)
+        weight = 9.81 * meta["grasp"]["mass"]
+        assert np.linalg.norm(force) == pytest.approx(weight, rel=0.05)
+        assert force[2] < -0.9 * weight  # down, in a hand that is hardly tilted
+        before = recording.privileged["phase"] == 0
+        assert np.abs(recording.extra["wrench"][before]).max() < 1
 
 
 def test_shake_begins_after_the_input_ends(recordings):

@@ -15,7 +15,7 @@ from torch_geometric_tactile.training import DataSizes, classifier_from_config, 
 from torch_geometric_tactile.training._config_files import TEMPLATES, expand_template, merged
 from torch_geometric_tactile.training.config import config_names, find_config, load_config
 
-HANDS = [template for template in TEMPLATES if template.startswith(("p1", "p2"))]
+HANDS = ["p1_table2", "p1_table3", "p2_table2"]
 NAMES = [(template, name) for template in HANDS for name in expand_template(template)]
 # The inputs of an experiment by its name, and what a forward pass must be given for each.
 P1_INPUTS = {"t": None, "e": "edge_attr", "a": "absolute"}
@@ -93,10 +93,11 @@ def test_experiment_builds_its_model_with_the_printed_size_and_inputs(template, 
     assert (classifier.num_classes, classifier.task) == (
         (6, "multilabel") if p1 else (8, "multiclass")
     )
-    paths = json.dumps(config["data"]["transform"])
-    scaled = [part.get("init_args", {}).get("attr") for part in _parts(config)]
-    assert {attr for attr in scaled if attr} == modalities  # nothing is computed in vain
-    assert ("TaxelPose" in paths) == bool(modalities - {"joint"})
+    parts = [part["class_path"].rpartition(".")[2] for part in _parts(config)]
+    needed = {"edge_attr": "GeometricEdgeAttr", "absolute": "AbsoluteMorphology"}
+    wanted = {needed[name] for name in modalities if name in needed}
+    wanted |= {"TaxelPose"} if modalities - {"joint"} else set()
+    assert set(parts) - {"ZScore"} == wanted  # nothing is computed in vain
 
 
 def _parts(config):
@@ -104,7 +105,7 @@ def _parts(config):
 
 
 @pytest.mark.parametrize(("template", "name"), NAMES)
-def test_touch_is_tared_and_has_one_scale_for_all_taxels(template, name):
+def test_touch_is_tared_and_scaled_and_geometry_is_in_metres(template, name):
     config = expand_template(template)[name]
     for key in ("dataset", "val_dataset", "test_dataset"):
         assert config["data"][key]["init_args"]["tare"] == "hover"
@@ -112,7 +113,7 @@ def test_touch_is_tared_and_has_one_scale_for_all_taxels(template, name):
     per = {scale.get("attr", "x"): scale.get("per", "taxel") for scale in scales}
     assert per.pop("x", "channel") == "channel"
     assert per.pop("joint", "taxel") == "taxel"  # each joint has a range of its own
-    assert set(per) <= {"edge_attr", "absolute", "pos"}
+    assert not per  # edge features and positions are in metres, as the papers print them
 
 
 @pytest.mark.parametrize(

@@ -73,9 +73,22 @@ def test_a_centre_of_each_taxel_and_one_scale_of_joints_and_of_what_never_change
     assert ZScore(scale_per=PER).fit(data)(data).x.tolist() == [[[0.0]] * 3] * 2
 
 
+@pytest.mark.parametrize("per", ["taxel", PER])
+def test_one_scale_of_all_numbers_keeps_directions(per):
+    data = readings()
+    exact = data.x.double().numpy()
+    center = exact.mean(0) if per == "taxel" else exact.mean((0, 1))
+    deviation = np.sqrt(np.square(exact - center).mean((0, 1)).mean())
+    transform = ZScore(per=per, scale_per="all", with_mean=False).fit(data)
+    np.testing.assert_allclose(transform(data).x.numpy(), exact / deviation, rtol=1e-5)
+    found = ZScore(per=per, scale_per="all").fit(data)(data).x
+    np.testing.assert_allclose(found.numpy(), (exact - center) / deviation, atol=1e-5)
+    assert str(transform).endswith("scale_per='all', with_mean=False)")
+
+
 def test_scale_per_must_not_be_finer_than_the_centre():
     for bad in ({"scale_per": "patch"}, {"per": PER, "scale_per": "taxel"}):
-        with pytest.raises(ValueError, match=r"'scale_per' must be 'channel', or 'taxel' if"):
+        with pytest.raises(ValueError, match=r"'scale_per' must be 'channel' or 'all', or 'taxel'"):
             ZScore(**bad)
     assert str(ZScore(per=PER, scale_per=PER)) == "ZScore(per='channel')"
 

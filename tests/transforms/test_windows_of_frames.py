@@ -135,7 +135,7 @@ def test_signals_bad():
     with pytest.raises(ValueError, match=r"'attr' must be 'x' with per='signal' \(got 'joint'\)"):
         ZScore(attr="joint", per="signal")
     for per, scale_per in (("signal", "taxel"), ("taxel", "signal"), ("channel", "signal")):
-        with pytest.raises(ValueError, match=r"'scale_per' must be 'channel', or 'taxel' if"):
+        with pytest.raises(ValueError, match=r"'scale_per' must be 'channel' or 'all', or"):
             ZScore(per=per, scale_per=scale_per)
 
 

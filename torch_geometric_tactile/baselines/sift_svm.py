@@ -13,9 +13,10 @@ _NONE = np.empty((0, 128), dtype=np.float32)
 
 @dataclass(kw_only=True, repr=False, eq=False)
 class SIFTSVM(VisualWordsSVM):
-    r"""A support vector machine on words of SIFT, with which the "bilinear feature and multi-layer
-    fused convolutional neural network (BMF-CNN)" paper (Sensors 2020, 20, 5822) compares. It says
-    no more than that; everything below is ours, chosen on images of drawn letters.
+    r"""A support vector machine on words of SIFT, with which the "A Novel Bilinear Feature and
+    Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors
+    2020, 20, 5822) compares. It says no more than that; everything below is ours, chosen on images
+    of drawn letters.
 
     Readings are grey values in :math:`[0, 1]` on the image map of the layout. Lower ones count as
     0, higher ones as 1, and cells without a taxel are 0; do not scale them before by their mean.

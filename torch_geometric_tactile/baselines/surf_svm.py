@@ -17,9 +17,10 @@ _WINDOW = 20  # scales across the square that a descriptor describes
 
 @dataclass(kw_only=True, repr=False, eq=False)
 class SURFSVM(VisualWordsSVM):
-    r"""A support vector machine on words of SURF, with which the "bilinear feature and multi-layer
-    fused convolutional neural network (BMF-CNN)" paper (Sensors 2020, 20, 5822) compares. It says
-    no more than that; everything below is ours, chosen on images of drawn letters.
+    r"""A support vector machine on words of SURF, with which the "A Novel Bilinear Feature and
+    Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors
+    2020, 20, 5822) compares. It says no more than that; everything below is ours, chosen on images
+    of drawn letters.
 
     The detector of SURF finds nothing on 32 x 32 pixels. So images are enlarged, and mahotas
     describes points on a raster (as its :func:`surf.dense`) by 64 numbers each, but leaves out

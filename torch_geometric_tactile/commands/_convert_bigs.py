@@ -25,7 +25,7 @@ give names, axis orders, units and rates; nothing is guessed. See docs/bigs.md.
 Every file is tried. Converted files are kept, and the exit status is 1 if any file failed.
 """
 EXAMPLES = """\
-Fields: electrodes, time, pressure, pac, robot_joint, finger_joint, object_pose, phase and
+Fields: electrodes, time, pressure, pac, robot_joint, finger_joint, wrench, object_pose, phase and
 slip; single values: success, object, trial, session and pickup_time. Only electrodes,
 success and object are required. Without --field a field is read by this name.
 
@@ -34,6 +34,7 @@ share one dimension, the fastest last. The default orders are
   electrodes    frame electrode finger     robot_joint   frame step joint
   pressure      frame finger               finger_joint  frame step joint
   pac           frame finger step          object_pose   frame value
+  wrench        frame value
 with 22 PAC and 3 joint steps per frame. LEFT | MIDDLE | RIGHT joins three arrays.
 
 examples:

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 
 # As in `experiments`, which is too slow to import for its names.
 TABLES = (
-    *("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "p4"),
+    *("p1-table2", "p1-scaling", "p1-table3", "p2-table2", "p2-scaling", "p2-table4"),
+    *("p2-picks", "p2-icub"),
+    *("p3", "p3-k", "p3-picks", "p4"),
     *("p5", "p5-digits", "p5-mnist", "p5-arrays", "bts3", "sparsh-p1", "sparsh-p2"),
 )
 _OF_TABLE = object()  # what the table says
@@ -50,11 +52,18 @@ and 'viz', and 'baselines' for P5.
 
 tables:
   p1-table2   object properties: 36 GCNs, CNNs and FNNs, with and without joint angles
+  p1-scaling  the same, with edge features and positions in metres, as in the paper, or scaled
   p1-table3   object properties: the best of these on four adjacency graphs
   p2-table2   objects: 18 GCNs by segmentation of the hand (with their AUC, Table III)
+  p2-scaling  the same, with positions in metres, as in the paper, or scaled
   p2-table4   training memory of these 18
+  p2-picks    P2 without segments and with one for each finger, on public picks with two fingers
+              (USkinPick, which you fetch yourself)
+  p2-icub     the same on public grasps of a hand with five fingertips (ICubGrasp, likewise)
   p3          grasp stability over time: SVM, LSTM, GCN on one or three fingers, and our models
   p3-k        the GCNs of three fingers by number of neighbours in the graph
+  p3-picks    the models of p3 on public picks by a gripper with two fingers (USkinPick, which you
+              fetch yourself)
   p4          twenty objects: seven patterns of the MS-CNN, with one or three force components and
               shared or separate filters, an FNN and our models
   p5          letters pressed on an array: CNN, BMF-CNN, fused layers, SIFT, SURF and our models

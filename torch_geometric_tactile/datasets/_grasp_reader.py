@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import need
@@ -23,17 +24,25 @@ SIGNALS: Mapping[str, tuple[int | None, ...]] = {
     "pac": (len(FINGERS), None),
     "robot_joint": (None, None),
     "finger_joint": (None, None),
+    "wrench": (6,),
     "object_pose": (7,),
 }
+#: What models take as joint angles, unless told otherwise.
+JOINT = ("finger_joint",)
 
 
 class GraspReader:
     r"""Reads grasps, and keeps their frames on disk."""
 
     def __init__(
-        self, layout: TaxelLayout, pattern: str, signals: Sequence[str] | None = None
+        self,
+        layout: TaxelLayout,
+        pattern: str,
+        signals: Sequence[str] | None = None,
+        joint_signals: Sequence[str] = JOINT,
     ) -> None:
         self.layout = layout
+        self.joint_signals = joint_signals
         self.pattern = pattern
         self.signals = signals
         self.phase_names: list[str] = []
@@ -70,9 +79,15 @@ class GraspReader:
                 for value, grasp in zip(values, grasps, strict=True):
                     files.add(name, np.full(grasp.num_frames, value))
             out = {name: files.tensor(name) for name in files}
-        if "finger_joint" in out:
-            joint = out.pop("finger_joint")
-            out["joint"] = joint.view(len(joint), -1)
+        parts = [out[name].flatten(1) for name in self.joint_signals if name in out]
+        need(
+            tuple(self.joint_signals) == JOINT or len(parts) == len(self.joint_signals),
+            "the files must hold all of 'joint_signals'",
+            f"{[name for name in SIGNALS if name in out]}, not {list(self.joint_signals)}",
+        )
+        if parts:
+            out["joint"] = parts[0] if len(parts) == 1 else torch.cat(parts, dim=1)
+        out.pop("finger_joint", None)
         return out, names
 
     def _names(self, grasps: Sequence[Trial]) -> dict[str, list[str]]:

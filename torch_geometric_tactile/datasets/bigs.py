@@ -6,7 +6,7 @@ from pathlib import Path
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticData
-from torch_geometric_tactile.datasets._grasp_reader import SIGNALS, GraspReader
+from torch_geometric_tactile.datasets._grasp_reader import JOINT, SIGNALS, GraspReader
 from torch_geometric_tactile.datasets._trial_frames import TrialFrames
 from torch_geometric_tactile.io import BiGSFormat, read_bigs, read_recording
 from torch_geometric_tactile.sensors import biotac
@@ -14,6 +14,7 @@ from torch_geometric_tactile.sensors import biotac
 _SUFFIXES = (".h5", ".hdf5", ".npz")
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
 _ROUNDING = 1e-6  # seconds
+_OF_JOINT = ("finger_joint", "robot_joint", "wrench")
 
 
 class BiGS(TrialFrames):
@@ -33,9 +34,10 @@ class BiGS(TrialFrames):
     where unknown, and so is :obj:`slip`, which is 1 from the onset of slip on. What the files have
     of the following is there as well: :obj:`pressure` (counts), :obj:`pac` (vibration, 22 counts a
     frame of 1 / 100 s), :obj:`robot_joint` (radians, 3 a frame), :obj:`joint` (those of the
-    fingers, 3 a frame one after the other) and :obj:`object_pose` (position in metres, quaternion
-    w, x, y, z). Without a :obj:`pre_transform` such as
-    :class:`~torch_geometric_tactile.transforms.KNNGraph` there are no edges.
+    fingers, 3 a frame one after the other), :obj:`wrench` (force and torque of the wrist, newtons
+    and newton metres) and :obj:`object_pose` (position in metres, quaternion w, x, y, z). Without a
+    :obj:`pre_transform` such as :class:`~torch_geometric_tactile.transforms.KNNGraph` there are no
+    edges.
 
     The shake after the lift decides what :obj:`y` is. A model that is to predict it must not see
     it: frames later than :obj:`until` seconds after pick-up begins are left out.
@@ -77,7 +79,8 @@ class BiGS(TrialFrames):
         - **pressure:** counts :math:`(S, 3)`
         - **pac:** counts :math:`(S, 3, 22)`
         - **robot_joint:** radians :math:`(S, 3, J)`
-        - **joint:** radians :math:`(S, 3 J)`
+        - **joint:** radians :math:`(S, 3 J)`, or what :obj:`joint_signals` names
+        - **wrench:** newtons and newton metres :math:`(S, 6)`
         - **object_pose:** metres and a unit quaternion :math:`(S, 7)`
 
     Args:
@@ -89,8 +92,11 @@ class BiGS(TrialFrames):
             names of their fields by ours, see :class:`~torch_geometric_tactile.io.BiGSFormat`; of
             the units and rates that are the default there.
         signals (sequence of str, optional): Which of :obj:`"pressure"`, :obj:`"pac"`,
-            :obj:`"robot_joint"`, :obj:`"finger_joint"` and :obj:`"object_pose"` to read, which all
-            files must have; those of the first file if left out.
+            :obj:`"robot_joint"`, :obj:`"finger_joint"`, :obj:`"wrench"` and :obj:`"object_pose"` to
+            read, which all files must have; those of the first file if left out.
+        joint_signals (sequence of str): What stands side by side in :obj:`joint`, which models take
+            as joint angles: some of :obj:`"finger_joint"`, :obj:`"robot_joint"` and
+            :obj:`"wrench"`. More than the default must be in all files.
         until (float, optional): Seconds after pick-up begins at which the frames end, 2 in the
             paper; all frames with :obj:`None`, the shake as well. A file that knows no time of
             pick-up must say in its metadata, as :obj:`ends_after_pickup`, that it ends by then.
@@ -113,9 +119,8 @@ class BiGS(TrialFrames):
 
     suffixes = _SUFFIXES
     selection_args = ("until",)
-    _content = "content=1"
+    _content = "content=2"
     _folder = "BiGS"
-    _processed_name = "bigs.pt"
 
     def __init__(
         self,
@@ -123,6 +128,7 @@ class BiGS(TrialFrames):
         *,
         fields: Mapping[str, str] | None = None,
         signals: Sequence[str] | None = None,
+        joint_signals: Sequence[str] = JOINT,
         until: float | None = 2.0,
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
@@ -132,12 +138,19 @@ class BiGS(TrialFrames):
         self.layout = biotac()
         self.fields = None if fields is None else dict(fields)
         self.signals = _checked_signals(signals)
+        self.joint_signals = _checked_joint(joint_signals, self.signals)
         self.until = _checked_until(until)
         self.pattern = _PATTERN
         self._format = None if fields is None else BiGSFormat(fields=fields)
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         if self.until is not None:
             self._select_until(self.until)
+
+    @property
+    def processed_file_names(self) -> str:
+        r"""One file for each choice of :obj:`joint_signals`."""
+        names = "" if tuple(self.joint_signals) == JOINT else "_" + "_".join(self.joint_signals)
+        return f"bigs{names}.pt"
 
     def _no_files(self) -> str:
         return (
@@ -156,7 +169,7 @@ class BiGS(TrialFrames):
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all grasps."""
-        reader = GraspReader(self.layout, self.pattern, self.signals)
+        reader = GraspReader(self.layout, self.pattern, self.signals, self.joint_signals)
         columns, names = reader.read(self._opened(), Path(self.processed_dir))
         data = StaticData(**columns, pos=self.layout.pos, normal=self.layout.normal)
         return data, names
@@ -199,4 +212,14 @@ def _checked_signals(signals: Sequence[str] | None) -> list[str] | None:
         or len(set(listed)) < len(listed)
     ):
         raise ValueError(f"'signals' must be some of {[*SIGNALS]} (got {signals!r})")
+    return listed
+
+
+def _checked_joint(joint_signals: Sequence[str], signals: list[str] | None) -> list[str]:
+    listed = [] if isinstance(joint_signals, str) else list(joint_signals)
+    if not listed or not set(listed) <= set(_OF_JOINT) or len(set(listed)) < len(listed):
+        raise ValueError(f"'joint_signals' must be some of {[*_OF_JOINT]} (got {joint_signals!r})")
+    missing = [name for name in listed if signals is not None and name not in signals]
+    if missing and tuple(listed) != JOINT:
+        raise ValueError(f"'signals' must have {missing[0]!r} of 'joint_signals' (got {signals!r})")
     return listed

@@ -45,8 +45,9 @@ _logger = logging.getLogger(__name__)
 
 
 class LetterShape(ImageDataset):
-    r"""Letters pressed on an array of 32 x 32 pixels, as of the "bilinear feature and multi-layer
-    fused convolutional neural network (BMF-CNN)" paper (Sensors 2020, 20, 5822).
+    r"""Letters pressed on an array of 32 x 32 pixels, as of the "A Novel Bilinear Feature and
+    Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors
+    2020, 20, 5822).
 
     **The recordings of the paper are not public.** This class reads a folder of yours, or the one
     that ``tactile simulate --objects letters`` makes.

@@ -11,13 +11,14 @@ from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.datasets._placed_files import PlacedFiles, frames_of_trials
 from torch_geometric_tactile.io import read_uskin_pick
-from torch_geometric_tactile.sensors import uskin_gripper
+from torch_geometric_tactile.sensors import select_taxels, uskin_gripper
 
 _URL = "https://github.com/imanlab/tactile_prediction_flat_dataset"
 _COMMIT = "ed8c1a002e3e33f8ebd61a1b4dd21ae0098f9867"
 _PARTS = {"train": 0, "test": 2}
 _FILES = ("meta_data.csv", "robot_state.csv", "xela_sensor1.csv", "xela_sensor2.csv")
 _TARGETS = ("dropped", "object")
+_OF_FINGER = 16  # taxels
 
 
 class USkinPick(PlacedFiles):
@@ -36,10 +37,11 @@ class USkinPick(PlacedFiles):
     their folders ``train`` and ``test``.
 
     .. warning::
-        **Rows repeat.** The log is faster than the sensors: in the files that were looked into, up
-        to five rows one after the other hold the same readings, and frames drawn at random are
-        trained and tested on alike. Hold out trials (``Protocol("trial", stratify="y")``) or
-        objects (``Protocol("group", ...)``). **The published test part is two questions in one**:
+        **Rows repeat.** The log, at about 40 rows a second, is faster than the sensors: in 75 % of
+        the rows the readings are those of the row before, up to six times in a row, and frames
+        drawn at random are trained and tested on alike. :obj:`repeats=False` leaves 12,964 frames,
+        about 10 a second. Hold out trials (``Protocol("trial", stratify="y")``) or objects
+        (``Protocol("group", ...)``). **The published test part is two questions in one**:
         recorded a day later, it mixes trials of an object of the training part (7, :obj:`seen` 1)
         with those of two that training lacks (9 and 11); give the score of each. :obj:`fell` is
         known of a whole trial: in its first frames it is the future.
@@ -55,17 +57,15 @@ class USkinPick(PlacedFiles):
           - #classes
           - #objects
         * - 75 (52 train, 23 test)
-          - about 51,000
+          - 52,645
           - 32
           - 96
           - 3
           - 2
           - 11
 
-    **What was read here**, at commit ``ed8c1a0``: the list of files, 38 of the 75 descriptions (22
-    of the test part: nine trials of object 11, seven of 7 and six of 9, of which 9 ended in a drop;
-    all objects are of class ``box``), and the beginnings or ends of files of readings and robot
-    states of two trials. The readings were not loaded as a whole.
+    All files were read, at commit ``ed8c1a0``: 75 trials of 132 to 3,785 rows with eleven boxes, 24
+    of which fell. The test part has nine trials of object 11, seven each of 7 and 9; ten fell.
 
     The files are not downloaded and do not come with this package, since their repository names no
     licence: get them by ``git clone``, and mind that yourself.
@@ -76,6 +76,9 @@ class USkinPick(PlacedFiles):
             left out, :obj:`$TACTILE_DATA/USkinPick` or a folder in the user's cache.
         target (str): What :obj:`y` is: :obj:`"dropped"`, or the number of the :obj:`"object"`.
         repeats (bool): Whether to keep frames whose readings are those of the frame before.
+        stacked (bool): Whether the two patches lie over one another, as models of several equal
+            fingers take them (:class:`~torch_geometric_tactile.nn.models.GraspGCN`): 16 taxels with
+            six channels, those of the first finger and then those of the second.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Tells whether a sample is kept.
@@ -101,21 +104,25 @@ class USkinPick(PlacedFiles):
         target: Literal["dropped", "object"] = "dropped",
         *,
         repeats: bool = True,
+        stacked: bool = False,
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
         pre_filter: Filter | None = None,
         force_reload: bool = False,
     ) -> None:
         need(target in _TARGETS, f"'target' must be one of {list(_TARGETS)} (got '{target}')")
-        self.layout = uskin_gripper()
+        gripper = uskin_gripper()
+        self.layout = select_taxels(gripper, range(_OF_FINGER)) if stacked else gripper
         self.target = target
         self.repeats = repeats
+        self.stacked = stacked
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
 
     @property
     def processed_file_names(self) -> str:
-        r"""One file for each target, with and without repeated frames."""
-        return f"uskin_pick_{self.target}{'' if self.repeats else '_changes'}.pt"
+        r"""One file for each target, with and without repeated frames, stacked or not."""
+        kind = f"{'' if self.repeats else '_changes'}{'_stacked' if self.stacked else ''}"
+        return f"uskin_pick_{self.target}{kind}.pt"
 
     def _files_in(self, folder: Path) -> list[Path]:
         return [trial / name for trial in _trials(folder) for name in _FILES]
@@ -135,8 +142,8 @@ class USkinPick(PlacedFiles):
         group = [objects.index(name) for name in named]
         fell = [recording.meta["dropped"] for recording in recordings]
         is_object = self.target == "object"
-        stacked = {
-            "x": [recording.tactile for recording in recordings],
+        rows = {
+            "x": [self._arranged(recording.tactile) for recording in recordings],
             "joint": [np.asarray(recording.joint) for recording in recordings],
             "time": [recording.time for recording in recordings],
             "finger": [recording.extra["finger"] for recording in recordings],
@@ -146,7 +153,7 @@ class USkinPick(PlacedFiles):
             edge_index=self.layout.edge_index("original"),
             pos=self.layout.pos,
             normal=self.layout.normal,
-            **{key: torch.from_numpy(np.concatenate(rows)) for key, rows in stacked.items()},
+            **{key: torch.from_numpy(np.concatenate(each)) for key, each in rows.items()},
             **frames_of_trials(
                 [recording.num_frames for recording in recordings],
                 y=group if is_object else fell,
@@ -159,6 +166,12 @@ class USkinPick(PlacedFiles):
         classes = objects if is_object else ["held", "dropped"]
         names = [f"{trial.parent.name}/{trial.name}" for trial in trials]
         return data, {"class": classes, "group": objects, "trial": names}
+
+    def _arranged(self, tactile: np.ndarray) -> np.ndarray:
+        if not self.stacked:
+            return tactile
+        fingers = tactile.reshape(len(tactile), -1, _OF_FINGER, tactile.shape[-1])
+        return fingers.swapaxes(1, 2).reshape(len(tactile), _OF_FINGER, -1)
 
 
 def _trials(folder: Path) -> list[Path]:

@@ -155,7 +155,8 @@ class Table:
             along them.
         orderings (tuple of Ordering): What is looked for in the numbers.
         measured_on (str): What the published numbers were measured on.
-        recordings (str): Whether those are :obj:`"private"` or :obj:`"public"`.
+        recordings (str): Whether those are :obj:`"private"`, :obj:`"public"` or
+            :obj:`"unavailable"`.
         see_also (str): Where there is more of the kind, as a sentence; may be empty.
         draws (Draws, optional): Draws of the samples tested on, over which accuracies are shown.
 

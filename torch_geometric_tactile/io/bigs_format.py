@@ -20,6 +20,7 @@ ARRAYS: Mapping[str, tuple[str, ...]] = {
     "pac": ("frame", "finger", "step"),
     "robot_joint": ("frame", "step", "joint"),
     "finger_joint": ("frame", "step", "joint"),
+    "wrench": ("frame", "value"),
     "object_pose": ("frame", "value"),
     "phase": ("frame",),
     "slip": ("frame",),
@@ -40,13 +41,13 @@ class BiGSFormat:
     Args:
         fields (Mapping of str to str): The names in the files by ours: :obj:`electrodes`,
             :obj:`time`, :obj:`pressure`, :obj:`pac`, :obj:`robot_joint`, :obj:`finger_joint`,
-            :obj:`object_pose`, :obj:`phase`, :obj:`slip`, and of single values :obj:`success`,
-            :obj:`object`, :obj:`trial`, :obj:`session`, :obj:`pickup_time`. A name that is not
-            given is ours. An array in another order than ours has it behind its name, in
-            brackets: :obj:`"biotac/elec [frame (finger electrode)]"`; axes of one dimension stand
-            in brackets, of which the last changes fastest. Three names with :obj:`"|"` between
-            them are arrays of one finger each, left, middle and right. :obj:`"group@name"` is an
-            attribute in an HDF5 file.
+            :obj:`wrench`, :obj:`object_pose`, :obj:`phase`, :obj:`slip`, and of single values
+            :obj:`success`, :obj:`object`, :obj:`trial`, :obj:`session`, :obj:`pickup_time`. A name
+            that is not given is ours. An array in another order than ours has it behind its name,
+            in brackets: :obj:`"biotac/elec [frame (finger electrode)]"`; axes of one dimension
+            stand in brackets, of which the last changes fastest. Three names with :obj:`"|"`
+            between them are arrays of one finger each, left, middle and right. :obj:`"group@name"`
+            is an attribute in an HDF5 file.
         values (Mapping): Values that are the same for all files, such as
             :obj:`{"session": "may"}`.
         pattern (str): Regular expression for the whole name of a file without its suffix, whose

@@ -23,7 +23,8 @@ from torch_geometric_tactile.io.bigs_format import (
 _OUTCOMES = ("failure", "success")
 _FULL_TURN = 2 * math.pi * (1 + 1e-6)
 _MOST_APART = 0.1  # of a rate that is stated and that of the times
-_EXTRA = ("pressure", "pac", "robot_joint", "finger_joint")
+_EXTRA = ("pressure", "pac", "robot_joint", "finger_joint", "wrench")
+_NUM_VALUES = {"wrench": 6, "object_pose": 7}
 
 
 def read_bigs(path: PathLike, layout: BiGSFormat | None = None) -> Recording:
@@ -111,7 +112,7 @@ class _Fields:
             "finger": len(FINGERS),
             "step": self.layout.steps(key) if "step" in axes else None,
             "joint": None,
-            "value": 7,
+            "value": _NUM_VALUES.get(key),
             **sizes,
         }
         wanted = {axis: known[axis] for axis in axes}

@@ -4,19 +4,24 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from scipy.stats import spearmanr
+
 from torch_geometric_tactile._texts import markdown_table, markdown_text
 from torch_geometric_tactile.experiments._scores import RULE
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers._table_numbers import (
+    PUBLISHED,
     finished_parts,
     has_areas,
     pooled_predictions,
+    table_numbers,
 )
 
 _COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
 _AREA = 0.0015  # how far a published area may be from that of decisions
+_FEWEST_RANKED = 5  # accuracies whose order is compared
 _SQUARED_PERCENT = 100.0**2  # of a variance of parts
 
 
@@ -140,6 +145,45 @@ def area_note(run: PlanRun) -> str:
         f"(1 - accuracy) to {_AREA}. That is the area of decisions, which is smaller than that of "
         "scores. Ours is shown of both."
     )
+
+
+def correlation_notes(run: PlanRun) -> list[str]:
+    r"""Returns how far our accuracies have the order of the published ones, and that of the columns
+    where these are numbers, as a sentence each; none for fewer than five accuracies, or equal ones.
+    """
+    numbers = [n for n in table_numbers(run) if n.metric == "accuracy"]
+    published = {n.experiment: n.mean for n in numbers if n.source == PUBLISHED}
+    alike, along = [], []
+    for protocol in run.plan.protocols:
+        ours = {n.experiment: n.mean for n in numbers if n.source == protocol.name}
+        both = [name for name in published if name in ours]
+        shown = _rank_correlation([published[name] for name in both], [ours[n] for n in both])
+        if shown:
+            alike.append(f"{shown} over {len(both)} models ({protocol.name})")
+        for row in run.plan.table.rows if run.plan.table.axis else ():
+            cells = [c for c in run.plan.table.cells if c.row == row and c.experiment in ours]
+            columns = [float(cell.column) for cell in cells]
+            shown = _rank_correlation(columns, [ours[cell.experiment] for cell in cells])
+            if shown:
+                along.append(f"{row} {shown} ({protocol.name})")
+    notes = []
+    if alike:
+        notes.append(
+            "Rank correlation (Spearman) of published and our accuracies, 1 for the same order and "
+            f"0 for none in common: {', '.join(alike)}."
+        )
+    if along:
+        notes.append(
+            f"Rank correlation (Spearman) of our mean accuracies with {run.plan.table.axis}: "
+            f"{', '.join(along)}."
+        )
+    return notes
+
+
+def _rank_correlation(first: list[float], second: list[float]) -> str:
+    if len(first) < _FEWEST_RANKED or len(set(second)) == 1:
+        return ""
+    return f"{spearmanr(first, second).statistic:.2f}"
 
 
 def draws_note(run: PlanRun) -> str:

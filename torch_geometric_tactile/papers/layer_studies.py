@@ -39,8 +39,9 @@ def _layer_features(model: Any, x: Tensor, names: list[str] | None = None) -> di
 
 
 class LayerProbes(Study):
-    r"""Tells classes from the frozen features of single layers, as Table 3 of the "bilinear feature
-    and multi-layer fused convolutional neural network (BMF-CNN)" paper (Sensors 2020, 20, 5822).
+    r"""Tells classes from the frozen features of single layers, as Table 3 of the "A Novel Bilinear
+    Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper
+    (Sensors 2020, 20, 5822).
 
     The paper does not say what its probes are. Ours are multinomial logistic regressions on the
     features of a layer, each sample divided by its L2 norm, fitted on samples of the training part
@@ -81,9 +82,9 @@ class LayerProbes(Study):
 
 class FeatureEmbedding(Study):
     r"""Lays samples of the test part out by t-SNE of what a model makes of them, as figure 8 of the
-    "bilinear feature and multi-layer fused convolutional neural network (BMF-CNN)" paper (Sensors
-    2020, 20, 5822): the features of a layer of a network, or what the method :obj:`transform` of an
-    estimator returns, such as a histogram of visual words.
+    "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape
+    Recognition" paper (Sensors 2020, 20, 5822): the features of a layer of a network, or what the
+    method :obj:`transform` of an estimator returns, such as a histogram of visual words.
 
     Args:
         layer (str): The layer.
@@ -131,8 +132,8 @@ class FeatureEmbedding(Study):
 
 class FeatureMaps(Study):
     r"""Keeps the feature maps with the largest activations of one sample of the test part, as
-    figure 7 of the "bilinear feature and multi-layer fused convolutional neural network (BMF-CNN)"
-    paper (Sensors 2020, 20, 5822), and the bilinear feature of each.
+    figure 7 of the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for
+    Tactile Shape Recognition" paper (Sensors 2020, 20, 5822), and the bilinear feature of each.
 
     Args:
         class_name (str): Class of the sample, the first of the test part.

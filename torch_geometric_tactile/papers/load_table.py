@@ -1,6 +1,6 @@
 r"""The tables of the papers, by name."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -13,7 +13,8 @@ from torch_geometric_tactile.experiments.tables import Table, read_table, table_
 from torch_geometric_tactile.training._config_files import expand_template, merged
 
 _PLACE = ("section", "row", "column", "experiment")  # and what else a cell has is published
-_LEFT_OUT = ("like", "arguments", "template", "paper", "place")
+_LEFT_OUT = ("like", "arguments", "variants", "template")
+_OF_PAPER = ("paper", "place")
 
 
 @cache
@@ -24,16 +25,51 @@ def _content() -> dict[str, dict[str, Any]]:
 
 
 def _like(own: dict[str, Any], tables: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    # The models of another table, which learn another task on other data.
     other = tables[own["like"]]
-    configs, task = expand_template(other["template"]), own.get("task", other["task"])
-    cells = []
+    configs = expand_template(other["template"])
+    content = {key: value for key, value in {**other, **own}.items() if key not in _LEFT_OUT}
+    if "variants" in own:
+        content["cells"] = [
+            variant
+            for cell in other["cells"]
+            for variant in _variants(cell, configs[cell["experiment"]], own["variants"])
+        ]
+        return content
+    # The models of another table, which learn another task on other data.
+    task, cells = own.get("task", other["task"]), []
     for cell in other["cells"]:
         config = _with_arguments(configs[cell["experiment"]], own["arguments"])
         place = {key: cell[key] for key in _PLACE}
         cells.append({**place, "config": merged(config, {"model": {"task": task}})})
-    content = {**other, **own, "cells": cells}
-    return {key: value for key, value in content.items() if key not in _LEFT_OUT}
+    content["cells"] = cells
+    return {key: value for key, value in content.items() if key not in _OF_PAPER}
+
+
+def _variants(
+    cell: dict[str, Any], config: dict[str, Any], variants: Iterable[Mapping[str, Any]]
+) -> Iterator[dict[str, Any]]:
+    # A model of another table with other transforms behind some: a row of its own, with a column
+    # for each variant. The first is the published one; a model without these has no other.
+    first, *others = variants
+    row = f"{cell['row']}, {cell['column']}"
+    yield {**cell, "row": row, "column": first["column"], "config": config}
+    for variant in others:
+        transforms = config["data"]["transform"]["init_args"]["transforms"]
+        longer = [
+            part
+            for one in transforms
+            for part in (one, variant["behind"].get(one["class_path"]))
+            if part is not None
+        ]
+        if len(longer) > len(transforms):
+            data = {"data": {"transform": {"init_args": {"transforms": longer}}}}
+            yield {
+                "section": cell["section"],
+                "row": row,
+                "column": variant["column"],
+                "experiment": f"{cell['experiment']}_{variant['suffix']}",
+                "config": merged(config, data),
+            }
 
 
 def _with_arguments(content: Any, arguments: Mapping[str, Any]) -> Any:

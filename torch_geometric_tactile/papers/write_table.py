@@ -19,6 +19,7 @@ from torch_geometric_tactile.io._csv_table import safe_cell
 from torch_geometric_tactile.papers._table_caption import NOTHING, caption, cost_note
 from torch_geometric_tactile.papers._table_notes import (
     area_note,
+    correlation_notes,
     draws_note,
     ordering_lines,
     positive_note,
@@ -154,7 +155,8 @@ def markdown(run: PlanRun) -> str:
     """
     table, index = run.plan.table, _index(run)
     lines = [f"# {printable(table.title)}", "", printable(caption(run)), ""]
-    for note in filter(None, (positive_note(run), draws_note(run), area_note(run))):
+    notes = (positive_note(run), draws_note(run), area_note(run))
+    for note in filter(None, (*correlation_notes(run), *notes)):
         lines += [printable(note), ""]
     if table.see_also:
         lines += [f"See also: {printable(table.see_also)}", ""]

@@ -39,18 +39,20 @@ class BigsPhysics(NamedTuple):
     along the normal and in the plane of contact, :math:`(K, 3)`, in newtons; :obj:`place` the
     middle of the contact in the frame of the fingertip :math:`(K, 3, 3)` in metres; :obj:`slide`
     the velocity at which the object slides there, likewise, in metres per second; both zero without
-    contact. :obj:`finger` are the angles of the knuckles :math:`(K, 3)`, :obj:`hand` the place and
-    turn of the hand :math:`(K, 6)`, :obj:`object_pose` that of the object :math:`(K, 7)`.
-    :obj:`phase` indexes :obj:`BIGS_PHASES`. :obj:`pickup` is the tick at which the lift begins,
-    :obj:`loss` that at which the object was lost, or none.
+    contact. :obj:`wrench` are the force in newtons and the torque in newton metres of the object on
+    the hand, in its frame and about its origin, :math:`(K, 6)`. :obj:`finger` are the angles of the
+    knuckles :math:`(K, 3)`, :obj:`hand` the place and turn of the hand :math:`(K, 6)`,
+    :obj:`object_pose` that of the object :math:`(K, 7)`. :obj:`phase` indexes :obj:`BIGS_PHASES`.
+    :obj:`pickup` is the tick at which the lift begins, :obj:`loss` that at which the object was
+    lost, or none.
 
     Examples:
         >>> zeros = np.zeros((2, 3))
         >>> vectors, pose = np.zeros((2, 3, 3)), np.zeros((2, 7))
         >>> physics = BigsPhysics(
         ...     force=vectors, normal=zeros, shear=zeros, place=vectors, slide=vectors,
-        ...     finger=zeros, hand=np.zeros((2, 6)), object_pose=pose, phase=np.zeros(2, int),
-        ...     pickup=0, loss=None,
+        ...     wrench=np.zeros((2, 6)), finger=zeros, hand=np.zeros((2, 6)), object_pose=pose,
+        ...     phase=np.zeros(2, int), pickup=0, loss=None,
         ... )
         >>> physics.success
         True
@@ -61,6 +63,7 @@ class BigsPhysics(NamedTuple):
     shear: np.ndarray
     place: np.ndarray
     slide: np.ndarray
+    wrench: np.ndarray
     finger: np.ndarray
     hand: np.ndarray
     object_pose: np.ndarray
@@ -233,8 +236,9 @@ def _hand_motion(grasp: BigsGrasp) -> np.ndarray:
 
 
 class _FingertipContacts(NamedTuple):
-    r"""Forces, places and sliding velocities in the frames of the fingertips :math:`(K, 3, 3)`, and
-    the parts of the force along the normal and in the plane of contact :math:`(K, 3)`.
+    r"""Forces, places and sliding velocities in the frames of the fingertips :math:`(K, 3, 3)`, the
+    parts of the force along the normal and in the plane of contact :math:`(K, 3)`, and force and
+    torque on the hand :math:`(K, 6)`.
     """
 
     force: np.ndarray
@@ -242,6 +246,7 @@ class _FingertipContacts(NamedTuple):
     shear: np.ndarray
     place: np.ndarray
     slide: np.ndarray
+    wrench: np.ndarray
 
 
 class _ContactLog:
@@ -254,7 +259,8 @@ class _ContactLog:
         # Object first, then fingertips; MuJoCo gives velocities at the centre of mass of the tree.
         names = ["object", *(f"tip_{name}" for name in FINGERS)]
         self._body = np.array([model.body(name).id for name in names])
-        self._tree = np.array([model.body("object").id, model.body("hand").id])
+        self._hand = model.body("hand").id
+        self._tree = np.array([model.body("object").id, self._hand])
         self._contacts: list[tuple[np.ndarray, ...]] = []
         self._ticks: list[tuple[np.ndarray, ...]] = []
 
@@ -267,6 +273,8 @@ class _ContactLog:
                 data.site_xpos[self._site],
                 data.cvel[self._body],
                 data.subtree_com[self._tree],
+                data.xmat[self._hand].copy(),
+                data.xpos[self._hand].copy(),
             )
         )
         if data.ncon:
@@ -287,11 +295,13 @@ class _ContactLog:
         num_ticks = len(self._ticks)
         force, place, slide = np.zeros((3, num_ticks, 3, 3))
         normal, shear = np.zeros((2, num_ticks, 3))
-        result = _FingertipContacts(force, normal, shear, place, slide)
+        wrench = np.zeros((num_ticks, 6))
+        result = _FingertipContacts(force, normal, shear, place, slide, wrench)
         if not self._contacts:
             return result
         tick, fingers, local, frame, pos = map(np.concatenate, zip(*self._contacts, strict=True))
-        turn, origin, velocity, centre = map(np.array, zip(*self._ticks, strict=True))
+        columns = map(np.array, zip(*self._ticks, strict=True))
+        turn, origin, velocity, centre, hand_turn, hand_origin = columns
         finger = fingers.max(axis=1)
         sign = np.where(fingers[:, 0] >= 0, -1.0, 1.0)  # the frame points from first to second
         frame = frame.reshape(-1, 3, 3)
@@ -299,6 +309,10 @@ class _ContactLog:
         at = (tick, finger)
         world = sign[:, None] * np.einsum("ca,cai->ci", local, frame)
         np.add.at(force, at, np.einsum("ci,cia->ca", world, turn))
+        arm = pos - hand_origin[tick]
+        on_hand = np.stack([world, np.cross(arm, world)], axis=1)
+        hand_turn = hand_turn.reshape(-1, 3, 3)[tick]
+        np.add.at(wrench, tick, np.einsum("cki,cia->cka", on_hand, hand_turn).reshape(-1, 6))
         np.add.at(normal, at, local[:, 0])
         np.add.at(shear, at, np.hypot(local[:, 1], local[:, 2]))
         place[at] = np.einsum("ci,cia->ca", pos - origin[at], turn)

@@ -28,7 +28,7 @@ def slip_onset(physics: BigsPhysics) -> int | None:
         >>> slide = np.zeros((300, 3, 3))
         >>> slide[100:, :, 0] = 0.1  # from tick 100 on the object slides at 0.1 m/s
         >>> unused = [slide] * 4
-        >>> physics = BigsPhysics(*unused, slide, *unused, pickup=50, loss=200)
+        >>> physics = BigsPhysics(*unused, slide, slide, *unused, pickup=50, loss=200)
         >>> slip_onset(physics)
         100
     """

@@ -56,10 +56,11 @@ class _Draw(NamedTuple):
 
 @dataclass(frozen=True)
 class LetterPress:
-    r"""A stiff stamp with a raised capital letter that is pressed on an array of pressure pixels
-    in an elastic layer, after the data set of the "bilinear feature and multi-layer fused
-    convolutional neural network (BMF-CNN)" paper (Sensors 2020, 20, 5822). A model: the paper
-    measured pressure, repeatability, pixel size and pitch; all else is plausible, not measured.
+    r"""A stiff stamp with a raised capital letter that is pressed on an array of pressure pixels in
+    an elastic layer, after the data set of the "A Novel Bilinear Feature and Multi-Layer Fused
+    Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors 2020, 20, 5822). A
+    model: the paper measured pressure, repeatability, pixel size and pitch; all else is plausible,
+    not measured.
 
     The parts, in their order: size, turn, place and pressure of the letter are drawn, and a tilt
     that makes pressure differ over it; the layer spreads the pressure, a part of it further (two

@@ -43,6 +43,7 @@ _GENERATOR = "bigs"
 _VERSION = 1  # of the generator: another one makes other bits
 _TICKS = CONTROL_RATE // FRAME_RATE  # a frame
 _ARM_NOISE, _FINGER_NOISE = 0.0002, 0.002  # rad
+_WRENCH_NOISE = np.repeat([0.05, 0.002], 3)  # N, N m
 # Denavit-Hartenberg parameters a (m), alpha (rad) and d (m) of a seven-joint WAM.
 _LINKS = (
     (0.0, -np.pi / 2, 0.0),
@@ -204,6 +205,13 @@ def _recording(
     arm += rng.normal(0.0, _ARM_NOISE, arm.shape)
     onset = slip_onset(physics)
     ticks = np.arange(num_frames * _TICKS)[last]
+    extra = {
+        "pressure": readings.pressure,
+        "pac": vibration(physics.normal[used], sliding, rng),
+        "robot_joint": arm.reshape(num_frames, _TICKS, 7).astype(np.float32),
+        "finger_joint": finger.reshape(num_frames, _TICKS, 4).astype(np.float32),
+    }
+    wrench = physics.wrench[last] + _WRENCH_NOISE * rng.normal(size=(num_frames, 6))
     return Recording(
         time=time,
         tactile=readings.tactile,
@@ -232,12 +240,7 @@ def _recording(
             "slip": np.asarray(ticks >= (np.inf if onset is None else onset)).astype(np.int64),
             "object_pose": physics.object_pose[last].astype(np.float32),
         },
-        extra={
-            "pressure": readings.pressure,
-            "pac": vibration(physics.normal[used], sliding, rng),
-            "robot_joint": arm.reshape(num_frames, _TICKS, 7).astype(np.float32),
-            "finger_joint": finger.reshape(num_frames, _TICKS, 4).astype(np.float32),
-        },
+        extra={**extra, "wrench": wrench.astype(np.float32)},
     )
 
 

@@ -27,8 +27,10 @@ TEMPLATES = (
     "p1_table2",
     "p1_table3",
     "p2_table2",
+    "p2_pads",
     "p3_table2",
     "p3_k",
+    "p3_picks",
     "p4_tables",
     "p5_tables",
 )

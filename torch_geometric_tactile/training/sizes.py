@@ -110,8 +110,9 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     An argument of the model is filled in by its name: :obj:`layout`, :obj:`num_nodes`,
     :obj:`num_taxels`, :obj:`in_channels`, :obj:`channels`, :obj:`out_channels`, :obj:`num_classes`
     and :obj:`num_edges`. :obj:`in_channels` of a model that also has :obj:`num_fingers` is that of
-    one finger: with windows of frames, whose channels are the fingers, :obj:`num_fingers` is the
-    number of channels and :obj:`in_channels` that of frames. That of a model with a true attribute
+    one finger: with windows of frames, each channel is a finger unless :obj:`num_fingers` says that
+    several are, and :obj:`in_channels` are the frames of all its channels. That of a model with a
+    true attribute
     :obj:`splits_frames` is the number of channels of one frame. An argument counts as left out if
     it is not there, or :obj:`None`. Whether a model sees joint angles is a choice and not a size:
     :obj:`num_joints` is filled in only if it is :obj:`None`, or has no default. A :obj:`layout`
@@ -234,7 +235,10 @@ def _size(
             return sizes.frame_channels
         return _of_one_finger(sizes, init_args, cls)
     if name == "num_fingers":
-        return None if sizes.num_frames is None else sizes.frame_channels
+        of_data = None if sizes.num_frames is None else sizes.frame_channels
+        fingers = init_args.get("num_fingers")
+        several = isinstance(fingers, int) and fingers > 0 and of_data and not of_data % fingers
+        return None if several else of_data
     if name == "num_joints" and init_args.get(name, 0) is None and not sizes.num_joints:
         raise ValueError(
             f"'num_joints' of {cls.__name__} must be left out or 0, since the data has no joint "
@@ -252,9 +256,10 @@ def _of_one_finger(sizes: DataSizes, init_args: Mapping[str, Any], cls: type) ->
     parameters = _parameters(cls)
     if "num_fingers" not in parameters:
         return sizes.in_channels
+    fingers = init_args.get("num_fingers")
     if sizes.num_frames is not None:  # 3 x 20 and 1 x 60 are other meanings of 60 features
-        return sizes.num_frames
-    fingers = init_args.get("num_fingers") or parameters["num_fingers"].default
+        return sizes.num_frames * (sizes.frame_channels // (fingers or sizes.frame_channels))
+    fingers = fingers or parameters["num_fingers"].default
     if not isinstance(fingers, int) or sizes.in_channels % fingers:
         raise ValueError(
             f"'num_fingers' of {cls.__name__} must divide the {sizes.in_channels} channels of 'x' "

@@ -24,10 +24,10 @@ class RandomInversion(RandomTransform):
     .. math::
         x'_i = low + high - x_i
 
-    It is our reading of the "random inversion" of the "bilinear feature and multi-layer fused
-    convolutional neural network (BMF-CNN)" paper (Sensors 2020, 20, 5822), which does not define
-    it; :class:`RandomMirror` is another one. A sensor at rest then reads the full scale, which none
-    does.
+    It is our reading of the "random inversion" of the "A Novel Bilinear Feature and Multi-Layer
+    Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors 2020, 20,
+    5822), which does not define it; :class:`RandomMirror` is another one. A sensor at rest then
+    reads the full scale, which none does.
 
     Args:
         p (float): Probability with which each sample is inverted, all of its channels at once.

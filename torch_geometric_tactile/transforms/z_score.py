@@ -37,7 +37,9 @@ class ZScore(FittedTransform):
             :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`.
             In windows of frames, :obj:`"signal"` for one of all frames of a taxel and channel; with
             the other two, each frame has its own.
-        scale_per (str, optional): The same for the scale alone; as :obj:`per` if left out.
+        scale_per (str, optional): The same for the scale alone; as :obj:`per` if left out. Also
+            :obj:`"all"` for one scale of all numbers, which keeps the directions of forces and of
+            other vectors.
         with_mean (bool): Whether the mean is subtracted. Without, zero stays zero, which is right
             where that is rest, and what looks at the place of a touch comes behind.
 
@@ -72,15 +74,15 @@ class ZScore(FittedTransform):
         self,
         attr: str = "x",
         per: Literal["taxel", "channel", "signal"] = "taxel",
-        scale_per: Literal["taxel", "channel", "signal"] | None = None,
+        scale_per: Literal["taxel", "channel", "signal", "all"] | None = None,
         with_mean: bool = True,
     ) -> None:
         super().__init__(attr=attr, per=per)
         scale_per = per if scale_per is None else scale_per
-        if scale_per not in ("channel", per):
+        if scale_per not in ("channel", "all", per):
             raise ValueError(
-                "'scale_per' must be 'channel', or 'taxel' if 'per' is, or 'signal' likewise (got "
-                f"{scale_per!r} and per={per!r})"
+                "'scale_per' must be 'channel' or 'all', or 'taxel' if 'per' is, or 'signal' "
+                f"likewise (got {scale_per!r} and per={per!r})"
             )
         self.scale_per = scale_per
         self.with_mean = with_mean
@@ -96,9 +98,10 @@ class ZScore(FittedTransform):
         return (center if self.with_mean else torch.zeros_like(center)), scale
 
     def _one(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
-        # A centre for each taxel, a scale for all.
+        # A centre for each taxel, a scale for all, of each channel or of all.
         center, deviation = mean_and_deviation(parts)
-        rows = (value.reshape(-1, value.size(-1)) for value in (center.abs(), deviation.square()))
+        width = 1 if self.scale_per == "all" else center.size(-1)
+        rows = (value.reshape(-1, width) for value in (center.abs(), deviation.square()))
         size, variance = (value.mean(dim=0) for value in rows)
         scale = self.usable(size, variance.sqrt())
         return center, scale.expand_as(center).clone()

@@ -81,6 +81,27 @@ def test_grasp_gcn_feature_fusion_holds_the_one_finger_models():
     assert torch.allclose(fused(x, EDGE_INDEX), total, atol=1e-5)
 
 
+def test_grasp_gcn_joint_angles_join_the_features():
+    model, x, joint = GraspGCN(num_joints=7).eval(), readings(5, 24, 3), readings(5, 7)
+    assert str(model).endswith("fusion='data', num_joints=7)")
+    assert model.modalities == ("joint",)
+    without = GraspGCN().eval()
+    without.convs.load_state_dict(model.convs.state_dict())
+    without.lin.weight.data = model.lin.weight[:, :-7].detach()
+    without.lin.bias.data = model.lin.bias.detach()
+    expected = without(x, EDGE_INDEX) + joint @ model.lin.weight[:, -7:].T
+    assert torch.allclose(model(x, EDGE_INDEX, joint=joint), expected, atol=1e-5)
+    with pytest.raises(ValueError, match=r"'joint' must be given: the model has num_joints=7"):
+        model(x, EDGE_INDEX)
+    with pytest.raises(ValueError, match="num_joints"):
+        GraspGCN(num_joints=-1)
+
+    def of_one_posture(x, edge_index):
+        return model(x, edge_index, joint=joint[:1].repeat(x.numel() // (24 * 3), 1))
+
+    assert_static_equals_batched(of_one_posture, x, EDGE_INDEX)
+
+
 @pytest.mark.parametrize("finger", [0, 1, 2])
 def test_grasp_gcn_one_finger_ignores_the_others(finger):
     model, x = GraspGCN(fusion=None, finger=finger, in_channels=2), readings(5, 24, 6)

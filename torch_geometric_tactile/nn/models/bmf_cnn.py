@@ -26,10 +26,10 @@ LEAST_SIZE = 20  # of which C3 sees 3 x 3 cells
 
 
 class BMFCNN(BaseModel):
-    r"""The "bilinear feature and multi-layer fused convolutional neural network (BMF-CNN)" (Sensors
-    2020, 20, 5822) for letters that are pressed on an array: three convolutions, and a fully
-    connected layer on the features of the last one beside the
-    :class:`~torch_geometric_tactile.nn.BilinearFeature` of the first.
+    r"""The BMF-CNN of the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural
+    Network for Tactile Shape Recognition" paper (:doc:`P5 </papers>`) for letters that are pressed
+    on an array: three convolutions, and a fully connected layer on the features of the last one
+    beside the :class:`~torch_geometric_tactile.nn.BilinearFeature` of the first.
 
     On 32 x 32 pixels, without zeros around them: C1, 5 x 5, 28 x 28 x 16, batch normalisation and
     ReLU; the maximum of 2 x 2 cells; C2, 3 x 3, 12 x 12 x 32, ReLU; the maximum; C3, 3 x 3, 4 x 4 x

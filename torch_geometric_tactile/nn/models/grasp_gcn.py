@@ -11,13 +11,13 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.nn._sizes import check_sizes
 from torch_geometric_tactile.nn.conv import StaticGCNConv
 from torch_geometric_tactile.nn.models._base_model import BaseModel
-from torch_geometric_tactile.nn.models._inputs import given_edges
+from torch_geometric_tactile.nn.models._inputs import given_edges, with_joints
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels
 
 
 class GraspGCN(BaseModel):
     r"""The GCN-DF, GCN-FF and one-finger GCNs of the "Tactile Grasp Stability Classification Based
-    on Graph Convolutional Networks" paper.
+    on Graph Convolutional Networks" paper (:doc:`P3 </papers>`).
 
     One graph convolution with ReLU on the electrodes, then one fully connected layer on all node
     features. The fingers are alike and share one graph; the channels of :obj:`x` are those of the
@@ -44,6 +44,8 @@ class GraspGCN(BaseModel):
         num_layers (int): Number of graph convolutions; one in the paper.
         dropout (float): Part of the electrodes whose features are dropped in training before the
             fully connected layer, all channels of an electrode at once; none in the paper.
+        num_joints (int): Number of joint angles, or other numbers of the hand such as forces and
+            torques (the paper's outlook), that join before the fully connected layer; 0 for none.
         fast (bool): Whether to multiply the samples of one topology by one matrix, as
             :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` does, instead of passing
             messages edge by edge.
@@ -51,7 +53,7 @@ class GraspGCN(BaseModel):
     Shapes:
         - **input:** readings :math:`(B, N, K \cdot F)`, or those of a PyG batch :math:`(B \cdot N,
           K \cdot F)`, edges :math:`(2, |\mathcal{E}|)`, optional edge weights
-          :math:`(|\mathcal{E}|,)`
+          :math:`(|\mathcal{E}|,)`, joint angles :math:`(B, J)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
@@ -80,6 +82,7 @@ class GraspGCN(BaseModel):
         finger: Optional[int] = None,
         num_layers: int = 1,
         dropout: float = 0.0,
+        num_joints: int = 0,
         fast: bool = True,
     ) -> None:
         super().__init__()
@@ -102,6 +105,9 @@ class GraspGCN(BaseModel):
             finger,
         )
         need(fusion is None or finger is None, "'finger' must be None if 'fusion' is set", finger)
+        if num_joints:
+            check_sizes(num_joints=num_joints)
+        self.num_joints = num_joints
         self.in_channels = in_channels
         self.hidden_channels = hidden_channels
         self.out_channels = out_channels
@@ -118,7 +124,8 @@ class GraspGCN(BaseModel):
             for _ in range(num_threads)
         )
         self.dropout = Dropout1d(dropout)
-        self.lin = Linear(self.num_nodes * hidden_channels * num_threads, out_channels)
+        width = self.num_nodes * hidden_channels * num_threads
+        self.lin = Linear(width + num_joints, out_channels)
 
     def forward(
         self,
@@ -138,7 +145,9 @@ class GraspGCN(BaseModel):
         Args:
             x (torch.Tensor): Readings.
             edge_index (torch.Tensor): Edges.
-            edge_attr, joint, absolute, pos (torch.Tensor, optional): Not used.
+            edge_attr, absolute, pos (torch.Tensor, optional): Not used.
+            joint (torch.Tensor, optional): Joint angles in radians, or other numbers of the hand,
+                :math:`(B, J)`, if the model has them.
             edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
         edge_index = given_edges(edge_index)
@@ -172,14 +181,15 @@ class GraspGCN(BaseModel):
         if self.training and self.dropout.p > 0:
             nodes = joined.view(len(joined), -1, self.hidden_channels)
             joined = self.dropout(nodes).flatten(1)
-        return self.lin(joined)
+        return self.lin(with_joints(joined, joint, self.num_joints))
 
     def extra_repr(self) -> str:
         r"""Returns the sizes and the fusion for :obj:`repr`."""
         finger = "" if self.finger is None else f", finger={self.finger}"
         layers = f", num_layers={len(self.convs[0])}" if len(self.convs[0]) > 1 else ""  # type: ignore[arg-type]
+        joints = f", num_joints={self.num_joints}" if self.num_joints else ""
         return (
             f"{self.num_nodes}, {self.out_channels}, in_channels={self.in_channels}, "
             f"hidden_channels={self.hidden_channels}, num_fingers={self.num_fingers}, "
-            f"fusion={self.fusion!r}{finger}{layers}"
+            f"fusion={self.fusion!r}{finger}{layers}{joints}"
         )

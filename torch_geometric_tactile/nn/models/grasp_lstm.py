@@ -59,9 +59,9 @@ class _LSTMCells(Module):
 
 class GraspLSTM(BaseModel):
     r"""The LSTM-L, -M, -R and -F of the "Tactile Grasp Stability Classification Based on Graph
-    Convolutional Networks" paper: one layer of 128 cells over time on the signals of all
-    electrodes, of one finger or (F) of all, then one fully connected layer on the hidden state of
-    the last frame.
+    Convolutional Networks" paper (:doc:`P3 </papers>`): one layer of 128 cells over time on the
+    signals of all electrodes, of one finger or (F) of all, then one fully connected layer on the
+    hidden state of the last frame.
 
     It knows no graph. In each frame, the electrodes' readings stand side by side: electrode by
     electrode, in each finger by finger. The paper has two classes and a sigmoid; outputs are

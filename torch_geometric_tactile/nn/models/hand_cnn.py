@@ -16,8 +16,9 @@ from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 class HandCNN(TactileModel):
     r"""The CNN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper: the inputs of the taxels on a map of the
-    hand, convolutions with the widths of the GCN, and fully connected layers.
+    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`): the inputs of the
+    taxels on a map of the hand, convolutions with the widths of the GCN, and fully connected
+    layers.
 
     The paper does not give its map. Ours is that of the layout, where patches lie as on the hand,
     with empty cells between them. The taxels' cells are read back after the last convolution, which

@@ -30,9 +30,9 @@ _ALL = 3  # channels of readings, of which the last is along the normal
 
 class MSCNN(TactileModel):
     r"""The MS-CNN of the "Morphology-Specific Convolutional Neural Networks for Tactile Object
-    Recognition with a Multi-Fingered Hand" paper: three convolutions, each on maps of patches,
-    of fingers or of the whole hand, whose outputs are put together as the patches are on the hand;
-    then the joint angles join, and two fully connected layers follow.
+    Recognition with a Multi-Fingered Hand" paper (:doc:`P4 </papers>`): three convolutions, each on
+    maps of patches, of fingers or of the whole hand, whose outputs are put together as the patches
+    are on the hand; then the joint angles join, and two fully connected layers follow.
 
     What a map is at each convolution is the :obj:`pattern`, a row of
     :obj:`~torch_geometric_tactile.nn.models._hand_maps.PATTERNS`:

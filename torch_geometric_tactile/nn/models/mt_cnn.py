@@ -17,9 +17,10 @@ from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 class MTCNN(TactileModel):
     r"""The MT-CNN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper: a thread of convolutions on the map of the
-    hand for each input, with the widths of :class:`~torch_geometric_tactile.nn.models.MTGCN`, whose
-    features are concatenated before the fully connected layers.
+    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`): a thread of
+    convolutions on the map of the hand for each input, with the widths of
+    :class:`~torch_geometric_tactile.nn.models.MTGCN`, whose features are concatenated before the
+    fully connected layers.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of

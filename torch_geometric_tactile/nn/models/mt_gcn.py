@@ -18,7 +18,7 @@ from torch_geometric_tactile.sensors import check_edges
 
 class MTGCN(TactileModel):
     r"""The MT-GCN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper: a
+    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`): a
     :class:`~torch_geometric_tactile.nn.models.GCNThread` for each input, whose features are
     concatenated before the fully connected layers.
 

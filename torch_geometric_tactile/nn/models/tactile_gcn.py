@@ -19,8 +19,9 @@ from torch_geometric_tactile.nn.models.thread import Thread
 class TactileGCN(TactileModel):
     r"""The GCNs of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
     and Multi-Thread Graph Convolutional Network" and "Multifingered Object Recognition with Tactile
-    Sensors and Graph Convolutional Networks using Topological Graph Segmentation" papers: the
-    inputs of each taxel side by side, graph convolutions, and fully connected layers.
+    Sensors and Graph Convolutional Networks using Topological Graph Segmentation" papers (:doc:`P1
+    and P2 </papers>`): the inputs of each taxel side by side, graph convolutions, and fully
+    connected layers.
 
     * :obj:`segments=None` (the GCN of the first paper, X of the second): one
       :class:`~torch_geometric_tactile.nn.models.GCNThread` on the whole hand, "14, 28, 56(P)28,

@@ -10,10 +10,10 @@ _FLOOR = 1e-8
 
 
 class BilinearFeature(torch.nn.Module):
-    r"""The single-mode bilinear feature of the "bilinear feature and multi-layer fused
-    convolutional neural network (BMF-CNN)" paper (Sensors 2020, 20, 5822): of each feature map
-    :math:`\mathbf{f}` with :math:`n` rows, the products of its columns with one another, then the
-    signed root of each of them, divided by the :math:`\ell_2` norm of all.
+    r"""The single-mode bilinear feature of the "A Novel Bilinear Feature and Multi-Layer Fused
+    Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors 2020, 20, 5822): of
+    each feature map :math:`\mathbf{f}` with :math:`n` rows, the products of its columns with one
+    another, then the signed root of each of them, divided by the :math:`\ell_2` norm of all.
 
     .. math::
         \mathbf{\Phi} = \frac{1}{n} \mathbf{f}^{\top} \mathbf{f} + \epsilon \mathbf{I}, \qquad
