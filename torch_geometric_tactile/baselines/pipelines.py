@@ -46,7 +46,8 @@ def flat_forest(
         class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
 
     Examples:
-        >>> x, y = np.arange(8.0).reshape(8, 1, 1), [0, 0, 0, 0, 1, 1, 1, 1]
+        >>> x = np.array([0.0, 1.0, 2.0, 3.0, 20.0, 21.0, 22.0, 23.0]).reshape(8, 1, 1)
+        >>> y = [0, 0, 0, 0, 1, 1, 1, 1]
         >>> flat_forest(num_trees=10).fit(x, y).predict(x).tolist()
         [0, 0, 0, 0, 1, 1, 1, 1]
     """

@@ -93,7 +93,7 @@ def test_grasp_gcn_joint_angles_join_the_features():
     assert torch.allclose(model(x, EDGE_INDEX, joint=joint), expected, atol=1e-5)
     with pytest.raises(ValueError, match=r"'joint' must be given: the model has num_joints=7"):
         model(x, EDGE_INDEX)
-    with pytest.raises(ValueError, match="num_joints"):
+    with pytest.raises(ValueError, match=r"'num_joints' must not be negative"):
         GraspGCN(num_joints=-1)
 
     def of_one_posture(x, edge_index):

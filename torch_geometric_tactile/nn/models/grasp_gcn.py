@@ -105,8 +105,7 @@ class GraspGCN(BaseModel):
             finger,
         )
         need(fusion is None or finger is None, "'finger' must be None if 'fusion' is set", finger)
-        if num_joints:
-            check_sizes(num_joints=num_joints)
+        need(num_joints >= 0, "'num_joints' must not be negative", num_joints)
         self.num_joints = num_joints
         self.in_channels = in_channels
         self.hidden_channels = hidden_channels
