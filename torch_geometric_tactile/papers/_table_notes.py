@@ -183,7 +183,7 @@ def correlation_notes(run: PlanRun) -> list[str]:
 def _rank_correlation(first: list[float], second: list[float]) -> str:
     if len(first) < _FEWEST_RANKED or len(set(second)) == 1:
         return ""
-    return f"{spearmanr(first, second).statistic:.2f}"
+    return f"{spearmanr(first, second)[0]:.2f}"
 
 
 def draws_note(run: PlanRun) -> str:
