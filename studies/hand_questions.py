@@ -40,6 +40,7 @@ _P1, _P2 = (Protocol("trial", val=0.1, test=part, stratify="group") for part in 
 _CHOICE = Protocol("trial", val=0.3, test=0.2, stratify="group")
 _SHAPES = Protocol("trial", val=0.1, test=0.2, stratify="y")
 _NN = "torch_geometric_tactile.nn"
+_SCALER = "torch_geometric_tactile.transforms.ZScore"
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -60,14 +61,17 @@ class Question:
 
 
 def scale(**per: str) -> Change:
-    r"""Changes what has one scale."""
+    r"""Changes what has one scale, and scales what the configuration leaves in metres."""
 
     def change(config: dict[str, Any]) -> None:
-        for part in config["data"]["transform"]["init_args"]["transforms"]:
-            arguments = part.setdefault("init_args", {})
-            attr = arguments.get("attr", "x")
-            if part["class_path"].endswith("ZScore") and attr in per:
-                arguments["per"] = per[attr]
+        transforms = config["data"]["transform"]["init_args"]["transforms"]
+        scalers = [part for part in transforms if part["class_path"] == _SCALER]
+        of_attr = {part.get("init_args", {}).get("attr", "x"): part for part in scalers}
+        for attr, value in per.items():
+            if attr not in of_attr:
+                of_attr[attr] = {"class_path": _SCALER, "init_args": {"attr": attr}}
+                transforms.append(of_attr[attr])
+            of_attr[attr].setdefault("init_args", {})["per"] = value
 
     return change
 
