@@ -40,7 +40,7 @@ from torch_geometric_tactile.sim.biotac_vibration import vibration
 #: Number of grasps that :func:`simulate_bigs` writes if none is given.
 BIGS_GRASPS = 2000
 _GENERATOR = "bigs"
-_VERSION = 1  # of the generator: another one makes other bits
+_VERSION = 2  # of the generator: another one makes other bits
 _TICKS = CONTROL_RATE // FRAME_RATE  # a frame
 _ARM_NOISE, _FINGER_NOISE = 0.0002, 0.002  # rad
 _WRENCH_NOISE = np.repeat([0.05, 0.002], 3)  # N, N m
