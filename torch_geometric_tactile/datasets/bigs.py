@@ -1,9 +1,10 @@
 r"""Grasps with three BioTac fingertips, from closing to shaking."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticData
 from torch_geometric_tactile.datasets._grasp_reader import JOINT, SIGNALS, GraspReader
@@ -137,7 +138,7 @@ class BiGS(TrialFrames):
     ) -> None:
         self.layout = biotac()
         self.fields = None if fields is None else dict(fields)
-        self.signals = _checked_signals(signals)
+        self.signals = None if signals is None else _checked_names("signals", signals, SIGNALS)
         self.joint_signals = _checked_joint(joint_signals, self.signals)
         self.until = _checked_until(until)
         self.pattern = _PATTERN
@@ -202,23 +203,16 @@ def _checked_until(until: float | None) -> float | None:
     return None if until is None else float(until)
 
 
-def _checked_signals(signals: Sequence[str] | None) -> list[str] | None:
-    if signals is None:
-        return None
-    listed = [] if isinstance(signals, str) else list(signals)
-    if (
-        isinstance(signals, str)
-        or not set(listed) <= set(SIGNALS)
-        or len(set(listed)) < len(listed)
-    ):
-        raise ValueError(f"'signals' must be some of {[*SIGNALS]} (got {signals!r})")
+def _checked_names(argument: str, names: Sequence[str], known: Collection[str]) -> list[str]:
+    listed = [] if isinstance(names, str) else list(names)
+    if isinstance(names, str) or not set(listed) <= set(known) or len(set(listed)) < len(listed):
+        raise ValueError(f"'{argument}' must be some of {[*known]} (got {names!r})")
     return listed
 
 
 def _checked_joint(joint_signals: Sequence[str], signals: list[str] | None) -> list[str]:
-    listed = [] if isinstance(joint_signals, str) else list(joint_signals)
-    if not listed or not set(listed) <= set(_OF_JOINT) or len(set(listed)) < len(listed):
-        raise ValueError(f"'joint_signals' must be some of {[*_OF_JOINT]} (got {joint_signals!r})")
+    listed = _checked_names("joint_signals", joint_signals, _OF_JOINT)
+    need(listed, f"'joint_signals' must be some of {[*_OF_JOINT]}", repr(joint_signals))
     missing = [name for name in listed if signals is not None and name not in signals]
     if missing and tuple(listed) != JOINT:
         raise ValueError(f"'signals' must have {missing[0]!r} of 'joint_signals' (got {signals!r})")

@@ -1,7 +1,7 @@
 r"""The notes of a table's page: which orderings hold, its positive class, draws of its samples."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from scipy.stats import spearmanr
@@ -13,10 +13,10 @@ from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers._table_numbers import (
     PUBLISHED,
+    Number,
     finished_parts,
     has_areas,
     pooled_predictions,
-    table_numbers,
 )
 
 _COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
@@ -147,25 +147,27 @@ def area_note(run: PlanRun) -> str:
     )
 
 
-def correlation_notes(run: PlanRun) -> list[str]:
+def correlation_notes(run: PlanRun, numbers: Iterable[Number]) -> list[str]:
     r"""Returns how far our accuracies have the order of the published ones, and that of the columns
     where these are numbers, as a sentence each; none for fewer than five accuracies, or equal ones.
     """
-    numbers = [n for n in table_numbers(run) if n.metric == "accuracy"]
+    numbers = [number for number in numbers if number.metric == "accuracy"]
     published = {n.experiment: n.mean for n in numbers if n.source == PUBLISHED}
     alike, along = [], []
     for protocol in run.plan.protocols:
         ours = {n.experiment: n.mean for n in numbers if n.source == protocol.name}
         both = [name for name in published if name in ours]
-        shown = _rank_correlation([published[name] for name in both], [ours[n] for n in both])
-        if shown:
-            alike.append(f"{shown} over {len(both)} models ({protocol.name})")
+        correlation = _rank_correlation(
+            [published[name] for name in both], [ours[name] for name in both]
+        )
+        if correlation:
+            alike.append(f"{correlation} over {len(both)} models ({protocol.name})")
         for row in run.plan.table.rows if run.plan.table.axis else ():
             cells = [c for c in run.plan.table.cells if c.row == row and c.experiment in ours]
             columns = [float(cell.column) for cell in cells]
-            shown = _rank_correlation(columns, [ours[cell.experiment] for cell in cells])
-            if shown:
-                along.append(f"{row} {shown} ({protocol.name})")
+            correlation = _rank_correlation(columns, [ours[cell.experiment] for cell in cells])
+            if correlation:
+                along.append(f"{row} {correlation} ({protocol.name})")
     notes = []
     if alike:
         notes.append(

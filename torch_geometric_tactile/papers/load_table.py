@@ -50,10 +50,10 @@ def _variants(
 ) -> Iterator[dict[str, Any]]:
     # A model of another table with other transforms behind some: a row of its own, with a column
     # for each variant. The first is the published one; a model without these has no other.
-    first, *others = variants
+    first, *alternatives = variants
     row = f"{cell['row']}, {cell['column']}"
     yield {**cell, "row": row, "column": first["column"], "config": config}
-    for variant in others:
+    for variant in alternatives:
         transforms = config["data"]["transform"]["init_args"]["transforms"]
         longer = [
             part

@@ -156,7 +156,7 @@ def markdown(run: PlanRun) -> str:
     table, index = run.plan.table, _index(run)
     lines = [f"# {printable(table.title)}", "", printable(caption(run)), ""]
     notes = (positive_note(run), draws_note(run), area_note(run))
-    for note in filter(None, (*correlation_notes(run), *notes)):
+    for note in filter(None, (*correlation_notes(run, index.values()), *notes)):
         lines += [printable(note), ""]
     if table.see_also:
         lines += [f"See also: {printable(table.see_also)}", ""]

@@ -112,13 +112,13 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     and :obj:`num_edges`. :obj:`in_channels` of a model that also has :obj:`num_fingers` is that of
     one finger: with windows of frames, each channel is a finger unless :obj:`num_fingers` says that
     several are, and :obj:`in_channels` are the frames of all its channels. That of a model with a
-    true attribute
-    :obj:`splits_frames` is the number of channels of one frame. An argument counts as left out if
-    it is not there, or :obj:`None`. Whether a model sees joint angles is a choice and not a size:
-    :obj:`num_joints` is filled in only if it is :obj:`None`, or has no default. A :obj:`layout`
-    without an annotation is filled in as the :class:`~torch_geometric_tactile.sensors.TaxelLayout`
-    itself. A module as an argument, such as :obj:`encoder`, may be named by the import path of its
-    class alone. All other values are plain data.
+    true attribute :obj:`splits_frames` is the number of channels of one frame. An argument counts
+    as left out if it is not there, or :obj:`None`. Whether a model sees joint angles is a choice
+    and not a size: :obj:`num_joints` is filled in only if it is :obj:`None`, or has no default. A
+    :obj:`layout` without an annotation is filled in as the
+    :class:`~torch_geometric_tactile.sensors.TaxelLayout` itself. A module as an argument, such as
+    :obj:`encoder`, may be named by the import path of its class alone. All other values are plain
+    data.
 
     Args:
         config (Mapping): The :obj:`model` section of a configuration: the arguments of
