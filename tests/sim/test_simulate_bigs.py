@@ -83,10 +83,13 @@ def test_a_lifted_object_pulls_at_the_wrist_by_its_weight(recordings):
     for recording in held:
         meta, time = recording.meta, recording.time
         still = (time > meta["pickup_time"] + 1.5) & (time < meta["shake_time"])
-        force = recording.extra["wrench"][still, :3].mean(axis=0)
+        force, torque = recording.extra["wrench"][still].mean(axis=0).reshape(2, 3)
         weight = 9.81 * meta["grasp"]["mass"]
         assert np.linalg.norm(force) == pytest.approx(weight, rel=0.05)
         assert force[2] < -0.9 * weight  # down, in a hand that is hardly tilted
+        # A weight that hangs below the hand: its torque is across it, with a short arm.
+        assert abs(torque @ force) / weight < 0.005
+        assert np.linalg.norm(torque) / weight < 0.05
         before = recording.privileged["phase"] == 0
         assert np.abs(recording.extra["wrench"][before]).max() < 1
 
