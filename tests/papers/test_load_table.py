@@ -59,7 +59,7 @@ def test_data_and_fractions_are_those_of_the_configurations(name):
 
 def test_table_of_the_demo():
     table = load_table("bts3")
-    assert len(table.cells) == 13
+    assert len(table.cells) == 14
     two = "common mode, middle + thumb"
     kinds = {model: [c.column for c in table.cells if c.row == model] for model in table.rows}
     assert kinds == {
@@ -68,6 +68,7 @@ def test_table_of_the_demo():
         "SVM": [two, "common mode, all fingers", "session", "raw"],
         "LSTM": [two],
         "GCN-DF": [two, "session", "raw"],
+        "GCN-FF": ["session"],
         "Majority": ["raw"],
     }
     for cell in table.cells:
@@ -162,13 +163,17 @@ def test_real_fingers_are_tared_and_segmented(name):
     table = load_table(name)
     assert not table.is_published
     check_arguments(table.data.class_path, table.data.arguments)
-    assert [cell.experiment for cell in table.cells] == list(expand_template("p2_pads"))
+    names = list(expand_template("p2_pads"))
+    assert [cell.experiment for cell in table.cells] == names[: len(table.cells)]
     for cell in table.cells:
         config = cell_config(cell)
-        tare, *_ = config["data"]["transform"]["init_args"]["transforms"]
+        tare, *_, last = config["data"]["transform"]["init_args"]["transforms"]
         assert tare["init_args"] == {"key": "trial", "first": 3}
         model = config["model"]["model"]["init_args"]
-        assert model["segments"] == {"X": None, "I": "digit"}[cell.row]
+        assert model.get("segments") == ("digit" if cell.row == "I" else None)
+        with_edges = cell.section == "with edge features"
+        assert (model["inputs"] == ["tactile", "edge"]) == with_edges
+        assert last["class_path"].endswith("GeometricEdgeAttr") == with_edges  # not scaled
         assert ("num_joints" in model) == (cell.section == "with joint angles")
 
 

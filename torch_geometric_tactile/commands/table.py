@@ -57,9 +57,9 @@ tables:
   p2-table2   objects: 18 GCNs by segmentation of the hand (with their AUC, Table III)
   p2-scaling  the same, with positions in metres, as in the paper, or scaled
   p2-table4   training memory of these 18
-  p2-picks    P2 without segments and with one for each finger, on public picks with two fingers
-              (USkinPick, which you fetch yourself)
-  p2-icub     the same on public grasps of a hand with five fingertips (ICubGrasp, likewise)
+  p2-picks    P2 without segments and with one for each finger, and edge features, on public picks
+              with two fingers (USkinPick, which you fetch yourself)
+  p2-icub     the first two on public grasps of a hand with five fingertips (ICubGrasp, likewise)
   p3          grasp stability over time: SVM, LSTM, GCN on one or three fingers, and our models
   p3-k        the GCNs of three fingers by number of neighbours in the graph
   p3-picks    the models of p3 on public picks by a gripper with two fingers (USkinPick, which you
