@@ -61,7 +61,7 @@ class Question:
 
 
 def scale(**per: str) -> Change:
-    r"""Changes what has one scale, and scales what the configuration leaves in metres."""
+    r"""Sets the groups of numbers with one scale; what is in metres gets a scaler."""
 
     def change(config: dict[str, Any]) -> None:
         transforms = config["data"]["transform"]["init_args"]["transforms"]
@@ -137,7 +137,7 @@ def questions() -> Iterator[Question]:
         for decay in (0.001, 0.01):
             key = f"encoder/{config}/wd{decay}"
             yield Question(key, config, changes=(optimizer(weight_decay=decay),))
-    for trials, epochs in ((56, 50), (140, 20)):  # as many frames in all as of 280 trials
+    for trials, epochs in ((56, 50), (140, 20), (280, 10)):  # the same number of frames in all
         for name in ("gcn_t", "gcn_te", "mt_gcn_te"):
             config = f"p1_table2/{name}"
             key = f"trials/{config}/{trials}"
