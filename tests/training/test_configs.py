@@ -14,7 +14,7 @@ GCN = [name for name in config_names() if name.startswith("grasp_gcn_")]
 
 def test_names_of_the_models_are_shipped():
     used = {cell.config for cell in load_table("bts3").cells if cell.config is not None}
-    others = {"grasp_taxel_net", "grasp_gcn_ff"}
+    others = {"grasp_taxel_net"}
     others |= {f"grasp_time_{model}" for model in ("gcn_df", "lstm", "temporal")}
     others |= {f"grasp_gcn_{finger}" for finger in ("index", "middle", "thumb")}
     assert used | others == set(config_names())
