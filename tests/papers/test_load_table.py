@@ -164,7 +164,9 @@ def test_real_fingers_are_tared_and_segmented(name):
     assert not table.is_published
     check_arguments(table.data.class_path, table.data.arguments)
     names = list(expand_template("p2_pads"))
-    assert [cell.experiment for cell in table.cells] == names[: len(table.cells)]
+    if name == "p2-icub":  # its fingertips have no edge features
+        names = [experiment for experiment in names if not experiment.endswith("_edge")]
+    assert [cell.experiment for cell in table.cells] == names
     for cell in table.cells:
         config = cell_config(cell)
         tare, *_, last = config["data"]["transform"]["init_args"]["transforms"]
