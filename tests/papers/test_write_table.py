@@ -152,6 +152,15 @@ def test_caption_tells_what_the_numbers_are(objects):
         assert fact in caption
 
 
+def test_caption_names_each_library_once(objects, monkeypatch):
+    versions = {
+        "ii_tac_joint": {"torch": "2.13", "numpy": "2.1"},
+        "x_tac_joint": {"lightning": "2.6", "torch": "2.13"},
+    }
+    monkeypatch.setattr(Experiment, "identity", lambda e: {"versions": versions.get(e.name, {})})
+    assert " lightning 2.6, numpy 2.1, torch 2.13. " in markdown(objects).splitlines()[2]
+
+
 def test_page_points_to_the_same_models_on_real_grasps():
     lines = markdown(run("p3-k", {}, split_by=["random"])).splitlines()
     assert load_table("p3").see_also == load_table("p3-k").see_also

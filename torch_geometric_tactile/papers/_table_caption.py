@@ -32,8 +32,9 @@ def caption(run: PlanRun) -> str:
         _samples(run),
         f"Hardware: {'; '.join(sorted({result['machine'] for result in results})) or 'none yet'}.",
     ]
-    versions = {tuple(e.identity()["versions"].items()) for e, _ in run.results}
-    parts += [", ".join(f"{name} {version}" for name, version in sorted(v)) + "." for v in versions]
+    versions = {pair for e, _ in run.results for pair in e.identity()["versions"].items()}
+    if versions:
+        parts.append(", ".join(f"{name} {version}" for name, version in sorted(versions)) + ".")
     if run.missing:
         total = run.missing + len(results)
         parts.append(

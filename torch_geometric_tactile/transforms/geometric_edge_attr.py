@@ -29,7 +29,7 @@ class GeometricEdgeAttr(TactileTransform):
     The paper gives them to its network in metres, without scaling. Scaled number by number
     (:class:`~torch_geometric_tactile.transforms.ZScore`), edges that hardly move become as large as
     those across a joint: on a simulated hand, the paper's GCN with touch and edge features then had
-    58 %, and in metres 82 % (three splits; ``docs/results/hand_tables.md``).
+    58 %, and in metres 82 % (five splits; ``docs/results/hand_tables.md``).
 
     Args:
         norm (bool): Whether to divide by the length of the longest edge, of each sample its own:
