@@ -26,10 +26,10 @@ class GeometricEdgeAttr(TactileTransform):
     with the neighbour :math:`j`, the first row of :obj:`edge_index`, and the target :math:`i`, the
     second.
 
-    The paper gives them to its network in metres, without scaling. Scaled number by number
-    (:class:`~torch_geometric_tactile.transforms.ZScore`), edges that hardly move become as large as
-    those across a joint: on a simulated hand, the paper's GCN with touch and edge features then had
-    58 %, and in metres 82 % (five splits; ``docs/results/hand_tables.md``).
+    The paper gives them to its network in metres, without scaling. Scaled to the size of the touch
+    (:class:`~torch_geometric_tactile.transforms.ZScore`), they seem to outweigh it: on a simulated
+    hand, the paper's GCN with touch and edge features in one thread then had 58 %, and in metres 82 % (five
+    splits; ``docs/results/hand_tables.md``).
 
     Args:
         norm (bool): Whether to divide by the length of the longest edge, of each sample its own:
