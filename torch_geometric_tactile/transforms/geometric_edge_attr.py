@@ -28,8 +28,8 @@ class GeometricEdgeAttr(TactileTransform):
 
     The paper gives them to its network in metres, without scaling. Scaled to the size of the touch
     (:class:`~torch_geometric_tactile.transforms.ZScore`), they seem to outweigh it: on a simulated
-    hand, the paper's GCN with touch and edge features in one thread then had 58 %, and in metres 82 % (five
-    splits; ``docs/results/hand_tables.md``).
+    hand, the paper's GCN with touch and edge features in one thread then had 58 %, and in
+    metres 82 % (five splits; ``docs/results/hand_tables.md``).
 
     Args:
         norm (bool): Whether to divide by the length of the longest edge, of each sample its own:
