@@ -1,4 +1,5 @@
 import json
+import pickle
 from dataclasses import replace
 
 import pytest
@@ -14,7 +15,7 @@ from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import SamplesFile
 from torch_geometric_tactile.experiments import _networks as networks
 from torch_geometric_tactile.experiments import _run_experiment as run
-from torch_geometric_tactile.experiments._experiment import Choice, Experiment
+from torch_geometric_tactile.experiments._experiment import Choice
 from torch_geometric_tactile.experiments._held_out import choice_cuts
 from torch_geometric_tactile.experiments._networks import TargetScale
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
@@ -178,7 +179,7 @@ def test_draft_is_for_the_comparison_of_settings_alone(tmp_path, monkeypatch):
     settings = [{}, {"init_args": {"min_samples_leaf": 99}}]
     choice = Choice(settings, repeats=1, draft={"init_args": {"num_trees": 2}})
     one = experiment(tmp_path / "a.npz", FOREST, choice=choice)
-    result = run_experiment(Experiment.from_dict(json.loads(json.dumps(one.to_dict()))))
+    result = run_experiment(pickle.loads(pickle.dumps(one)))
     assert trained == [(2, None), (2, 99), (5, None)]
     assert result["chosen"]["setting"] == {}
     assert one.code != replace(one, choice=Choice(settings, repeats=1)).code
@@ -207,7 +208,7 @@ def test_network_gives_the_same_numbers_again(tmp_path):
     assert result["chosen"] == {"setting": {}, "number": 0, "validation": []}
     assert result["metrics"]["accuracy"] > 0.5
     assert result["num_parameters"] == 12 * 8 + 8 + 8 * 3 + 3
-    again = run_experiment(Experiment.from_dict(json.loads(json.dumps(one.to_dict()))))
+    again = run_experiment(pickle.loads(pickle.dumps(one)))
     assert told(again) == told(result)
 
 

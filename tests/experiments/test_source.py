@@ -2,7 +2,9 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
+import pickle
 import shutil
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -148,6 +150,23 @@ def test_windows_are_known_by_the_files_of_their_frames(tmp_path):
     assert first.identity()["arguments"] == second.identity()["arguments"]
     assert first.identity() != longer.identity()
     assert first.load()[0].num_frames == 2
+
+
+def test_source_is_one_value_for_all_processes(tmp_path):
+    np.savez(tmp_path / "a.npz", x=np.ones((40, 2, 3, 1)), trial=np.arange(40) // 20)
+    file = "torch_geometric_tactile.datasets.SamplesFile"
+    frames = DataSource(file, {"path": str(tmp_path / "a.npz"), "grid": "2x3"}, stride=2)
+    source, facts = DataSource(
+        "torch_geometric_tactile.data.Windows", {"length": 5}, frames=frames
+    ).resolve()
+    assert (facts.num_samples, facts.num_frames) == (2 * 6, 5)
+    pickled = pickle.loads(pickle.dumps(source))
+    assert (pickled, hash(pickled)) == (source, hash(source))
+    assert pickled.load() is source.load()  # from the cache
+    assert pickled.with_arguments({"time_axis": None}).frames.arguments["time_axis"] is None
+    tared = replace(source, frames=replace(frames, tare={"first": 2}))
+    assert len({*map(str, (source.identity(), tared.identity(), frames.identity()))}) == 3
+    assert not tared.load().batch([0]).x.any()
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 r"""Studies of the models of a table: on a tiny set of images, whose classes differ plainly."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -116,7 +117,7 @@ def test_studies_are_of_the_first_seed_and_fold_and_part_of_the_identity(tmp_pat
     assert [bool(e.studies) for e in experiments] == [True, False, False, False]
     assert experiments[0].identity()["studies"] == looks
     assert "studies" not in experiments[1].identity()
-    assert Experiment.from_dict(experiments[0].to_dict()).code == experiments[0].code
+    assert pickle.loads(pickle.dumps(experiments[0])).code == experiments[0].code
     other = replace(experiments[0], studies=[{"class_path": "torch.nn.ReLU"}])
     with pytest.raises(ValueError, match=r"'studies' must hold studies \(got 'torch.nn.ReLU'\)"):
         run_experiment(other)

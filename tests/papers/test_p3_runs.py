@@ -40,8 +40,8 @@ def root(tmp_path_factory):
 
 def test_root_reaches_the_data_set_that_a_view_shows(root, tmp_path):
     source = DATA.with_arguments({"root": str(root), "ragged": "pad"})
-    assert source.arguments["dataset"]["init_args"] == {"root": str(root)}
-    assert DATA.arguments["dataset"]["init_args"] == {}  # as it was
+    assert source.frames.arguments == {"root": str(root)}
+    assert DATA.frames.arguments == {}  # as it was
     resolved, facts = source.resolve()
     assert (facts.num_samples, facts.num_trials, facts.num_groups) == (24, 24, 3)
     assert (resolved.kind, facts.class_names) == ("simulated", ("failure", "success"))

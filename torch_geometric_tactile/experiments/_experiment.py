@@ -178,24 +178,6 @@ class Experiment:
         readable = re.sub(r"[^\w.-]+", "-", self.label.replace(", ", "_").replace("seed ", "seed"))
         return f"{readable}_{self.code}.json"
 
-    def to_dict(self) -> dict[str, Any]:
-        r"""Returns it as plain data, for another process."""
-        content = {**vars(self), "data": self.data.to_dict(), "protocol": self.protocol.to_dict()}
-        content["choice"] = None if self.choice is None else self.choice.to_dict()
-        for name in ("code", "sources"):  # cached properties
-            content.pop(name, None)
-        return content
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds an experiment from what :meth:`to_dict` returns."""
-        values = {
-            "data": DataSource(**content["data"]),
-            "protocol": Protocol.from_dict(content["protocol"]),
-            "choice": None if content.get("choice") is None else Choice(**content["choice"]),
-        }
-        return cls(**{**content, **values})
-
 
 class Fitted(NamedTuple):
     r"""What a trained model says of the samples that it is judged on, and what that took."""

@@ -3,6 +3,7 @@ r"""Scores: computed, in words, and when a difference of two is beyond the noise
 import math
 
 import numpy as np
+from sklearn.metrics import accuracy_score, precision_recall_fscore_support
 
 from torch_geometric_tactile.training.metrics import regression_metrics
 
@@ -27,9 +28,8 @@ RULE = (
 
 
 def prediction_scores(y: np.ndarray, prediction: np.ndarray, numbers: bool) -> dict[str, float]:
-    r"""Returns :obj:`accuracy`, :obj:`balanced_accuracy` (the mean over the classes in :obj:`y` of
-    the part that was found) and :obj:`f1` (macro) of classes; :obj:`mae`, :obj:`rmse` and
-    :obj:`r2` of numbers.
+    r"""Returns :obj:`accuracy`, :obj:`balanced_accuracy` (the mean recall of the classes in
+    :obj:`y`) and :obj:`f1` (macro) of classes; :obj:`mae`, :obj:`rmse` and :obj:`r2` of numbers.
 
     Examples:
         >>> prediction_scores(np.array([0, 0, 0, 1]), np.array([0, 0, 0, 0]), numbers=False)
@@ -40,15 +40,11 @@ def prediction_scores(y: np.ndarray, prediction: np.ndarray, numbers: bool) -> d
     """
     if numbers:
         return regression_metrics(np.ascontiguousarray(prediction).reshape(y.shape), y)
-    right = y == prediction
-    classes = np.union1d(y, prediction)
-    hit = np.array([(right & (y == c)).sum() for c in classes])
-    there = np.array([(y == c).sum() for c in classes])
-    said = np.array([(prediction == c).sum() for c in classes])
+    _, recall, f1, support = precision_recall_fscore_support(y, prediction, zero_division=0.0)
     return {
-        "accuracy": float(right.mean()),
-        "balanced_accuracy": float((hit[there > 0] / there[there > 0]).mean()),
-        "f1": float((2 * hit / (there + said)).mean()),
+        "accuracy": float(accuracy_score(y, prediction)),
+        "balanced_accuracy": float(recall[support > 0].mean()),
+        "f1": float(f1.mean()),
     }
 
 

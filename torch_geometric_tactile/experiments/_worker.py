@@ -1,12 +1,14 @@
-r"""Experiments in a process of their own, which measures its own memory and may be killed alone.
+r"""Runs experiments in a separate process, which measures its peak memory and may be killed.
 
-:func:`run_worker` reads experiments, one line of JSON each, and answers with one line of JSON each.
-It ends when its input does, so that it never outlives the process that started it, and when there
-was nothing to do for a while.
+:func:`run_worker` reads pickled experiments, one line of base64 each, and answers with one line of
+JSON each. It ends with its input, so that it never outlives the process that started it, and after
+some idle seconds.
 """
 
+import base64
 import json
 import os
+import pickle
 import queue
 import subprocess
 import sys
@@ -109,7 +111,7 @@ class _Process:
         assert self._popen.stdin is not None
         assert self._popen.stdout is not None
         with suppress(BrokenPipeError):  # it has ended
-            self._popen.stdin.write(json.dumps(experiment.to_dict()).encode() + b"\n")
+            self._popen.stdin.write(base64.b64encode(pickle.dumps(experiment)) + b"\n")
             self._popen.stdin.flush()
         line = self._popen.stdout.readline()
         if line:
@@ -141,10 +143,10 @@ def run_worker() -> None:
     os.dup2(2, 1)  # what libraries print must not get between
     while True:
         try:
-            content = json.loads(lines.get(timeout=_IDLE_SECONDS))
+            line = lines.get(timeout=_IDLE_SECONDS)
         except queue.Empty:
             return
-        result = run_here(Experiment.from_dict(content))
+        result = run_here(pickle.loads(base64.b64decode(line)))
         answers.write(json.dumps(result) + "\n")
         answers.flush()
         if "error" in result or not PeakMemory.can_start_anew():

@@ -25,7 +25,7 @@ from torch_geometric_tactile.experiments._score_units import (
     comparison_splits,
 )
 from torch_geometric_tactile.experiments._scores import LEAST_PAIRS
-from torch_geometric_tactile.experiments.compared_windows import of_frames
+from torch_geometric_tactile.experiments.compared_windows import apply_to_frames
 from torch_geometric_tactile.experiments.differences import (
     Difference,
     paired_difference,
@@ -345,7 +345,7 @@ def comparison_plan(
         ValueError: If the samples cannot be split so, or a model has no place in the data.
     """
     settings = settings or ComparisonSettings()
-    source, tare, selection = of_frames(source, settings.tare, selection)
+    source, tare, selection = apply_to_frames(source, settings.tare, selection)
     source, facts = source.with_arguments({}, selection).resolve()
     if facts.num_frames is not None and tare is not None:
         raise ArgumentError(

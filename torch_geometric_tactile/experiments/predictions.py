@@ -1,21 +1,19 @@
-r"""What a model said of the samples that were held out."""
+r"""Predictions of a model for held-out samples."""
 
 import base64
+import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
 import numpy as np
-import torch
-from sklearn.metrics import roc_auc_score
-
-from torch_geometric_tactile.training._collected_metrics import macro_f1, positive_scores
+from sklearn.metrics import accuracy_score, precision_recall_fscore_support, roc_auc_score
 
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    r"""What a model said of :math:`S` samples, and what they are.
+    r"""Predictions for :math:`S` samples with their true values.
 
     Shapes:
         - **score:** Probabilities of :math:`C` classes or labels :math:`(S, C)`; or one
@@ -37,10 +35,10 @@ class Predictions:
     index: np.ndarray | None = None
 
     def select(self, mask: np.ndarray) -> Self:
-        r"""Returns the predictions of some of the samples.
+        r"""Returns the predictions of a part of the samples.
 
         Shapes:
-            - **mask:** Which ones :math:`(S,)`.
+            - **mask:** True for the samples to keep :math:`(S,)`.
         """
         return type(self)(**{name: value[mask] for name, value in self._arrays().items()})
 
@@ -58,34 +56,37 @@ class Predictions:
         class 1 (0 where there is nothing to divide by).
         """
         if self.y.ndim == 2:
-            num_classes = self.y.shape[1]
-            positive, predicted = self.y > 0.5, self.prediction > 0.5
+            y, prediction = (self.y > 0.5).astype(int), (self.prediction > 0.5).astype(int)
+            is_right = y == prediction
+            num_classes = y.shape[1]
+            values = {
+                "accuracy": float(accuracy_score(y, prediction)),
+                "label_accuracy": float(is_right.mean()),
+            }
+            for i in range(num_classes):
+                values[f"label_accuracy_{i}"] = float(is_right[:, i].mean())
         else:
+            y, prediction = self.y, self.prediction
             num_classes = 2 if self.score.ndim == 1 else self.score.shape[1]
-            classes = np.arange(num_classes)
-            positive = self.y[:, None] == classes
-            predicted = self.prediction[:, None] == classes
-        right = positive == predicted
-        values = {"accuracy": float(right.all(axis=1).mean())}
-        if self.y.ndim == 2:
-            values["label_accuracy"] = float(right.mean())
-            values |= {f"label_accuracy_{i}": float(right[:, i].mean()) for i in range(num_classes)}
-        counts = [
-            torch.from_numpy(found.sum(axis=0)).double()
-            for found in (positive & predicted, ~positive & predicted, positive & ~predicted)
-        ]
-        values["f1"] = float(macro_f1(*counts))
+            values = {"accuracy": float(accuracy_score(y, prediction))}
+        # Classes that are neither present nor predicted are NaN, and not in the mean.
+        precision, recall, f1, _ = precision_recall_fscore_support(
+            y, prediction, labels=np.arange(num_classes), zero_division=np.nan
+        )
+        is_present = ~np.isnan(f1)
+        values["f1"] = float(f1[is_present].mean()) if is_present.any() else math.nan
         if self.y.ndim == 1 and num_classes == 2:
-            values |= {name: float(value) for name, value in positive_scores(*counts).items()}
-        values["auroc"] = self._auroc(positive)
+            for name, score in (("f1", f1), ("precision", precision), ("recall", recall)):
+                values[f"{name}_positive"] = float(np.nan_to_num(score[1]))
+        values["auroc"] = self._auroc(y if y.ndim == 2 else y[:, None] == np.arange(num_classes))
         return values
 
     def _auroc(self, positive: np.ndarray) -> float:
         score = self.score if self.score.ndim == 2 else np.stack([-self.score, self.score], axis=1)
-        mixed = positive.any(axis=0) & ~positive.all(axis=0)
-        if not mixed.any() or np.isnan(score).any():
-            return float("nan")
-        areas = [roc_auc_score(positive[:, i], score[:, i]) for i in np.flatnonzero(mixed)]
+        is_mixed = positive.any(axis=0) & ~positive.all(axis=0)
+        if not is_mixed.any() or np.isnan(score).any():
+            return math.nan
+        areas = [roc_auc_score(positive[:, i], score[:, i]) for i in np.flatnonzero(is_mixed)]
         return float(np.mean(areas))
 
     def to_dict(self) -> dict[str, Any]:

@@ -1,15 +1,17 @@
-r"""Where the samples of an experiment come from, as a value."""
+r"""Data sources of experiments: a data set, its windows and its selection, as one value."""
 
+import copy
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self
 
 import torch
 from torch import Tensor
+from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import file_sha256
@@ -25,20 +27,43 @@ from torch_geometric_tactile.experiments._building import (
     check_arguments,
     find_class,
 )
+from torch_geometric_tactile.transforms import Tare
 
 _SIMULATION = "simulation.json"
-_PLACES = ("root", "path")  # of files, whose content is the fingerprint
-_MOST = 4
-_LOADED: dict[tuple[str, str, str], SampleSet] = {}  # the last few, the newest last
-_INNER = "dataset"  # the argument of a view, such as Trials, that is the data set it shows
+_PLACES = ("root", "path")  # of files, whose content is in the fingerprint
+_VIEW_ARGUMENT = "dataset"  # the argument of a view, such as Trials, for its frames
+# Stored runs name a tare and a stride so; other texts would make them other runs.
+_TARED = "torch_geometric_tactile.experiments.compared_windows.tared_frames"
+_STRIDED = "torch_geometric_tactile.experiments.compared_windows.strided_frames"
+_MAX_CACHED_DATASETS = 4
 
 
 @dataclass(frozen=True)
 class DataSource:
-    r"""A :class:`~torch_geometric_tactile.data.StaticDataset`, ours or a user's, or samples of PyG
-    that may have different sensors, by the import path of its class, or of a function that returns
-    it, and arguments. That of a view, such as :class:`~torch_geometric_tactile.data.Trials`, has
-    the data set that it shows as the argument :obj:`dataset`.
+    r"""A data set with the samples selected from it, as a value that any process can load.
+
+    Two sources are of the same samples if their :meth:`identity` is the same, which has the
+    fingerprint of the files in place of their location.
+
+    Args:
+        class_path (str): Import path of a :class:`~torch_geometric_tactile.data.StaticDataset`, of
+            a data set of PyG, whose samples may have different sensors, or of a function that
+            returns one.
+        arguments (dict): Its arguments. Objects among them, such as transforms, are mappings with
+            :obj:`class_path` and :obj:`init_args`.
+        selection (dict): Further arguments that only choose among the samples.
+        kind (str): :obj:`"ours"`, :obj:`"simulated"` or :obj:`"measured"`; set by :meth:`resolve`
+            if left out.
+        caption (str): A sentence on the samples; set by :meth:`resolve` if left out.
+        fingerprint (str): SHA-256 of the files or samples; set by :meth:`resolve`.
+        frames (DataSource, optional): The frames that a view, such as
+            :class:`~torch_geometric_tactile.data.Trials`, is cut from. A mapping with
+            :obj:`class_path` and :obj:`init_args` as the argument :obj:`dataset` is read as this.
+        stride (int, optional): Keeps every :obj:`stride`-th sample of each trial, for classes
+            without such an argument.
+        tare (dict, optional): :obj:`first` or :obj:`seconds` of
+            :class:`~torch_geometric_tactile.transforms.Tare`; subtracts the rest reading of each
+            trial from its frames.
     """
 
     class_path: str
@@ -47,33 +72,59 @@ class DataSource:
     kind: str = ""
     caption: str = ""
     fingerprint: str = ""
+    frames: "DataSource | None" = None
+    stride: int | None = None
+    tare: dict[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        content = self.arguments.get(_VIEW_ARGUMENT)
+        if isinstance(content, Mapping) and "class_path" in content:
+            frames = DataSource(content["class_path"], dict(content.get("init_args") or {}))
+            arguments = {k: v for k, v in self.arguments.items() if k != _VIEW_ARGUMENT}
+            object.__setattr__(self, "frames", frames)
+            object.__setattr__(self, "arguments", arguments)
+
+    def __hash__(self) -> int:
+        return hash((json.dumps(self.identity(), sort_keys=True), self.kind, self.caption))
 
     def with_arguments(
         self, arguments: Mapping[str, Any], selection: Mapping[str, Any] | None = None
     ) -> Self:
-        r"""Returns the source with other or further arguments. Those that a view does not have,
-        such as :obj:`root`, are given to the data set that it shows.
+        r"""Returns the source with other or further arguments. Arguments that the class of a view
+        does not have, such as :obj:`root`, go to its frames.
         """
         if arguments:
             self = replace(self, fingerprint="")
+        names = None if self.frames is None else argument_names(self.class_path)
+        frame_arguments = {
+            key: value for key, value in arguments.items() if names is not None and key not in names
+        }
+        own_arguments = {k: v for k, v in arguments.items() if k not in frame_arguments}
+        if frame_arguments and self.frames is not None:
+            self = replace(self, frames=self.frames.with_arguments(frame_arguments))
         return replace(
             self,
-            arguments=_laid_over(self.class_path, self.arguments, arguments),
+            arguments={**self.arguments, **own_arguments},
             selection={**self.selection, **(selection or {})},
         )
 
+    @property
+    def is_view(self) -> bool:
+        r"""Whether the samples are windows or trials cut from frames."""
+        constructor = find_class(self.class_path)
+        return isinstance(constructor, type) and issubclass(constructor, FrameView)
+
     def resolve(self, protocol: Protocol | None = None) -> tuple[Self, "DataFacts"]:
-        r"""Loads the data set, which processes or downloads it if that was not done before, so that
-        many processes can read it at once, and checks that a protocol can split it. Returns the
-        source with its fingerprint, kind and caption, and what it holds.
+        r"""Loads the data set and checks that a protocol can split it. Files are downloaded and
+        processed here, once, so that several processes can read them afterwards. Returns the source
+        with its fingerprint, kind and caption, and the facts of the data set.
         """
-        check_arguments(self.class_path, {**self.arguments, **self.selection})
+        self._check_arguments()
         dataset = self.load() if self.fingerprint else self._build(self.arguments)
-        code = self.fingerprint or _fingerprint(dataset)
-        source = replace(self, fingerprint=code)
-        _keep(source._place, dataset)
-        count = int(source.is_selected(dataset).sum())
-        facts = replace(DataFacts.of(dataset), num_samples=count)
+        source = replace(self, fingerprint=self.fingerprint or _fingerprint(dataset))
+        source._cache(dataset)
+        num_samples = int(source.is_selected(dataset).sum())
+        facts = replace(DataFacts.of(dataset), num_samples=num_samples)
         if protocol is not None:
             facts = replace(facts, num_folds=protocol.num_folds(dataset))
             source.parts(protocol, seed=0, fold=0)
@@ -83,20 +134,16 @@ class DataSource:
         return replace(source, kind=kind, caption=caption), facts
 
     def load(self) -> SampleSet:
-        r"""Returns the data set, without :obj:`selection`. A process keeps the last few that it
-        loaded.
+        r"""Returns the data set, without :obj:`selection`. A process caches the data sets that it
+        loaded last.
         """
-        dataset = _LOADED.get(self._place)
+        dataset = _DATASETS.get(self._stored)
         dataset = self._build(self.arguments) if dataset is None else dataset
-        _keep(self._place, dataset)
+        self._cache(dataset)
         return dataset
 
-    @property
-    def _place(self) -> tuple[str, str, str]:
-        return self.class_path, json.dumps(self.arguments, sort_keys=True), self.fingerprint
-
     def split(self, protocol: Protocol, seed: int = 0, fold: int = 0) -> Split:
-        r"""Returns the indices of the parts of a split, of the samples that are selected."""
+        r"""Returns the indices of the selected samples in each part of a split."""
         dataset = self.load()
         with sharing_ignored():
             split = protocol.split(dataset, seed, fold)
@@ -104,7 +151,7 @@ class DataSource:
         return Split(*(part[is_selected[part]] for part in split))
 
     def parts(self, protocol: Protocol, seed: int, fold: int) -> tuple[SampleSet, SampleSet]:
-        r"""Returns the samples to train on, and those to test on."""
+        r"""Returns the training samples and the test samples of a split."""
         dataset = self.load()
         train, _, test = self.split(protocol, seed, fold)
         for name, part in (("train", train), ("test", test)):
@@ -116,52 +163,111 @@ class DataSource:
         return dataset[train], dataset[test]
 
     def samples(self) -> SampleSet:
-        r"""Returns the samples that are selected."""
+        r"""Returns the selected samples."""
         dataset = self.load()
         return dataset[self.is_selected(dataset).nonzero().view(-1)]
 
+    def is_selected(self, dataset: SampleSet) -> Tensor:
+        r"""Returns for each sample of the data set whether it is selected :math:`(S,)`."""
+        if not self.selection:
+            return torch.ones(len(dataset), dtype=torch.bool)
+        is_stored = torch.zeros(dataset.len(), dtype=torch.bool)
+        is_stored[_selected_indices(replace(self, kind="", caption=""))] = True
+        return is_stored[torch.as_tensor(list(dataset.indices()))]
+
+    def identity(self) -> dict[str, Any]:
+        r"""Returns everything that determines a result, as plain data: neither captions nor the
+        location of files.
+        """
+        content = self._to_plain(with_places=False)
+        return {
+            "class_path": content["class_path"],
+            "arguments": content["init_args"],
+            "selection": self.selection,
+            "fingerprint": self.fingerprint,
+        }
+
+    def _to_plain(self, *, with_places: bool) -> dict[str, Any]:
+        is_place = set() if with_places else set(_PLACES)
+        arguments = {key: v for key, v in self.arguments.items() if key not in is_place}
+        if self.frames is not None:
+            arguments[_VIEW_ARGUMENT] = self.frames._to_plain(with_places=with_places)
+        content: dict[str, Any] = {"class_path": self.class_path, "init_args": arguments}
+        if self.stride is not None:
+            steps = {_VIEW_ARGUMENT: content, "stride": self.stride}
+            content = {"class_path": _STRIDED, "init_args": steps}
+        if self.tare is not None:
+            steps = {_VIEW_ARGUMENT: content, **self.tare}
+            content = {"class_path": _TARED, "init_args": steps}
+        return content
+
+    @property
+    def _stored(self) -> "DataSource":
+        # The key of the cache: captions and selections share a loaded data set.
+        return replace(self, selection={}, kind="", caption="")
+
+    def _cache(self, dataset: SampleSet) -> None:
+        _DATASETS.pop(self._stored, None)
+        _DATASETS[self._stored] = dataset
+        for oldest in list(_DATASETS)[:-_MAX_CACHED_DATASETS]:
+            del _DATASETS[oldest]
+
+    def _check_arguments(self) -> None:
+        check_arguments(self.class_path, {**self.arguments, **self.selection})
+        if self.frames is not None:
+            self.frames._check_arguments()
+
     def _build(self, arguments: Mapping[str, Any]) -> SampleSet:
-        kind = find_class(self.class_path)
-        if isinstance(kind, type) and issubclass(kind, FrameView):
-            arguments = {**arguments, _INNER: build_object(arguments.get(_INNER))}
-            need(
-                isinstance(arguments[_INNER], StaticDataset),
-                "windows and trials are cut from a StaticDataset of frames, of one layout",
-                type(arguments[_INNER]).__name__,
-            )
-        built = build_object({"class_path": self.class_path, "init_args": arguments})
+        built = self._build_object(arguments)
         try:
-            dataset = as_samples(built)
+            samples = as_samples(built)
         except (TypeError, ValueError) as error:
             raise ValueError(
                 f"'class_path' must be a StaticDataset, or a data set of PyG (got "
                 f"'{self.class_path}': {error})"
             ) from error
-        if isinstance(dataset, StaticData):
+        if isinstance(samples, StaticData):
             raise ValueError(f"'class_path' must be a StaticDataset (got '{self.class_path}')")
-        return dataset
+        return samples
 
-    def is_selected(self, dataset: SampleSet) -> Tensor:
-        r"""Returns which samples of the data set are in :obj:`selection` :math:`(S,)`."""
-        if not self.selection:
-            return torch.ones(len(dataset), dtype=torch.bool)
-        chosen = _selected(*self._place, json.dumps(self.selection, sort_keys=True))
-        is_chosen = torch.zeros(dataset.len(), dtype=torch.bool)
-        is_chosen[chosen] = True
-        return is_chosen[torch.as_tensor(list(dataset.indices()))]
+    def _build_object(self, arguments: Mapping[str, Any]) -> Any:
+        arguments = dict(arguments)
+        if self.frames is not None:
+            arguments[_VIEW_ARGUMENT] = self.frames._build_object(self.frames.arguments)
+        frames = arguments.get(_VIEW_ARGUMENT)
+        need(
+            not self.is_view or isinstance(frames, StaticDataset),
+            "windows and trials are cut from a StaticDataset of frames, of one layout",
+            type(frames).__name__,
+        )
+        built = build_object({"class_path": self.class_path, "init_args": arguments})
+        if self.stride is not None:
+            built = _keep_every(as_samples(built), self.stride)
+        return built if self.tare is None else tare_trials(built, **self.tare)
 
-    def identity(self) -> dict[str, Any]:
-        r"""Returns all of it that a result follows from: not where the files lie, nor captions."""
-        return {
-            "class_path": self.class_path,
-            "arguments": _without_places(self.arguments),
-            "selection": self.selection,
-            "fingerprint": self.fingerprint,
-        }
 
-    def to_dict(self) -> dict[str, Any]:
-        r"""Returns the arguments of this class as plain data."""
-        return asdict(self)
+_DATASETS: dict[DataSource, SampleSet] = {}  # loaded by this process, the latest last
+
+
+def _keep_every(samples: SampleSet, stride: int) -> SampleSet:
+    trial = samples.column("trial")
+    trial = torch.zeros(len(samples)) if trial is None else trial
+    order = trial.argsort(stable=True)
+    _, counts = trial[order].unique_consecutive(return_counts=True)
+    number = torch.arange(len(order)) - (counts.cumsum(0) - counts).repeat_interleave(counts)
+    return samples[order[number % stride == 0].sort().values]
+
+
+def tare_trials(
+    frames: StaticDataset, first: int | None = None, seconds: float | None = None
+) -> StaticDataset:
+    r"""Returns a data set that subtracts from each frame the rest reading of its trial, which is
+    measured on that trial alone.
+    """
+    tare = Tare("trial", first=first, seconds=seconds).fit(frames, frames.transform)
+    tared = copy.copy(frames)
+    tared.transform = tare if frames.transform is None else Compose([frames.transform, tare])
+    return tared
 
 
 @dataclass(frozen=True)
@@ -200,42 +306,10 @@ class DataFacts:
         return "" if self.part is None else f" (the part '{self.part}' of the data set)"
 
 
-def _laid_over(
-    class_path: str, arguments: Mapping[str, Any], over: Mapping[str, Any]
-) -> dict[str, Any]:
-    # What the class of a view does not know is an argument of the data set that it shows.
-    inner = arguments.get(_INNER)
-    if not over or not isinstance(inner, Mapping) or "class_path" not in inner:
-        return {**arguments, **over}
-    known = argument_names(class_path)
-    mine = {key: value for key, value in over.items() if known is None or key in known}
-    others = {key: value for key, value in over.items() if key not in mine}
-    laid = {**arguments, **mine}
-    if others:
-        below = _laid_over(inner["class_path"], inner.get("init_args") or {}, others)
-        laid[_INNER] = {**inner, "init_args": below}
-    return laid
-
-
-def _without_places(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    left = {key: value for key, value in arguments.items() if key not in _PLACES}
-    inner = left.get(_INNER)
-    if isinstance(inner, Mapping) and "class_path" in inner:
-        left[_INNER] = {**inner, "init_args": _without_places(inner.get("init_args") or {})}
-    return left
-
-
-def _keep(key: tuple[str, str, str], dataset: SampleSet) -> None:
-    _LOADED.pop(key, None)
-    _LOADED[key] = dataset
-    for old in list(_LOADED)[:-_MOST]:
-        _LOADED.pop(old, None)
-
-
 @lru_cache(maxsize=16)
-def _selected(class_path: str, arguments: str, fingerprint: str, selection: str) -> Tensor:
-    given = {**json.loads(arguments), **json.loads(selection)}
-    return torch.as_tensor(list(DataSource(class_path)._build(given).indices()))
+def _selected_indices(source: DataSource) -> Tensor:
+    selected = source._build({**source.arguments, **source.selection})
+    return torch.as_tensor(list(selected.indices()))
 
 
 def _count(column: Tensor | None) -> int:
@@ -247,78 +321,82 @@ def _is_one_number(y: Tensor | None) -> bool:
 
 
 def _caption(dataset: SampleSet, kind: str, facts: DataFacts) -> str:
-    held = f"{facts.num_trials} trials" if facts.num_trials else f"{len(dataset):,} samples"
+    size = f"{facts.num_trials} trials" if facts.num_trials else f"{len(dataset):,} samples"
     if kind != "simulated":
-        return f"Recordings of your own: {held}."
+        return f"Recordings of your own: {size}."
     root = Path(innermost(dataset).root)
-    found = [path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()]
-    if not found:
-        return f"**Simulated**, not a result of a real sensor: {held}."
+    summaries = [
+        path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()
+    ]
+    if not summaries:
+        return f"**Simulated**, not a result of a real sensor: {size}."
     try:
-        simulation = read_json(found[0])
-        made = _made(simulation)
+        simulation = read_json(summaries[0])
+        settings = _simulation_settings(simulation)
         sensor = "array" if simulation.get("generator") == "letters" else "hand"
-        said = f"**Simulated**, not a result of a real {sensor}: {held}"
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(
-            f"'{found[0]}' is not what 'tactile simulate' writes ({error}): delete it, or run the "
-            "command again"
+            f"'{summaries[0]}' is not what 'tactile simulate' writes ({error}): delete it, or run "
+            "the command again"
         ) from error
-    return f"{said} of `tactile simulate` ({printable(made)})."
+    return (
+        f"**Simulated**, not a result of a real {sensor}: {size} of `tactile simulate` "
+        f"({printable(settings)})."
+    )
 
 
-def _made(simulation: Mapping[str, Any]) -> str:
+def _simulation_settings(simulation: Mapping[str, Any]) -> str:
     if simulation.get("generator") == "letters":
         return f"letters on `{simulation['layout']}`, seed {simulation['seed']}"
-    end = f"MuJoCo {simulation['mujoco']}"
+    simulator = f"MuJoCo {simulation['mujoco']}"
     if "preset" in simulation:
         preset = simulation["preset"]
         return (
             f"objects `{simulation['object_set']}`, seed {simulation['seed']}, "
-            f"{preset['duration']:g} s at {preset['rate']:g} Hz, {end}"
+            f"{preset['duration']:g} s at {preset['rate']:g} Hz, {simulator}"
         )
-    rates = (
+    success_rates = (
         f"{name} {counts['grasps']}, of which {100 * counts['successes'] / counts['grasps']:.1f} % "
         "are a success"
         for name, counts in simulation["objects"].items()
     )
-    return f"{'; '.join(rates)}; seed {simulation['seed']}, {end}"
+    return f"{'; '.join(success_rates)}; seed {simulation['seed']}, {simulator}"
 
 
 def _fingerprint(dataset: SampleSet) -> str:
-    code = hashlib.sha256()
+    digest = hashlib.sha256()
     if isinstance(dataset, GraphSamples):
         stored = dataset.stored()
         for i in range(len(stored)):
             attributes = stored[i].to_dict()
-            _add_tensors(code, attributes)
+            _add_tensors(digest, attributes)
             plain = {k: v for k, v in attributes.items() if isinstance(v, str | int | float)}
-            code.update(f"{sorted(plain.items())!r}\n".encode())
-        return code.hexdigest()
+            digest.update(f"{sorted(plain.items())!r}\n".encode())
+        return digest.hexdigest()
     inner: StaticDataset = innermost(dataset)
     files = _files(inner)
     for file in files:
         stat = file.stat()
-        code.update(f"{file.name} {_sha256(file, stat.st_size, stat.st_mtime_ns)}\n".encode())
+        digest.update(f"{file.name} {_sha256(file, stat.st_size, stat.st_mtime_ns)}\n".encode())
     if not files:
-        _add_tensors(code, inner.data.to_dict())
-    return code.hexdigest()
+        _add_tensors(digest, inner.data.to_dict())
+    return digest.hexdigest()
 
 
-def _add_tensors(code: Any, attributes: Mapping[str, Any]) -> None:
+def _add_tensors(digest: Any, attributes: Mapping[str, Any]) -> None:
     for key, value in sorted(attributes.items()):
         if isinstance(value, Tensor):
-            code.update(f"{key} {value.dtype} {tuple(value.shape)}\n".encode())
-            code.update(value.contiguous().numpy(force=True).tobytes())
+            digest.update(f"{key} {value.dtype} {tuple(value.shape)}\n".encode())
+            digest.update(value.contiguous().numpy(force=True).tobytes())
 
 
 def _files(dataset: StaticDataset) -> list[Path]:
-    # The raw files; if they are gone, what was made of them; none of what lives in memory.
+    # The raw files or, where these were deleted, the processed file. Data in memory has no files.
     if not dataset.has_process:
         return []
     raw = [Path(name) for name in dataset.raw_paths]
-    found = [path for path in raw if path.is_file()]
-    return found or [Path(dataset.processed_paths[0])]
+    present = [path for path in raw if path.is_file()]
+    return present or [Path(dataset.processed_paths[0])]
 
 
 @lru_cache(maxsize=10_000)

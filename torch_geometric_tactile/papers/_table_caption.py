@@ -1,6 +1,6 @@
 r"""What a table of ours is made of."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from torch_geometric_tactile.experiments._experiment import Experiment
@@ -141,13 +141,12 @@ def _samples(run: PlanRun) -> str:
 
 
 def _selected(source: DataSource, noun: str) -> str:
-    # Which samples a source has: by its arguments, or by those of the data set that it shows.
+    # Which samples a source has: by its arguments, or by those of the frames that it shows.
     given: dict[str, Any] = {}
-    arguments: Any = source.arguments
-    while isinstance(arguments, Mapping):
-        given = {**arguments, **given}
-        inner = arguments.get("dataset")
-        arguments = inner.get("init_args") if isinstance(inner, Mapping) else None
+    shown: DataSource | None = source
+    while shown is not None:
+        given = {**shown.arguments, **given}
+        shown = shown.frames
     given |= source.selection
     stride, phases = given.get("stride") or 1, given.get("phases")
     every = f"Every {noun}" if stride == 1 else f"Every {_ordinal(stride)} {noun}"
