@@ -153,7 +153,8 @@ def test_windows_are_known_by_the_files_of_their_frames(tmp_path):
 
 
 def test_source_is_one_value_for_all_processes(tmp_path):
-    np.savez(tmp_path / "a.npz", x=np.ones((40, 2, 3, 1)), trial=np.arange(40) // 20)
+    trial = np.arange(40) // 20
+    np.savez(tmp_path / "a.npz", x=np.ones((40, 2, 3, 1)), y=trial, trial=trial)
     file = "torch_geometric_tactile.datasets.SamplesFile"
     frames = DataSource(file, {"path": str(tmp_path / "a.npz"), "grid": "2x3"}, stride=2)
     source, facts = DataSource(
