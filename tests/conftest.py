@@ -26,137 +26,19 @@ BTS3_HEADER = [
 SHARED_FIXTURES = ("paper8_grasps", "control8_grasps", "undisturbed", "report", "launch_chromium")
 # Files that wait for the same compilation, likewise.
 SHARED_COMPILATION = {"analysis/test_embedding.py": "umap", "reports/test_analysis.py": "umap"}
-# Files that start processes or train for seconds.
-SLOW_FILES = (
-    "analysis/test_embedding.py",
-    "experiments/test_plan_interrupted.py",
-    "experiments/test_worker.py",
-    "live/test_viewer_browser.py",
-    "nn/models/test_model_compile.py",
-    "nn/models/test_onnx.py",
-    "reports/test_analysis.py",
-    "commands/test_demo.py",
-    "sim/test_grasp.py",
-    "sim/test_grasp_properties.py",
-    "sim/test_simulate_interrupted.py",
-    "sim/test_simulate_killed.py",
-    "test_cli.py",
-    "test_parallel.py",
-    "training/test_own_data.py",
-)
-
-# Cases that only `make check` runs, by the beginning of their names: kills, full disks, clusters,
-# other processes, whole pages, and graphs and compilations of which `make test` has some.
-FULL = (
-    "analysis/test_calibration.py::test_published_runs",
-    "analysis/test_embedding.py::test_embedding_follows_its_seed[2-umap",
-    "analysis/test_embedding.py::test_embedding_follows_its_seed[3-umap",
-    "analysis/test_embedding.py::test_umap",
-    "benchmarks/test_gpu.py::test_quick_run",
-    "commands/test_compare.py::test_all_models_run",
-    "commands/test_compare.py::test_stopped_run",
-    "commands/test_demo.py::test_demo",
-    "commands/test_demo.py::test_report",
-    "commands/test_demo.py::test_scores",
-    "commands/test_export.py::test_the_page_runs",
-    "commands/test_record_replay.py::test_port_whose_bytes",
-    "commands/test_record_replay.py::test_server_whose",
-    "commands/test_record_replay.py::test_signals_end",
-    "data/test_changed_settings.py::test_two_processes_at_once",
-    "data/test_fingerprint.py::test_description_in_another_run",
-    "data/test_torch_file.py::test_file_larger",
-    "datasets/test_pressure_mat.py::test_published_files",
-    "experiments/test_deploy.py::test_averages_of_networks_are_exported",
-    "experiments/test_deploy.py::test_numbers_come_in_their_own_unit[forest",
-    "experiments/test_plan_interrupted.py",
-    "experiments/test_worker.py",
-    "fuzz/test_fuzz.py::test_a_reader_that_never_ends",
-    "io/test_hdf5_damage.py::test_bits_flipped_all_over",
-    "io/test_hdf5_damage.py::test_flipped_bits",
-    "io/test_lerobot_reader.py::test_data_that_unpack",
-    "live/test_judge.py::test_judge_says_what_predict_says[s",
-    "live/test_judge.py::test_judge_says_what_predict_says[w",
-    "live/test_serial_source.py::test_port_gone",
-    "live/test_viewer_browser.py::test_label_bars",
-    "live/test_viewer_browser.py::test_text_has_contrast",
-    "loader/test_static_loader.py::test_loader_with_workers[spawn",
-    "nn/models/test_grasp_lstm.py::test_onnx",
-    "nn/models/test_model_compile.py::test_model_compile[",
-    "nn/models/test_onnx.py",
-    "nn/models/test_posed_taxel_net.py::test_posed_taxel_net_compile",
-    "nn/models/test_posed_taxel_net.py::test_posed_taxel_net_numbering",
-    "nn/models/test_taxel_net.py::test_taxel_net_compile",
-    "nn/models/test_temporal_taxel_net.py::test_temporal_taxel_net_compile",
-    "nn/models/test_temporal_taxel_net.py::test_temporal_taxel_net_export",
-    "papers/test_p3_runs.py::test_configuration_trains",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[bmf_cnn",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[grasp_gcn",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[grasp_lstm",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[hand_cnn",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[ms_cnn",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[mt_cnn",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[mt_gcn",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[pyg",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[small_cnn",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[tactile_fnn",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[tactile_gcn",
-    "predictor/test_export_onnx.py::test_graphs_give_the_numbers_of_predictors[temporal_taxel_net",
-    "predictor/test_estimators.py::test_exported_graphs_say_what_predictors_say[numbers",
-    "predictor/test_estimators.py::test_exported_graphs_say_what_predictors_say[three-descriptor",
-    "predictor/test_estimators.py::test_exported_graphs_say_what_predictors_say[three-posed",
-    "predictor/test_estimators.py::test_exported_graphs_say_what_predictors_say[two",
-    "robustness/",
-    "sim/test_grasp.py",
-    "sim/test_grasp_properties.py",
-    "sim/test_simulate.py::test_finished_trials_are_kept",
-    "sim/test_simulate.py::test_wide_trials",
-    "sim/test_simulate_interrupted.py",
-    "sim/test_simulate_killed.py",
-    "sim/test_simulate_letters.py::test_no_extra",
-    "sim/test_simulate_letters.py::test_processes_do_not_matter",
-    "test_cli.py",
-    "test_markdown.py::test_blocks_run[README",
-    "test_markdown.py::test_blocks_run[docs/analysis",
-    "test_markdown.py::test_blocks_run[docs/command_line",
-    "test_markdown.py::test_blocks_run[docs/live",
-    "test_markdown.py::test_blocks_run[docs/models",
-    "test_markdown.py::test_blocks_run[docs/predictor",
-    "test_markdown.py::test_blocks_run[docs/simulation",
-    "test_markdown.py::test_blocks_run[docs/your_own_data",
-    "test_pages.py::test_example_of_the_readme",
-    "test_parallel.py::test_backend_that_returns",
-    "test_parallel.py::test_closing_stops_the_work",
-    "test_parallel.py::test_dask_cluster_is_used",
-    "test_parallel.py::test_table_is_trained_by_dask",
-    "test_parallel.py::test_workers_that_are_kept",
-    "test_typing.py",
-    "training/test_fit_windows.py::test_two_processes",
-    "training/test_hostile_checkpoints.py::test_import_paths",
-    "training/test_own_data.py",
-    "training/test_poisoned",
-    "training/test_resume.py::test_command_line_goes_on",
-    "training/test_resume.py::test_killed",
-    "training/test_resume.py::test_resumed_with_a_worker",
-    "training/test_threshold.py::test_no_other_threshold",
-    "tutorials/test_notebooks.py::test_other",
-    "tutorials/test_notebooks.py::test_tutorial",
-    "visualization/test_recording_plot.py::test_plot_of_unusual",
-)
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
-    """Marks cases, and runs slow ones first, so that processes side by side end together."""
+    """Groups tests that share work, and runs slow ones first, to keep all processes busy."""
     for item in items:
         path = item.path.as_posix()
         names = [name for name in SHARED_FIXTURES if name in getattr(item, "fixturenames", ())]
         names += [name for end, name in SHARED_COMPILATION.items() if path.endswith(end)]
         if names:
             item.add_marker(pytest.mark.xdist_group(names[0]))
-        if path.endswith(SLOW_FILES):
+        if item.get_closest_marker("full"):
             item.add_marker(pytest.mark.slow)
-        if item.nodeid.removeprefix("tests/").startswith(FULL):
-            item.add_marker(pytest.mark.full)
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 

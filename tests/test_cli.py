@@ -11,6 +11,8 @@ from fake_configs import SCALED, fake_config, fake_dataset
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.cli import main
 
+pytestmark = pytest.mark.full
+
 CONFIG = fake_config(
     "GraspGCN",
     400,

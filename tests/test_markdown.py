@@ -19,7 +19,7 @@ from markdown_pages import (
     run_block,
     run_page,
 )
-from markdown_stages import CHECKS, EXTRAS, SLOW, STAGES
+from markdown_stages import CHECKS, EXTRAS, FULL, SLOW, STAGES
 
 from torch_geometric_tactile.cli import main
 
@@ -27,7 +27,10 @@ BIGS = ROOT / "docs" / "bigs.md"
 
 
 def _page(name):
-    return pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
+    marks = [pytest.mark.slow] * (name in SLOW) + [pytest.mark.slow, pytest.mark.full] * (
+        name in FULL
+    )
+    return pytest.param(name, marks=marks)
 
 
 @pytest.mark.parametrize("name", [_page(name) for name in pages()])

@@ -103,6 +103,7 @@ def test_notice_names_every_file_with_data_of_others():
     assert not [name for name in names if name not in notice]
 
 
+@pytest.mark.full
 @pytest.mark.slow
 def test_example_of_the_readme_prints_no_warning_and_leaves_no_folder(tmp_path):
     pytest.importorskip("lightning", reason="needs the extra 'train'")

@@ -11,6 +11,8 @@ from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.papers import load_table
 
+pytestmark = pytest.mark.slow
+
 
 def process_and_square(number):
     return os.getpid(), number**2
@@ -42,6 +44,7 @@ def test_work_is_done_by_other_processes():
     assert os.getpid() not in {process for process, _ in results}
 
 
+@pytest.mark.full
 def test_workers_that_are_kept_follow_into_another_folder(tmp_path, monkeypatch):
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
@@ -63,6 +66,7 @@ def test_number_of_jobs_of_the_caller_is_obeyed():
     assert {process for process, _ in here} == {os.getpid()}
 
 
+@pytest.mark.full
 def test_backend_that_returns_results_at_the_end_only():
     # Its results come in groups, so that those of a group that has ended can be stored.
     with joblib.parallel_config(backend="multiprocessing", n_jobs=2):
@@ -70,6 +74,7 @@ def test_backend_that_returns_results_at_the_end_only():
         assert [square for _, square in results] == [i**2 for i in range(5)]
 
 
+@pytest.mark.full
 def test_dask_cluster_is_used(dask_client):
     workers = set(dask_client.run(os.getpid).values())
     with joblib.parallel_config(backend="dask"):
@@ -78,6 +83,7 @@ def test_dask_cluster_is_used(dask_client):
     assert {process for process, _ in results} <= workers
 
 
+@pytest.mark.full
 def test_table_is_trained_by_dask(dask_client, grasps, tmp_path):
     plan = make_plan(
         load_table("p2-table2"),
@@ -92,6 +98,7 @@ def test_table_is_trained_by_dask(dask_client, grasps, tmp_path):
     assert run_plan(plan, tmp_path, only=["ii_tac"]).kept == 2
 
 
+@pytest.mark.full
 def test_closing_stops_the_work():
     results = run_parallel(process_and_square, range(50), 2)
     next(results)

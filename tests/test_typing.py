@@ -7,6 +7,8 @@ import pytest
 
 import torch_geometric_tactile
 
+pytestmark = pytest.mark.full
+
 ROOT = Path(torch_geometric_tactile.__file__).parents[1]
 CONFIG = """
 [mypy]

@@ -185,6 +185,7 @@ def test_bad_input():
 EFLESH = {"normal_force": (170, 45, 45), "shear_force": (79, 67)}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", EFLESH)
 def test_published_runs_are_no_worse_than_ridge(kind, eflesh_probe):
     runs = [read_recording(folder) for folder in sorted((eflesh_probe / kind).iterdir())]

@@ -3,6 +3,8 @@ import torch
 
 from torch_geometric_tactile.analysis import embed_nodes, node_matrix, segment_clustering
 
+pytestmark = pytest.mark.slow
+
 SEGMENT = torch.arange(24) // 8
 FEATURES = torch.randn(5, 24, 4, generator=torch.Generator().manual_seed(0))
 # Three segments far from each other.
@@ -26,7 +28,7 @@ def test_rows_of_one_frame_and_constant_channel():
     assert rows[:, 1].mean() == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.parametrize("method", ["tsne", "umap"])
+@pytest.mark.parametrize("method", ["tsne", pytest.param("umap", marks=pytest.mark.full)])
 @pytest.mark.parametrize("num_components", [2, 3])
 def test_embedding_follows_its_seed(method, num_components):
     first = embed_nodes(APART, method, num_components, seed=1)
@@ -35,6 +37,7 @@ def test_embedding_follows_its_seed(method, num_components):
     assert first.equal(embed_nodes(APART, method, num_components, seed=1))
 
 
+@pytest.mark.full
 def test_umap_changes_with_its_seed():
     assert not embed_nodes(APART, "umap", seed=1).equal(embed_nodes(APART, "umap", seed=2))
 
@@ -99,6 +102,7 @@ def test_bad_input_is_named():
         segment_clustering(APART, SEGMENT, num_neighbors=24)
 
 
+@pytest.mark.full
 def test_umap_leaves_the_threads_of_torch_alone():
     pytest.importorskip("umap", reason="needs the extra 'viz'")
     before = torch.get_num_threads()

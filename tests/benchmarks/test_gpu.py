@@ -163,6 +163,7 @@ def test_no_device_is_said(gpu, capsys, monkeypatch):
     assert "--device cpu --quick" in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_quick_run_measures_every_part(tmp_path):
     out = tmp_path / "gpu.json"
     command = [sys.executable, str(FOLDER / "gpu.py"), "--device", "cpu", "--quick"]

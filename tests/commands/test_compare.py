@@ -171,6 +171,7 @@ def test_numbers_are_predicted(tmp_path, capsys):
     assert "Take svm_linear (MAE " in out
 
 
+@pytest.mark.full
 def test_all_models_run_on_missing_readings_and_names(tmp_path, capsys):
     content = touches(tmp_path / "a.npz")
     x = content["x"].copy()
@@ -197,6 +198,7 @@ def test_hand_is_posed_by_its_joints(grasps, tmp_path, capsys):
     assert found["data"]["num_trials"] > 1
 
 
+@pytest.mark.full
 def test_all_models_run_on_windows(tmp_path, capsys):
     content = motions(tmp_path / "a.npz", num_trials=18)
     x = content["x"].copy()
@@ -252,6 +254,7 @@ def command(folder):
     return [sys.executable, "-c", code, "compare", str(folder / "a.npz"), *options]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGKILL])
 def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
     whole, halved = tmp_path / "whole", tmp_path / "halved"

@@ -13,6 +13,8 @@ from torch_geometric_tactile.datasets import BioTacSP, default_root
 from torch_geometric_tactile.experiments import _demo
 from torch_geometric_tactile.experiments._demo import demo_data, demo_plans
 
+pytestmark = pytest.mark.slow
+
 PICTURES = ("confusion.png", "grasps.png", "protocols.png")
 SHORT = ["demo", "--generated", "--folds", "2", "--epochs", "1", "--jobs", "1"]
 MODELS = ["taxel_net", "svm_rbf", "svm_linear", "constant"]
@@ -31,6 +33,7 @@ def demo(tmp_path_factory):
         yield out, json.loads((out / "comparisons.json").read_text())
 
 
+@pytest.mark.full
 def test_demo_writes_every_file_whole(demo):
     out, _ = demo
     names = {"report.html", "comparisons.json", "runs", *PICTURES}
@@ -40,6 +43,7 @@ def test_demo_writes_every_file_whole(demo):
         assert (out / name).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.full
 def test_demo_compares_models_by_readings_and_held_out_parts(demo):
     _, comparisons = demo
     keys = [(comparison["readings"], comparison["held_out"]) for comparison in comparisons]
@@ -60,6 +64,7 @@ def test_demo_compares_models_by_readings_and_held_out_parts(demo):
     assert samples == [240, 240, 240, 330]
 
 
+@pytest.mark.full
 def test_scores_of_the_page_are_those_of_the_comparisons(demo, capsys):
     out, comparisons = demo
     assert main([*SHORT, "--out", str(out)]) == 0
@@ -75,6 +80,7 @@ def test_scores_of_the_page_are_those_of_the_comparisons(demo, capsys):
     assert comparisons[-1]["advice"] in " ".join(text.split())
 
 
+@pytest.mark.full
 def test_report_says_first_that_the_data_is_generated(demo):
     out, _ = demo
     page = (out / "report.html").read_text()
@@ -86,12 +92,14 @@ def test_report_says_first_that_the_data_is_generated(demo):
     assert "sessions, the readings of whole fingers shift" not in conclusion
 
 
+@pytest.mark.full
 def test_report_needs_no_other_file(demo):
     page = (demo[0] / "report.html").read_text()
     assert page.count("data:image/png;base64,") == len(PICTURES)
     assert not re.search(r'(src|href)="(?!data:|#)', page)
 
 
+@pytest.mark.full
 def test_demo_resumes(demo):
     out, comparisons = demo
     runs = sorted((out / "runs").iterdir())
@@ -112,6 +120,7 @@ def test_official_test_has_as_many_trainings_as_the_others_have_folds():
     assert {(e.seed, e.fold) for e in random} == {(0, 0), (0, 1)}
 
 
+@pytest.mark.full
 def test_demo_refuses_one_fold(tmp_path, capsys):
     assert main(["demo", "--generated", "--folds", "1", "--out", str(tmp_path)]) == 1
     assert "'--folds' must be at least 2 (got 1)" in capsys.readouterr().err

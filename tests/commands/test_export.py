@@ -45,6 +45,7 @@ def test_export_names_what_is_not_there(tmp_path, capsys):
     assert "there is no predictor or checkpoint" in capsys.readouterr().err
 
 
+@pytest.mark.full
 @pytest.mark.slow
 def test_the_page_runs_with_onnxruntime_alone(tmp_path, monkeypatch, capsys):
     page = (Path(__file__).parents[2] / "docs" / "predictor.md").read_text()

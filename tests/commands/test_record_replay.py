@@ -69,6 +69,7 @@ def test_record_of_nothing_is_an_error_and_makes_no_file(tmp_path, capsys):
     assert [*tmp_path.iterdir()] == []
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("verb", ["record", "live"])
 def test_server_whose_messages_are_no_frames_is_explained_in_time(tmp_path, capsys, verb):
     file = [str(tmp_path / "a.mcap")] if verb == "record" else []
@@ -97,6 +98,7 @@ NOISE = np.random.default_rng(0).integers(0, 256, 4000, dtype=np.uint8).tobytes(
 FOUR = np.ones((40, 4, 4), "<f4") * 25
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo terminals")
 @pytest.mark.parametrize("verb", ["record", "live"])
 @pytest.mark.parametrize(
@@ -158,6 +160,7 @@ def test_record_refuses_strange_seconds(tmp_path, capsys, seconds):
     assert "must be a positive number of seconds" in capsys.readouterr().err
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGINT")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])

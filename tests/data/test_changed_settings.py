@@ -276,6 +276,7 @@ def process_often(root):
         assert Binned("a", root=root, force_reload=True).data.x.sum() == 156
 
 
+@pytest.mark.full
 def test_two_processes_at_once(binned, tmp_path):
     # New processes: a fork of one in which PyTorch has used threads may wait for ever.
     # Its source is in a file: without one, the count of `reads` is a constant of the class.

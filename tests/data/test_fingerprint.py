@@ -201,6 +201,7 @@ def test_what_a_copy_leaves_out_does_not_count():
     assert describe(used) == describe(Cached(1)) != describe(Cached(2))
 
 
+@pytest.mark.full
 def test_description_in_another_run():
     # Hashes of texts, and so the order of sets, differ from run to run.
     code = (

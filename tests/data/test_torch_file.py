@@ -197,6 +197,7 @@ def _run_limited(*arguments):
     return subprocess.run(command, capture_output=True, text=True, timeout=120)
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")
 def test_file_larger_than_the_limit_of_the_process_is_read(large_file):
     done = _run_limited(large_file)
@@ -204,6 +205,7 @@ def test_file_larger_than_the_limit_of_the_process_is_read(large_file):
     assert done.stdout.startswith("read (65536, 1024)")
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")
 def test_file_larger_than_the_limit_cannot_be_changed_by_its_tensors(large_file):
     before = large_file.read_bytes()

@@ -81,6 +81,7 @@ def test_download_with_wrong_and_cut_files(root, monkeypatch):
         assert [path.name for path in (root / "new" / "raw").iterdir()] == ["pmd-1.0.0.zip"]
 
 
+@pytest.mark.full
 def test_published_files(published_root):
     root = published_root("pressure_mat")
     dataset = PressureMat(root)

@@ -124,7 +124,9 @@ def test_none_is_recommended_where_nothing_was_learnt(tmp_path):
         deploy(comparison, "forest")
 
 
-@pytest.mark.parametrize("name", ["fnn", "svm_linear", "svm_rbf", "forest"])
+@pytest.mark.parametrize(
+    "name", ["fnn", "svm_linear", "svm_rbf", pytest.param("forest", marks=pytest.mark.full)]
+)
 def test_numbers_come_in_their_own_unit(name, tmp_path):
     x = np.random.default_rng(0).normal(size=(48, 3, 4))
     y = 1000 + 50 * x[:, 0, :2]
@@ -139,6 +141,7 @@ def test_numbers_come_in_their_own_unit(name, tmp_path):
     assert abs(float(found.mean()) - 1000) < 100
 
 
+@pytest.mark.full
 @pytest.mark.slow
 @pytest.mark.parametrize("numbers", [False, True])
 def test_averages_of_networks_are_exported(numbers, tmp_path):

@@ -14,7 +14,11 @@ from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.papers import load_table
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends signals to a group of processes")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.full,
+    pytest.mark.skipif(os.name != "posix", reason="sends signals to a group of processes"),
+]
 ONLY = ["x_tac", "i_tac", "ii_tac", "ii_tac_joint"]
 
 

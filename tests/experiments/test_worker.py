@@ -5,6 +5,8 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 from torch_geometric_tactile.experiments import _worker as worker
 from torch_geometric_tactile.experiments._worker import close_process, run_in_process, run_safely
 
+pytestmark = pytest.mark.full
+
 
 def test_process_measures_is_used_again_and_says_what_failed(of_grasps):
     experiment = of_grasps(measure_memory=True)

@@ -109,6 +109,7 @@ def test_a_reader_that_misbehaves_is_found_out(read, outcome):
     assert judged(read).outcome == outcome
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("read", [sleep, spin])
 def test_a_reader_that_never_ends_is_found_out(read):
     assert judged(read, seconds=0.5).outcome == "hang"

@@ -62,6 +62,7 @@ def outcome(path, valid, assert_same):
     return "same"
 
 
+@pytest.mark.full
 def test_flipped_bits_never_read_as_another_recording(whole, assert_same, tmp_path):
     path, expected = whole
     copy = tmp_path / "b.h5"
@@ -82,6 +83,7 @@ def test_flipped_bits_never_read_as_another_recording(whole, assert_same, tmp_pa
     assert seen.count("refused") > (100 if len(valid) == 1 else 0)
 
 
+@pytest.mark.full
 def test_bits_flipped_all_over_a_small_file(assert_same, tmp_path):
     path, copy = tmp_path / "a.h5", tmp_path / "b.h5"
     write_hdf5(SMALL, path)

@@ -244,6 +244,7 @@ def unread(monkeypatch):
     monkeypatch.setattr(pq.ParquetFile, "read", refused)
 
 
+@pytest.mark.full
 def test_data_that_unpack_to_far_more_are_refused_before_memory(root, unread):
     path = root / DATA
     rows = 500_000

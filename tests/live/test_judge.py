@@ -45,7 +45,16 @@ def assert_as_predicted(name, judged, recording, adapt):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["frame", "window", "stepped", "window_machine"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "frame",
+        *(
+            pytest.param(name, marks=pytest.mark.full)
+            for name in ("window", "stepped", "window_machine")
+        ),
+    ],
+)
 def test_judge_says_what_predict_says(name, kind):
     recording = made.recording()
     judged = judgements(Judge(model_of(name, kind)), made.live_frames(recording))

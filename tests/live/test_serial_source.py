@@ -232,6 +232,7 @@ def test_damaged_packets_leave_all_intact_ones_in_order(port):
     assert stream.health().skipped > 0
 
 
+@pytest.mark.full
 def test_port_gone_and_back_twenty_times(port):
     stream = Stream(SerialSource(str(port.path), CheckedDecoder()))
     subscription = stream.subscribe()

@@ -179,6 +179,7 @@ def test_picture_is_posed_and_coloured(browser, hand):
         assert label.startswith("384 taxels")
 
 
+@pytest.mark.full
 def test_label_bars(browser, hand):
     say(hand)
     with Opened(browser, hand) as opened:
@@ -246,6 +247,7 @@ def test_view_is_turned_by_keys_pointer_and_wheel(browser, hand):
         assert page.evaluate("[yaw, pitch, zoom]") == before
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("scheme", ["dark", "light"])
 @pytest.mark.parametrize("size", list(SIZES))
 def test_text_has_contrast_and_fits(browser, hand, size, scheme):

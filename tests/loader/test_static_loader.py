@@ -118,7 +118,9 @@ def test_loader_without_batch_size_yields_one_sample_each(toy):
     assert [batch.x.shape for batch in batches] == [(1, 4, 2)] * 6
 
 
-@pytest.mark.parametrize(("context", "workers"), [("fork", 2), ("spawn", 1)])
+@pytest.mark.parametrize(
+    ("context", "workers"), [("fork", 2), pytest.param("spawn", 1, marks=pytest.mark.full)]
+)
 def test_loader_with_workers(write_bts3, tmp_path, context, workers):
     write_bts3(tmp_path / "raw")
     dataset = BioTacSP(tmp_path, pre_transform=KNNGraph(k=2), checksum=False)[3:]

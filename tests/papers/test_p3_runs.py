@@ -156,6 +156,7 @@ def test_picture_along_an_axis(root, tmp_path):
     assert paths[2].read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "name", ["grasp_time_gcn_df", "grasp_time_lstm", "grasp_time_temporal", "p3_k/ff_k3"]
 )

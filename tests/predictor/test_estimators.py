@@ -114,8 +114,23 @@ def test_numbers_are_those_of_scikit_learn(name, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("task", [pytest.param("two", marks=pytest.mark.full), "three", "numbers"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(
+            name, marks=[pytest.mark.full] if name.startswith(("descriptor", "posed")) else []
+        )
+        for name in NAMES
+    ],
+)
+@pytest.mark.parametrize(
+    "task",
+    [
+        pytest.param("two", marks=pytest.mark.full),
+        "three",
+        pytest.param("numbers", marks=pytest.mark.full),
+    ],
+)
 def test_exported_graphs_say_what_predictors_say(name, task, tmp_path):
     onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra 'export'")
     pytest.importorskip("onnxscript", reason="needs the extra 'export'")

@@ -17,6 +17,8 @@ from torch_geometric_tactile.reports import _analysis_sections as analysis_secti
 from torch_geometric_tactile.reports._analysis import analyze
 from torch_geometric_tactile.sensors import TaxelLayout
 
+pytestmark = pytest.mark.slow
+
 NODE = torch.arange(16)
 # Four patches of two digits, on two links of an Allegro hand; a ring of edges in both directions.
 LAYOUT = TaxelLayout(

@@ -9,6 +9,7 @@ from robustness import full_disk
 SCRIPT = Path(full_disk.__file__)
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.full,
     pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are forked"),
 ]
 

@@ -8,6 +8,7 @@ import pytest
 SCRIPT = Path(__file__).with_name("kills.py")
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.full,
     pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are forked"),
 ]
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.full
+
 SCRIPT = Path(__file__).with_name("imitated_windows.py")
 TESTS, ROOT = SCRIPT.parents[1], SCRIPT.parents[2]
 

@@ -11,6 +11,8 @@ from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro
 from torch_geometric_tactile.sim import PHASES, GraspSimulator, paper8, plan_grasp
 from torch_geometric_tactile.transforms import TaxelForce, TaxelPose
 
+pytestmark = pytest.mark.full
+
 LAYOUT, HAND = allegro_uskin(), HandKinematics.allegro()
 # A palm of one taxel: quick to build.
 SMALL = TaxelLayout(

@@ -8,6 +8,8 @@ pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 
 from torch_geometric_tactile.sensors import allegro_uskin
 
+pytestmark = pytest.mark.full
+
 LAYOUT = allegro_uskin()
 PALM = (LAYOUT.digit == LAYOUT.digit_names.index("palm")).numpy()
 FINGER = ~PALM & (LAYOUT.digit != LAYOUT.digit_names.index("thumb")).numpy()

@@ -153,6 +153,7 @@ def test_another_seed_gives_other_trials(tmp_path, objects, hovering):
     assert not np.allclose(first.joint[:shortest], second.joint[:shortest], atol=1e-3)
 
 
+@pytest.mark.full
 def test_finished_trials_are_kept(undisturbed):
     out, reports = undisturbed
     before = {path: path.stat().st_mtime_ns for path in out.glob("*.h5")}
@@ -317,6 +318,7 @@ def test_plan_and_length_are_recorded(tmp_path, hovering):
     assert summary["spread"] == asdict(wide)
 
 
+@pytest.mark.full
 def test_wide_trials_are_the_same_on_two_processes_and_after_a_stop(tmp_path, same_arrays):
     arguments = {"preset": "ci", "plan": GraspSpread.wide(), "seconds": 2.0, "num_objects": 2}
     for out, jobs in (("one", 1), ("two", 2)):

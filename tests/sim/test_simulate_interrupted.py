@@ -3,6 +3,8 @@ import signal
 
 import pytest
 
+pytestmark = pytest.mark.full
+
 pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 pytest.importorskip("h5py", reason="needs the extra 'sim'")
 

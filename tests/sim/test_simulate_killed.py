@@ -8,6 +8,8 @@ pytest.importorskip("h5py", reason="needs the extra 'sim'")
 
 from torch_geometric_tactile.sim import paper8, simulate
 
+pytestmark = pytest.mark.full
+
 
 def test_killed_run_leaves_whole_files_and_goes_on(
     start_run, wait_until_gone, undisturbed, tmp_path, same_arrays

@@ -80,6 +80,7 @@ def test_other_seed_makes_other_presses(tmp_path):
     assert all(first[name] != second[name] for name in first)
 
 
+@pytest.mark.full
 @pytest.mark.slow
 def test_processes_do_not_matter(tmp_path, small_blocks):
     model = LetterPress(bits=None)  # all bits of a float
@@ -253,6 +254,7 @@ def test_wrong_arguments_are_told_at_once(tmp_path, arguments, message):
     assert not (tmp_path / "a").exists()
 
 
+@pytest.mark.full
 def test_no_extra_is_needed(tmp_path):
     code = f"""
     import sys

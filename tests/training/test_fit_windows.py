@@ -67,6 +67,7 @@ def told(tmp_path_factory):
     return [json.loads((folder / f"rank{rank}.json").read_text()) for rank in range(2)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["random", "larger than memory", "given"])
 def test_two_processes_see_every_window_once_an_epoch(told, name):
     windows = two.moving_windows()
@@ -87,6 +88,7 @@ def test_two_processes_see_every_window_once_an_epoch(told, name):
     assert first[0] != first[1]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["random", "larger than memory", "given"])
 def test_two_processes_train_one_model(told, name):
     first, second = (rank[name] for rank in told)

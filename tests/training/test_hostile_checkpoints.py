@@ -55,6 +55,7 @@ def test_what_the_attack_does(tmp_path):
     assert (tmp_path / "mark").exists()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("place", hidden(""))
 def test_import_paths_in_a_checkpoint_mean_nothing(checkpoint, tmp_path, place):
     settings = hidden(tmp_path / "mark")[place]

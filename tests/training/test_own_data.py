@@ -15,6 +15,8 @@ from torch_geometric_tactile._own_modules import find_own_modules
 from torch_geometric_tactile.sensors import TaxelLayout, grid
 from torch_geometric_tactile.training import TactileModule
 
+pytestmark = pytest.mark.full
+
 MODULE = """
 import torch
 from torch_geometric_tactile.data import StaticData, StaticDataset

@@ -19,6 +19,8 @@ from fuzz.torch_mutations import mutated_torch
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.training import TactileDataModule, TactileModule
 
+pytestmark = pytest.mark.full
+
 CASES = int(os.environ.get("TACTILE_CHECKPOINT_CASES", "200"))  # 10,000 in `make check`
 
 

@@ -105,6 +105,7 @@ def test_writing_checkpoints_draws_no_random_number(through, tmp_path):
     assert_same(weights(tmp_path, saved=STEP), through[1])
 
 
+@pytest.mark.full
 def test_killed_twice(through, tmp_path):
     newest = None
     for seed, killed in ((4, 5), (98, 9)):
@@ -115,6 +116,7 @@ def test_killed_twice(through, tmp_path):
     assert_same(weights(tmp_path, newest, seed=99), through[1])
 
 
+@pytest.mark.full
 def test_resumed_with_a_worker_is_what_it_is_without(through, tmp_path):
     with pytest.raises(KilledError):
         weights(tmp_path, callback=Kill(5), workers=1)
@@ -209,6 +211,7 @@ def test_validating_a_checkpoint_leaves_the_random_states_alone(through):
     assert drawn(through[0] / "last.ckpt").equal(drawn(None))
 
 
+@pytest.mark.full
 def test_command_line_goes_on_as_if_never_stopped(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     package = "torch_geometric_tactile"

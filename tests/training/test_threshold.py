@@ -34,6 +34,7 @@ def test_threshold_by_hand():
     assert choose_threshold(score, y[::-1].copy(), "f1_positive") < 0.1
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("metric", THRESHOLD_METRICS)
 @pytest.mark.parametrize("seed", range(5))
 def test_no_other_threshold_is_better(metric, seed):

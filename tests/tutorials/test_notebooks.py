@@ -54,6 +54,7 @@ def script(tmp_path):
     return write
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
 def test_tutorial_has_the_form(path):
     assert path.stem in form.NAMES
@@ -192,6 +193,7 @@ def test_faults_of_a_tutorial_are_told(script, tmp_path, monkeypatch, capsys):
     assert "GB of memory, more than 0.001 GB" in err
 
 
+@pytest.mark.full
 def test_tutorial_without_its_data_is_skipped_with_the_reason(
     script, tmp_path, monkeypatch, capsys
 ):
@@ -202,6 +204,7 @@ def test_tutorial_without_its_data_is_skipped_with_the_reason(
     assert "01_real_grasps skipped: 'a.csv' is not in 'b'" in out
 
 
+@pytest.mark.full
 def test_other_connection_errors_are_failures(script, tmp_path, monkeypatch, capsys):
     text = GOOD.replace("total = sum([1, 2])", 'raise ConnectionError("no robot")')
     status, _, err = run_one(script, text, tmp_path, monkeypatch, capsys)

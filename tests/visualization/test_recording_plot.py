@@ -98,6 +98,7 @@ def test_plot_marks_phases(phase, meta, names):
     assert texts(plot_recording(recording(meta=meta, privileged={"phase": phase}))) == names
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "rec",
     [

@@ -6,6 +6,8 @@ from small_models import EDGE_INDEX, MODELS, assert_close, gradients, inputs, sa
 
 from torch_geometric_tactile.nn.models import GCNThread
 
+pytestmark = pytest.mark.slow
+
 # Every class and every encoder once: a compilation takes seconds.
 COMPILED = [name for name in MODELS if name not in ("mt_gcn", "digits", "cnn", "whole")]
 
@@ -14,6 +16,7 @@ def without_prefix(values):
     return {key.removeprefix("_orig_mod."): value for key, value in values.items()}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", COMPILED)
 def test_model_compile(name):
     torch.compiler.reset()

@@ -15,6 +15,8 @@ from torch_geometric_tactile.nn.models import (
 )
 from torch_geometric_tactile.sensors import allegro_uskin, grid, letter_array
 
+pytestmark = pytest.mark.full
+
 LAYOUT = grid(3, 4, pitch=0.004)
 SMALL = {"head_widths": (6,), "head_pools": (2,)}
 NARROW = {"widths": (4, 8), "pools": (1, 2)}

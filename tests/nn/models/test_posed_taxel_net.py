@@ -93,6 +93,7 @@ def test_posed_taxel_net_sees_the_strongest_only():
         assert torch.allclose(model(**{**data, name: other}), expected, atol=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", ["eval", "train"])
 @pytest.mark.parametrize("levels", [None, 2, 0.1], ids=["distinct", "few", "one"])
 @pytest.mark.parametrize("number", [0, 1, 5, 6, 7, N])
