@@ -8,6 +8,7 @@ from uuid import uuid4
 import numpy as np
 import pytest
 import torch
+from pairs import select_pairs
 
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.sensors import grid
@@ -31,6 +32,7 @@ SHARED_COMPILATION = {"analysis/test_embedding.py": "umap", "reports/test_analys
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
     """Groups tests that share work, and runs slow ones first, to keep all processes busy."""
+    items[:] = select_pairs(items)
     for item in items:
         path = item.path.as_posix()
         names = [name for name in SHARED_FIXTURES if name in getattr(item, "fixturenames", ())]
