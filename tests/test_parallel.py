@@ -106,6 +106,7 @@ def test_closing_stops_the_work():
     assert list(results) == []
 
 
+@pytest.mark.full
 def test_workers_compute_with_one_thread(monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     assert set(run_parallel(os.getenv, ["OMP_NUM_THREADS"] * 4, 2)) == {"1"}

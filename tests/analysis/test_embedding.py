@@ -42,7 +42,7 @@ def test_umap_changes_with_its_seed():
     assert not embed_nodes(APART, "umap", seed=1).equal(embed_nodes(APART, "umap", seed=2))
 
 
-@pytest.mark.parametrize("method", ["tsne", "umap"])
+@pytest.mark.parametrize("method", ["tsne", pytest.param("umap", marks=pytest.mark.full)])
 def test_embedding_keeps_segments_together(method):
     places = embed_nodes(APART, method, num_neighbors=5)
     assert segment_clustering(places, SEGMENT, num_neighbors=3).neighbor_share > 0.95

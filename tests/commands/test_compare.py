@@ -126,6 +126,7 @@ def test_several_test_sets_after_one_training(tmp_path, capsys):
     assert any(row.startswith("constant,2,0,24,kitchen,6,0,") for row in rows)
 
 
+@pytest.mark.full
 def test_windows_that_are_already_cut(tmp_path, capsys):
     x = np.random.default_rng(0).normal(size=(24, 10, 12, 2))
     touches(tmp_path / "a.npz", x=x, y=np.arange(24) % 2, trial=np.arange(24))
@@ -187,6 +188,7 @@ def test_all_models_run_on_missing_readings_and_names(tmp_path, capsys):
     assert [model["name"] for model in found["models"]] == expected
 
 
+@pytest.mark.full
 def test_hand_is_posed_by_its_joints(grasps, tmp_path, capsys):
     options = ["--init", f"root={grasps}", "split=null", "--init", "task=object", "--stride", "20"]
     options += ["--models", "posed_taxel_net,posed_forest,posed_ridge", "--by", "frame"]
@@ -222,6 +224,7 @@ def test_all_models_run_on_windows(tmp_path, capsys):
     assert "all runs are finished" in capsys.readouterr().out
 
 
+@pytest.mark.full
 def test_windows_of_a_hand_are_strided_before_they_are_cut(grasps, tmp_path, capsys):
     options = ["--init", f"root={grasps}", "split=null", "task=object", "--stride", "5"]
     options += ["--window", "2", "--models", "temporal,svm_signal,constant", "--by", "trial"]
@@ -233,6 +236,7 @@ def test_windows_of_a_hand_are_strided_before_they_are_cut(grasps, tmp_path, cap
     assert found["data"]["class_names"]
 
 
+@pytest.mark.full
 def test_numbers_are_predicted_from_whole_trials(tmp_path, capsys):
     y = np.linspace(0.1, 1.0, 12).repeat(40)
     motions(tmp_path / "a.npz", y=y)
@@ -362,6 +366,7 @@ def test_the_recommended_model_is_saved_and_predicts(tmp_path, capsys):
     assert np.mean(found == np.load(tmp_path / "a.npz")["y"]) > 0.9
 
 
+@pytest.mark.full
 def test_a_network_over_time_is_chosen_and_predicts_windows_of_recordings(tmp_path, capsys):
     content = motions(tmp_path / "a.npz", num_trials=18)
     path, cut = tmp_path / "best.predictor", ["--window", "10", "--hop", "5"]
@@ -386,6 +391,7 @@ def test_a_network_over_time_is_chosen_and_predicts_windows_of_recordings(tmp_pa
     assert np.mean([row[3] for row in rows] == np.repeat(["0", "1"], 7)) > 0.8
 
 
+@pytest.mark.full
 @pytest.mark.slow
 def test_a_network_over_time_is_exported_as_it_is_saved(tmp_path, capsys):
     for extra in ("onnx", "onnxscript", "onnxruntime"):

@@ -75,6 +75,7 @@ def compare(models, *options):
     return main(["compare", "a.npz", *short, "--models", models, *options])
 
 
+@pytest.mark.full
 def test_models_of_the_working_directory_are_found_in_workers_too(own, tmp_path):
     short = ["--grid", "3x4", "--epochs", "1", "--folds", "2", "--out", "out", "--jobs", "2"]
     command = ["compare", "a.npz", *short, "--models", f"{own}.Net,{own}.neighbours"]

@@ -244,6 +244,7 @@ def test_help_has_examples(capsys):
     assert "    simulate " in build_parser().format_help()
 
 
+@pytest.mark.full
 def test_grasps_of_three_fingertips(tmp_path, capsys):
     pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
     out = tmp_path / "bigs"

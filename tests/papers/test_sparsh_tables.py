@@ -14,16 +14,13 @@ from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.papers import load_table
 
 
+@pytest.mark.full
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "only"),
     [
-        ("sparsh-p1", ["mt_gcn_te_joint"]),
-        ("sparsh-p2", ["ii_tac_pos_joint"]),
-        pytest.param(
-            "sparsh-p1", ["fnn_ta_joint", "cnn_ta", "mt_cnn_ta", "gcn_te"], marks=pytest.mark.full
-        ),
-        pytest.param("sparsh-p2", ["x_tac", "i_pos"], marks=pytest.mark.full),
+        ("sparsh-p1", ["mt_gcn_te_joint", "fnn_ta_joint", "cnn_ta", "mt_cnn_ta", "gcn_te"]),
+        ("sparsh-p2", ["ii_tac_pos_joint", "x_tac", "i_pos"]),
     ],
 )
 def test_models_learn_the_objects_of_another_layout(tmp_path, capsys, name, only):

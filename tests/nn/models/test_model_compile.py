@@ -27,6 +27,7 @@ def test_model_compile(name):
     assert_close(without_prefix(gradients(compiled, given)), expected, 1e-4, 1e-5)
 
 
+@pytest.mark.full
 def test_model_compile_inductor():
     if not any(shutil.which(name) for name in ("c++", "g++", "clang++")):
         pytest.skip("no C++ compiler")
