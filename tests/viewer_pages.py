@@ -7,8 +7,7 @@ import time
 from contextlib import ExitStack
 
 import numpy as np
-
-from torch_geometric_tactile.data import Recording
+from recordings import counting_recording
 
 LONG = 20.0
 
@@ -26,10 +25,8 @@ def unpack(message):
     return head, arrays
 
 
-def recording(count=100, rate=200.0, num_taxels=4, channels=1, **kwargs):
-    number = np.arange(count, dtype=np.float32)
-    tactile = np.broadcast_to(number[:, None, None], (count, num_taxels, channels))
-    return Recording(np.arange(count) / rate, tactile, **kwargs)
+def recording(count=100, rate=200.0, num_taxels=4, channels=1, **fields):
+    return counting_recording(count, num_taxels, channels, rate=rate, **fields)
 
 
 class Page:

@@ -2,15 +2,14 @@ import math
 
 import numpy as np
 import pytest
+from recordings import counting_recording
 
-from torch_geometric_tactile.data import Annotation, Recording
+from torch_geometric_tactile.data import Annotation
 from torch_geometric_tactile.data._annotations import annotation_of_frames, annotations_within
 
 
 def recording(annotations=(), num_frames=11):
-    return Recording(
-        np.arange(num_frames) / 10, np.zeros((num_frames, 4, 1)), annotations=annotations
-    )
+    return counting_recording(num_frames, rate=10, annotations=annotations)
 
 
 def test_annotations_are_values_in_the_order_of_their_starts():

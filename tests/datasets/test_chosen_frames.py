@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 import torch
+from recordings import counting_recording
 
-from torch_geometric_tactile.data import FrameInfo, Protocol, Recording
+from torch_geometric_tactile.data import FrameInfo, Protocol
 from torch_geometric_tactile.data._dataset_info import selected_at_rate
 from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.io import write_recording
@@ -12,13 +13,7 @@ GLOVE = TaxelLayout("glove", [[0.0, 0.0], [0.01, 0.0]], adjacency={"pair": [[0, 
 
 
 def recording(frames=60, rate=50.0, label="a", phase=None, **meta):
-    return Recording(
-        time=2.0 + np.arange(frames) / rate,
-        tactile=np.broadcast_to(np.arange(frames)[:, None, None], (frames, 2, 1)),
-        label=label,
-        meta=meta,
-        privileged={} if phase is None else {"phase": np.asarray(phase)},
-    )
+    return counting_recording(frames, 2, rate=rate, start=2.0, label=label, phase=phase, meta=meta)
 
 
 def write(root, names):

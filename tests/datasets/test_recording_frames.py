@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from recordings import counting_recording
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import Protocol, Recording, StaticDataset
@@ -18,15 +19,15 @@ from torch_geometric_tactile.transforms import KNNGraph
 GLOVE = TaxelLayout("glove", [[0.0, 0.0], [0.01, 0.0]], adjacency={"pair": [[0, 1], [1, 0]]})
 
 
-def recording(value=0.0, frames=3, channels=1, joints=0, taxels=2, phase=None, label=None, **meta):
-    tactile = np.broadcast_to(value + np.arange(frames)[:, None, None], (frames, taxels, channels))
-    return Recording(
-        time=np.arange(frames) / 10,
-        tactile=tactile,
-        joint=np.full((frames, joints), 0.5) if joints else None,
+def recording(value=0.0, frames=3, channels=1, taxels=2, label=None, joints=0, phase=None, **meta):
+    return counting_recording(
+        *(frames, taxels, channels),
+        rate=10,
+        offset=value,
         label=label,
+        joints=joints,
+        phase=phase,
         meta=meta,
-        privileged={} if phase is None else {"phase": np.asarray(phase)},
     )
 
 

@@ -7,8 +7,10 @@ import pytest
 for module in ("h5py", "mcap", "google.protobuf", "zstandard"):
     pytest.importorskip(module, reason="needs the extras 'io' and 'live'")
 
+from recordings import counting_recording
+
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.data import LiveFrame, Recording
+from torch_geometric_tactile.data import LiveFrame
 from torch_geometric_tactile.io import (
     McapWriter,
     read_hdf5_head,
@@ -24,8 +26,7 @@ LABELS = ["slip", "=1+1", "'=1", "-3", 'a, "b"', "é 手", "x" * 255, "nan", "no
 
 
 def recording(annotations, num_frames=40, start=0.0):
-    time = start + np.arange(num_frames) / 7
-    return Recording(time, np.ones((num_frames, 2, 1)), annotations=annotations)
+    return counting_recording(num_frames, 2, rate=7, start=start, annotations=annotations)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

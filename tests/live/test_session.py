@@ -10,9 +10,10 @@ for module in ("mcap", "google.protobuf", "zstandard"):
     pytest.importorskip(module, reason="needs the extra 'live'")
 
 from live.numbered import SHAPE, NumberedSource, contents
+from recordings import noisy_recording
 
 from torch_geometric_tactile import Predictor
-from torch_geometric_tactile.data import ContactRule, LiveFrame, Recording
+from torch_geometric_tactile.data import ContactRule, LiveFrame
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.live import (
     Callback,
@@ -30,9 +31,7 @@ from torch_geometric_tactile.sensors import biotac_sp
 
 
 def recording(count=120, offset=0.0):
-    draw = np.random.default_rng(0)
-    tactile = draw.normal(size=(count, *SHAPE)).astype(np.float32) + np.float32(offset)
-    return Recording(time=np.arange(count) / 100, tactile=tactile, meta={"unit": "count"})
+    return noisy_recording(count, *SHAPE, offset=offset, meta={"unit": "count"})
 
 
 @pytest.fixture(scope="module")

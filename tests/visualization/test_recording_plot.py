@@ -5,6 +5,8 @@ import pytest
 
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
+from recordings import noisy_recording
+
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.reports._recording import describe_recording
 from torch_geometric_tactile.visualization import plot_recording, save_figure
@@ -12,10 +14,8 @@ from torch_geometric_tactile.visualization import plot_recording, save_figure
 NAN = float("nan")
 
 
-def recording(num_frames=40, num_taxels=6, num_channels=3, **kwargs):
-    draw = np.random.default_rng(0)
-    tactile = draw.normal(size=(num_frames, num_taxels, num_channels))
-    return Recording(100 + np.arange(num_frames) / 10, tactile, **kwargs)
+def recording(*size, **fields):
+    return noisy_recording(*size, rate=10, start=100, **fields)
 
 
 def panels(figure):
