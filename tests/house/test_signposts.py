@@ -9,7 +9,7 @@ from house.walks import FIT, Walk, walk_of
 
 PUBLIC_LOOKING = 43  # may only fall
 # Rooms and returns up to the runs, may only fall. One room more since modules of the working
-# directory are found in one place for all commands, `_own_modules`.
+# directory are found in one place for all commands, `_user_modules`.
 WALKS = {"table": (9, 8), "compare": (11, 27)}
 UNSIGNED = 0
 WITHOUT_ALL: set[str] = set()

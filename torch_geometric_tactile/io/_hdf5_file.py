@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile._files import is_held
+from torch_geometric_tactile._files import locked_error
 
 CHECKSUMMED = ("v110", "v110")  # the oldest HDF5 with checksums in all structures
 _INSTALL = 'pip install "torch-geometric-tactile[io]"'
@@ -43,7 +43,7 @@ def opened(path: Path) -> Iterator[Any]:
         with h5py.File(image, "r", libver=CHECKSUMMED) as file:
             yield file
     except BlockingIOError as error:
-        raise is_held(path) from error
+        raise locked_error(path) from error
     except Exception as error:  # h5py raises ten kinds for a damaged file
         ours = isinstance(error, ValueError | OSError) and f"'{path}'" in str(error)
         if ours or isinstance(error, PermissionError):

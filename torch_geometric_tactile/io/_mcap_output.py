@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from torch_geometric_tactile._files import hold_file
+from torch_geometric_tactile._files import lock_file
 
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 
@@ -38,7 +38,7 @@ class McapOutput:
                 f"'{path}' exists: give another name, or overwrite it (--overwrite)"
             ) from error
         try:
-            self._release = hold_file(self._handle, path) if lock else lambda: None
+            self._release = lock_file(self._handle, path) if lock else lambda: None
             os.ftruncate(self._handle, 0)
         except BaseException:
             os.close(self._handle)

@@ -57,9 +57,9 @@ def _contradiction(
     path: Path, argument: str, names: Sequence[str], order: Sequence[str], kind: str
 ) -> ValueError:
     def listed(names: Sequence[str]) -> str:
-        return short_list(names, _MAX_SHOWN, lambda name: quoted(name)[1:-1], rest=", ...")
+        return short_list(names, _MAX_SHOWN, lambda name: quoted(name)[1:-1], ending=", ...")
 
-    items = short_list(order, _MAX_SHOWN, quoted, rest=", ...")
+    items = short_list(order, _MAX_SHOWN, quoted, ending=", ...")
     return ValueError(
         f"'{argument}' must list the columns of '{path}' in the order of the layout, since their "
         f"order in the file, {listed(names)}, is that {kind} the names, {listed(order)}: give "

@@ -12,7 +12,7 @@ from typing import IO, NamedTuple
 import numpy as np
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile._files import UNREADABLE, check_packing, unreadable
+from torch_geometric_tactile._files import UNREADABLE, check_packing, unreadable_error
 from torch_geometric_tactile._limits import ARRAY_BYTES, is_absurd
 
 _MOST_CHARACTER = 0x10FFFF
@@ -125,4 +125,4 @@ def opened_npz(path: Path, allow_large: bool) -> Iterator[NpzArrays]:
     except PermissionError:
         raise
     except UNREADABLE as error:
-        raise unreadable(path, "npz", error) from error
+        raise unreadable_error(path, "npz", error) from error

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile._files import UNREADABLE, unreadable
+from torch_geometric_tactile._files import UNREADABLE, unreadable_error
 from torch_geometric_tactile._limits import PICKLE_STEPS
 from torch_geometric_tactile._texts import quoted
 
@@ -52,7 +52,7 @@ def read_numpy_pickle(path: Path) -> Any:
                 return found
             steps.follow(step.name, value)
     except UNREADABLE as error:
-        raise unreadable(path, "a pickle of arrays", error) from error
+        raise unreadable_error(path, "a pickle of arrays", error) from error
     raise AssertionError("unreachable: a pickle without an end is an error")
 
 

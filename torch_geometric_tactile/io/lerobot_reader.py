@@ -287,7 +287,7 @@ def _restored(values: np.ndarray, dtype: str) -> np.ndarray:
 def _sizes(root: Path, features: dict[str, Any], name: str, most: int) -> tuple[int, ...]:
     feature = features.get(name)
     if not isinstance(feature, dict):
-        names = short_list([*features], 20, printable, rest="")
+        names = short_list([*features], 20, printable, ending="")
         raise ValueError(f"'{root}' must have the feature '{name}' (got {names})")
     shape = feature.get("shape")
     whole = isinstance(shape, list) and all(type(n) is int and 0 < n < 2**31 for n in shape)

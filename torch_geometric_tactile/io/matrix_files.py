@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile._files import UNREADABLE, existing_file, unreadable
+from torch_geometric_tactile._files import UNREADABLE, existing_file, unreadable_error
 from torch_geometric_tactile._limits import PNG_BYTES
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
@@ -94,7 +94,7 @@ def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
         try:
             header, start = read_array_header(file, path.stem)
         except UNREADABLE as error:
-            raise unreadable(path, "npy", error) from error
+            raise unreadable_error(path, "npy", error) from error
         need(header.dtype.kind in "iuf", f"'{path}' must hold numbers (got type {header.dtype})")
         shape = header.shape
         if shape != size and (shape[1:] != size or shape[0] == 0):
@@ -150,7 +150,7 @@ def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
     try:
         pixels = _pixels(data, tuple(size))
     except UNREADABLE as error:
-        raise unreadable(path, "PNG", error) from error
+        raise unreadable_error(path, "PNG", error) from error
     return pixels.astype(np.uint8 if depth == 8 else np.uint16)[None]
 
 

@@ -104,7 +104,7 @@ def read_mat_variables(path: PathLike, names: Sequence[str]) -> dict[str, np.nda
         for name in names:
             found = [variable for variable in variables if variable.name == name]
             if len(found) != 1 or not (found[0].is_numeric or found[0].is_cell):
-                listed = short_list([v.name for v in variables], 10, quoted, rest="")
+                listed = short_list([v.name for v in variables], 10, quoted, ending="")
                 raise ValueError(
                     f"it must have one array '{name}' of numbers or texts (got {listed})"
                 )
@@ -122,12 +122,12 @@ def _chosen(variables: Sequence[MatVariable], name: str | None) -> MatVariable:
     if name is not None:
         found = [variable for variable in variables if variable.name == name]
         if len(found) != 1 or not found[0].is_numeric:
-            listed = short_list(names, 10, quoted, rest="")
+            listed = short_list(names, 10, quoted, ending="")
             raise ValueError(f"it must have one numeric array '{name}' (got {listed})")
         return found[0]
     found = [variable for variable in variables if variable.is_numeric and variable.name]
     if len(found) != 1:
-        numeric = short_list([v.name for v in found], 10, quoted, rest="")
+        numeric = short_list([v.name for v in found], 10, quoted, ending="")
         if not found:
             numeric = f"none in {len(names)} variables"
         hint = ": name it by 'variable'" if found else ""

@@ -103,7 +103,7 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
 
 def first_problems(problems: list[str]) -> str:
     r"""Returns the first few of some problems as one text."""
-    return short_list(problems, _MOST_TOLD, printable, rest="; and {} more", joint="; ")
+    return short_list(problems, _MOST_TOLD, printable, ending="; and {} more", separator="; ")
 
 
 @dataclass

@@ -312,4 +312,4 @@ def _labels(path: Path, name: str, cells: Sequence[str]) -> dict[str, Any]:
 
 
 def _listed(names: Sequence[str]) -> str:
-    return short_list(names, 6, lambda name: quoted(name)[1:-1], rest=", ...") if names else ""
+    return short_list(names, 6, lambda name: quoted(name)[1:-1], ending=", ...") if names else ""

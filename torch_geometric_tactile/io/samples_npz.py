@@ -88,14 +88,14 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
     need(not problem, f"'{path}' must hold labelled samples: {problem}")
     unknown = sorted(set(shapes) - set(_BY_NAME) - set(found.get("group", ())))
     if unknown:
-        _logger.warning("'%s': not used: %s", path, short_list(unknown, 10, quoted, rest=""))
+        _logger.warning("'%s': not used: %s", path, short_list(unknown, 10, quoted, ending=""))
     return content
 
 
 def _problem(found: dict[str, list[str]], shapes: dict[str, tuple[int, ...]]) -> str:
     for key in ("x", "y"):
         if key not in found:
-            names = short_list(sorted(shapes), 10, quoted, rest="") if shapes else "no arrays"
+            names = short_list(sorted(shapes), 10, quoted, ending="") if shapes else "no arrays"
             hint = " (a recording is not a data set: give its folder)" if "format" in shapes else ""
             return f"an array '{key}' is missing (got {names}){hint}"
     for key, same in found.items():

@@ -70,7 +70,7 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
         if name not in place:
             raise ValueError(
                 f"'{path}' must have the column '{name.capitalize()}', as a log of xela_log (got "
-                f"{short_list(header, 3, quoted, rest='')})"
+                f"{short_list(header, 3, quoted, ending='')})"
             )
     counts, newtons = (_reading_columns(path, place, start) for start in (None, "force "))
     if forces and not newtons:
@@ -79,7 +79,7 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
             "read counts with forces=False"
         )
     if not forces and not counts:
-        some = short_list(header, 6, quoted, rest="")
+        some = short_list(header, 6, quoted, ending="")
         got = "forces only): use forces=True" if newtons else f"{some})"
         raise ValueError(f"'{path}' must have the column '1X' (got {got}")
     clocks = [place[name] for name in _NEEDED]
@@ -87,7 +87,7 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
     read = [*compared, *(place[name] for name in names if name in _CLOCKS and name not in _NEEDED)]
     unread = sorted({*range(len(header))} - {*read})
     if unread:
-        some = short_list([header[i] for i in unread], 6, quoted, rest="")
+        some = short_list([header[i] for i in unread], 6, quoted, ending="")
         _logger.warning("'%s' has columns that are not read: %s", path, some)
     table, _ = csv_table(path, lines, header, read, required=clocks)
     kept: list[int] = []
