@@ -131,7 +131,7 @@ def test_angles_in_degrees(write):
 def test_numbers_as_names_are_columns_when_they_are_given(write):
     path = write("0,1,2", "7,8,9")
     assert read_named_csv(path, tactile=["2", "0"], rate=10).tactile.tolist() == [[[9], [7]]]
-    with pytest.raises(ValueError, match=r"line 1 must be names .* with tactile=\['0', ...\]"):
+    with pytest.raises(ValueError, match=r"line 1 must hold names .* with tactile=\['0', ...\]"):
         read_named_csv(path)
 
 
@@ -237,7 +237,10 @@ def test_frames_that_are_too_close_are_noticed(write, caplog, size, rate, units)
         return
     found = 59 / (time[-1] - time[0])
     hints = "; or ".join(f"give time_unit='{u}' for" for u in units)
-    for part in (f"has {found:.4g} frames a second if its time is in seconds", hints.split(";")[0]):
+    for part in (
+        f"has {found:.4g} frames per second if its time is in seconds",
+        hints.split(";")[0],
+    ):
         assert part in caplog.text
     assert caplog.text.count("give time_unit=") == len(units)
     caplog.clear()

@@ -116,7 +116,7 @@ def test_metadata_of_any_length(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"time,taxel_0_x\n", b"\x89HDF\r\n\x1a\n"])
 def test_hdf5_of_something_else(content, tmp_path):
     (tmp_path / "a.h5").write_bytes(content)
-    with pytest.raises(ValueError, match=r"a.h5' (is no HDF5 file|cannot be read as HDF5)"):
+    with pytest.raises(ValueError, match=r"a.h5' (is not an HDF5 file|cannot be read as HDF5)"):
         read_hdf5(tmp_path / "a.h5")
 
 

@@ -284,7 +284,7 @@ def test_a_time_without_its_unit(write, cell):
 @pytest.mark.parametrize("line", ["0,1,2,3,4,5,6,7", "0,1,2,3,4,5,6,7,8", ",0,1,2,3,4,5,6,7"])
 def test_header_of_numbers_by_pandas(write, line):
     path = write(line, line)
-    with pytest.raises(ValueError, match=r"line 1 must be names .* to_csv\(header=False, index=F"):
+    with pytest.raises(ValueError, match=r"line 1 must hold names .* to_csv\(header=False, index=F"):
         read_wide_csv(path, **TWO_JOINTS)
 
 
@@ -349,7 +349,7 @@ def test_a_frame_without_readings_is_missing(write):
             ["taxel_0_x,time", ",", "1,0.75"],
             r"line 2, column 2: 'time' must be a number",
         ),
-        ([";".join(VALUES), "1"], r"line 1 must have cells that are separated by commas"),
+        ([";".join(VALUES), "1"], r"line 1 must have cells separated by commas"),
     ],
 )
 def test_lines_refused(write, lines, message):

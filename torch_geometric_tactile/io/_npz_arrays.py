@@ -113,7 +113,7 @@ def read_array_header(file: IO[bytes], name: str) -> tuple[ArrayHeader, int]:
 
 
 @contextmanager
-def opened_npz(path: Path, allow_large: bool) -> Iterator[NpzArrays]:
+def open_npz(path: Path, allow_large: bool) -> Iterator[NpzArrays]:
     r"""Yields the arrays of an npz file, while it is open."""
     if not zipfile.is_zipfile(path):
         raise ValueError(

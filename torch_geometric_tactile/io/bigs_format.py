@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from torch_geometric_tactile.io._array_order import StoredArray, parsed_order
+from torch_geometric_tactile.io._array_order import StoredArray, parse_axis_order
 
 NUM_ELECTRODES = 19
 FINGERS = ("left", "middle", "right")
@@ -134,12 +134,12 @@ class BiGSFormat:
                 raise ValueError(f"'pattern' must have groups of {[*_TOLD]} (got '{name}')")
 
     def _check_field(self, key: str, text: str) -> None:
-        stored = StoredArray.of(key, text)
+        stored = StoredArray.from_text(key, text)
         axes = ARRAYS.get(key, ())
         if len(stored.names) > 1 and "finger" not in axes:
             raise ValueError(f"field '{key}' must have one name, as it has no fingers (got {text})")
         if stored.order is not None:
-            parsed_order(key, stored.order, self.axes(key, stored))
+            parse_axis_order(key, stored.order, self.axes(key, stored))
 
     def _check_numbers(self) -> None:
         for key, rate in (("rate", self.rate), *self.rates.items()):
@@ -157,7 +157,7 @@ class BiGSFormat:
         Args:
             key (str): Our name of the field.
         """
-        return StoredArray.of(key, self.fields.get(key, key))
+        return StoredArray.from_text(key, self.fields.get(key, key))
 
     def axes(self, key: str, stored: StoredArray) -> tuple[str, ...]:
         r"""Returns the axes of an array as it is stored, in our order.

@@ -10,7 +10,7 @@ import numpy as np
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._array_order import arranged, parsed_order
+from torch_geometric_tactile.io._array_order import parse_axis_order, to_axes
 from torch_geometric_tactile.io._field_file import read_fields
 from torch_geometric_tactile.io.bigs_format import (
     ARRAYS,
@@ -106,7 +106,7 @@ class _Fields:
         axes = self.layout.axes(key, stored)
         groups = [[axis] for axis in axes]
         if stored.order is not None:
-            groups = parsed_order(key, stored.order, axes)
+            groups = parse_axis_order(key, stored.order, axes)
         known: dict[str, int | None] = {
             "electrode": NUM_ELECTRODES,
             "finger": len(FINGERS),
@@ -118,7 +118,7 @@ class _Fields:
         wanted = {axis: known[axis] for axis in axes}
         parts = []
         for array in there:
-            part = arranged(self.where(key), self._numbers(key, array), groups, wanted)
+            part = to_axes(self.where(key), self._numbers(key, array), groups, wanted)
             parts.append(part)
             wanted = dict(zip(axes, part.shape, strict=True))
         if len(parts) == 1:

@@ -7,7 +7,7 @@ import numpy as np
 from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_frames import refuse_backwards
+from torch_geometric_tactile.io._csv_frames import check_increasing_time
 from torch_geometric_tactile.io._csv_table import csv_columns, csv_rows
 
 _NUM_ELECTRODES, _NUM_PRESSURES = 19, 22
@@ -50,7 +50,7 @@ def read_biotac_slide_csv(path: PathLike) -> Recording:
     path = existing_file(path, "put the file of BioTac_slide_20_50 there")
     lines = _without_last_comma(csv_rows(path))
     table, _ = csv_columns(path, lines, ["timestamp", *_SIGNALS, *_PRESSURES, *_ELECTRODES])
-    refuse_backwards(path, table[:, 0], range(2, len(table) + 2), "timestamp")
+    check_increasing_time(path, table[:, 0], range(2, len(table) + 2), "timestamp")
     signals = table[:, 1:].astype(np.float32)
     pac, electrodes = np.split(signals[:, len(_SIGNALS) :], [_NUM_PRESSURES], axis=1)
     return Recording(

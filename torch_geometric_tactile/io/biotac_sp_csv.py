@@ -11,12 +11,12 @@ from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_table import (
+    check_columns_exist,
     csv_columns,
-    csv_names,
     csv_rows,
     csv_table,
-    placed,
-    refuse_missing,
+    map_columns,
+    read_header,
 )
 
 _FINGERS = ("ff", "mf", "th")
@@ -72,7 +72,7 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
     """
     path = existing_file(path, "put the file of the BioTac SP stability set there")
     texts, wanted = _GRASP_COLUMNS[:2], _GRASP_COLUMNS[1:]
-    numbers, cells = csv_columns(path, csv_rows(path), wanted, texts, what="grasp")
+    numbers, cells = csv_columns(path, csv_rows(path), wanted, texts, row_noun="grasp")
     wrong = np.flatnonzero(~np.isin(numbers[:, 0], (0.0, 1.0)))
     if len(wrong):
         raise ValueError(
@@ -119,15 +119,15 @@ def read_biotac_sp_dos_csv(path: PathLike) -> Recording:
     """
     path = existing_file(path, "put the file of BioTac SP DoS there")
     lines = csv_rows(path)
-    header = csv_names(lines)
-    place = placed(path, header, dict(enumerate(header)))
+    header = read_header(lines)
+    place = map_columns(path, header, dict(enumerate(header)))
     unknown = [name for name in header if name not in _SLIP_READINGS]
     if unknown:
         raise ValueError(
             f"'{path}' must have the columns '{_SLIP_OWN[0]}' to '{_SLIP_OWN[-1]}' only (got "
             f"{quoted(unknown[0])}): is it a file of another data set, or written with an index?"
         )
-    refuse_missing(path, place, _SLIP_OWN if {*header} <= {*_SLIP_OWN} else _SLIP_READINGS)
+    check_columns_exist(path, place, _SLIP_OWN if {*header} <= {*_SLIP_OWN} else _SLIP_READINGS)
     table, _ = csv_table(path, lines, header, required=range(len(header)))
     return Recording(
         time=np.arange(len(table)) / _SLIP_RATE,

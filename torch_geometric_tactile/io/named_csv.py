@@ -14,20 +14,20 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_frames import (
     TIME_UNITS,
     FrameColumns,
+    frames_to_recording,
     is_clock,
     read_frames,
-    recording_of,
     time_unit_of,
     warn_of_unit,
 )
 from torch_geometric_tactile.io._csv_table import (
-    csv_names,
+    check_no_counted_header,
+    check_no_index,
     csv_rows,
-    is_counted,
+    is_counted_header,
     is_number_cell,
-    placed,
-    refuse_counted,
-    refuse_index,
+    map_columns,
+    read_header,
 )
 from torch_geometric_tactile.io._name_order import check_name_order
 from torch_geometric_tactile.io._recording_schema import checked_file
@@ -116,7 +116,7 @@ def read_named_csv(
     lines = csv_rows(path)
     columns = _columns(
         path,
-        csv_names(lines),
+        read_header(lines),
         tactile,
         joint,
         (time, time_unit),
@@ -155,7 +155,7 @@ def read_named_csv(
     content: dict[str, Any] = {} if label is None else _labels(path, label, frames.labels)
     meta: dict[str, Any] = {"column_names": in_file_order} if in_file_order else {}
     content["meta"] = meta if unit is None else {**meta, "unit": unit}
-    return recording_of(path, frames, columns, rate or 1, **content)
+    return frames_to_recording(path, frames, columns, rate or 1, **content)
 
 
 def _with_advice(error: ValueError, is_guess: bool) -> ValueError:
@@ -180,12 +180,14 @@ def _columns(
     num_channels: int,
 ) -> FrameColumns:
     extra, ignore = extra_and_ignore
-    refuse_index(path, names, ignore)
+    check_no_index(path, names, ignore)
     if tactile is None:
-        refuse_counted(path, names, "or say which of them are readings with tactile=['0', ...]")
-    if all(map(is_number_cell, names)) and not is_counted(names):
+        check_no_counted_header(
+            path, names, "or say which of them are readings with tactile=['0', ...]"
+        )
+    if all(map(is_number_cell, names)) and not is_counted_header(names):
         raise _no_name(path, 0, names[0])
-    place = placed(path, names, dict(enumerate(names)))
+    place = map_columns(path, names, dict(enumerate(names)))
 
     def find(name: str) -> int:
         if name not in place:

@@ -33,18 +33,18 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._hdf5_checks import (
     check_dataset_sizes,
     check_format,
-    checked_dataset,
-    checked_datasets,
-    hdf5_file,
+    find_dataset,
+    find_datasets,
+    hdf5_path,
     integer_attribute,
     text_attribute,
 )
 from torch_geometric_tactile.io._hdf5_file import (
     CHECKSUMMED,
-    as_stored,
-    as_texts,
     create_dataset,
-    opened,
+    decode_texts,
+    encode_texts,
+    open_hdf5,
     read_rows,
     require_h5py,
 )
@@ -86,7 +86,7 @@ def write_hdf5(recording: Recording, path: PathLike) -> None:
     image = io.BytesIO()
     with h5py.File(image, "w", libver=CHECKSUMMED) as file:
         arrays = recording_to_arrays(recording)
-        stored = {name: as_stored(array) for name, array in arrays.items()}
+        stored = {name: encode_texts(array) for name, array in arrays.items()}
         datasets = {name: create_dataset(file, name, array) for name, array in stored.items()}
         file.create_dataset(
             _FRAMES,
@@ -129,8 +129,8 @@ def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
         ...     read_hdf5(f"{folder}/grasp.h5").meta["rate"]
         99
     """
-    path = hdf5_file(_h5py_needed(path))
-    with opened(path) as file:
+    path = hdf5_path(_h5py_needed(path))
+    with open_hdf5(path) as file:
         return _read(path, _checked(path, file), max_bytes)
 
 
@@ -157,8 +157,8 @@ def read_hdf5_head(path: PathLike) -> Recording:
         >>> head.label, head.tactile.shape
         ('cup', (0, 4, 3))
     """
-    path = hdf5_file(_h5py_needed(path))
-    with opened(path) as file:
+    path = hdf5_path(_h5py_needed(path))
+    with open_hdf5(path) as file:
         return _checked(path, file).head
 
 
@@ -190,7 +190,7 @@ def _checked(path: Path, file: Any) -> _Content:
             f"'{path}' must be of format version {' or '.join(map(str, _READABLE))} (got "
             f"{version}): read it with the version of torch-geometric-tactile that wrote it"
         )
-    datasets = checked_datasets(path, file)
+    datasets = find_datasets(path, file)
     num_frames = integer_attribute(path, attrs, "num_frames")
     names = ["label", "meta", *(["annotations"] if "annotations" in attrs else [])]
     texts = {name: text_attribute(path, attrs, name) for name in names}
@@ -206,14 +206,14 @@ def _checked(path: Path, file: Any) -> _Content:
         for name, dataset in datasets.items():
             if not dataset.fletcher32:
                 raise ValueError(f"'{path}' must have checksums in '{name}' (got none)")
-        checksums = checked_dataset(path, file, _FRAMES)
+        checksums = find_dataset(path, file, _FRAMES)
         if checksums.ndim != 1 or checksums.dtype.kind != "u" or checksums.dtype.itemsize != 4:
             raise ValueError(
                 f"'{path}' must hold an unsigned integer of 4 bytes for each frame in '{_FRAMES}' "
                 f"(got {checksums.dtype} of shape {checksums.shape})"
             )
     # Label and metadata only: reading no frame costs nothing.
-    empty = {name: as_texts(read_rows(dataset, 0, 0)) for name, dataset in datasets.items()}
+    empty = {name: decode_texts(read_rows(dataset, 0, 0)) for name, dataset in datasets.items()}
     head = recording_from_fields(path, empty, texts)
     return _Content(head, datasets, checksums, num_frames, texts)
 
@@ -225,7 +225,7 @@ def _read(path: Path, content: _Content, max_bytes: int | None) -> Recording:
     stored = {name: read_rows(dataset, num_frames, limit) for name, dataset in datasets.items()}
     if checksums is not None:
         _check_frames(path, stored, checksums[:num_frames])
-    arrays = {name: as_texts(array) for name, array in stored.items()}
+    arrays = {name: decode_texts(array) for name, array in stored.items()}
     return recording_from_fields(path, arrays, content.texts)
 
 

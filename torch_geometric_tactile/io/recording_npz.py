@@ -12,7 +12,7 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._npz_arrays import opened_npz
+from torch_geometric_tactile.io._npz_arrays import open_npz
 from torch_geometric_tactile.io._recording_schema import (
     FORMAT,
     GROUPS,
@@ -79,7 +79,7 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
         'cup'
     """
     path = checked_file(path)
-    with opened_npz(path, allow_large) as arrays:
+    with open_npz(path, allow_large) as arrays:
         shapes = arrays.shapes
         texts = {
             name: arrays.read(name).item()

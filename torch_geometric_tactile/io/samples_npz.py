@@ -8,7 +8,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.io._npz_arrays import opened_npz
+from torch_geometric_tactile.io._npz_arrays import open_npz
 
 #: The arrays of a file, and the names by which each is found.
 _SAMPLE_ARRAYS: dict[str, tuple[str, ...]] = {
@@ -71,7 +71,7 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
         {'x': (6, 16, 3), 'y': (6,)}
     """
     path = existing_file(path, "give the path of an npz file")
-    with opened_npz(path, allow_large) as arrays:
+    with open_npz(path, allow_large) as arrays:
         shapes = arrays.shapes
         found: dict[str, list[str]] = {}
         for name in shapes:

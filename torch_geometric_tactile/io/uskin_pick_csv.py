@@ -96,7 +96,7 @@ def _file(folder: Path, name: str) -> Path:
 
 
 def _meta(path: Path) -> dict[str, Any]:
-    numbers, cells = csv_columns(path, csv_rows(path), _NUMBERS, ["object_name"], what="trial")
+    numbers, cells = csv_columns(path, csv_rows(path), _NUMBERS, ["object_name"], row_noun="trial")
     need(len(numbers) == 1, f"'{path}' must have one line below its header", len(numbers))
     rate, *flags = numbers[0].tolist()
     need(0 < rate <= _HIGHEST, f"'{path}': 'frequency_hz' must be up to {_HIGHEST:g}", rate)

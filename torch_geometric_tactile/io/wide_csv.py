@@ -17,19 +17,19 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_frames import (
     FrameColumns,
-    axes_of,
+    channel_names,
+    frames_to_recording,
     read_frames,
-    recording_of,
     signal_names,
     time_unit_of,
     warn_of_unit,
 )
 from torch_geometric_tactile.io._csv_table import (
+    check_no_counted_header,
+    check_no_index,
     csv_rows,
-    has_names,
-    placed,
-    refuse_counted,
-    refuse_index,
+    is_header,
+    map_columns,
 )
 from torch_geometric_tactile.io._folder_tables import write_annotations
 from torch_geometric_tactile.io._recording_schema import checked_file
@@ -151,14 +151,14 @@ def read_wide_csv(
             raise ValueError(f"'{name}' must be at least {int(name != 'num_joints')} (got {size})")
     lines = csv_rows(path)
     line, row = next(lines)
-    if header or (header is None and has_names(row)):
+    if header or (header is None and is_header(row)):
         names = [cell.strip() for cell in row]
-        refuse_index(path, names)
+        check_no_index(path, names)
         columns = _columns_by_name(path, names, sizes)
         frames = read_frames(path, lines, columns)
     else:
         if header is None:
-            refuse_counted(path, row, "pass header=False if this is a frame")
+            check_no_counted_header(path, row, "pass header=False if this is a frame")
         columns = _columns_by_place(path, len(row), sizes)
         frames = read_frames(path, chain([(line, row)], lines), columns, first_line=1)
         counted = [str(i) for i in range(len(frames.tactile))]
@@ -170,7 +170,7 @@ def read_wide_csv(
     if columns.time_unit == "s":
         warn_of_unit(path, frames.time, "name the column time_{}")
     meta = {} if columns.unit is None else {"unit": columns.unit}
-    return recording_of(path, frames, columns, rate, meta=meta)
+    return frames_to_recording(path, frames, columns, rate, meta=meta)
 
 
 def _columns_by_place(path: Path, width: int, sizes: Mapping[str, int | None]) -> FrameColumns:
@@ -224,9 +224,9 @@ def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | Non
             f"{', '.join(names[i] for i in times)})"
         )
     meant = {i: f"taxel_{int(m[1])}_{m[2]}" for i, m in taxels.items()}
-    place = placed(path, names, meant | {i: f"joint_{int(m[1])}" for i, m in joints.items()})
+    place = map_columns(path, names, meant | {i: f"joint_{int(m[1])}" for i, m in joints.items()})
     found_axes = {match[2] for match in taxels.values()}
-    axes = axes_of(len(found_axes))
+    axes = channel_names(len(found_axes))
     if found_axes != set(axes):
         raise ValueError(
             f"'{path}', line 1 must have the axes {', '.join(axes)} for taxels of {len(axes)} "
@@ -276,7 +276,7 @@ def has_own_names(row: Sequence[str]) -> bool:
     """
     if (
         not row
-        or not has_names(row)
+        or not is_header(row)
         or any(re.match(r"taxel_[0-9]", name.strip().lower()) for name in row)
     ):
         return False

@@ -12,8 +12,8 @@ import numpy as np
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_frames import refuse_backwards
-from torch_geometric_tactile.io._csv_table import csv_names, csv_rows, csv_table, placed
+from torch_geometric_tactile.io._csv_frames import check_increasing_time
+from torch_geometric_tactile.io._csv_table import csv_rows, csv_table, map_columns, read_header
 from torch_geometric_tactile.io._recording_schema import checked_file, new_recording
 
 _SEND_TIME, _NUMBER = "send time", "message number"
@@ -61,11 +61,11 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
     """
     path = checked_file(path)
     lines = csv_rows(path)
-    header = csv_names(lines)
+    header = read_header(lines)
     names = _names(header)
     matches = {i: match for i, name in enumerate(names) if (match := _COLUMN.fullmatch(name))}
     readings = {i: (match[1], int(match[2]), match[3]) for i, match in matches.items()}
-    place = placed(path, header, {i: readings.get(i, name) for i, name in enumerate(names)})
+    place = map_columns(path, header, {i: readings.get(i, name) for i, name in enumerate(names)})
     for name in _NEEDED:
         if name not in place:
             raise ValueError(
@@ -95,7 +95,7 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
         if not kept or not _is_stale(row, table[kept[-1], : len(compared)]):
             kept.append(i)
     time = table[kept, 0]
-    refuse_backwards(path, time, [i + 2 for i in kept], "Send time")
+    check_increasing_time(path, time, [i + 2 for i in kept], "Send time")
     columns = [read.index(column) for column in (newtons if forces else counts)]
     return new_recording(
         path,
