@@ -108,7 +108,7 @@ def test_options_state_names_orders_units_and_rates(tmp_path):
         (["--field", "taxels=a"], r"'fields' must have keys of"),
         (["--value", "pickup_time=x"], r"'--value' must have a number \(got 'x'\)"),
         (["--rate-of", "pac=fast"], r"'--rate-of' must have a number \(got 'fast'\)"),
-        (["--rate", "nan"], r"'rate' must be a rate above 0"),
+        (["--rate", "nan"], r"'rate' must be a positive rate"),
         (["--pattern", "("], r"'pattern' must be a regular expression"),
     ],
 )

@@ -284,7 +284,9 @@ def test_a_time_without_its_unit(write, cell):
 @pytest.mark.parametrize("line", ["0,1,2,3,4,5,6,7", "0,1,2,3,4,5,6,7,8", ",0,1,2,3,4,5,6,7"])
 def test_header_of_numbers_by_pandas(write, line):
     path = write(line, line)
-    with pytest.raises(ValueError, match=r"line 1 must hold names .* to_csv\(header=False, index=F"):
+    with pytest.raises(
+        ValueError, match=r"line 1 must hold names .* to_csv\(header=False, index=F"
+    ):
         read_wide_csv(path, **TWO_JOINTS)
 
 
