@@ -52,7 +52,7 @@ def test_every_file_is_tried_and_what_was_written_is_kept(source, tmp_path, caps
     assert out.splitlines()[-1] == f"2 of 5 grasps are in '{tmp_path / 'out'}'"
     errors = err.splitlines()
     assert len(errors) == 3
-    assert "g0.npz' is no whole npz file" in errors[0]
+    assert "g0.npz' is not a complete npz file" in errors[0]
     assert r"g1\x1b[2J.npz': 'success' must be a truth value" in errors[1]
     assert "gone.npz' does not exist" in errors[2]
 

@@ -281,7 +281,7 @@ def test_a_field_that_was_named_must_be_there(name, tmp_path):
         ({"pattern": "("}, r"'pattern' must be a regular expression"),
         ({"pattern": "(?P<item>.+)"}, r"'pattern' must have groups of .*'object'.*\(got 'item'\)"),
         ({"ends_after_pickup": -1.0}, r"'ends_after_pickup' must be a number of seconds of at"),
-        ({"ends_after_pickup": True}, r"'ends_after_pickup' must be seconds"),
+        ({"ends_after_pickup": True}, r"'ends_after_pickup' must be a number of sec"),
     ],
 )
 def test_format_refuses(given, message):

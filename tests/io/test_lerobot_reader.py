@@ -344,7 +344,9 @@ def test_names_of_two_dimensions_say_which_are_taxels(root, shape, names, expect
 )
 def test_names_of_two_dimensions_that_contradict_are_refused(root, names):
     write_grid(root, (16, 3), names=names)
-    with pytest.raises(ValueError, match=r"names of 'observation\.tactile' .* one of channels"):
+    with pytest.raises(
+        ValueError, match=r"names of 'observation\.tactile' .* must name taxels and channels"
+    ):
         read_lerobot(root)
 
 

@@ -19,13 +19,13 @@ def test_steps_that_lie_on_frames_but_for_rounding():
         assert steps_to_frames(since, regular_steps(since, 30, whole), 30).tolist() == [
             *range(3001)
         ]
-    assert regular_steps(time[:1], 30, whole=True).tolist() == [0]
+    assert regular_steps(time[:1], 30, cover_last=True).tolist() == [0]
 
 
 def test_each_frame_belongs_to_one_step():
     time = np.random.default_rng(0).uniform(0.001, 0.02, 500).cumsum()
     time -= time[0]
-    found = frames_since(time, regular_steps(time, 30, whole=True), 30)
+    found = frames_since(time, regular_steps(time, 30, cover_last=True), 30)
     assert np.concatenate(found).tolist() == [*range(500)]
     assert len(regular_steps(time, 30)) == len(found) - 1
 

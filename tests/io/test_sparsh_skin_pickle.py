@@ -106,7 +106,7 @@ def changed(index, value):
         (changed((2, 9, 0), 0.3), r"one time for all taxels .* \(got several in frame 2\)"),
         (changed((2, 9, 3), np.nan), r"finite numbers \(got another one at 2, 9, 2\)"),
         (changed((2, 9, 3), np.inf), r"finite numbers"),
-        ([np.zeros((368, 4), object)], r"cannot be read as a pickle .*no objects"),
+        ([np.zeros((368, 4), object)], r"cannot be read as a pickle .*not objects"),
     ],
 )
 def test_wrong_touch_is_refused_by_name(tmp_path, touch, match):
@@ -127,7 +127,7 @@ def test_wrong_touch_is_refused_by_name(tmp_path, touch, match):
         ({"joint_states": np.zeros((5, 17))}, r"shape \(5, 33\) \(got \(5, 17\)\)"),
         ({"joint_states": sparsh_joints()[::-1]}, r"times in order"),
         ({"joint_states": np.where(np.eye(8, 33, 3), np.nan, sparsh_joints())}, r"one at 0, 3\)"),
-        ({"joint_states": Touch("mark")}, "no class or function"),
+        ({"joint_states": Touch("mark")}, "not name classes or functions"),
     ],
 )
 def test_wrong_joints_are_refused_by_name(tmp_path, content, match):

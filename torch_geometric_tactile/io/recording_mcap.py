@@ -35,7 +35,7 @@ from torch_geometric_tactile.io._mcap_schemas import (
     SPAN_START,
     TOPICS,
     encode,
-    schema_of,
+    message_schema,
 )
 
 VERSION = 1
@@ -103,7 +103,7 @@ class McapWriter:
         self._anchor = int(anchor[0]), int(anchor[1])
         self._limit = None if flush_seconds is None else int(flush_seconds * _NANO)
         self._began: int | None = None
-        schemas = {topic: schema_of(topic) for topic in TOPICS}
+        schemas = {topic: message_schema(topic) for topic in TOPICS}
         self._output = McapOutput(self.path, overwrite, lock=live)
         self._writer = library.Writer(self._output, chunk_size=_CHUNK, enable_data_crcs=True)
         self._channels: dict[str, int] = {}
