@@ -125,7 +125,7 @@ def test_convert_keeps_the_readings(recording, tmp_path, capsys, suffix):
 
 def test_convert_warns_of_what_is_lost(recording, tmp_path, caplog):
     assert main(["convert", str(recording), str(tmp_path / "out.csv")]) == 0
-    assert "out.csv' is CSV and cannot hold label, unit" in caplog.text
+    assert "out.csv' is CSV and cannot store label, unit" in caplog.text
 
 
 def test_convert_forces(tmp_path):

@@ -141,7 +141,7 @@ def test_attributes_must_fit_their_checksum(name, value, path):
 def test_arrays_must_be_those_of_the_checksum(path):
     with h5py.File(path, "r+") as file:
         del file["privileged/p"]
-    refuses(path, r"label, metadata and arrays that its checksum is of")
+    refuses(path, r"label, metadata and arrays of its checksum")
 
 
 def test_version_2_must_have_checksums(path):

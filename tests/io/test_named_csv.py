@@ -39,7 +39,7 @@ def test_extra_columns_are_numbers_and_no_readings(write):
     assert rec.meta["column_names"] == {"tactile": ["thumb", "palm"]}
     with pytest.raises(ValueError, match=r"must have the column 'fx' \(got t, thumb, fz, palm\)"):
         read_recording(path, extra=["fx"])
-    with pytest.raises(ValueError, match=r"column 'fz' .* one thing only"):
+    with pytest.raises(ValueError, match=r"column 'fz' .* a single role"):
         read_recording(path, extra=["fz"], tactile=["thumb", "fz"])
 
 
@@ -85,13 +85,13 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
         (
             [HEADER, "1,1,2,3,4"],
             {"tactile": "pad.*"},
-            r"'tactile' must match whole .* \(got 'pad.*matches none",
+            r"'tactile' must match full .* \(got 'pad.*matches no name",
         ),
         ([HEADER, "1,1,2,3,4"], {"num_channels": 3}, r"of 3 channels \(got 4: thumb, index, "),
         (
             [HEADER, "1,1,2,3,4"],
             {"tactile": ["thumb"], "joint": ["thumb"]},
-            r"column 'thumb' of .* must be one thing only",
+            r"column 'thumb' of .* must be a single role",
         ),
         (["a,b,a", "1,2,3"], {}, r"must name each column once \(got 'a' twice\)"),
         ([HEADER, "1,1,2,3,4"], {"time_unit": "y"}, r"'time_unit' must be one of .* \(got y\)"),
@@ -287,7 +287,7 @@ def test_a_column_that_counts_the_frames_is_no_reading(write, start):
 
 
 def test_an_expression_that_matches_no_joint_is_refused(write):
-    with pytest.raises(ValueError, match=r"'joint' must match whole .* \(got 'q', which matches"):
+    with pytest.raises(ValueError, match=r"'joint' must match full .* \(got 'q', which matches"):
         read_named_csv(write(HEADER, "0,1,2,0.5,4"), joint="q")
 
 

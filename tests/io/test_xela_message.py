@@ -91,7 +91,7 @@ def test_parse_takes_what_may_be_left_out():
         ({"1": sensor(sensor=10**5000)}, r"must be its key \(got a int\)"),
         ({"1": sensor(taxels=3)}, r"must hold 3 words for each of 3 taxels \(got 6\)"),
         ({"1": sensor(taxels=None)}, r"'taxels' of sensor '1' .* positive integer \(got None\)"),
-        ({"1": sensor(integer=[1])}, r"'integer' of sensor '1' .* must say the same as 'data'"),
+        ({"1": sensor(integer=[1])}, r"'integer' of sensor '1' .* must equal 'data'"),
     ],
 )
 def test_parse_refuses(changed, message_):
@@ -162,10 +162,10 @@ def test_format_by_hand():
     ("arguments", "message_"),
     [
         ({"counts": np.zeros(3)}, r"'counts' must have shape \(num_taxels, 3\) \(got \(3,\)\)"),
-        ({"counts": np.full((2, 3), 0.5)}, r"whole numbers .*\(got 0.5 in taxel 0, axis x\)"),
+        ({"counts": np.full((2, 3), 0.5)}, r"integers from .*\(got 0.5 in taxel 0, axis x\)"),
         ({"counts": np.full((2, 3), 65536)}, r"from 0 to 65535 \(got 65536 in taxel 0"),
         ({"counts": np.full((2, 3), -1)}, r"\(got -1 in taxel 0, axis x\)"),
-        ({"counts": np.full((2, 3), np.nan)}, r"\(got nan .*cannot leave a taxel out"),
+        ({"counts": np.full((2, 3), np.nan)}, r"\(got nan .*cannot have missing taxels"),
         ({"forces": np.zeros((1, 3))}, r"'forces' must have shape \(2, 3\) \(got \(1, 3\)\)"),
         ({"taxels": [1]}, r"'taxels' must add up to 2 \(got \[1\]\)"),
         ({"taxels": [2, 0]}, r"'taxels' must add up to 2 \(got \[2, 0\]\)"),

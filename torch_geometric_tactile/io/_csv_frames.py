@@ -161,21 +161,21 @@ def check_increasing_time(path: Path, seconds: np.ndarray, lines: Sequence[int],
         )
 
 
-def time_unit_of(name: str) -> str | None:
+def name_to_time_unit(name: str) -> str | None:
     r"""Returns the unit of a time column, from its name, and :obj:`None` for other columns.
 
     Examples:
-        >>> time_unit_of("Time"), time_unit_of("timestamp_ns"), time_unit_of("thumb")
+        >>> name_to_time_unit("Time"), name_to_time_unit("timestamp_ns"), name_to_time_unit("thumb")
         ('s', 'ns', None)
     """
     match = _TIME_NAME.fullmatch(name.lower())
     return None if match is None else match[1] or "s"
 
 
-def is_clock(name: str) -> bool:
+def is_clock_name(name: str) -> bool:
     r"""Returns whether a column name is that of a time without unit, or of a frame number."""
     name = name.lower()
-    return time_unit_of(name) is None and _CLOCK_NAME.fullmatch(name) is not None
+    return name_to_time_unit(name) is None and _CLOCK_NAME.fullmatch(name) is not None
 
 
 def warn_of_unit(

@@ -66,7 +66,7 @@ class _GlobalName(str):
     __slots__ = ()
 
 
-class _Unfinished:
+class _PendingObject:
     # An array or dtype whose content comes in a later step, which sets `value`.
     def __init__(self, dtype: np.dtype | None = None) -> None:
         self.dtype = dtype
@@ -103,7 +103,7 @@ class _StackMachine:
             self.memo[len(self.memo) if step == "MEMOIZE" else value] = stack[-1]
         elif step in ("BINGET", "LONG_BINGET"):
             item = self.memo[value]
-            stack.append(item.value if isinstance(item, _Unfinished) else item)
+            stack.append(item.value if isinstance(item, _PendingObject) else item)
         elif step == "GLOBAL":
             stack.append(_check_name(value.replace(" ", ".", 1)))
         elif step == "STACK_GLOBAL":
@@ -117,7 +117,7 @@ class _StackMachine:
         elif step == "BUILD":
             unfinished, state = self._pop_items(2)
             stack.append(
-                _apply_build(_check_type(_Unfinished, unfinished), _check_type(tuple, state))
+                _apply_build(_check_type(_PendingObject, unfinished), _check_type(tuple, state))
             )
         elif step not in ("PROTO", "FRAME"):
             raise ValueError(f"it must hold containers, numbers and arrays (got the step {step})")
@@ -155,11 +155,11 @@ def _apply_reduce(name: _GlobalName, arguments: tuple[Any, ...]) -> Any:
         dtype, *_ = arguments
         is_number = re.fullmatch("[biuf][0-9]{1,2}", _check_type(str, dtype))
         need(is_number, "its arrays must hold numbers, not objects", quoted(dtype))
-        return _Unfinished(np.dtype(dtype))
+        return _PendingObject(np.dtype(dtype))
     if name == _RECONSTRUCT:
         kind, shape, _ = arguments  # shape and type of an empty array
         need((kind, shape) == (_NDARRAY, (0,)), "it must reconstruct arrays")
-        return _Unfinished()
+        return _PendingObject()
     if name == _SCALAR:
         dtype, content = arguments
         return _to_array(content, dtype, (), "C")[()]
@@ -167,7 +167,7 @@ def _apply_reduce(name: _GlobalName, arguments: tuple[Any, ...]) -> Any:
     return _to_array(*arguments)
 
 
-def _apply_build(unfinished: _Unfinished, state: tuple[Any, ...]) -> Any:
+def _apply_build(unfinished: _PendingObject, state: tuple[Any, ...]) -> Any:
     _, *values = state  # the first one is a version
     if unfinished.dtype is not None:
         order, *fields = values
