@@ -14,7 +14,7 @@ from torch_geometric_tactile.io import (
     parse_xela_message,
     parse_xela_text,
 )
-from torch_geometric_tactile.io.xela_message import _usual_counts
+from torch_geometric_tactile.io.xela_message import _parse_regular_words
 
 REAL = Path(__file__).parents[3] / "shared/data/xela/ws_messages"
 
@@ -218,8 +218,8 @@ def test_a_message_by_hand():
 
 
 def test_usual_words_are_read_at_once():
-    assert _usual_counts("0001,ABCD,fFfF").tolist() == [1, 0xABCD, 65535]
-    assert _usual_counts("1,2,3") is _usual_counts("0001, 002,0003") is None
+    assert _parse_regular_words("0001,ABCD,fFfF").tolist() == [1, 0xABCD, 65535]
+    assert _parse_regular_words("1,2,3") is _parse_regular_words("0001, 002,0003") is None
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="needs the captured messages")

@@ -114,7 +114,8 @@ def read_frames(
     if time_columns:
         unit, name = columns.time_unit, columns.names[time_columns[0]]
         seconds = [
-            _seconds(path, line, cell, unit) for line, cell in enumerate(time_cells, first_line)
+            _parse_seconds(path, line, cell, unit)
+            for line, cell in enumerate(time_cells, first_line)
         ]
         time = np.array(seconds)
         check_increasing_time(path, time, [*range(first_line, first_line + len(time))], name)
@@ -221,7 +222,7 @@ def warn_of_unit(
         )
 
 
-def _seconds(path: Path, line: int, cell: str, unit: str) -> float:
+def _parse_seconds(path: Path, line: int, cell: str, unit: str) -> float:
     # Moves the decimal point in the text, so that the number is rounded only once.
     if unit in _SECONDS:
         has_exponent = "e" in cell.lower()  # Decimal is slow for a large exponent

@@ -10,7 +10,12 @@ import numpy as np
 
 from torch_geometric_tactile._limits import ARRAY_BYTES, HDF5_EXPANSION
 from torch_geometric_tactile.io._hdf5_file import require_h5py
-from torch_geometric_tactile.io._recording_schema import FORMAT, GROUPS, checked_file, missing_field
+from torch_geometric_tactile.io._recording_schema import (
+    FORMAT,
+    GROUPS,
+    missing_field,
+    recording_path,
+)
 
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}  # the numbers of HDF5
 
@@ -182,7 +187,7 @@ def check_format(path: Path, file: Any) -> None:
 
 def hdf5_path(path: Any) -> Path:
     r"""Returns the path of an existing HDF5 file."""
-    path = checked_file(path)
+    path = recording_path(path)
     if not require_h5py().is_hdf5(path):
         raise ValueError(
             f"'{path}' is not an HDF5 file (or its beginning is lost): copy it again, or give a "

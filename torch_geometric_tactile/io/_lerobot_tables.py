@@ -149,7 +149,7 @@ def _check_columns(path: Path, metadata: Any) -> None:
         stream.seek(-8, 2)
         length = int.from_bytes(stream.read(4), "little")
         stream.seek(-8 - length, 2)
-        footer = _ThriftReader(stream.read(length)).struct()
+        footer = _ThriftReader(stream.read(length)).read_struct()
     for group in _list_of(footer, _ROW_GROUPS):
         for j, chunk in enumerate(_list_of(group, _COLUMNS)[: metadata.num_columns]):
             column = _struct_of(chunk, _COLUMN)
@@ -290,7 +290,7 @@ def _page_totals(file: BinaryIO, chunk: Any, size: int) -> tuple[int, int]:
     while 0 < start < end <= size:
         file.seek(start)
         header = _ThriftReader(file.read(min(end - start, 1 << 20)))
-        fields = header.struct()
+        fields = header.read_struct()
         packed_size, unpacked_size = fields.get(_PACKED), fields.get(_UNPACKED)
         if (
             not isinstance(packed_size, int)
@@ -317,28 +317,28 @@ class _ThriftReader:
     def __init__(self, data: bytes) -> None:
         self.data, self.position = data, 0
 
-    def struct(self, depth: int = 0) -> dict[int, Any]:
+    def read_struct(self, depth: int = 0) -> dict[int, Any]:
         fields: dict[int, Any] = {}
         number = 0
-        while header := self._byte():
+        while header := self._read_byte():
             number += header >> 4
             if not header >> 4:
-                number = self._integer()
+                number = self._read_integer()
             kind = header & 15
-            fields[number] = kind if kind in _BOOLEANS else self._value(kind, depth)
+            fields[number] = kind if kind in _BOOLEANS else self._read_value(kind, depth)
         return fields
 
-    def _value(self, kind: int, depth: int) -> Any:
+    def _read_value(self, kind: int, depth: int) -> Any:
         if kind in _INTEGERS:
-            return self._integer()
+            return self._read_integer()
         if kind == _STRUCT and depth < _MAX_DEPTH:
-            return self.struct(depth + 1)
+            return self.read_struct(depth + 1)
         if kind == _LIST and depth < _MAX_DEPTH:
-            header = self._byte()
-            size = header >> 4 if header >> 4 < 15 else self._unsigned()
-            return [self._value(header & 15, depth + 1) for _ in range(size)]
+            header = self._read_byte()
+            size = header >> 4 if header >> 4 < 15 else self._read_unsigned()
+            return [self._read_value(header & 15, depth + 1) for _ in range(size)]
         if kind == _BINARY:
-            length = self._unsigned()
+            length = self._read_unsigned()
             self.position += length
         elif kind in (*_BOOLEANS, _BYTE, _DOUBLE):
             self.position += 8 if kind == _DOUBLE else 1
@@ -346,20 +346,20 @@ class _ThriftReader:
             raise ValueError(f"its pages must have headers of Parquet (got a field of {kind})")
         return None
 
-    def _byte(self) -> int:
+    def _read_byte(self) -> int:
         need(self.position < len(self.data), "its pages must have complete headers (got the end)")
         self.position += 1
         return self.data[self.position - 1]
 
-    def _unsigned(self) -> int:
+    def _read_unsigned(self) -> int:
         number = 0
         for shift in range(0, 70, 7):
-            byte = self._byte()
+            byte = self._read_byte()
             number |= (byte & 127) << shift
             if byte < 128:
                 return number
         raise ValueError("its pages must have headers of Parquet (got a number that is too long)")
 
-    def _integer(self) -> int:
-        number = self._unsigned()
+    def _read_integer(self) -> int:
+        number = self._read_unsigned()
         return number >> 1 ^ -(number & 1)

@@ -27,7 +27,7 @@ _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 
 
 class Field(NamedTuple):
-    r"""A field of a message. :obj:`is_repeated` tells whether it is a list."""
+    r"""A field of a message. It is a list if :obj:`is_repeated`."""
 
     number: int
     kind: str

@@ -32,8 +32,8 @@ EXTRA = "extra/"
 GROUPS = (PRIVILEGED, EXTRA)
 
 
-def checked_file(path: PathLike) -> Path:
-    r"""Returns the path of an existing recording."""
+def recording_path(path: PathLike) -> Path:
+    r"""Returns the path of a recording, and raises an error if there is no such file."""
     return existing_file(path, "give the path of a recording")
 
 

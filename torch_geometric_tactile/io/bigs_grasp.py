@@ -119,7 +119,7 @@ class _Fields:
         expected_sizes = {axis: size_of_axis[axis] for axis in axes}
         parts = []
         for array in arrays:
-            part = to_axes(self.where(key), self._numbers(key, array), groups, expected_sizes)
+            part = to_axes(self.where(key), self._to_numbers(key, array), groups, expected_sizes)
             parts.append(part)
             expected_sizes = dict(zip(axes, part.shape, strict=True))
         if len(parts) == 1:
@@ -133,7 +133,7 @@ class _Fields:
         finger_indices = [stored_order.index(finger) for finger in FINGERS]
         return array.take(finger_indices, axis=axes.index("finger"))
 
-    def _numbers(self, key: str, array: np.ndarray) -> np.ndarray:
+    def _to_numbers(self, key: str, array: np.ndarray) -> np.ndarray:
         if array.dtype.kind not in ("biuf" if key == "slip" else "iuf"):
             raise ValueError(f"{self.where(key)} must hold numbers (got {array.dtype})")
         if array.dtype.kind != "f":

@@ -160,7 +160,7 @@ class _Dataset:
 
     def _recording(self, path: Path, rows: Any, number: int) -> Recording:
         time = step_times(path, rows, self.fps)
-        episode = self.content.episode(number, len(rows), self._task(path, rows))
+        episode = self.content.episode(number, len(rows), self._find_task(path, rows))
         values = {name: column.values(path, rows, name) for name, column in self.columns.items()}
         meta = {**episode["meta"], "rate": self.fps}
         if self.tactile not in values:  # all frames since the previous step, with their times
@@ -189,7 +189,7 @@ class _Dataset:
         except ValueError as error:
             raise ValueError(f"'{path}' does not hold a consistent recording: {error}") from error
 
-    def _task(self, path: Path, rows: Any) -> str:
+    def _find_task(self, path: Path, rows: Any) -> str:
         number = int(integer_column(path, rows, "task_index")[0])
         need(number in self.tasks, f"'{path}' must hold tasks of 'meta/tasks.parquet'", number)
         return self.tasks[number]

@@ -31,7 +31,7 @@ from torch_geometric_tactile.io._mcap_schemas import (
     decode,
     schema_problem,
 )
-from torch_geometric_tactile.io._recording_schema import checked_file, recording_from_fields
+from torch_geometric_tactile.io._recording_schema import recording_from_fields, recording_path
 from torch_geometric_tactile.io.recording_mcap import VERSION
 
 _log = logging.getLogger(__name__)
@@ -76,7 +76,7 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
         ...     read_mcap(f"{folder}/grasp.mcap")
         Recording(num_frames=2, num_taxels=4, num_channels=3, rate=100)
     """
-    path = checked_file(path)
+    path = recording_path(path)
     scan = Scan(path)
     content = _Content(path, FrameRows(path.stat().st_size, allow_large))
     for kind, record in scan.records():
@@ -149,7 +149,7 @@ class _Content:
 
     def _add_message(self, channel: int, data: bytes) -> None:
         if channel not in self.topics:
-            self.topics[channel] = self._topic(channel)
+            self.topics[channel] = self._find_topic(channel)
         if self.topics[channel] == EVENT:
             self._add_event(data)
         if self.topics[channel] != FRAME:
@@ -193,7 +193,7 @@ class _Content:
         ]
         return [Annotation(s.start - anchor, s.end - anchor, s.label) for s in spans]
 
-    def _topic(self, number: int) -> str:
+    def _find_topic(self, number: int) -> str:
         channel = self.channels.get(number)
         if channel is None:
             # Its description was in a damaged chunk; the metadata of this package repeat it.

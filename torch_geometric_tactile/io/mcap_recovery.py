@@ -19,7 +19,7 @@ from torch_geometric_tactile.io._mcap_records import (
     texts_checksum,
 )
 from torch_geometric_tactile.io._mcap_schemas import TOPICS, message_schema
-from torch_geometric_tactile.io._recording_schema import checked_file
+from torch_geometric_tactile.io._recording_schema import recording_path
 from torch_geometric_tactile.io.mcap_reader import join_problems
 
 
@@ -85,7 +85,7 @@ def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
         2
     """
     library = require_mcap()
-    path, out = checked_file(path), Path(out)
+    path, out = recording_path(path), Path(out)
     if out.exists() and out.samefile(path):
         raise ValueError(f"'out' must be another file than '{path}' (got the same)")
     scan = Scan(path)

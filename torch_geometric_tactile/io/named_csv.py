@@ -30,7 +30,7 @@ from torch_geometric_tactile.io._csv_table import (
     read_header,
 )
 from torch_geometric_tactile.io._name_order import check_name_order
-from torch_geometric_tactile.io._recording_schema import checked_file
+from torch_geometric_tactile.io._recording_schema import recording_path
 
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _MISSING_NAMES = ("na", "n/a", "<na>", "null", "none")
@@ -107,7 +107,7 @@ def read_named_csv(
         ...     read_named_csv(path, tactile=["thumb", "index"], label="grip")
         Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100, label='cup')
     """
-    path = checked_file(path)
+    path = recording_path(path)
     need_argument(rate is None or rate > 0, "rate", "must be positive", rate)
     if time_unit not in (None, *TIME_UNITS):
         raise ArgumentError(

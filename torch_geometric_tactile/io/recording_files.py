@@ -10,7 +10,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_table import csv_rows
 from torch_geometric_tactile.io._mcap_records import MAGIC
-from torch_geometric_tactile.io._recording_schema import checked_file
+from torch_geometric_tactile.io._recording_schema import recording_path
 from torch_geometric_tactile.io.eflesh_probe import read_eflesh_probe
 from torch_geometric_tactile.io.mcap_reader import read_mcap
 from torch_geometric_tactile.io.named_csv import read_named_csv
@@ -77,7 +77,7 @@ def recording_format(path: PathLike) -> str:
     """
     if all((Path(path) / name).is_file() for name in _PROBE_FILES):
         return "eFlesh probe"
-    path = checked_file(path)
+    path = recording_path(path)
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ValueError(f"'{path}' must end in one of {', '.join(_SUFFIXES)} (got '{suffix}')")
@@ -123,7 +123,7 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
         ...     read_recording(path, unit="count")
         Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100)
     """
-    name = chosen_format(path, kwargs)
+    name = select_format(path, kwargs)
     options = format_options(name)
     for key in kwargs:
         if key not in options:
@@ -134,7 +134,7 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
     return _FORMATS[name].read(path, **kwargs)
 
 
-def chosen_format(path: PathLike, options: Iterable[str]) -> str:
+def select_format(path: PathLike, options: Iterable[str]) -> str:
     r"""Returns the format in which a file is read with some options. The options select between the
     types of CSV.
     """

@@ -18,8 +18,8 @@ from torch_geometric_tactile.io._recording_schema import (
     GROUPS,
     VERSION,
     check_version,
-    checked_file,
     recording_from_fields,
+    recording_path,
     recording_to_arrays,
     recording_to_texts,
 )
@@ -78,7 +78,7 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
         ...     read_npz(f"{folder}/grasp.npz").label
         'cup'
     """
-    path = checked_file(path)
+    path = recording_path(path)
     with open_npz(path, allow_large) as arrays:
         shapes = arrays.shapes
         texts = {

@@ -32,7 +32,7 @@ from torch_geometric_tactile.io._csv_table import (
     map_columns,
 )
 from torch_geometric_tactile.io._folder_tables import write_annotations
-from torch_geometric_tactile.io._recording_schema import checked_file
+from torch_geometric_tactile.io._recording_schema import recording_path
 
 _log = logging.getLogger(__name__)
 _HAND_SIZES = {"num_taxels": 384, "num_channels": 3, "num_joints": 16}
@@ -144,7 +144,7 @@ def read_wide_csv(
         ...     read_wide_csv(path).tactile.tolist()
         [[[1.0, 2.0, 3.0]], [[1.0, 2.0, nan]]]
     """
-    path = checked_file(path)
+    path = recording_path(path)
     need_argument(rate > 0, "rate", "must be positive", rate)
     sizes = {"num_taxels": num_taxels, "num_channels": num_channels, "num_joints": num_joints}
     for name, size in sizes.items():

@@ -14,7 +14,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_frames import check_increasing_time
 from torch_geometric_tactile.io._csv_table import csv_rows, csv_table, map_columns, read_header
-from torch_geometric_tactile.io._recording_schema import checked_file, new_recording
+from torch_geometric_tactile.io._recording_schema import new_recording, recording_path
 
 _SEND_TIME, _MESSAGE_NUMBER = "send time", "message number"
 _REQUIRED_COLUMNS = (_SEND_TIME, _MESSAGE_NUMBER)
@@ -59,7 +59,7 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
         >>> recording.tactile[0].tolist()
         [[30000.0, 30001.0, 30002.0]]
     """
-    path = checked_file(path)
+    path = recording_path(path)
     lines = csv_rows(path)
     header = read_header(lines)
     names = _normalize_names(header)

@@ -142,7 +142,7 @@ def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None
         encoded = text.encode("utf-8", "replace") if isinstance(text, str) else text
         for content in (encoded, encoded.replace(b",\n", b",")):
             try:
-                return _parse_or_skip_greeting(_orjson.loads(content), forces)
+                return _parse_unless_greeting(_orjson.loads(content), forces)
             except ValueError:  # Python's parser accepts more, and its messages are better
                 continue
     try:
@@ -154,10 +154,10 @@ def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None
         raise ValueError(
             f"a XELA message must be JSON (got {short_repr(text)}: {error})"
         ) from error
-    return _parse_or_skip_greeting(message, forces)
+    return _parse_unless_greeting(message, forces)
 
 
-def _parse_or_skip_greeting(message: Any, forces: bool) -> XelaFrame | None:
+def _parse_unless_greeting(message: Any, forces: bool) -> XelaFrame | None:
     if (
         isinstance(message, dict)
         and isinstance(message.get("message"), str)

@@ -15,7 +15,7 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import each_key_once, short_repr
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._recording_schema import checked_file, new_recording
+from torch_geometric_tactile.io._recording_schema import new_recording, recording_path
 from torch_geometric_tactile.io.xela_message import (
     XELA_VERSION,
     XelaFrame,
@@ -63,7 +63,7 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
         ...     read_xela_messages(path)
         Recording(num_frames=5, num_taxels=4, num_channels=3, rate=100)
     """
-    path = checked_file(path)
+    path = recording_path(path)
     frames: list[XelaFrame] = []
     sensors: list[str] = []
     num_repeated = num_skipped = 0

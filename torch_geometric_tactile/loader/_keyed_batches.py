@@ -1,4 +1,4 @@
-r"""Batches of indices with a seed each, and a data set that returns whole batches."""
+r"""Batches of indices with a seed each, and a data set of batches."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
@@ -57,7 +57,7 @@ class KeyedBatches:
 
 
 class BatchDataset(Dataset):
-    r"""A data set whose items are whole batches, which it cuts from the tensors of another one.
+    r"""A data set whose items are batches, cut from the tensors of another data set.
 
     Args:
         dataset (Dataset): The data set of the samples.

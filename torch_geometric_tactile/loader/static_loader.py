@@ -1,4 +1,4 @@
-r"""A loader that cuts whole batches from one tensor."""
+r"""A loader that cuts batches from one tensor."""
 
 import copy
 import logging

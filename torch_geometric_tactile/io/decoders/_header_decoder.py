@@ -120,8 +120,8 @@ class SequenceNumbers:
         return self._last, num_missing
 
 
-def checked_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    r"""Returns the number of rows and columns, which must be from 1 to 1024 each."""
+def check_shape(shape: tuple[int, int]) -> tuple[int, int]:
+    r"""Returns the number of rows and columns, and raises an error unless they are from 1 to 1024."""
     if len(shape) != 2 or not all(1 <= size <= 1024 for size in shape):
         raise ValueError(f"'shape' must be rows and columns, from 1 to 1024 each (got {shape})")
     return int(shape[0]), int(shape[1])

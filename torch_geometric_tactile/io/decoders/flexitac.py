@@ -9,7 +9,7 @@ from torch_geometric_tactile.io.decoders._header_decoder import (
     INCOMPLETE,
     NO_PACKET,
     HeaderDecoder,
-    checked_shape,
+    check_shape,
 )
 
 
@@ -46,7 +46,7 @@ class FlexiTacDecoder(HeaderDecoder):
 
     def __init__(self, shape: tuple[int, int] = (12, 32)) -> None:
         super().__init__()
-        self.shape = checked_shape(shape)
+        self.shape = check_shape(shape)
         self._length = len(self.header) + self.shape[0] * self.shape[1]
 
     def _size(self, buffer: bytes, start: int) -> int:

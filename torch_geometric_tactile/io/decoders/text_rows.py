@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io.decoders._header_decoder import checked_shape
+from torch_geometric_tactile.io.decoders._header_decoder import check_shape
 from torch_geometric_tactile.io.decoders.decoder import Decoder
 
 _VALID_BYTES = b"0123456789 \t\r\n"
@@ -44,7 +44,7 @@ class TextRowsDecoder(Decoder):
 
     def __init__(self, shape: tuple[int, int] = (16, 16)) -> None:
         super().__init__()
-        self.shape = checked_shape(shape)
+        self.shape = check_shape(shape)
         self._max_bytes = self.shape[0] * (
             5 * self.shape[1] + 2
         )  # of a frame, with up to two blanks per number
