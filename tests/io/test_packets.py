@@ -21,11 +21,7 @@ from torch_geometric_tactile.io import CobsDecoder, encode_packet  # noqa: E402
 
 
 def reading(number, taxels=4, channels=3):
-    return (
-        np.random.default_rng(number)
-        .integers(0, 2**16, (num_taxels, num_channels))
-        .astype(np.uint16)
-    )
+    return np.random.default_rng(number).integers(0, 2**16, (taxels, channels)).astype(np.uint16)
 
 
 def packets(count, first=0):

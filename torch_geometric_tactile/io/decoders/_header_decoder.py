@@ -121,7 +121,7 @@ class SequenceNumbers:
 
 
 def check_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    r"""Returns the number of rows and columns, and raises an error unless they are from 1 to 1024."""
+    r"""Returns the rows and columns of a shape, and raises an error unless they are 1 to 1024."""
     if len(shape) != 2 or not all(1 <= size <= 1024 for size in shape):
         raise ValueError(f"'shape' must be rows and columns, from 1 to 1024 each (got {shape})")
     return int(shape[0]), int(shape[1])
