@@ -405,8 +405,8 @@ def test_chunk_that_differs_from_its_checksum_only_is_left_out(tmp_path, caplog)
 
 
 def test_frames_that_would_fill_the_memory_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("torch_geometric_tactile.io._mcap_frames.ARRAY_BYTES", 10_000)
-    monkeypatch.setattr("torch_geometric_tactile.io._mcap_frames.EXPANSION", 0)
+    monkeypatch.setattr("torch_geometric_tactile.io.mcap_reader.ARRAY_BYTES", 10_000)
+    monkeypatch.setattr("torch_geometric_tactile.io.mcap_reader.EXPANSION", 0)
     frames = [a_frame(i, tactile=np.zeros((100, 3))) for i in range(12)]
     path = write_frames(tmp_path / "a.mcap", frames)
     with pytest.raises(ValueError, match="allow_large=True"):
