@@ -35,9 +35,7 @@ def termination_as_interrupt() -> Iterator[None]:
 
     def interrupt(number: int, frame: Any) -> None:
         for signal_number in handled:
-            signal.signal(
-                signal_number, signal.SIG_IGN
-            )  # a second signal must not interrupt the closing
+            signal.signal(signal_number, signal.SIG_IGN)  # a second one must not stop the closing
         raise KeyboardInterrupt
 
     for number in handled:

@@ -5,9 +5,7 @@ r"""Limits on the memory that untrusted files and messages may request, whatever
 EXPANSION = 200
 HDF5_EXPANSION = 100  # chunks are compressed separately
 ARRAY_BYTES = 2**30  # of recordings and data sets; ten minutes of a hand take a quarter of it
-PRESSURE_MAT_BYTES = (
-    2**24
-)  # of a text file of PressureMat; the published files have less than 2**21
+PRESSURE_MAT_BYTES = 2**24  # of a text file of PressureMat; published ones have less than 2**21
 IDX_BYTES = 2**27  # all images of MNIST take a third of it
 MAT_TEXT_BYTES = 2**20  # of a cell array of texts; ten thousand names take less
 MAT_BYTES = 2**26  # of compressed content that is read before its checksum is known

@@ -110,9 +110,8 @@ def check_dataset_sizes(
                 f"(got {len(dataset)}): copy or record it again"
             )
         shape = (num_frames, *dataset.shape[1:])
-        width = dataset.dtype.itemsize * (
-            5 if dataset.dtype.kind == "S" else 1
-        )  # UTF-8 and its copy in UTF-32
+        # Texts take memory as UTF-8 and as their copy in UTF-32.
+        width = dataset.dtype.itemsize * (5 if dataset.dtype.kind == "S" else 1)
         total += _num_chunk_values(dataset, shape) * width
         if not is_stored(dataset, shape):
             raise ValueError(

@@ -124,9 +124,8 @@ class _RecordCopier:
         self.first_time = self.last_time = 0
         self._channels: dict[int, Any] = {}
         self._schemas: dict[int, Any] = {}
-        self._written: dict[
-            int, tuple[str, int]
-        ] = {}  # topic and new number of a channel, by its old number
+        # Topic and new number of a channel, by its old number.
+        self._written: dict[int, tuple[str, int]] = {}
         self._schema_numbers: dict[int, int] = {}
 
     def add(self, kind: int, record: Any) -> None:

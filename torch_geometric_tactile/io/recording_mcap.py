@@ -42,9 +42,7 @@ VERSION = 1
 _FLUSH_SECONDS = 0.25
 _NS_PER_SECOND = 1_000_000_000
 _CHUNK_BYTES = 2**20
-_MAX_SECONDS = (
-    2**62 / _NS_PER_SECOND
-)  # since 1970: the largest time whose nanoseconds fit a file, the year 2116
+_MAX_SECONDS = 2**62 / _NS_PER_SECOND  # since 1970: nanoseconds in a file reach the year 2116
 
 
 class McapWriter:

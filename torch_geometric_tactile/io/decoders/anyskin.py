@@ -12,9 +12,8 @@ _MAX_DAMAGED_FRAMES = 4  # consecutive ones, before the alignment of frames is g
 # The range of an MLX90393 at any gain: 16 bits of 1/45.2 °C around 25 °C, or of up to 12.6 µT.
 # Compared as integers: they have the order of the absolute floats, with infinity and NaN last.
 _MAX_SIZES = np.array([1000.0, 5e5, 5e5, 5e5], dtype=np.float32).view(np.uint32)
-_MIN_SIZE = np.array([1e-6], dtype=np.float32).view(
-    np.uint32
-)  # smaller numbers, except zero, are damaged
+# Smaller numbers, except zero, are damaged.
+_MIN_SIZE = np.array([1e-6], dtype=np.float32).view(np.uint32)
 _MAX_FRAMES_PER_STEP = 64  # limits the repeated parsing of large pieces with much damage
 _SIZE_BITS = np.uint32(0x7FFFFFFF)
 

@@ -13,9 +13,8 @@ from torch_geometric_tactile.io.decoders.decoder import Decoder
 
 _PACKET_VERSION = 1
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
-_HEADER = struct.Struct(
-    "<BBBBHI"
-)  # version, flags, sample dtype, channels, taxels, sequence number
+# Version, flags, sample dtype, channels, taxels, sequence number.
+_HEADER = struct.Struct("<BBBBHI")
 _UINT32 = struct.Struct("<I")
 _WRAP = 2**32
 _HAS_TIME, _HAS_JOINT = 1, 2

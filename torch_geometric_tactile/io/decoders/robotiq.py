@@ -11,9 +11,7 @@ from torch_geometric_tactile.io.decoders._header_decoder import INCOMPLETE, NO_P
 _HEADER = b"\x9a"
 _HEADER_BYTES = 4  # header, check byte, command, length
 _AUTOSEND = 0x58
-_COMMANDS = frozenset(
-    (_AUTOSEND, 0x59, 0x61)
-)  # frames sent periodically, frames sent when new, and answers
+_COMMANDS = frozenset((_AUTOSEND, 0x59, 0x61))  # sent periodically, sent when new, and requested
 _NUM_TAXELS = 28
 _MAX_FINGERS = 2
 _STATIC_TYPE, _TIMESTAMP_TYPE = 0x10, 0x70

@@ -45,9 +45,8 @@ class TextRowsDecoder(Decoder):
     def __init__(self, shape: tuple[int, int] = (16, 16)) -> None:
         super().__init__()
         self.shape = check_shape(shape)
-        self._max_bytes = self.shape[0] * (
-            5 * self.shape[1] + 2
-        )  # of a frame, with up to two blanks per number
+        # Size of a frame, with up to two blanks per number.
+        self._max_bytes = self.shape[0] * (5 * self.shape[1] + 2)
         self._buffer = b""
         self._has_start = False  # whether the content of the buffer follows an empty row
         self._too_long = False
@@ -67,10 +66,8 @@ class TextRowsDecoder(Decoder):
         if len(self._buffer) > self._max_bytes + 2 or self._too_long:
             self._skip(self._buffer[:-2])
             self.counts.refuse(f"no empty row ends a frame of up to {self._max_bytes} bytes")
-            self._buffer, self._too_long = (
-                self._buffer[-2:],
-                True,
-            )  # may be the start of an empty row
+            # The last two bytes may be the start of an empty row.
+            self._buffer, self._too_long = self._buffer[-2:], True
         return frames
 
     def _skip_empty_rows(self, buffer: bytes, start: int) -> int:
