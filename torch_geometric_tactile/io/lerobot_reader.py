@@ -120,7 +120,7 @@ def read_lerobot(
                 )
         columns = frame_columns
     dataset = _Dataset(columns, tactile, state, extra, info["fps"], tasks, content)
-    episodes = [column for path in paths for column in dataset.recordings(path, allow_large)]
+    episodes = [episode for path in paths for episode in dataset.recordings(path, allow_large)]
     return sort_episodes(root, info, episodes)
 
 
