@@ -59,6 +59,7 @@ def with_context(prefix: str, error: ValueError) -> ValueError:
     return ValueError(f"{prefix}{error}")
 
 
+# `value` is variadic, since None is a valid value to show.
 def need(condition: object, message: str, *value: object) -> None:
     r"""Raises a :class:`ValueError` with a message and the actual value unless a condition holds.
 

@@ -96,6 +96,7 @@ def to_axes(
         )
     axis_sizes = dict(sizes)
     for group, length in zip(groups, array.shape, strict=True):
+        # An unknown size follows from the others. Only the number of frames may be zero.
         known_size = math.prod(axis_sizes[axis] or 1 for axis in group)
         unknown_axes = [axis for axis in group if axis_sizes[axis] is None]
         fits = (

@@ -52,6 +52,7 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     Raises:
         ValueError: If the file is empty, truncated or not valid CSV.
     """
+    # Without a line break at its end, the last number of a file may have lost digits.
     with path.open("rb") as file:
         if file.seek(0, 2):
             file.seek(-1, 2)
@@ -176,6 +177,7 @@ def csv_numbers(
     cell_columns = range(len(row)) if columns is None else columns
     cells = row if columns is None else [row[i] for i in columns]
     text = "".join(cells)
+    # Converts the line at once, which is faster than cell by cell; errors take the slow path.
     try:
         # Python also accepts '1_0' and digits of other scripts.
         if "_" in text or not text.isascii():
@@ -183,6 +185,7 @@ def csv_numbers(
         numbers = np.array(cells, dtype=object).astype(np.float64)
     except ValueError:
         numbers = np.array([_parse_number(path, line, i, row[i], names[i]) for i in cell_columns])
+    # Readings are stored as float32, so numbers beyond its range are infinite as well.
     with np.errstate(over="ignore"):
         infinite = np.flatnonzero(np.isinf(numbers.astype(np.float32)))
     if len(infinite):

@@ -109,6 +109,7 @@ def _read_dataset(path: Path, dataset: Any, name: str, max_bytes: int) -> np.nda
         raise ValueError(f"'{path}' must hold an array in '{name}' (got {dataset})")
     check_storage(path, dataset, name)
     check_type(path, name, dataset.id.get_type())
+    # Texts of variable length take a pointer each; fixed ones are copied from UTF-8 to UTF-32.
     is_text = dataset.dtype.kind == "O"
     width = 8 if is_text else dataset.dtype.itemsize * (5 if dataset.dtype.kind == "S" else 1)
     size = math.prod(dataset.shape) * width

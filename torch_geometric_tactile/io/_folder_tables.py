@@ -83,6 +83,7 @@ def read_labels(path: Path) -> dict[str, dict[str, str | int]]:
         f"'{path}' must have a line for at least one recording (got only the header): is it "
         "truncated?",
     )
+    # Only now are all cells of a column known.
     for name in column_of_name:
         rows = [metadata for metadata in metadata_of_recording.values() if name in metadata]
         if all(_INTEGER.fullmatch(str(metadata[name])) for metadata in rows):

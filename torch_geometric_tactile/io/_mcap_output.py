@@ -35,6 +35,7 @@ class McapOutput:
         self.error: OSError | None = None
         self.closed = False
         self._position = self._committed = 0
+        # Without O_BINARY, Windows would replace line breaks in the data.
         flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0)
         try:
             self._handle = os.open(path, flags | (0 if overwrite else os.O_EXCL), 0o666)
@@ -43,6 +44,7 @@ class McapOutput:
                 f"'{path}' exists: give another name, or overwrite it (--overwrite)"
             ) from error
         try:
+            # Truncated only after the lock, since another process may be writing the file.
             self._release = lock_file(self._handle, path) if lock else lambda: None
             os.ftruncate(self._handle, 0)
         except BaseException:

@@ -66,6 +66,7 @@ def recording_to_texts(recording: Recording) -> dict[str, str]:
 
 def check_version(path: Path, version: Any) -> None:
     r"""Raises an error unless this package can read the version of a file."""
+    # Without the check for bool, True would pass as version 1.
     is_integer = isinstance(version, int | np.integer) and not isinstance(version, bool)
     if not is_integer or version != VERSION:
         raise ValueError(

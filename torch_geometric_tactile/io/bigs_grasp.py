@@ -21,7 +21,7 @@ from torch_geometric_tactile.io.bigs_format import (
 )
 
 _OUTCOMES = ("failure", "success")
-_FULL_TURN = 2 * math.pi * (1 + 1e-6)
+_FULL_TURN = 2 * math.pi * (1 + 1e-6)  # with the rounding of float32
 _RATE_TOLERANCE = 0.1  # relative, between the stated rate and the rate of the times
 _EXTRA = ("pressure", "pac", "robot_joint", "finger_joint", "wrench")
 _NUM_VALUES = {"wrench": 6, "object_pose": 7}
@@ -243,6 +243,7 @@ class _Grasp(_Fields):
     def pose(self, pose: np.ndarray) -> np.ndarray:
         pose = pose.astype(np.float32)
         position, quaternion = pose[:, :3] / self.layout.per_metre, pose[:, 3:]
+        # Recordings have quaternions in the order w, x, y, z.
         if self.layout.quaternion == "xyzw":
             quaternion = quaternion[:, [3, 0, 1, 2]]
         length = np.linalg.norm(quaternion, axis=1)

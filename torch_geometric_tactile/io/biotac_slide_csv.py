@@ -66,6 +66,6 @@ def _drop_trailing_comma(
 ) -> Iterator[tuple[int, list[str]]]:
     width = 0
     for line, row in lines:
-        width = width or len(row)
+        width = width or len(row)  # of the header
         has_trailing_comma = len(row) == width + 1 and not row[-1].strip()
         yield line, row[:-1] if has_trailing_comma else row

@@ -81,6 +81,7 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
             f"'{path}', line {invalid_rows[0] + 2}: 'slipped' must be 0 or 1 (got "
             f"{quoted(cells[invalid_rows[0]][1])})"
         )
+    # The columns are sorted by finger; readings have the fingers last.
     by_finger = numbers[:, 1:].astype(np.float32).reshape(-1, len(_FINGERS), _NUM_ELECTRODES)
     return GraspTable(
         reading=np.ascontiguousarray(by_finger.transpose(0, 2, 1)),

@@ -102,6 +102,7 @@ def _check_pairs(folder: Path, sensor_time: np.ndarray, state_time: np.ndarray) 
             f"{len(sensor_time)} and {len(state_time)}): is one of them truncated?"
         )
     differences = np.abs(sensor_time - state_time)
+    # A single frame has no rate, so any difference of times is accepted.
     frame_seconds = float(np.median(np.diff(sensor_time))) if len(sensor_time) > 1 else np.inf
     largest = int(differences.argmax())
     if not differences[largest] < frame_seconds:

@@ -93,7 +93,7 @@ def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
         numbers = _parse_numbers(text, where, noun, num_numbers)
         _check_range(numbers, where, noun)
         columns[i % len(_LINES)].append(numbers)
-        if i % len(_LINES) >= 2:
+        if i % len(_LINES) >= 2:  # a line of taxels, after encoders and maxima
             _check_maximum(numbers, columns[1][-1][i % len(_LINES) - 2], where, noun)
     if not columns[0] or len(columns[0]) > len(columns[-1]):
         raise ValueError(

@@ -62,7 +62,7 @@ from torch_geometric_tactile.io._lerobot_tables import (
 
 _CODEBASE_VERSION = "v3.0"
 _FILE_PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-_DATA_MB, _VIDEO_MB, _FILES_PER_CHUNK = 100, 200, 1000
+_DATA_MB, _VIDEO_MB, _FILES_PER_CHUNK = 100, 200, 1000  # the defaults of LeRobot
 _INDEX_COLUMN = "__index_level_0__"
 
 

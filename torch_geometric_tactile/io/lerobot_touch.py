@@ -130,6 +130,7 @@ def add_to_lerobot(
     extra = extra_signals(recordings)
     warn_of_unsupported_signals(root, recordings, extra)
     features = touch_features(shifted[0], rows, extra)
+    # Checked before the copy, which may take long.
     existing_feature = next((name for name in features if name in info["features"]), None)
     need(
         existing_feature is None,
@@ -180,7 +181,7 @@ def _read_episodes(source: Path, info: dict[str, Any]) -> list[_Episode]:
 
 
 def _check_coverage(number: int, recording: Recording, steps: np.ndarray, fps: float) -> None:
-    tolerance = 1.001 / fps
+    tolerance = 1.001 / fps  # one step, with rounding of the times
     start, end = recording.time[0], recording.time[-1]
     if start > steps[0] + tolerance or end < steps[-1] - tolerance:
         raise ValueError(

@@ -140,6 +140,7 @@ def _check_size(variable: MatVariable, size: tuple[int, ...]) -> None:
     shape = variable.shape
     if shape != size and (shape[1:] != size or shape[0] == 0):
         expected = " x ".join(map(str, size))
+        # MATLAB usually stacks matrices along the last axis.
         hint = ": put the matrices first by permute(x, [3 1 2])" if shape[:2] == size else ""
         raise ValueError(
             f"'{variable.name}' must be a matrix of {expected} numbers or a stack of them (got "

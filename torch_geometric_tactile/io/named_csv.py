@@ -312,6 +312,7 @@ def _label_content(path: Path, name: str, cells: Sequence[str]) -> dict[str, Any
             f"{labels.index('')})"
         )
     is_integer = all(map(_INTEGER.fullmatch, labels))
+    # Labels are integers only if all of them are, so that '1' and '1a' stay texts.
     label_values = np.array([int(text) for text in labels]) if is_integer else np.array(labels)
     if len(set(label_values.tolist())) == 1:
         return {"label": label_values[0].item()}

@@ -129,7 +129,7 @@ class McapWriter:
             channel_id=self._channels[topic],
             log_time=log_time,
             publish_time=log_time,
-            sequence=sequence % 2**32,
+            sequence=sequence % 2**32,  # MCAP has 32 bits; the message has the full number
             data=data,
         )
 

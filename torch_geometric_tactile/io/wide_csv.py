@@ -93,6 +93,7 @@ def write_wide_csv(recording: Recording, path: PathLike) -> None:
         temporary.open("w", newline="", encoding="ascii") as file,
     ):
         file.write(",".join(["time", *names]) + "\n")
+        # The repr of a float is the shortest text that reads back as the same number.
         for time, row in zip(recording.time.tolist(), table, strict=True):
             file.write(f"{time!r}," + row_format % tuple(row.tolist()) + "\n")
         write_annotations(Path(path), recording.annotations)

@@ -121,7 +121,7 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
 
 
 def _is_stale(row: np.ndarray, previous: np.ndarray) -> bool:
-    # Rows of send time, message number and readings.
+    # Rows of send time, message number and readings. Missing readings (NaN) count as equal.
     return bool((row[:2] == previous[:2]).any()) or np.array_equal(row[2:], previous[2:], True)
 
 

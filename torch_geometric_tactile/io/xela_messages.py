@@ -129,6 +129,7 @@ def _read_messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         raise ValueError(f"'{path}' cannot be read as text: {error}") from error
     # Some servers send line breaks within texts, which strict JSON forbids.
     decoder = json.JSONDecoder(strict=False, object_pairs_hook=each_key_once)
+    # Sorted, so that the line of a position is found by bisection.
     line_ends = [match.start() for match in re.finditer("\n", text)]
     start, previous_end = text.find("{"), 0
     while start >= 0:

@@ -56,6 +56,7 @@ def assert_static_equals_batched(
     batch = Batch.from_data_list(samples)
     with torch.no_grad():
         static = layer(x, edge_index) if edge_attr is None else layer(x, edge_index, edge_attr)
+        # Rows of nodes or samples, so that outputs of both shapes can be compared.
         rows = static.reshape(-1, static.size(-1))
         for name, parts in (("each sample", samples), ("PyG's batch", [batch])):
             outs = [

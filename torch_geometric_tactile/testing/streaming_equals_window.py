@@ -55,6 +55,7 @@ def assert_streaming_equals_window(
         state = model.initial_state(len(x), device=x.device, dtype=x.dtype)
         for t in range(num_frames):
             out, state = model.step(frames[:, :, t], edge_index, state)
+            # The window of all frames so far, and the window of the receptive field.
             first_frames = {0, max(0, t + 1 - receptive_field)}
             for first_frame in sorted(first_frames):
                 expected = model(join_frames(frames[:, :, first_frame : t + 1]), edge_index)

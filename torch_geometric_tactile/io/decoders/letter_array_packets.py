@@ -73,6 +73,7 @@ class LetterArrayDecoder(HeaderDecoder):
         self._numbers = SequenceNumbers()
 
     def _size(self, buffer: bytes, start: int) -> int:
+        # The length is fixed; `_read` checks the CRC32.
         return _PACKET_BYTES if len(buffer) - start >= _PACKET_BYTES else INCOMPLETE
 
     def _read(self, packet: bytes, now: int) -> list[LiveFrame] | None:
