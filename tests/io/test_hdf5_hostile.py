@@ -135,7 +135,7 @@ def test_texts_must_be_texts(name, value, path):
 def test_attributes_must_fit_their_checksum(name, value, path):
     with h5py.File(path, "r+") as file:
         file.attrs[name] = value
-    refuses(path, r"label, metadata and arrays that its checksum")
+    refuses(path, r"label, metadata and arrays of its checksum")
 
 
 def test_arrays_must_be_those_of_the_checksum(path):
