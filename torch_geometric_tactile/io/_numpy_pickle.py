@@ -115,9 +115,9 @@ class _StackMachine:
                 _apply_reduce(_check_type(_GlobalName, name), _check_type(tuple, arguments))
             )
         elif step == "BUILD":
-            unfinished, state = self._pop_items(2)
+            pending, state = self._pop_items(2)
             stack.append(
-                _apply_build(_check_type(_PendingObject, unfinished), _check_type(tuple, state))
+                _apply_build(_check_type(_PendingObject, pending), _check_type(tuple, state))
             )
         elif step not in ("PROTO", "FRAME"):
             raise ValueError(f"it must hold containers, numbers and arrays (got the step {step})")
@@ -167,16 +167,16 @@ def _apply_reduce(name: _GlobalName, arguments: tuple[Any, ...]) -> Any:
     return _to_array(*arguments)
 
 
-def _apply_build(unfinished: _PendingObject, state: tuple[Any, ...]) -> Any:
+def _apply_build(pending: _PendingObject, state: tuple[Any, ...]) -> Any:
     _, *values = state  # the first one is a version
-    if unfinished.dtype is not None:
+    if pending.dtype is not None:
         order, *fields = values
         need(tuple(fields) == _PLAIN_DTYPE_STATE, "its arrays must hold numbers, without fields")
-        unfinished.value = unfinished.dtype.newbyteorder(order)
+        pending.value = pending.dtype.newbyteorder(order)
     else:
         shape, dtype, is_fortran, content = values
-        unfinished.value = _to_array(content, dtype, shape, "F" if is_fortran else "C")
-    return unfinished.value
+        pending.value = _to_array(content, dtype, shape, "F" if is_fortran else "C")
+    return pending.value
 
 
 def _to_array(content: Any, dtype: Any, shape: Any, order: Any) -> np.ndarray:
