@@ -18,5 +18,5 @@ def test_a_file_is_absurd_if_large_and_far_larger_than_its_bytes(size, file_size
 
 
 def test_other_formats_may_be_packed_less():
-    assert is_absurd(300, 2, most=100, expansion=100)
-    assert not is_absurd(300, 3, most=100, expansion=100)
+    assert is_absurd(300, 2, limit=100, expansion=100)
+    assert not is_absurd(300, 3, limit=100, expansion=100)

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile._parallel import KEPT_MEMORY, kept_memory, run_parallel
+from torch_geometric_tactile._parallel import MALLOC_VARIABLES, keep_freed_memory, run_parallel
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.papers import load_table
@@ -124,10 +124,10 @@ def test_fewer_jobs_than_one():
 
 
 def test_memory_is_kept_by_processes_started_inside_only(monkeypatch):
-    first, second = KEPT_MEMORY
+    first, second = MALLOC_VARIABLES
     monkeypatch.setenv(first, "7")
     monkeypatch.delenv(second, raising=False)
-    with kept_memory():
-        assert (os.environ[first], os.environ[second]) == ("7", KEPT_MEMORY[second])
+    with keep_freed_memory():
+        assert (os.environ[first], os.environ[second]) == ("7", MALLOC_VARIABLES[second])
     assert os.environ[first] == "7"
     assert second not in os.environ

@@ -7,7 +7,7 @@ import zipfile
 
 import pytest
 
-from torch_geometric_tactile._sources import has_source, own_sources, source_mark
+from torch_geometric_tactile._sources import has_source, source_hash, user_sources
 
 FILES = {
     "my_nets.py": "import helpers\nfrom pack import inner\nclass MyNet: pass\n",
@@ -43,7 +43,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def sources(name="my_nets.MyNet"):
-    return own_sources([name])
+    return user_sources([name])
 
 
 def test_all_modules_that_are_imported_count_and_none_is_imported(folder):
@@ -180,8 +180,8 @@ def test_texts_that_are_no_import_paths(text):
 def test_mark_of_a_class_follows_its_base_classes(folder):
     base = importlib.import_module("my_nets").MyNet
     alone, child = (type("Net", bases, {"__module__": "unrelated"}) for bases in ((), (base,)))
-    assert source_mark(alone) != source_mark(child)
-    assert source_mark(dict) == source_mark(len) == ""
+    assert source_hash(alone) != source_hash(child)
+    assert source_hash(dict) == source_hash(len) == ""
 
 
 def test_what_has_source(folder):
@@ -191,6 +191,6 @@ def test_what_has_source(folder):
 
 
 def test_hashes_are_those_of_another_process(folder):
-    code = "from torch_geometric_tactile._sources import own_sources as f; print(f(['my_nets.X']))"
+    code = "from torch_geometric_tactile._sources import user_sources as f; print(f(['my_nets.X']))"
     told = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
     assert told.stdout.strip() == str(sources())

@@ -75,5 +75,5 @@ def test_a_short_list_tells_how_many_others_there_are():
     assert short_list(names, 3) == "a, b, c"
     assert short_list(names, 2) == "a, b and 1 more"
     assert short_list(names, 1, repr, ", ... and {} more") == "'a', ... and 2 more"
-    assert short_list(names, 2, rest="; and {} more", joint="; ") == "a; b; and 1 more"
+    assert short_list(names, 2, ending="; and {} more", separator="; ") == "a; b; and 1 more"
     assert short_list([], 2) == "none"

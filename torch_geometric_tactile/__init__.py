@@ -1,7 +1,7 @@
 r"""Robot touch for PyTorch Geometric.
 
-Submodules load on first use, so that ``import torch_geometric_tactile`` costs nothing and the
-command line answers before :obj:`torch` is imported.
+Submodules are imported on first use, so that ``import torch_geometric_tactile`` is fast and the
+command line responds before :obj:`torch` is imported.
 """
 
 import lazy_loader

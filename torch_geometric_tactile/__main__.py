@@ -1,4 +1,4 @@
-r"""``python -m torch_geometric_tactile`` is the ``tactile`` command."""
+r"""Runs the ``tactile`` command by ``python -m torch_geometric_tactile``."""
 
 import sys
 

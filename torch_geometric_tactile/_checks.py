@@ -1,4 +1,4 @@
-r"""The one guard of values that somebody gives."""
+r"""Checks of arguments, with errors that name the argument."""
 
 from collections.abc import Mapping
 
@@ -8,12 +8,12 @@ class Argument(str):
 
 
 class ArgumentError(ValueError):
-    r"""A :class:`ValueError` that knows which words of its text are names of arguments, so that a
-    command can put the names of its options in their place.
+    r"""A :class:`ValueError` that marks the names of arguments in its text, so that a command can
+    replace them by the names of its options.
 
     Args:
-        *parts (str): The parts of the text in their order. Each :class:`Argument` among them is
-            shown in quotes.
+        *parts (str): The parts of the text, in order. A part that is an :class:`Argument` is shown
+            in quotes.
 
     Examples:
         >>> error = ArgumentError(Argument("folds"), " must be at least 2 (got 1 in 'folds')")
@@ -32,14 +32,14 @@ class ArgumentError(ValueError):
 
     @property
     def argument(self) -> str | None:
-        r"""The first argument that the text names."""
+        r"""The first argument named in the text, or :obj:`None`."""
         return next((str(part) for part in self.parts if isinstance(part, Argument)), None)
 
     def renamed(self, options: Mapping[str, str]) -> str:
-        r"""Returns the text with other names of arguments.
+        r"""Returns the text with the names of arguments replaced.
 
         Args:
-            options (Mapping): The other names, by the names of the arguments.
+            options (Mapping): Maps the name of an argument to the name that replaces it.
         """
         return "".join(
             f"'{options.get(part, part)}'" if isinstance(part, Argument) else part
@@ -47,20 +47,21 @@ class ArgumentError(ValueError):
         )
 
 
-def with_context(text: str, error: ValueError) -> ValueError:
-    r"""Returns an error with more text before its own, such as the name of a file.
+def with_context(prefix: str, error: ValueError) -> ValueError:
+    r"""Returns the error with a prefix before its text, such as the name of a file.
 
     Examples:
         >>> with_context("'a.npz': ", ValueError("it is empty"))
         ValueError("'a.npz': it is empty")
     """
     if isinstance(error, ArgumentError):
-        return ArgumentError(text, *error.parts)
-    return ValueError(f"{text}{error}")
+        return ArgumentError(prefix, *error.parts)
+    return ValueError(f"{prefix}{error}")
 
 
+# `value` is variadic, since None is a valid value to show.
 def need(condition: object, message: str, *value: object) -> None:
-    r"""Raises a :class:`ValueError` unless a condition holds: what must be, and the value it is.
+    r"""Raises a :class:`ValueError` with a message and the actual value unless a condition holds.
 
     Examples:
         >>> k = 0
@@ -73,8 +74,8 @@ def need(condition: object, message: str, *value: object) -> None:
 
 
 def need_argument(condition: object, argument: str, message: str, *value: object) -> None:
-    r"""Raises an :class:`ArgumentError` unless a condition holds: which argument must be what, and
-    the value it is.
+    r"""Raises an :class:`ArgumentError` with the argument, a message and the actual value unless a
+    condition holds.
 
     Examples:
         >>> need_argument(False, "k", "must be positive", 0)

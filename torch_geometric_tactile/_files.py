@@ -1,4 +1,4 @@
-r"""Files that are either complete or absent."""
+r"""Atomic writes, file locks, temporary files and checks of zip files."""
 
 import hashlib
 import itertools
@@ -17,15 +17,15 @@ from torch_geometric_tactile._typing import PathLike
 
 try:
     import fcntl
-except ImportError:  # Windows: leftovers of a kill stay, as nothing tells whose they are
+except ImportError:  # Windows: temporaries of killed processes stay, as no lock tells their owner
     fcntl = None  # type: ignore[assignment]
 
-_LONGEST = 100  # bytes of the target's name in that of a temporary; eCryptfs allows 143 in all
-_SLOTS = 16  # writers of one target at once whose leftovers are found
-_SCRATCH = "torch_geometric_tactile_"
-_OWNER = ".owner"
+_MAX_NAME_BYTES = 100  # of the target in the name of a temporary; eCryptfs allows 143 in total
+_MAX_CHECKED_TEMPORARIES = 16  # for each target: more concurrent writers are not expected
+_SCRATCH_PREFIX = "torch_geometric_tactile_"
+_OWNER_FILE = ".owner"
 
-#: What the readers of numpy, zip files and images raise for damaged or strange files.
+#: Errors that the readers of NumPy, zip files and images raise for damaged or unexpected files.
 UNREADABLE = (
     AttributeError,
     EOFError,
@@ -34,7 +34,7 @@ UNREADABLE = (
     OSError,
     OverflowError,
     RecursionError,
-    RuntimeError,  # encrypted; NotImplementedError: another version or compression of zip
+    RuntimeError,  # encrypted; its NotImplementedError: an unsupported zip version or compression
     SyntaxError,
     TypeError,
     ValueError,
@@ -46,15 +46,15 @@ UNREADABLE = (
 
 
 def existing_file(path: PathLike, advice: str) -> Path:
-    r"""Returns the path of a file that exists."""
+    r"""Returns the path of a file, and raises an error with advice if there is none."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"'{path}' does not exist; {advice}")
     return path
 
 
-def unreadable(path: Path, kind: str, error: Exception) -> ValueError:
-    r"""Returns the error of a file that is damaged."""
+def unreadable_error(path: Path, kind: str, error: Exception) -> ValueError:
+    r"""Returns the :class:`ValueError` for a file that a reader cannot parse."""
     reason = str(error) or type(error).__name__
     return ValueError(f"'{path}' cannot be read as {kind}: {reason}; copy or write it again")
 
@@ -63,9 +63,9 @@ def unreadable(path: Path, kind: str, error: Exception) -> ValueError:
 def atomic_path(path: PathLike) -> Iterator[Path]:
     r"""Yields a temporary path beside :obj:`path` that becomes :obj:`path` when the block succeeds.
 
-    A reader never sees half a file: on an error or a kill, :obj:`path` keeps its old content. What
-    a kill left behind is removed by the next write to the same :obj:`path`; the temporary of a
-    writer that is alive is never touched. The block may truncate the temporary and write to it, but
+    A reader never sees a partly written file: after an error or a kill, :obj:`path` keeps its old
+    content. The next write to the same :obj:`path` removes temporaries of killed processes, and
+    never the temporary of a running one. The block may truncate the temporary and write to it, but
     must not replace it by another file or lock it (h5py: ``locking=False``).
 
     Examples:
@@ -83,28 +83,28 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     remove_leftovers(path)
     temporary, handle = _new_temporary(path)
     try:
-        with _errors_about(path, temporary):
+        with _errors_naming(path, temporary):
             yield temporary
-            share(temporary)
-            with temporary.open("rb+") as written:  # Windows flushes no file opened for reading
-                os.fsync(written.fileno())
+            set_default_permissions(temporary)
+            with temporary.open("rb+") as file:  # Windows flushes no file opened for reading
+                os.fsync(file.fileno())
             os.replace(temporary, path)
     finally:
-        # Under its name there may already be the temporary of another writer.
-        if fcntl is None or _is_at(handle, temporary):
+        # The name may already belong to the temporary of another writer.
+        if fcntl is None or _has_path(handle, temporary):
             temporary.unlink(missing_ok=True)
-        _release(handle)
+        _unlock_and_close(handle)
 
 
 @contextmanager
 def exclusive_access(path: PathLike) -> Iterator[None]:
-    r"""Waits until no other process or thread is in such a block for the same file, to read a file,
-    change it and write it anew. A file system without locks excludes nobody.
+    r"""Holds an exclusive lock for a file, so that a block can read, change and rewrite it. Waits
+    for other processes and threads. Without effect on a file system without locks.
 
-    The lock is a hidden file beside :obj:`path`, which is removed at the end. That of a process
-    that was killed holds nobody up, and is removed by the next.
+    The lock is a hidden file beside :obj:`path`, removed at the end. A lock file of a killed
+    process blocks no other process; the next one removes it.
     """
-    lock = Path(f"{_start(Path(path))}lock")
+    lock = Path(f"{_temporary_prefix(Path(path))}lock")
     lock.parent.mkdir(parents=True, exist_ok=True)
     if fcntl is None:
         from filelock import FileLock
@@ -112,15 +112,15 @@ def exclusive_access(path: PathLike) -> Iterator[None]:
         with FileLock(lock):  # on Windows it removes its file
             yield
         return
-    with _errors_about(Path(path), lock):
+    with _errors_naming(Path(path), lock):
         handle = _wait_for_lock(lock)
     try:
         yield
     finally:
-        # Removed while it is held: who waits for it sees that it has no name, and starts anew.
-        if _is_at(handle, lock):
+        # Removed while locked: a waiting process sees that the name is gone, and starts again.
+        if _has_path(handle, lock):
             lock.unlink(missing_ok=True)
-        _release(handle)
+        _unlock_and_close(handle)
 
 
 def _wait_for_lock(lock: Path) -> int:
@@ -129,23 +129,28 @@ def _wait_for_lock(lock: Path) -> int:
         try:
             with suppress(OSError):  # a file system without locks
                 fcntl.flock(handle, fcntl.LOCK_EX)
-            if _is_at(handle, lock):
+            if _has_path(handle, lock):
                 return handle
-        except BaseException:  # such as an interrupt while it waits
+        except BaseException:  # such as an interrupt while waiting
             os.close(handle)
             raise
         os.close(handle)
 
 
-def hold_file(handle: int, path: PathLike, *, exclusive: bool = True) -> Callable[[], None]:
-    r"""Locks an open file, and returns the function that releases it. A file system without locks
-    holds nothing. On Windows, writers hold a second file :obj:`PATH.lock`, and readers nothing.
+def lock_file(handle: int, path: PathLike, *, exclusive: bool = True) -> Callable[[], None]:
+    r"""Locks an open file without waiting, and returns a function that releases the lock.
+
+    Without effect on a file system without locks. On Windows, writers lock a second file
+    :obj:`PATH.lock`, and readers lock nothing.
+
+    Raises:
+        BlockingIOError: If another process holds the lock.
     """
     if fcntl is not None:
         try:
             fcntl.flock(handle, fcntl.LOCK_NB | (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH))
         except BlockingIOError as error:
-            raise is_held(path) from error
+            raise locked_error(path) from error
         except OSError:  # a file system without locks
             pass
     elif exclusive:
@@ -155,76 +160,76 @@ def hold_file(handle: int, path: PathLike, *, exclusive: bool = True) -> Callabl
         try:
             lock.acquire(timeout=0)
         except Timeout as error:
-            raise is_held(path) from error
+            raise locked_error(path) from error
         return lock.release
-    return _nothing  # closing the file releases it
+    return _do_nothing  # closing the file releases it
 
 
-def is_held(path: PathLike) -> BlockingIOError:
-    r"""Returns the error of a file that another process writes."""
+def locked_error(path: PathLike) -> BlockingIOError:
+    r"""Returns the :class:`BlockingIOError` for a file that another process writes."""
     return BlockingIOError(
         f"'{path}' is locked by another process that writes it: close it there first"
     )
 
 
-def _nothing() -> None:
+def _do_nothing() -> None:
     return
 
 
 def remove_leftovers(path: PathLike) -> None:
-    r"""Removes what killed writers left of their temporaries of a file, and none of a writer that
-    is alive.
+    r"""Removes the temporaries of a file whose writers were killed. Temporaries of running writers
+    stay.
     """
-    start = _start(Path(path))
-    for slot in range(_SLOTS):
-        name = f"{start}{slot}.tmp"
+    prefix = _temporary_prefix(Path(path))
+    for slot in range(_MAX_CHECKED_TEMPORARIES):
+        name = f"{prefix}{slot}.tmp"
         if not os.path.lexists(name):
             continue
         temporary = Path(name)
-        with _abandoned(temporary) as abandoned:
+        with _try_lock_abandoned(temporary) as abandoned:
             if abandoned:
-                with suppress(OSError):  # someone else's folder
+                with suppress(OSError):  # a folder of another user
                     temporary.unlink()
 
 
 def new_scratch_folder() -> Path:
-    r"""Returns a new temporary folder that is held until this process ends, and removes those of
-    processes that were killed. The caller removes it at the end.
+    r"""Returns a new temporary folder, locked until this process ends, and removes the folders of
+    killed processes. The caller removes the new folder at the end.
     """
-    for owner in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*/{_OWNER}"):
-        with _abandoned(owner) as abandoned:
+    for owner in Path(tempfile.gettempdir()).glob(f"{_SCRATCH_PREFIX}*/{_OWNER_FILE}"):
+        with _try_lock_abandoned(owner) as abandoned:
             if abandoned:
                 shutil.rmtree(owner.parent, ignore_errors=True)
     while True:
-        folder = Path(tempfile.mkdtemp(prefix=_SCRATCH))
-        if _create(folder / _OWNER) is not None:
+        folder = Path(tempfile.mkdtemp(prefix=_SCRATCH_PREFIX))
+        if _create_locked(folder / _OWNER_FILE) is not None:
             return folder
 
 
-def _start(path: Path) -> str:
-    # What the paths of all temporaries of a file begin with.
+def _temporary_prefix(path: Path) -> str:
+    # The common beginning of the paths of all temporaries of a file.
     name = path.name
-    if len(os.fsencode(name)) > _LONGEST:
+    if len(os.fsencode(name)) > _MAX_NAME_BYTES:
         code = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
-        # Cut between characters, since some file systems take whole ones only.
-        name = os.fsencode(name)[:_LONGEST].decode("utf-8", "ignore") + f"~{code}"
+        # Cut between characters, since some file systems accept only valid text.
+        name = os.fsencode(name)[:_MAX_NAME_BYTES].decode("utf-8", "ignore") + f"~{code}"
     return str(path.with_name(f".{name}."))
 
 
 def _new_temporary(path: Path) -> tuple[Path, int]:
-    start = _start(path)
+    prefix = _temporary_prefix(path)
     for slot in itertools.count():
-        temporary = Path(f"{start}{slot}.tmp")
-        with _errors_about(path, temporary):
-            handle = _create(temporary)
+        temporary = Path(f"{prefix}{slot}.tmp")
+        with _errors_naming(path, temporary):
+            handle = _create_locked(temporary)
         if handle is not None:
             return temporary, handle
     raise AssertionError("unreachable")
 
 
-def _create(path: Path) -> int | None:
-    # A new file that is locked, or None where there is one, or someone took it for a leftover
-    # between its creation and its lock.
+def _create_locked(path: Path) -> int | None:
+    # A new locked file, or None if the path exists, or another process removed the new file as
+    # abandoned before it was locked.
     try:
         handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
     except FileExistsError:
@@ -232,47 +237,47 @@ def _create(path: Path) -> int | None:
     if fcntl is None:
         os.close(handle)  # Windows renames no open file
         return -1
-    # Shared, so that HDF5 readers, which lock as well, open the file as soon as it has its name.
-    _lock(handle, exclusive=False)
-    if _is_at(handle, path):
+    # A shared lock: HDF5 readers lock too, and must be able to open the file once it is renamed.
+    _try_lock(handle, exclusive=False)
+    if _has_path(handle, path):
         return handle
     os.close(handle)
     return None
 
 
-def _lock(handle: int, exclusive: bool) -> bool:
+def _try_lock(handle: int, exclusive: bool) -> bool:
     if fcntl is None:
         return False
     try:
-        # A new temporary waits for a cleaner, which holds it for a moment only.
+        # A shared lock waits for a process that cleans up, which holds its lock only briefly.
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB if exclusive else fcntl.LOCK_SH)
-    except OSError:  # held by its writer, or a file system without locks
+    except OSError:  # locked by its writer, or a file system without locks
         return False
     return True
 
 
-def _release(handle: int) -> None:
+def _unlock_and_close(handle: int) -> None:
     if fcntl is not None:
-        # Closing is not enough: a process that was forked meanwhile shares the lock.
+        # Closing is not enough: a process forked in the meantime shares the lock.
         with suppress(OSError):
             fcntl.flock(handle, fcntl.LOCK_UN)
         os.close(handle)
 
 
 @contextmanager
-def _abandoned(path: Path) -> Iterator[bool]:
+def _try_lock_abandoned(path: Path) -> Iterator[bool]:
     try:
         handle = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
-    except OSError:  # none there, or another user's
+    except OSError:  # missing, or a file of another user
         yield False
         return
     try:
-        yield _lock(handle, exclusive=True) and _is_at(handle, path)
+        yield _try_lock(handle, exclusive=True) and _has_path(handle, path)
     finally:
         os.close(handle)
 
 
-def _is_at(handle: int, path: Path) -> bool:
+def _has_path(handle: int, path: Path) -> bool:
     try:
         return os.path.samestat(os.fstat(handle), path.lstat())
     except FileNotFoundError:
@@ -280,8 +285,8 @@ def _is_at(handle: int, path: Path) -> bool:
 
 
 @contextmanager
-def _errors_about(path: Path, temporary: Path) -> Iterator[None]:
-    # Errors of the disk name the file that was asked for, not its temporary or none.
+def _errors_naming(path: Path, temporary: Path) -> Iterator[None]:
+    # Errors of the disk name the target file instead of its temporary.
     try:
         yield
     except OSError as error:
@@ -290,8 +295,8 @@ def _errors_about(path: Path, temporary: Path) -> Iterator[None]:
         raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
 
 
-def share(path: PathLike) -> None:
-    r"""Gives a file that was made as a private temporary one the rights that new files have."""
+def set_default_permissions(path: PathLike) -> None:
+    r"""Sets the permissions of a private temporary file to those of a new file."""
     umask = os.umask(0)
     os.umask(umask)
     Path(path).chmod(0o666 & ~umask)
@@ -306,31 +311,35 @@ def file_sha256(path: PathLike) -> str:
 def check_packing(entry: zipfile.ZipInfo) -> None:
     r"""Raises a :class:`ValueError` unless an entry of a zip file can be unpacked piece by piece.
 
-    Of the other methods (bzip2, LZMA), Python unpacks all that a piece of the file holds, which may
-    be gigabytes.
+    With other methods (bzip2, LZMA), Python unpacks one piece of the file completely, which may
+    take gigabytes.
     """
     if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(
             f"its part {entry.filename!r} must be stored or deflated (got compression "
-            f"{entry.compress_type})"
+            f"method {entry.compress_type})"
         )
 
 
 def check_zip(path: PathLike) -> None:
     r"""Compares every entry of a zip file with its checksum. The entries must be stored without
-    compression, as PyTorch stores them, and may not share bytes, such that no more is read than the
-    file holds.
+    compression, as PyTorch stores them, and must not overlap, so that the bytes read are limited by
+    the size of the file.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is damaged or truncated.
     """
     problem = ""
     try:
         with zipfile.ZipFile(path) as archive:
             total = sum(entry.file_size for entry in archive.infolist())
             if total > os.path.getsize(path):
-                problem = f"its parts have {total} bytes, more than the file"
+                problem = f"its parts have {total} bytes in total, more than the file"
             for entry in archive.infolist():
-                # PyTorch reads a file that is marked as a folder (0x10) as zeros.
+                # PyTorch reads an entry marked as a folder (0x10) as zeros.
                 if entry.compress_type != zipfile.ZIP_STORED or entry.external_attr & 0x10:
-                    problem = f"its part {entry.filename!r} is no stored file"
+                    problem = f"its part {entry.filename!r} is not an uncompressed file"
             damaged = None if problem else archive.testzip()
             if damaged is not None:
                 problem = f"its part {damaged!r} differs from its checksum"

@@ -1,4 +1,4 @@
-r"""Ctrl-C and other signals that end a process, and who heeds them."""
+r"""Context managers for Ctrl-C and other signals that end a process."""
 
 import signal
 import threading
@@ -8,9 +8,9 @@ from typing import Any
 
 
 @contextmanager
-def interrupts_ignored() -> Iterator[None]:
-    r"""Ignores Ctrl-C inside, in the main thread. Processes that are started inside inherit it:
-    they are stopped by who started them.
+def ignore_interrupts() -> Iterator[None]:
+    r"""Ignores Ctrl-C within the block, in the main thread. Processes started within the block
+    inherit this: the process that started them stops them.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -23,25 +23,25 @@ def interrupts_ignored() -> Iterator[None]:
 
 
 @contextmanager
-def ends_heeded() -> Iterator[None]:
-    r"""Inside, what ends a process politely (SIGTERM, and SIGHUP of a closed terminal) is a
-    :class:`KeyboardInterrupt`, once, so that files are closed as after Ctrl-C. A signal that is
-    ignored, as by ``nohup``, stays ignored.
+def termination_as_interrupt() -> Iterator[None]:
+    r"""Turns the first SIGTERM, or SIGHUP of a closed terminal, within the block into a
+    :class:`KeyboardInterrupt`, so that files are closed as after Ctrl-C. A signal that is ignored,
+    as by ``nohup``, stays ignored.
     """
     names = ("SIGTERM", "SIGHUP")
-    here = threading.current_thread() is threading.main_thread()
-    numbers = [getattr(signal, name) for name in names if here and hasattr(signal, name)]
-    heeded = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    numbers = [getattr(signal, name) for name in names if in_main_thread and hasattr(signal, name)]
+    handled = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
 
-    def end(number: int, frame: Any) -> None:
-        for one in heeded:
-            signal.signal(one, signal.SIG_IGN)  # a second one must not stop the closing
+    def interrupt(number: int, frame: Any) -> None:
+        for signal_number in handled:
+            signal.signal(signal_number, signal.SIG_IGN)  # a second one must not stop the closing
         raise KeyboardInterrupt
 
-    for number in heeded:
-        signal.signal(number, end)
+    for number in handled:
+        signal.signal(number, interrupt)
     try:
         yield
     finally:
-        for number in heeded:
+        for number in handled:
             signal.signal(number, signal.SIG_DFL)

@@ -1,6 +1,6 @@
 r"""Parallel jobs by joblib, on the processes of this machine or on the caller's joblib backend.
 
-joblib is imported when something runs: it comes with scikit-learn, and takes a while.
+joblib is imported when the first job runs, since the import is slow.
 """
 
 import os
@@ -14,11 +14,11 @@ from threading import Thread
 from typing import TypeVar
 
 from torch_geometric_tactile._checks import need_argument
-from torch_geometric_tactile._interrupts import interrupts_ignored
+from torch_geometric_tactile._interrupts import ignore_interrupts
 
-# By default glibc gives every activation back to the system and asks for it again in the next
-# step. Processes started with these variables keep theirs, which makes small networks faster.
-KEPT_MEMORY = dict.fromkeys(("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"), str(2**29))
+# By default glibc returns the memory of every activation to the system and requests it again in
+# the next step. Processes started with these variables keep it, which makes small networks faster.
+MALLOC_VARIABLES = dict.fromkeys(("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"), str(2**29))
 
 # Processes that are started as a module would import files of the working directory in place of
 # installed modules.
@@ -29,15 +29,15 @@ _Result = TypeVar("_Result")
 
 
 @contextmanager
-def kept_memory() -> Iterator[None]:
-    r"""Lets processes that are started inside keep the memory that they free."""
-    with _environment(KEPT_MEMORY):
+def keep_freed_memory() -> Iterator[None]:
+    r"""Lets processes that are started within the block keep the memory that they free."""
+    with _default_environment(MALLOC_VARIABLES):
         yield
 
 
 @contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    # Variables that are set already stay as they are.
+def _default_environment(variables: Mapping[str, str]) -> Iterator[None]:
+    # Variables that the user has set stay unchanged.
     added = [name for name in variables if name not in os.environ]
     os.environ.update({name: variables[name] for name in added})
     try:
@@ -52,16 +52,16 @@ def run_parallel(
 ) -> Generator[_Result, None, None]:
     r"""Yields the result of each item as soon as it is ready, in any order.
 
-    The backend of a surrounding :func:`joblib.parallel_config` is used; without one, processes of
-    this machine, which compute with one thread each unless the function sets another number. With
-    one job the items are processed here, one after the other. Workers ignore Ctrl-C, which reaches
-    all processes of a terminal: they are stopped from here, when the generator is closed.
+    The backend is that of a surrounding :func:`joblib.parallel_config`, or else processes of this
+    machine with one thread each, unless the function sets another number. With one job, this
+    process works on the items in sequence. Workers ignore Ctrl-C, which reaches all processes of a
+    terminal: closing the generator stops them.
 
     Args:
-        function (callable): The work, which must be importable by other processes.
+        function (callable): Called with each item; other processes must be able to import it.
         items (iterable): The arguments, one for each call.
-        jobs (int, optional): Number of calls at a time; that of :func:`joblib.parallel_config`, or
-            else one, if left out.
+        jobs (int, optional): Number of parallel calls. By default, the number of
+            :func:`joblib.parallel_config`, or else one.
 
     Raises:
         ValueError: If :obj:`jobs` is below one.
@@ -82,17 +82,17 @@ def run_parallel(
         parallel = Parallel(
             num_jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="all"
         )
-    else:  # results come in groups, so that those of finished groups are stored
+    else:  # results arrive in groups, so that an interrupt loses only one group
         calls = (delayed(function)(item) for item in items)
         while group := list(islice(calls, num_jobs)):
             yield from Parallel(num_jobs)(group)
         return
-    with interrupts_ignored(), _environment(_SAFE_PATH):
+    with ignore_interrupts(), _default_environment(_SAFE_PATH):
         results = parallel(delayed(function)(item) for item in items)
     try:
         yield from results
     finally:
-        with warnings.catch_warnings():  # joblib warns of results that nobody waits for
+        with warnings.catch_warnings():  # joblib warns of results that are not used
             warnings.simplefilter("ignore")
             results.close()
 
@@ -100,21 +100,21 @@ def run_parallel(
 def _run_in_worker(
     parent: int, folder: str, function: Callable[[_Item], _Result], item: _Item
 ) -> _Result:
-    # A worker outlives a run, and would stay in the folder in which it was started.
-    _end_with(parent)
+    # joblib reuses workers: one would stay in the working directory of an earlier run.
+    _exit_with_parent(parent)
     os.chdir(folder)
     return function(item)
 
 
-def _end_with(parent: int) -> None:
-    # A worker whose parent was killed would finish the dispatched work, or wait for minutes.
+def _exit_with_parent(parent: int) -> None:
+    # Otherwise a worker whose parent was killed finishes the dispatched work, or waits for minutes.
     if os.getppid() != parent:
         os._exit(1)
-    _watch(parent)
+    _watch_parent(parent)
 
 
 @cache
-def _watch(parent: int) -> None:
+def _watch_parent(parent: int) -> None:
     def wait() -> None:
         while os.getppid() == parent:
             time.sleep(1.0)

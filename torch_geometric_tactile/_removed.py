@@ -20,10 +20,10 @@ _ALARM_PICTURE = (
 _PRETRAINING = (
     "with few labels, compare 'descriptors_forest' and 'descriptors_svm', which were as accurate"
 )
-_OWN_ESTIMATOR = "write a short estimator around the network (docs/compare.md), or use skorch"
+_USER_ESTIMATOR = "write a short estimator around the network (docs/compare.md), or use skorch"
 
-# What to do now, by a name below the package, or by a command with its option. Each has a row in
-# docs/migration.md.
+# Maps a removed name (without the package), or a command with its option, to its replacement.
+# Each has a row in docs/migration.md.
 REPLACEMENTS: dict[str, str] = {
     "experiments.Workers": (
         "give the number of jobs alone, run_plan(plan, out, jobs=2); for a cluster, surround the "
@@ -48,8 +48,8 @@ REPLACEMENTS: dict[str, str] = {
     "tactile pretrain": _PRETRAINING,
     "tactile table --backend": _CLUSTER,
     "tactile table --scheduler": _CLUSTER,
-    "training.NetworkClassifier": _OWN_ESTIMATOR,
-    "training.NetworkRegressor": _OWN_ESTIMATOR,
+    "training.NetworkClassifier": _USER_ESTIMATOR,
+    "training.NetworkRegressor": _USER_ESTIMATOR,
     "training.TactileClassifier": "use TactileModule, the same class",
     "training.PretrainSettings": _PRETRAINING,
     "training.PretrainStep": _PRETRAINING,
@@ -65,7 +65,7 @@ ENCODER_CLASSES = ("TaxelEncoder", "TunedEncoder", "EncoderScale")
 
 
 def removal_message(name: str) -> str | None:
-    r"""Returns the text of the error for a removed name, or :obj:`None` for any other."""
+    r"""Returns the error message for a removed name, or :obj:`None` for any other name."""
     replacement = REPLACEMENTS.get(name)
     return None if replacement is None else f"'{name}' was removed in version 0.3.0: {replacement}"
 
@@ -73,11 +73,12 @@ def removal_message(name: str) -> str | None:
 def removed_names(
     package: str, fallback: Callable[[str], Any] | None = None
 ) -> Callable[[str], Any]:
-    r"""Returns a :obj:`__getattr__` of a package that raises :obj:`ImportError` for removed names,
-    since ``from package import name`` hides the message of an :obj:`AttributeError`.
+    r"""Returns a module-level :obj:`__getattr__` that raises :obj:`ImportError` for removed names.
+
+    An :obj:`AttributeError` would not do: ``from package import name`` hides its message.
     """
 
-    def get(name: str) -> Any:
+    def get_attribute(name: str) -> Any:
         message = removal_message(f"{package}.{name}".removeprefix(_PACKAGE))
         if message is not None:
             raise ImportError(message)
@@ -85,4 +86,4 @@ def removed_names(
             return fallback(name)
         raise AttributeError(f"module '{package}' has no attribute '{name}'")
 
-    return get
+    return get_attribute

@@ -1,5 +1,5 @@
-r"""The source code of classes and functions that belong neither to this package nor to an installed
-library: a user's own models, estimators, data sets and transforms.
+r"""Hashes of the source code of the user's models, estimators, data sets and transforms: classes
+and functions that belong neither to this package nor to an installed library.
 """
 
 import ast
@@ -15,22 +15,22 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 _PACKAGE = __name__.partition(".")[0]
-_INSTALLED = ("site-packages", "dist-packages")
-_LITERAL_IMPORTS = ("import_module", "__import__")
-_DIGITS = 16  # of a SHA-256, that are kept
+_LIBRARY_FOLDERS = ("site-packages", "dist-packages")
+_IMPORT_FUNCTIONS = ("import_module", "__import__")
+_HASH_DIGITS = 16  # of a SHA-256; 64 bits are enough to tell versions of a file apart
 
-# The digest of each loaded module when it was first read, with the spec that it was loaded by:
-# `importlib.reload` sets another one. A file may be edited after its module was loaded.
-_loaded: dict[str, tuple[ModuleSpec, str]] = {}
+# The digest of each loaded module at its first reading, with its spec, which `importlib.reload`
+# replaces. A file may be edited after its module was loaded.
+_loaded_digests: dict[str, tuple[ModuleSpec, str]] = {}
 
 
-class OwnSources(NamedTuple):
+class UserSources(NamedTuple):
     r"""The source code behind import paths.
 
     Args:
-        modules (dict): A hash of the source of each module, by the module's name.
-        libraries (dict): The version of each installed library that they import, by its name.
-        unknown (dict): Why the source of a module is not known, by the module's name.
+        modules (dict): Maps the name of a module to a hash of its source.
+        libraries (dict): Maps the name of an imported library to its installed version.
+        unknown (dict): Maps the name of a module without known source to the reason.
     """
 
     modules: dict[str, str]
@@ -40,26 +40,27 @@ class OwnSources(NamedTuple):
 
 class _Module(NamedTuple):
     spec: ModuleSpec | None
-    source: bytes | None  # None for packages without a file, and where the source is not known
-    reason: str  # why the source is not known; empty if it is
+    source: bytes | None  # None for packages without a file, and if the source is unknown
+    reason: str  # why the source is unknown; empty if it is known
 
 
-def own_sources(import_paths: Iterable[str]) -> OwnSources:
-    r"""Returns the source code that classes, functions and modules are made of: the modules of
-    their import paths, and all modules that these import, directly or not, at the top or inside
-    functions. It stops at this package, the standard library and installed libraries, of which the
-    versions are returned. No module is imported.
+def user_sources(import_paths: Iterable[str]) -> UserSources:
+    r"""Returns hashes of the source code that classes, functions and modules depend on.
 
-    Not noticed are modules whose names are computed (``import_module(name)``), files that a module
+    It includes the modules of their import paths and all modules that these import, directly or
+    indirectly, at the top or inside functions. It leaves out this package and the standard library,
+    and gives the versions of installed libraries. No module is imported.
+
+    It cannot include modules with computed names (``import_module(name)``), files that a module
     reads, and values that are set at run time.
 
     Args:
-        import_paths (iterable of str): Such as :obj:`"my_nets.MyNet"`. Texts that are no import
+        import_paths (iterable of str): Such as :obj:`"my_nets.MyNet"`. Texts that are not import
             paths are skipped.
 
     Examples:
-        >>> own_sources(["torch_geometric_tactile.nn.TaxelNet", "collections.OrderedDict"])
-        OwnSources(modules={}, libraries={}, unknown={})
+        >>> user_sources(["torch_geometric_tactile.nn.TaxelNet", "collections.OrderedDict"])
+        UserSources(modules={}, libraries={}, unknown={})
     """
     modules: dict[str, str] = {}
     libraries: set[str] = set()
@@ -69,7 +70,7 @@ def own_sources(import_paths: Iterable[str]) -> OwnSources:
     while pending:
         name = pending.pop()
         top = name.partition(".")[0]
-        # The top package comes first, so that nothing is searched in installed libraries.
+        # The top package comes first, so that installed libraries are not searched further.
         if name != top and top not in visited and top != _PACKAGE:
             pending += [name, top]
             continue
@@ -86,37 +87,37 @@ def own_sources(import_paths: Iterable[str]) -> OwnSources:
             unknown[name] = module.reason
         if module.source is None:
             continue
-        modules[name], reason = _digest_of_loaded(name, module.source)
+        modules[name], reason = _loaded_digest(name, module.source)
         if reason:
             unknown[name] = reason
         is_package = module.spec is not None and module.spec.submodule_search_locations is not None
         pending.extend(_imported_names(module.source, name, is_package))
-    return OwnSources(
+    return UserSources(
         modules=dict(sorted(modules.items())),
-        libraries=_versions(libraries),
+        libraries=_library_versions(libraries),
         unknown=dict(sorted(unknown.items())),
     )
 
 
-def source_mark(value: Any) -> str:
-    r"""Returns a short hash of the source code of a class or function, its base classes and all
-    that these import, as :func:`own_sources` finds it; an empty text if it is this package's or an
-    installed library's, or has no file.
+def source_hash(value: Any) -> str:
+    r"""Returns a short hash of the source code of a class or function, its base classes and their
+    imports (see :func:`user_sources`). It is an empty text for a class or function of this package
+    or an installed library, or without a file.
 
     Args:
         value (Any): A class or a function.
     """
     kinds = value.__mro__ if isinstance(value, type) else (value,)
     names = {getattr(kind, "__module__", None) or "" for kind in kinds}
-    sources = own_sources(sorted(names))
+    sources = user_sources(sorted(names))
     if not sources.modules:
         return ""
     return _sha256("\n".join(" ".join(item) for item in sources.modules.items()).encode())
 
 
 def has_source(value: Any) -> bool:
-    r"""Returns whether the source code of a class or function is in a file that can be read, or is
-    that of this package or an installed library.
+    r"""Returns whether a class or function belongs to this package or an installed library, or has
+    its source code in a readable file.
 
     Args:
         value (Any): A class or a function.
@@ -127,22 +128,24 @@ def has_source(value: Any) -> bool:
 
 
 def _prefixes(path: str) -> list[str]:
-    # 'a', 'a.b' and 'a.b.C' of 'a.b.C': which of them are modules is asked later.
+    # 'a', 'a.b' and 'a.b.C' for 'a.b.C': `_find_module` later tells which of them are modules.
     parts = path.split(".")
     if not all(part.isidentifier() for part in parts):
         return []
-    return [".".join(parts[:count]) for count in range(1, len(parts) + 1)]
+    return [".".join(parts[:num_parts]) for num_parts in range(1, len(parts) + 1)]
 
 
 def _find_module(name: str) -> _Module | None:
-    # As an import would find it; `importlib.util.find_spec` would import the packages above it.
+    # Finds the same module as an import. `importlib.util.find_spec` would import parent packages.
     if name == "__main__":
         return _Module(None, None, "it is defined in '__main__': a notebook, or the script itself")
-    loaded = sys.modules.get(name)
-    spec = getattr(loaded, "__spec__", None) if loaded is not None else _find_spec(name)
-    if spec is None and loaded is None:
+    loaded_module = sys.modules.get(name)
+    spec = (
+        getattr(loaded_module, "__spec__", None) if loaded_module is not None else _find_spec(name)
+    )
+    if spec is None and loaded_module is None:
         return None
-    file = _source_file(spec, loaded)
+    file = _source_file(spec, loaded_module)
     if file is not None:
         try:
             return _Module(spec, file.read_bytes(), "")
@@ -157,7 +160,7 @@ def _find_module(name: str) -> _Module | None:
     except (AttributeError, ImportError, OSError, SyntaxError):
         text = None
     if text is None:
-        return _Module(spec, None, f"'{spec.origin}' is no source code")
+        return _Module(spec, None, f"'{spec.origin}' is not source code")
     return _Module(spec, text.encode(), "")
 
 
@@ -165,21 +168,25 @@ def _find_spec(name: str) -> ModuleSpec | None:
     parent, _, _ = name.rpartition(".")
     path: Any = None
     if parent:
-        above = sys.modules.get(parent)
-        found = getattr(above, "__spec__", None) if above is not None else _find_spec(parent)
-        path = getattr(found, "submodule_search_locations", None)
+        loaded_parent = sys.modules.get(parent)
+        parent_spec = (
+            getattr(loaded_parent, "__spec__", None)
+            if loaded_parent is not None
+            else _find_spec(parent)
+        )
+        path = getattr(parent_spec, "submodule_search_locations", None)
         if path is None:
             return None
     for finder in sys.meta_path:
-        find = getattr(finder, "find_spec", None)
-        spec: ModuleSpec | None = None if find is None else find(name, path)
+        find_spec = getattr(finder, "find_spec", None)
+        spec: ModuleSpec | None = None if find_spec is None else find_spec(name, path)
         if spec is not None:
             return spec
     return None
 
 
-def _source_file(spec: ModuleSpec | None, loaded: ModuleType | None) -> Path | None:
-    origin = getattr(loaded, "__file__", None) if spec is None else spec.origin
+def _source_file(spec: ModuleSpec | None, loaded_module: ModuleType | None) -> Path | None:
+    origin = getattr(loaded_module, "__file__", None) if spec is None else spec.origin
     if origin is None or not origin.endswith(tuple(SOURCE_SUFFIXES)):
         return None
     path = Path(origin)
@@ -191,51 +198,51 @@ def _is_installed(spec: ModuleSpec | None) -> bool:
         return False
     if spec.origin in ("built-in", "frozen"):
         return True
-    places = [spec.origin] if spec.origin else list(spec.submodule_search_locations or ())
-    return bool(places) and all(_is_installed_file(place) for place in places)
+    locations = [spec.origin] if spec.origin else list(spec.submodule_search_locations or ())
+    return bool(locations) and all(_is_installed_file(location) for location in locations)
 
 
 @lru_cache(maxsize=10_000)
-def _is_installed_file(place: str) -> bool:
-    path = Path(place).absolute()
-    if any(part in _INSTALLED for part in path.parts):
+def _is_installed_file(file: str) -> bool:
+    path = Path(file).absolute()
+    if any(part in _LIBRARY_FOLDERS for part in path.parts):
         return True
-    return any(path.is_relative_to(folder) for folder in _standard_library())
+    return any(path.is_relative_to(folder) for folder in _standard_library_folders())
 
 
 @cache
-def _standard_library() -> tuple[Path, ...]:
+def _standard_library_folders() -> tuple[Path, ...]:
     keys = ("stdlib", "platstdlib")
     folders = {Path(sysconfig.get_paths()[key]) for key in keys}
     return tuple({*folders, *(folder.resolve() for folder in folders)})
 
 
-def _digest_of_loaded(name: str, source: bytes) -> tuple[str, str]:
-    # That of the code that runs in this process, and why it is not that of the file.
+def _loaded_digest(name: str, source: bytes) -> tuple[str, str]:
+    # The digest of the code that this process runs, and the reason if the file differs from it.
     digest = _sha256(source)
     spec = getattr(sys.modules.get(name), "__spec__", None)
     if spec is None:
         return digest, ""
-    known, first = _loaded.get(name, (None, ""))
-    if known is not spec:
-        _loaded[name] = (spec, digest)
-    elif first != digest:
-        return first, "it was edited after it was imported; restart Python, or reload it"
+    first_spec, first_digest = _loaded_digests.get(name, (None, ""))
+    if first_spec is not spec:
+        _loaded_digests[name] = (spec, digest)
+    elif first_digest != digest:
+        return first_digest, "it was edited after it was imported; restart Python, or reload it"
     return digest, ""
 
 
 @lru_cache(maxsize=2_000)
 def _imported_names(source: bytes, name: str, is_package: bool) -> tuple[str, ...]:
-    # Also names that are attributes of modules.
+    # Includes names that are attributes of modules.
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return ()  # it cannot be imported, and imports nothing
     package = name if is_package else name.rpartition(".")[0]
-    return tuple({prefix for path in _imports(tree, package) for prefix in _prefixes(path)})
+    return tuple({prefix for path in _import_paths(tree, package) for prefix in _prefixes(path)})
 
 
-def _imports(tree: ast.AST, package: str) -> Iterator[str]:
+def _import_paths(tree: ast.AST, package: str) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -247,10 +254,10 @@ def _imports(tree: ast.AST, package: str) -> Iterator[str]:
                 base if alias.name == "*" else f"{base}.{alias.name}" for alias in node.names
             )
         elif isinstance(node, ast.Call) and node.args:
-            function, first = node.func, node.args[0]
-            called = getattr(function, "attr", getattr(function, "id", None))
-            if called in _LITERAL_IMPORTS and isinstance(first, ast.Constant):
-                yield str(first.value)
+            function, argument = node.func, node.args[0]
+            function_name = getattr(function, "attr", getattr(function, "id", None))
+            if function_name in _IMPORT_FUNCTIONS and isinstance(argument, ast.Constant):
+                yield str(argument.value)
         elif isinstance(node, ast.Assign) and package:
             targets = [getattr(target, "id", None) for target in node.targets]
             if "__all__" in targets:  # 'from package import *' imports modules of these names
@@ -258,12 +265,12 @@ def _imports(tree: ast.AST, package: str) -> Iterator[str]:
                 yield from (".".join([package, str(item.value)]) for item in items)
 
 
-def _versions(libraries: Iterable[str]) -> dict[str, str]:
-    names = {name for top in libraries for name in _distributions().get(top, ())}
-    return {name: _version(name) for name in sorted(names)}
+def _library_versions(libraries: Iterable[str]) -> dict[str, str]:
+    names = {name for top in libraries for name in _distributions_by_package().get(top, ())}
+    return {name: _distribution_version(name) for name in sorted(names)}
 
 
-def _version(distribution: str) -> str:
+def _distribution_version(distribution: str) -> str:
     try:
         return version(distribution)
     except PackageNotFoundError:
@@ -271,9 +278,9 @@ def _version(distribution: str) -> str:
 
 
 @cache
-def _distributions() -> dict[str, list[str]]:
+def _distributions_by_package() -> dict[str, list[str]]:
     return dict(packages_distributions())
 
 
 def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()[:_DIGITS]
+    return hashlib.sha256(content).hexdigest()[:_HASH_DIGITS]

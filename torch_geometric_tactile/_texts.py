@@ -1,4 +1,4 @@
-r"""Text and JSON of others: shown as it is without harm, read without surprises."""
+r"""Untrusted text for messages and Markdown, and strict reading of JSON."""
 
 import json
 import math
@@ -12,13 +12,13 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._limits import JSON_BYTES
 from torch_geometric_tactile._typing import PathLike
 
-_LONGEST_QUOTE = 60  # characters of a text or value in a message
+_MAX_QUOTE_LENGTH = 60  # characters of a text or value in a message
 _MARKDOWN = str.maketrans({char: f"\\{char}" for char in "\\|<>`[]"})
 
 
 def printable(text: object) -> str:
-    r"""Returns text on one line, with everything escaped that a terminal would obey: control
-    characters, line breaks, marks that turn the direction of writing, and what is no character.
+    r"""Returns text on one line, with escapes for everything that a terminal would interpret:
+    control characters, line breaks, marks of the writing direction, and invalid characters.
 
     Examples:
         >>> print(printable("a cup\n\x1b[2J\u202e"))
@@ -27,55 +27,55 @@ def printable(text: object) -> str:
     text = str(text)
     if text.isprintable():
         return text
-    return "".join(char if _is_harmless(char) else _escaped(char) for char in text)
+    return "".join(char if _is_printable(char) else _escape(char) for char in text)
 
 
-def _is_harmless(char: str) -> bool:
+def _is_printable(char: str) -> bool:
     return char.isprintable() or unicodedata.category(char) == "Zs"  # any kind of space
 
 
-def _escaped(char: str) -> str:
+def _escape(char: str) -> str:
     return char.encode("unicode_escape").decode("ascii")
 
 
 def quoted(text: str) -> str:
-    r"""Returns a text of a file for a message: in quotes, not too long, and without characters that
-    a terminal would obey.
+    r"""Returns untrusted text for a message: in quotes, cut to 60 characters, and with escapes for
+    everything that a terminal would interpret.
     """
-    short = text if len(text) <= _LONGEST_QUOTE else f"{text[:_LONGEST_QUOTE]}..."
+    short = text if len(text) <= _MAX_QUOTE_LENGTH else f"{text[:_MAX_QUOTE_LENGTH]}..."
     return f"'{short}'" if short.isprintable() else ascii(short)
 
 
 def short_repr(value: object) -> str:
-    r"""Returns any value of a file for a message, cut where it is long."""
+    r"""Returns the :func:`repr` of an untrusted value for a message, cut to 60 characters."""
     try:
         text = repr(value)
-    except (RecursionError, ValueError):  # nested deeply, or a number that Python does not print
+    except (RecursionError, ValueError):  # deep nesting, or a number too long for Python to print
         return f"a {type(value).__name__}"
-    return text if len(text) <= _LONGEST_QUOTE else f"{text[: _LONGEST_QUOTE - 3]}..."
+    return text if len(text) <= _MAX_QUOTE_LENGTH else f"{text[: _MAX_QUOTE_LENGTH - 3]}..."
 
 
 def short_list(
     items: Sequence[Any],
-    most: int,
+    max_items: int,
     show: Callable[[Any], str] = str,
-    rest: str = " and {} more",
-    joint: str = ", ",
+    ending: str = " and {} more",
+    separator: str = ", ",
 ) -> str:
-    r"""Returns the first of some names or numbers for a message, and how many others there are.
+    r"""Returns the first names or numbers of a list for a message, and the number of the others.
 
     Examples:
-        >>> short_list(["thumb", "index", "middle", "ring"], most=2)
+        >>> short_list(["thumb", "index", "middle", "ring"], max_items=2)
         'thumb, index and 2 more'
-        >>> short_list([], most=2)
+        >>> short_list([], max_items=2)
         'none'
     """
-    text = joint.join(map(show, items[:most])) if len(items) else "none"
-    return text + (rest.format(len(items) - most) if len(items) > most else "")
+    text = separator.join(map(show, items[:max_items])) if len(items) else "none"
+    return text + (ending.format(len(items) - max_items) if len(items) > max_items else "")
 
 
 def markdown_text(text: object) -> str:
-    r"""Returns text as Markdown that shows it and is nothing else: no markup, link or new cell.
+    r"""Returns text with the special characters of Markdown escaped, so that it is shown literally.
 
     Examples:
         >>> print(markdown_text("<b>|[a]|"))
@@ -85,7 +85,7 @@ def markdown_text(text: object) -> str:
 
 
 def markdown_table(header: Sequence[object], rows: Iterable[Sequence[str]]) -> list[str]:
-    r"""Returns the lines of a table, whose cells are Markdown already, and whose header is text.
+    r"""Returns the lines of a Markdown table. The header is plain text; the cells are Markdown.
 
     Examples:
         >>> markdown_table(["a", "b"], [["1", "2"]])
@@ -96,18 +96,21 @@ def markdown_table(header: Sequence[object], rows: Iterable[Sequence[str]]) -> l
 
 
 def read_json(path: PathLike) -> Any:
-    r"""Reads a JSON file that somebody else may have written. Everything in it counts once: a key
-    that an object has twice, and numbers that are none (:obj:`NaN`) or too large, are refused.
+    r"""Reads an untrusted JSON file. Duplicate keys, :obj:`NaN` and numbers that overflow are
+    errors.
+
+    Raises:
+        ValueError: If the file is not a regular file, is too large, or is not strict JSON.
     """
     path = Path(path)
-    found = path.stat()
-    need(stat.S_ISREG(found.st_mode), "it must be a regular file (got a folder, pipe or device)")
-    need(found.st_size <= JSON_BYTES, f"it must not exceed {JSON_BYTES} bytes", found.st_size)
+    status = path.stat()
+    need(stat.S_ISREG(status.st_mode), "it must be a regular file (got a folder, pipe or device)")
+    need(status.st_size <= JSON_BYTES, f"it must not exceed {JSON_BYTES} bytes", status.st_size)
     return parse_json(path.read_text(encoding="utf-8"))
 
 
 def parse_json(text: str) -> Any:
-    r"""Returns the value of a JSON text, as :func:`read_json` reads it.
+    r"""Parses a JSON text with the rules of :func:`read_json`.
 
     Examples:
         >>> parse_json('{"rate": 100}')
@@ -115,29 +118,32 @@ def parse_json(text: str) -> Any:
     """
     try:
         return json.loads(
-            text, object_pairs_hook=each_key_once, parse_constant=_constant, parse_float=_float
+            text,
+            object_pairs_hook=each_key_once,
+            parse_constant=_reject_constant,
+            parse_float=_finite_float,
         )
     except RecursionError:
         raise ValueError("it must not be nested this deeply") from None
 
 
 def each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    r"""Returns a JSON object, and refuses a key that it has twice."""
-    out = dict(pairs)
-    if len(out) < len(pairs):
-        seen: set[str] = set()
+    r"""Returns a JSON object from its pairs, and raises an error for a duplicate key."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        keys: set[str] = set()
         for key, _ in pairs:
-            if key in seen:
+            if key in keys:
                 raise ValueError(f"an object must have each key once (got {key!r} twice)")
-            seen.add(key)
-    return out
+            keys.add(key)
+    return content
 
 
-def _constant(name: str) -> float:
+def _reject_constant(name: str) -> float:
     raise ValueError(f"numbers must be finite (got {name})")
 
 
-def _float(text: str) -> float:
+def _finite_float(text: str) -> float:
     number = float(text)
     if math.isinf(number):
         raise ValueError(f"numbers must be finite (got {text[:40]})")

@@ -11,5 +11,5 @@ ThresholdMetric = Literal["accuracy", "balanced_accuracy", "f1", "f1_positive"]
 
 #: Shapes of simulated objects.
 Shape = Literal["box", "cylinder", "ellipsoid", "sphere"]
-#: What happens to frames that are not fetched.
+#: Treatment of frames that arrive before the previous ones are fetched.
 Policy = Literal["all", "drop_oldest", "newest"]

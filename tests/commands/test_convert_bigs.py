@@ -52,7 +52,7 @@ def test_every_file_is_tried_and_what_was_written_is_kept(source, tmp_path, caps
     assert out.splitlines()[-1] == f"2 of 5 grasps are in '{tmp_path / 'out'}'"
     errors = err.splitlines()
     assert len(errors) == 3
-    assert "g0.npz' is no whole npz file" in errors[0]
+    assert "g0.npz' is not a complete npz file" in errors[0]
     assert r"g1\x1b[2J.npz': 'success' must be a truth value" in errors[1]
     assert "gone.npz' does not exist" in errors[2]
 
@@ -108,7 +108,7 @@ def test_options_state_names_orders_units_and_rates(tmp_path):
         (["--field", "taxels=a"], r"'fields' must have keys of"),
         (["--value", "pickup_time=x"], r"'--value' must have a number \(got 'x'\)"),
         (["--rate-of", "pac=fast"], r"'--rate-of' must have a number \(got 'fast'\)"),
-        (["--rate", "nan"], r"'rate' must be a rate above 0"),
+        (["--rate", "nan"], r"'rate' must be a positive rate"),
         (["--pattern", "("], r"'pattern' must be a regular expression"),
     ],
 )

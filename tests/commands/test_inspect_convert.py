@@ -87,7 +87,7 @@ def test_inspect_prints_before_it_misses_matplotlib(recording, capsys, monkeypat
     [
         ("gone.h5", None, "gone.h5' does not exist"),
         ("a.mat", b"a", "a.mat' must end in one of .h5, .hdf5"),
-        ("a.npz", b"PK\x03\x04abc", "a.npz' is no whole npz file (is it truncated?)"),
+        ("a.npz", b"PK\x03\x04abc", "a.npz' is not a complete npz file (is it truncated?)"),
         ("a.csv", b"1,2,3\n", "a.csv', line 1 must have 1168 cells for 384 taxels"),
         ("a.json", b'{"message": 3,', "a.json', line 1: the message that begins here"),
     ],
@@ -125,7 +125,7 @@ def test_convert_keeps_the_readings(recording, tmp_path, capsys, suffix):
 
 def test_convert_warns_of_what_is_lost(recording, tmp_path, caplog):
     assert main(["convert", str(recording), str(tmp_path / "out.csv")]) == 0
-    assert "out.csv' is CSV and cannot hold label, unit" in caplog.text
+    assert "out.csv' is CSV and cannot store label, unit" in caplog.text
 
 
 def test_convert_forces(tmp_path):

@@ -104,8 +104,8 @@ FOUR = np.ones((40, 4, 4), "<f4") * 25
 @pytest.mark.parametrize(
     ("options", "data", "reason"),
     [
-        ("protocol=cobs", NOISE, "between two zero bytes is no packet with a good CRC32"),
-        ("protocol=anyskin", NOISE, "CR LF does not follow on 80 plausible bytes"),
+        ("protocol=cobs", NOISE, "between two zero bytes are not a packet with a correct CRC32"),
+        ("protocol=anyskin", NOISE, "CR LF does not follow 80 plausible bytes"),
         (
             "protocol=anyskin",
             b"".join(one.tobytes() + b"\r\n" for one in FOUR),
@@ -116,7 +116,7 @@ FOUR = np.ones((40, 4, 4), "<f4") * 25
             b"1 2 3\r\n4 5 6\r\n\r\n" * 9,
             "2 rows of 3 must have 'shape' 2x2",
         ),
-        ("protocol=m1616", NOISE, "no whole packet begins with AA AB AC"),
+        ("protocol=m1616", NOISE, "no complete packet begins with AA AB AC"),
         ("protocol=cobs", b"", "no byte came: check the cable and the port"),
     ],
     ids=["noise", "wrong protocol", "magnetometers", "shape", "header", "nothing"],

@@ -229,7 +229,7 @@ def test_a_trial_twice_names_both_files(folder):
 def test_a_cut_file_is_named(folder):
     path = folder / "ball_3.npz"
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ValueError, match=r"ball_3.npz' is no whole npz file"):
+    with pytest.raises(ValueError, match=r"ball_3.npz' is not a complete npz file"):
         BiGS(folder)
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io._array_order import StoredArray, arranged, parsed_order
+from torch_geometric_tactile.io._array_order import StoredArray, parse_axis_order, to_axes
 
 AXES = ("frame", "electrode", "finger")
 SIZES = {"frame": 4, "electrode": 5, "finger": 3}
@@ -18,7 +18,7 @@ SIZES = {"frame": 4, "electrode": 5, "finger": 3}
     ],
 )
 def test_stored_array_of_text(text, stored):
-    assert StoredArray.of("electrodes", text) == stored
+    assert StoredArray.from_text("electrodes", text) == stored
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ def test_stored_array_of_text(text, stored):
 )
 def test_stored_array_of_other_text(text):
     with pytest.raises(ValueError, match=r"field 'pac' must be 'NAME', 'NAME \[ORDER\]' or 'LEFT"):
-        StoredArray.of("pac", text)
+        StoredArray.from_text("pac", text)
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_stored_array_of_other_text(text):
     ],
 )
 def test_parsed_order(order, groups):
-    assert parsed_order("electrodes", order, AXES) == groups
+    assert parse_axis_order("electrodes", order, AXES) == groups
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_parsed_order(order, groups):
 )
 def test_parsed_order_refuses(order):
     with pytest.raises(ValueError, match=r"order of 'electrodes' must name frame, electrode, f"):
-        parsed_order("electrodes", order, AXES)
+        parse_axis_order("electrodes", order, AXES)
 
 
 @pytest.mark.parametrize(
@@ -64,19 +64,19 @@ def test_parsed_order_refuses(order):
 @pytest.mark.parametrize("num_frames", [4, None])
 def test_arranged_undoes_any_order(order, num_frames):
     ours = np.arange(60).reshape(4, 5, 3)
-    groups = parsed_order("electrodes", order, AXES)
+    groups = parse_axis_order("electrodes", order, AXES)
     flat = [axis for group in groups for axis in group]
     shape = [int(np.prod([SIZES[axis] for axis in group])) for group in groups]
     theirs = ours.transpose([AXES.index(axis) for axis in flat]).reshape(shape)
     sizes = {**SIZES, "frame": num_frames}
-    assert np.array_equal(arranged("a", theirs, groups, sizes), ours)
+    assert np.array_equal(to_axes("a", theirs, groups, sizes), ours)
 
 
 def test_arranged_by_hand():
     # Two frames of a left and a right finger with two electrodes, finger by finger.
     groups = [["frame"], ["finger", "electrode"]]
     sizes = {"frame": None, "electrode": 2, "finger": 2}
-    found = arranged("a", np.array([[1, 2, 30, 40], [5, 6, 70, 80]]), groups, sizes)
+    found = to_axes("a", np.array([[1, 2, 30, 40], [5, 6, 70, 80]]), groups, sizes)
     assert found.tolist() == [[[1, 30], [2, 40]], [[5, 70], [6, 80]]]
 
 
@@ -97,12 +97,12 @@ def test_arranged_by_hand():
 )
 def test_arranged_refuses(shape, groups, message):
     with pytest.raises(ValueError, match=message):
-        arranged("a", np.zeros(shape), groups, SIZES)
+        to_axes("a", np.zeros(shape), groups, SIZES)
 
 
 def test_arranged_finds_one_size_only():
     groups = [["frame", "finger"], ["electrode"]]
     with pytest.raises(ValueError, match=r"any number x 3 rows of 'frame finger'.*\(13, 5\)"):
-        arranged("a", np.zeros((13, 5)), groups, {**SIZES, "frame": None})
-    found = arranged("a", np.zeros((0, 5)), groups, {**SIZES, "frame": None})
+        to_axes("a", np.zeros((13, 5)), groups, {**SIZES, "frame": None})
+    found = to_axes("a", np.zeros((0, 5)), groups, {**SIZES, "frame": None})
     assert found.shape == (0, 5, 3)

@@ -1,6 +1,6 @@
 import pytest
 
-from torch_geometric_tactile.io._csv_table import safe_cell
+from torch_geometric_tactile.io._csv_table import text_to_cell
 
 
 @pytest.mark.parametrize(
@@ -19,9 +19,9 @@ from torch_geometric_tactile.io._csv_table import safe_cell
     ],
 )
 def test_safe_cell_marks_what_begins_like_a_formula(text):
-    assert safe_cell(text) == "'" + text
+    assert text_to_cell(text) == "'" + text
 
 
 @pytest.mark.parametrize("text", ["", "mug", "a=1", "mug-2", "'quoted'", "1+1", "  mug", "é"])
 def test_safe_cell_leaves_other_texts(text):
-    assert safe_cell(text) == text
+    assert text_to_cell(text) == text

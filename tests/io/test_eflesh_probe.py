@@ -55,7 +55,7 @@ def test_single_frame(write):
         (SENSOR.replace("9", "x"), STATES, r"sensor.csv', line 2, column 4: .* a number"),
         ("time,x,y,z\n" + SENSOR, STATES, r"sensor.csv', line 1"),
         (SENSOR.rstrip(), STATES, "line 3 must end with a line break"),
-        (",".join(["0"] * 1003) + "\n", STATES, r"1000 columns at most \(got 1003\)"),
+        (",".join(["0"] * 1003) + "\n", STATES, r"at most 1000 columns \(got 1003\)"),
         ("", STATES, "at least one frame"),
     ],
 )

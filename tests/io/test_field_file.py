@@ -146,7 +146,7 @@ def test_other_files(tmp_path):
     for content in (b"a,b\n1,2\n", b"\x80\x04K\x01."):
         (tmp_path / "a.h5").write_bytes(content)
         with pytest.raises(
-            ValueError, match=r"a.h5' must be an HDF5 or npz file \(got one that be"
+            ValueError, match=r"a.h5' must be an HDF5 or npz file \(got a file that be"
         ):
             read_fields(tmp_path / "a.h5", ["a"])
 

@@ -106,7 +106,7 @@ def test_ones_for_zeros_are_noticed_where_fletcher_32_takes_them_for_the_same(tm
     path.write_bytes(content)
     with h5py.File(path) as file:
         assert file["tactile"][1].tobytes()[:2] == b"\xff\xff"  # HDF5 itself does not notice
-    with pytest.raises(ValueError, match=r"a.h5' must hold the frames that its checksums are of"):
+    with pytest.raises(ValueError, match=r"a.h5' must hold the frames of its checksums"):
         read_hdf5(path)
 
 
@@ -170,7 +170,7 @@ def test_checksums_are_compared_whatever_the_version_says(tmp_path):
     write_hdf5(WIDE, path)
     with h5py.File(path, "r+") as file:
         file.attrs["version"] = 1
-    with pytest.raises(ValueError, match=r"a.h5' must hold the label, .* that its checksum is of"):
+    with pytest.raises(ValueError, match=r"a.h5' must hold the label, .* of its checksum"):
         read_hdf5(path)
     with h5py.File(path, "r+") as file:
         del file.attrs["checksum"]

@@ -24,4 +24,4 @@ LONG_AGO = 2**32 + 65_535 - 2**20 - 1
 )
 def test_unwraps_by_hand(numbers, found):
     unwrap = SequenceNumbers()
-    assert [unwrap.unwrapped(number) for number in numbers] == found
+    assert [unwrap.unwrap(number) for number in numbers] == found

@@ -320,7 +320,7 @@ def test_sets_of_others_have_other_features(root):
         ({"codebase_version": "v2.1"}, "must be a LeRobot data set of version 3 .*got v2.1"),
         ({"fps": 0}, "positive 'fps'"),
         ({"fps": "30"}, "must hold 'fps'"),
-        ({"total_frames": 14}, "must hold 14 frames, as its info.json says .got 15"),
+        ({"total_frames": 14}, "must hold 14 frames, as declared in its info.json .got 15"),
         ({"total_episodes": 4}, "each of 4 episodes once .got 3"),
         ({"features": {"action": {}}}, "must have the feature 'observation.tactile' .*got action"),
         ({"features": {"observation.tactile": {"shape": [2, 2, 2]}}}, "one or two dimensions"),
@@ -472,7 +472,7 @@ def test_signals_that_a_data_set_cannot_hold_are_named(tmp_path, caplog):
     (record,) = caplog.records
     assert record.levelname == "WARNING"
     assert (
-        "cannot hold extra 'alone', extra 'id', extra 'note', extra 'pac', privileged 'pose'"
+        "cannot store extra 'alone', extra 'id', extra 'note', extra 'pac', privileged 'pose'"
         in (record.getMessage())
     )
     assert sorted(read_lerobot(tmp_path / "set")[0].extra) == [

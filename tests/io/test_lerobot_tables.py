@@ -74,8 +74,8 @@ def test_a_footer_that_declares_less_is_refused(tmp_path):
         (4, b"\0", "must have sizes .got a header without"),
         (4, b"\x1b", "must have headers of Parquet .got a field of 11"),
         (4, b"\x15" + b"\xff" * 10 + b"\1", "got a number that is too long"),
-        (4, b"\x18" + unsigned(2**40), "must have whole headers .got the end"),
-        (20, None, "must end where its footer declares"),
+        (4, b"\x18" + unsigned(2**40), "must have complete headers .got the end"),
+        (20, None, "must end at the position that its footer"),
     ],
 )
 def test_damaged_headers_are_refused(tmp_path, place, data, match):
@@ -137,5 +137,5 @@ def test_columns_whose_statistics_are_of_another_kind_are_refused(tmp_path, leve
     if is_right:
         _check_columns(path, metadata)
     else:
-        with pytest.raises(ValueError, match="its column 'a' must have statistics of its own kind"):
+        with pytest.raises(ValueError, match="its column 'a' must have statistics of its type"):
             _check_columns(path, metadata)

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 
 from torch_geometric_tactile.data import LiveFrame
 from torch_geometric_tactile.io import McapWriter, read_mcap, repair_mcap
-from torch_geometric_tactile.io.mcap_reader import first_problems
+from torch_geometric_tactile.io.mcap_reader import join_problems
 
 RATE = 100
 SECONDS = 3
@@ -81,8 +81,8 @@ def test_every_cut_loses_a_quarter_of_a_second_at_most(stream, tmp_path, caplog)
         # A frame of which the cut file has one byte was written before the next chunk was closed.
         reached = next((frames for size, frames in chunks if size > place), RATE * SECONDS)
         assert (reached - len(numbers)) / RATE <= 0.3
-        assert "is not whole" in caplog.text
-    with pytest.raises(ValueError, match=r"is not whole.*--repair"):
+        assert "is damaged or truncated" in caplog.text
+    with pytest.raises(ValueError, match=r"is damaged or truncated.*--repair"):
         read_mcap(path, recover=False)
 
 
@@ -106,13 +106,13 @@ def test_stock_reader_reads_no_cut_file_but_each_repaired_one(stream, tmp_path):
 
 
 def test_five_of_many_problems_are_told():
-    assert first_problems([*"abcdefg"]) == "a; b; c; d; e; and 2 more"
+    assert join_problems([*"abcdefg"]) == "a; b; c; d; e; and 2 more"
 
 
 def test_repair_of_a_whole_file_says_so(stream, tmp_path):
     report = repair_mcap(stream[0], tmp_path / "out.mcap")
     assert report.damage == ()
-    assert str(report).endswith("left out 0 bytes: it was whole")
+    assert str(report).endswith("left out 0 bytes: no damage")
     assert report.messages["tactile.Frame"] == RATE * SECONDS
 
 
@@ -180,15 +180,15 @@ def test_beginning_that_is_damaged(stream, tmp_path, caplog):
     report = repair_mcap(path, tmp_path / "out.mcap")
     assert report.skipped_bytes == stream[1][1][0]  # the first chunk begins in what is lost
     path.write_bytes(content[:-40])  # and no index, which says where chunks are
-    with pytest.raises(ValueError, match=r"damaged.mcap' is no MCAP file \(it begins with"):
+    with pytest.raises(ValueError, match=r"damaged.mcap' is not an MCAP file \(it begins with"):
         read_mcap(path)
 
 
 @pytest.mark.parametrize(
     ("start", "new", "told"),
     [
-        (-1, b"", "its end is damaged, or something else is behind it"),
-        (-1, b"\n\0", "its end is damaged, or something else is behind it"),
+        (-1, b"", "its end is damaged, or followed by other bytes"),
+        (-1, b"\n\0", "its end is damaged, or followed by other bytes"),
         (-50, b"damaged", "its index differs from its checksum"),
         (-28, b"\xff" * 8, "its index cannot be read"),
     ],
@@ -205,12 +205,12 @@ def test_nothing_to_save(tmp_path, stream):
     path.write_bytes(stream[2][:1000])
     with pytest.raises(ValueError, match=r"a.mcap' must have the topic 'tactile.Frame'"):
         read_mcap(path)
-    with pytest.raises(ValueError, match=r"a.mcap' holds nothing to save"):
+    with pytest.raises(ValueError, match=r"a.mcap' holds no readable message"):
         repair_mcap(path, tmp_path / "b.mcap")
     footer = stream[2][-37:]
     for content in (b"no such file" * 100, footer, footer[:9] + footer[-8:], b""):
         path.write_bytes(content)
-        with pytest.raises(ValueError, match=r"a.mcap' is no MCAP file"):
+        with pytest.raises(ValueError, match=r"a.mcap' is not an MCAP file"):
             read_mcap(path)
     with pytest.raises(ValueError, match="must be another file"):
         repair_mcap(path, path)

@@ -65,7 +65,7 @@ def test_an_order_that_names_allow_is_read(names, num_channels):
     ],
 )
 def test_numbers_that_are_sorted_as_texts_are_refused(names, right):
-    message = f"is that of texts and not of the numbers in the names, {right}"
+    message = f"is that of text and not of the numbers in the names, {right}"
     with pytest.raises(ValueError, match=message.replace(".", r"\.")):
         check_name_order(FILE, "tactile", names)
 

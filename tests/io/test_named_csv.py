@@ -39,7 +39,7 @@ def test_extra_columns_are_numbers_and_no_readings(write):
     assert rec.meta["column_names"] == {"tactile": ["thumb", "palm"]}
     with pytest.raises(ValueError, match=r"must have the column 'fx' \(got t, thumb, fz, palm\)"):
         read_recording(path, extra=["fx"])
-    with pytest.raises(ValueError, match=r"column 'fz' .* one thing only"):
+    with pytest.raises(ValueError, match=r"column 'fz' .* a single role"):
         read_recording(path, extra=["fz"], tactile=["thumb", "fz"])
 
 
@@ -85,13 +85,13 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
         (
             [HEADER, "1,1,2,3,4"],
             {"tactile": "pad.*"},
-            r"'tactile' must match whole .* \(got 'pad.*matches none",
+            r"'tactile' must match full .* \(got 'pad.*matches no name",
         ),
         ([HEADER, "1,1,2,3,4"], {"num_channels": 3}, r"of 3 channels \(got 4: thumb, index, "),
         (
             [HEADER, "1,1,2,3,4"],
             {"tactile": ["thumb"], "joint": ["thumb"]},
-            r"column 'thumb' of .* must be one thing only",
+            r"column 'thumb' of .* must be a single role",
         ),
         (["a,b,a", "1,2,3"], {}, r"must name each column once \(got 'a' twice\)"),
         ([HEADER, "1,1,2,3,4"], {"time_unit": "y"}, r"'time_unit' must be one of .* \(got y\)"),
@@ -131,7 +131,7 @@ def test_angles_in_degrees(write):
 def test_numbers_as_names_are_columns_when_they_are_given(write):
     path = write("0,1,2", "7,8,9")
     assert read_named_csv(path, tactile=["2", "0"], rate=10).tactile.tolist() == [[[9], [7]]]
-    with pytest.raises(ValueError, match=r"line 1 must be names .* with tactile=\['0', ...\]"):
+    with pytest.raises(ValueError, match=r"line 1 must hold names .* with tactile=\['0', ...\]"):
         read_named_csv(path)
 
 
@@ -237,7 +237,10 @@ def test_frames_that_are_too_close_are_noticed(write, caplog, size, rate, units)
         return
     found = 59 / (time[-1] - time[0])
     hints = "; or ".join(f"give time_unit='{u}' for" for u in units)
-    for part in (f"has {found:.4g} frames a second if its time is in seconds", hints.split(";")[0]):
+    for part in (
+        f"has {found:.4g} frames per second if its time is in seconds",
+        hints.split(";")[0],
+    ):
         assert part in caplog.text
     assert caplog.text.count("give time_unit=") == len(units)
     caplog.clear()
@@ -284,7 +287,7 @@ def test_a_column_that_counts_the_frames_is_no_reading(write, start):
 
 
 def test_an_expression_that_matches_no_joint_is_refused(write):
-    with pytest.raises(ValueError, match=r"'joint' must match whole .* \(got 'q', which matches"):
+    with pytest.raises(ValueError, match=r"'joint' must match full .* \(got 'q', which matches"):
         read_named_csv(write(HEADER, "0,1,2,0.5,4"), joint="q")
 
 

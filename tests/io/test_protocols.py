@@ -44,10 +44,13 @@ def test_settings_as_values_and_as_texts():
         (lambda: decoder_of("text", size=3), r"'text' must have settings among shape \(got 'size'"),
         (lambda: decoder_of("m1616", a=1), r"'m1616' must have settings among none \(got 'a'\)"),
         (lambda: decoder_of("text", shape="12"), r"'shape' must be rows and columns"),
-        (lambda: decoder_of("text", shape="axb"), r"'shape' must be like 16x16 \(got 'axb'\)"),
+        (
+            lambda: decoder_of("text", shape="axb"),
+            r"'shape' must have a value like 16x16 \(got 'axb'\)",
+        ),
         (
             lambda: decoder_of("anyskin", num_magnetometers="five"),
-            r"'num_magnetometers' must be like 5 \(got 'five'\)",
+            r"'num_magnetometers' must have a value like 5 \(got 'five'\)",
         ),
         (lambda: decoder_of("robotiq", period="nan"), r"'period' must be between"),
     ],

@@ -116,7 +116,7 @@ def test_metadata_of_any_length(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"time,taxel_0_x\n", b"\x89HDF\r\n\x1a\n"])
 def test_hdf5_of_something_else(content, tmp_path):
     (tmp_path / "a.h5").write_bytes(content)
-    with pytest.raises(ValueError, match=r"a.h5' (is no HDF5 file|cannot be read as HDF5)"):
+    with pytest.raises(ValueError, match=r"a.h5' (is not an HDF5 file|cannot be read as HDF5)"):
         read_hdf5(tmp_path / "a.h5")
 
 
@@ -146,8 +146,8 @@ def replace(name, array):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f.__delitem__("time"), r"a.h5' must hold 'time', as every recording"),
-        (lambda f: f.__delitem__("tactile"), r"a.h5' must hold 'tactile', as every recording"),
+        (lambda f: f.__delitem__("time"), r"a.h5' must hold 'time' to be a recording"),
+        (lambda f: f.__delitem__("tactile"), r"a.h5' must hold 'tactile' to be a recording"),
         (lambda f: f.attrs.__delitem__("num_frames"), r"a.h5' must hold 'num_frames'"),
         (lambda f: f.attrs.__delitem__("meta"), r"a.h5' must hold 'meta'"),
         (lambda f: f.attrs.__setitem__("version", 3), r"format version 1 or 2 \(got 3\)"),
@@ -159,10 +159,16 @@ def replace(name, array):
             r"must have 21 frames in 'time', as 'num_frames' says \(got 20\)",
         ),
         (replace("joint", np.zeros((3, 4))), r"20 frames in 'joint', .* \(got 3\)"),
-        (replace("joint", np.zeros(20)), r"no consistent recording: 'joint' must have shape"),
+        (
+            replace("joint", np.zeros(20)),
+            r"not hold a consistent recording: 'joint' must have shape",
+        ),
         (replace("joint", 3.0), r"must hold an array in 'joint'"),
-        (replace("time", np.zeros(20)), r"no consistent recording: 'time' must increase"),
-        (replace("tactile", np.zeros((20, 5))), r"no consistent recording: 'tactile' must have"),
+        (replace("time", np.zeros(20)), r"not hold a consistent recording: 'time' must increase"),
+        (
+            replace("tactile", np.zeros((20, 5))),
+            r"not hold a consistent recording: 'tactile' must have",
+        ),
     ],
 )
 def test_hdf5_wrong_content(full, change, message, tmp_path):

@@ -168,7 +168,7 @@ def test_what_some_frames_lack_is_missing(tmp_path, caplog):
 def test_frame_that_does_not_fit_is_left_out_and_told(tmp_path, caplog, frame, why):
     path = write_frames(tmp_path / "a.mcap", [a_frame(0), a_frame(1), frame, a_frame(3)])
     assert read_mcap(path).extra["sequence"].tolist() == [0, 1, 3]
-    assert "a message is no frame of this recording" in caplog.text
+    assert "a message is not a frame of this recording" in caplog.text
     with pytest.raises(ValueError, match=why):
         read_mcap(path, recover=False)
 
@@ -267,7 +267,7 @@ class Others:
         self.count = 0
 
     def channel(self, topic, schema="tactile.Frame", encoding="protobuf", data=None):
-        data = mcap_schemas.schema_of("tactile.Frame") if data is None else data
+        data = mcap_schemas.message_schema("tactile.Frame") if data is None else data
         number = self.writer.register_schema(schema, encoding, data)
         return self.writer.register_channel(topic, encoding, number)
 
@@ -318,7 +318,9 @@ def test_file_without_frames_lists_its_topics(tmp_path):
 
 
 def test_frames_of_another_schema_are_refused(tmp_path):
-    schema = descriptor_pb2.FileDescriptorSet.FromString(mcap_schemas.schema_of("tactile.Frame"))
+    schema = descriptor_pb2.FileDescriptorSet.FromString(
+        mcap_schemas.message_schema("tactile.Frame")
+    )
     schema.file[1].message_type[0].field[5].number = 66
     others = Others(tmp_path / "a.mcap")
     others.frame(others.channel("tactile.Frame", data=schema.SerializeToString()), 1)
@@ -326,12 +328,14 @@ def test_frames_of_another_schema_are_refused(tmp_path):
         read_mcap(others.done())
     others = Others(tmp_path / "b.mcap")
     others.frame(others.channel("tactile.Frame", data=b"\xff\xff"), 1)
-    with pytest.raises(ValueError, match="it is no schema of protobuf"):
+    with pytest.raises(ValueError, match="it is not a protobuf schema"):
         read_mcap(others.done())
 
 
 def test_newer_schema_with_more_fields_is_read(tmp_path):
-    schema = descriptor_pb2.FileDescriptorSet.FromString(mcap_schemas.schema_of("tactile.Frame"))
+    schema = descriptor_pb2.FileDescriptorSet.FromString(
+        mcap_schemas.message_schema("tactile.Frame")
+    )
     schema.file[1].message_type[0].field.add(name="more", number=99, type=5, label=1)
     others = Others(tmp_path / "a.mcap")
     channel = others.channel("tactile.Frame", data=schema.SerializeToString())
@@ -379,7 +383,7 @@ def test_hostile_sizes_take_no_memory(tmp_path, caplog, bad):
     assert read_mcap(path).num_frames == 4
     assert tracemalloc.get_traced_memory()[1] < 2**24
     tracemalloc.stop()
-    assert "is not whole" in caplog.text
+    assert "is damaged or truncated" in caplog.text
 
 
 def test_chunk_that_differs_from_its_checksum_only_is_left_out(tmp_path, caplog):
@@ -401,8 +405,8 @@ def test_chunk_that_differs_from_its_checksum_only_is_left_out(tmp_path, caplog)
 
 
 def test_frames_that_would_fill_the_memory_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("torch_geometric_tactile.io._mcap_frames.ARRAY_BYTES", 10_000)
-    monkeypatch.setattr("torch_geometric_tactile.io._mcap_frames.EXPANSION", 0)
+    monkeypatch.setattr("torch_geometric_tactile.io.mcap_reader.ARRAY_BYTES", 10_000)
+    monkeypatch.setattr("torch_geometric_tactile.io.mcap_reader.EXPANSION", 0)
     frames = [a_frame(i, tactile=np.zeros((100, 3))) for i in range(12)]
     path = write_frames(tmp_path / "a.mcap", frames)
     with pytest.raises(ValueError, match="allow_large=True"):

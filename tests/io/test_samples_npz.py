@@ -54,7 +54,7 @@ def test_ten_arrays_that_are_no_data_set_are_listed(tmp_path):
     [
         ({"y": Y}, r"an array 'x' is missing \(got 'y'\)"),
         ({"x": X}, r"an array 'y' is missing \(got 'x'\)"),
-        ({"x": X, "y": Y, "labels": Y}, r"only one of \['y', 'labels'\] may be there"),
+        ({"x": X, "y": Y, "labels": Y}, r"must have only one of \['y', 'labels'\]"),
         ({"x": X[0], "y": Y}, r"'x' must have shape \(num_samples, num_taxels, ...\)"),
         ({"x": X[:0], "y": Y[:0]}, r"all positive \(got \(0, 3\)\)"),
         ({"x": X, "y": Y[:3]}, r"'y' must have 4 rows, one for each of 'x' \(got \(3,\)\)"),

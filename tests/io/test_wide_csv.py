@@ -43,7 +43,7 @@ def test_read_headers_and_styles(write, lines, style):
 def test_read_our_header_tells_the_sizes(write):
     rec = read_wide_csv(write(HEADER, f"0,{ROW}"))
     assert (rec.num_taxels, rec.num_channels, rec.num_joints) == (2, 3, 1)
-    with pytest.raises(ValueError, match=r"'num_joints' must be 1, as '.*hand.csv' has \(got 16\)"):
+    with pytest.raises(ValueError, match=r"'num_joints' must be 1, as in '.*hand.csv' \(got 16\)"):
         read_wide_csv(write(HEADER, f"0,{ROW}"), num_joints=16)
 
 
@@ -85,7 +85,7 @@ def test_write_by_hand(tmp_path):
 def test_write_says_what_is_lost(full, caplog, tmp_path):
     write_wide_csv(full, tmp_path / "a.csv")
     assert (
-        "a.csv' is CSV and cannot hold label, object, object_pose, pac, phase, pressure"
+        "a.csv' is CSV and cannot store label, object, object_pose, pac, phase, pressure"
         in caplog.text
     )
     caplog.clear()
@@ -95,7 +95,7 @@ def test_write_says_what_is_lost(full, caplog, tmp_path):
 
 
 def test_write_refuses_no_frame(tmp_path):
-    with pytest.raises(ValueError, match=r"at least one frame to be a CSV file \(got none\)"):
+    with pytest.raises(ValueError, match=r"at least one frame to be written as CSV \(got none\)"):
         write_wide_csv(Recording([], np.zeros((0, 1, 1))), tmp_path / "a.csv")
 
 
@@ -284,7 +284,9 @@ def test_a_time_without_its_unit(write, cell):
 @pytest.mark.parametrize("line", ["0,1,2,3,4,5,6,7", "0,1,2,3,4,5,6,7,8", ",0,1,2,3,4,5,6,7"])
 def test_header_of_numbers_by_pandas(write, line):
     path = write(line, line)
-    with pytest.raises(ValueError, match=r"line 1 must be names .* to_csv\(header=False, index=F"):
+    with pytest.raises(
+        ValueError, match=r"line 1 must hold names .* to_csv\(header=False, index=F"
+    ):
         read_wide_csv(path, **TWO_JOINTS)
 
 
@@ -349,7 +351,7 @@ def test_a_frame_without_readings_is_missing(write):
             ["taxel_0_x,time", ",", "1,0.75"],
             r"line 2, column 2: 'time' must be a number",
         ),
-        ([";".join(VALUES), "1"], r"line 1 must have cells that are separated by commas"),
+        ([";".join(VALUES), "1"], r"line 1 must have cells separated by commas"),
     ],
 )
 def test_lines_refused(write, lines, message):

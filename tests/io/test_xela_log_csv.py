@@ -83,9 +83,9 @@ def test_read_drops_and_counts_repeats(write, rows, times, stale):
             False,
             r"column 'Message number', .*\(got 'Send time', '1X', '1Y'\)",
         ),
-        (HEADER[:-6] + "\n", False, r"must have the column '1Y', as it has taxel 1"),
+        (HEADER[:-6] + "\n", False, r"must have the column '1Y', since it has taxel 1"),
         (f"{HEADER[:-9]},a,b,c,d\n", False, r"the column '1X' \(got 'Receive .*, 'a', 'b', 'c'\)"),
-        (f"{HEADER},3X,3Y,3Z\n", False, r"the column '2X', as it has taxel 3 \(got 6 of 9"),
+        (f"{HEADER},3X,3Y,3Z\n", False, r"the column '2X', since it has taxel 3 \(got 6 of 9"),
         (f"{HEADER}\n0,1,1,1,2,3\n", True, r"'Force 1X' for forces .* \(got counts only\)"),
         (f"{HEADER},Force 1X\n", False, r"must have the column 'Force 1Y'"),
         (
@@ -125,7 +125,7 @@ def test_read_columns_that_count_from_zero(write):
         (f"{HEADER},Send time\n0,1,1,1,2,3,4\n", r"each column once \(got 'Send time' twice\)"),
         (
             f"{HEADER},99999999X\n0,1,1,1,2,3,4\n",
-            r"the column '2X', as it has taxel 99999999 \(got 4 of 299999997 columns",
+            r"the column '2X', since it has taxel 99999999 \(got 4 of 299999997 columns",
         ),
         (f"{HEADER.replace('1X', '0X')}\n0,1,1,1,2,3\n", r"must have the column '0Y'"),
         (f"{HEADER},\u0662X,2Y,2Z\n0,1,1,1,2,3,4,5,6\n", r"must have the column '2X'"),

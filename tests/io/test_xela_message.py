@@ -14,7 +14,7 @@ from torch_geometric_tactile.io import (
     parse_xela_message,
     parse_xela_text,
 )
-from torch_geometric_tactile.io.xela_message import _usual_counts
+from torch_geometric_tactile.io.xela_message import _parse_regular_words
 
 REAL = Path(__file__).parents[3] / "shared/data/xela/ws_messages"
 
@@ -91,7 +91,7 @@ def test_parse_takes_what_may_be_left_out():
         ({"1": sensor(sensor=10**5000)}, r"must be its key \(got a int\)"),
         ({"1": sensor(taxels=3)}, r"must hold 3 words for each of 3 taxels \(got 6\)"),
         ({"1": sensor(taxels=None)}, r"'taxels' of sensor '1' .* positive integer \(got None\)"),
-        ({"1": sensor(integer=[1])}, r"'integer' of sensor '1' .* must say the same as 'data'"),
+        ({"1": sensor(integer=[1])}, r"'integer' of sensor '1' .* must equal 'data'"),
     ],
 )
 def test_parse_refuses(changed, message_):
@@ -162,10 +162,10 @@ def test_format_by_hand():
     ("arguments", "message_"),
     [
         ({"counts": np.zeros(3)}, r"'counts' must have shape \(num_taxels, 3\) \(got \(3,\)\)"),
-        ({"counts": np.full((2, 3), 0.5)}, r"whole numbers .*\(got 0.5 in taxel 0, axis x\)"),
+        ({"counts": np.full((2, 3), 0.5)}, r"integers from .*\(got 0.5 in taxel 0, axis x\)"),
         ({"counts": np.full((2, 3), 65536)}, r"from 0 to 65535 \(got 65536 in taxel 0"),
         ({"counts": np.full((2, 3), -1)}, r"\(got -1 in taxel 0, axis x\)"),
-        ({"counts": np.full((2, 3), np.nan)}, r"\(got nan .*cannot leave a taxel out"),
+        ({"counts": np.full((2, 3), np.nan)}, r"\(got nan .*cannot have missing taxels"),
         ({"forces": np.zeros((1, 3))}, r"'forces' must have shape \(2, 3\) \(got \(1, 3\)\)"),
         ({"taxels": [1]}, r"'taxels' must add up to 2 \(got \[1\]\)"),
         ({"taxels": [2, 0]}, r"'taxels' must add up to 2 \(got \[2, 0\]\)"),
@@ -218,8 +218,8 @@ def test_a_message_by_hand():
 
 
 def test_usual_words_are_read_at_once():
-    assert _usual_counts("0001,ABCD,fFfF").tolist() == [1, 0xABCD, 65535]
-    assert _usual_counts("1,2,3") is _usual_counts("0001, 002,0003") is None
+    assert _parse_regular_words("0001,ABCD,fFfF").tolist() == [1, 0xABCD, 65535]
+    assert _parse_regular_words("1,2,3") is _parse_regular_words("0001, 002,0003") is None
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="needs the captured messages")

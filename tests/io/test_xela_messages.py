@@ -111,7 +111,7 @@ def test_read_forces(write):
         ([LOG, '{"message": 1,,}'], r"line 2: the message that begins here cannot be read as JSON"),
         (
             [message(1), message(2, **{"1": {"data": "1,2,3", "model": "uSPa22"}})],
-            r"line 2: message 2 must have sensors of \[2\] taxels, as those before \(got \[1\]\)",
+            r"line 2: message 2 must have sensors of \[2\] taxels, as in .* \(got \[1\]\)",
         ),
         (
             [message(2), message(1)],
@@ -119,7 +119,7 @@ def test_read_forces(write):
         ),
         (
             [message(1), message(2, **{"1": sensor(model="uSPa46")})],
-            r"line 2: message 2 must have sensors \['1'\] of models \['uSPa22'\], as those before "
+            r"line 2: message 2 must have sensors \['1'\] of models \['uSPa22'\], as in .* "
             r"\(got \['1'\] of models \['uSPa46'\]\)",
         ),
         (
@@ -138,12 +138,15 @@ def test_read_forces(write):
         ),
         (['{"message": %s, "time": 0}' % ("9" * 400)], r"'message' .* must be an integer \(got 99"),
         ([message(1, **{"\u0661": sensor(), "sensors": 2})], r"must hold 2 sensors \(got \['1'\]"),
-        (['"x": 3}}\n', message(1)], r"line 1: the end of a message must have its beginning"),
+        (['"x": 3}}\n', message(1)], r"line 1: the end of a message must follow its beginning"),
         (
             [message(1), json.dumps(message(2))[1:40]],
-            r"line 2: the end of a message must have its beginning",
+            r"line 2: the end of a message must follow its beginning",
         ),
-        ([message(1), "}\n", message(2)], r"line 2: the end of a message must have its beginning"),
+        (
+            [message(1), "}\n", message(2)],
+            r"line 2: the end of a message must follow its beginning",
+        ),
         (['{"a":' * 100_000], r"line 1: the message that begins here cannot be read as JSON"),
     ],
 )
@@ -219,7 +222,10 @@ def test_write_says_what_is_lost(caplog, tmp_path):
     more = {"meta": {"object": "mug"}, "extra": {"pac": np.zeros((6, 22))}}
     rec = counts(label="cup", joint=np.zeros((6, 1)), **more)
     write_xela_messages(rec, tmp_path / "a.jsonl")
-    assert "a.jsonl' is XELA messages and cannot hold joint, label, object, pac" in caplog.text
+    assert (
+        "a.jsonl' is a file of XELA messages and cannot store joint, label, object, pac"
+        in caplog.text
+    )
     caplog.clear()
     write_xela_messages(read_xela_messages(tmp_path / "a.jsonl"), tmp_path / "b.jsonl")
     assert not caplog.text
@@ -228,10 +234,16 @@ def test_write_says_what_is_lost(caplog, tmp_path):
 @pytest.mark.parametrize(
     ("rec", "message_"),
     [
-        (Recording([], np.zeros((0, 1, 3))), r"at least one frame to be XELA messages \(got none"),
+        (
+            Recording([], np.zeros((0, 1, 3))),
+            r"at least one frame to be written as XELA messages \(got none",
+        ),
         (counts(meta={"unit": "newton"}), r"must hold counts .*3 channels, unit 'newton'"),
         (Recording([0.0], np.zeros((1, 1, 1))), r"must hold counts of 3 channels .*got 1 channels"),
-        (Recording([0.0], [[[1, np.nan, 1]]]), r"frame 0 cannot be a XELA message: .*got nan in"),
+        (
+            Recording([0.0], [[[1, np.nan, 1]]]),
+            r"frame 0 cannot be written as a XELA message: .*got nan in",
+        ),
         (counts(meta={"taxels": [4]}), r"frame 0 cannot be .*'taxels' must add up to 5"),
     ],
 )

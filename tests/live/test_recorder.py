@@ -116,7 +116,9 @@ def test_hdf5_that_cannot_be_made_leaves_the_mcap_file_and_says_what_to_do(tmp_p
         return LiveFrame(frame.sequence, frame.time, frame.received, None, np.zeros(shape, "f4"))
 
     pytest.importorskip("h5py", reason="needs the extra 'io'")
-    with pytest.raises(ValueError, match=r"a.mcap' is not whole: .* must have shape \(24, 3\)"):
+    with pytest.raises(
+        ValueError, match=r"a.mcap' is damaged or truncated: .* must have shape \(24, 3\)"
+    ):
         record(tmp_path / "a.h5", NumberedSource(1000, count=20, change=change))
     assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]
     command = f"tactile convert {tmp_path}/a.mcap {tmp_path}/a.h5"

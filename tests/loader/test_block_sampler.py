@@ -83,7 +83,7 @@ def test_true_is_by_blocks_where_the_data_is_larger_than_memory(monkeypatch, cap
     dataset = frames_of()
     assert type(StaticLoader(dataset, shuffle=True).sampler) is RandomSampler
     monkeypatch.setattr(static_loader, "exceeds_memory", lambda dataset: True)
-    static_loader._tell_blocks.cache_clear()
+    static_loader._warn_of_blocks.cache_clear()
     with caplog.at_level(logging.WARNING):
         loaders = [StaticLoader(dataset, shuffle=True) for _ in range(2)]
     assert all(isinstance(loader.sampler, BlockSampler) for loader in loaders)

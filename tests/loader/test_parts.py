@@ -227,13 +227,13 @@ def test_parts_of_other_kinds(wrap):
 
 @pytest.mark.parametrize("key", ["follow_batch", "exclude_keys"])
 def test_loader_refuses_arguments_of_pygs_loader(key):
-    with pytest.raises(TypeError, match=rf"must not be given '{key}' \(got \['x'\]\): "):
+    with pytest.raises(TypeError, match=rf"takes no '{key}' \(got \['x'\]\): "):
         StaticLoader(numbered(0), **{key: ["x"]})
     assert len(StaticLoader(numbered(0), **{key: None})) == 4  # as PyG's default
 
 
 def test_loader_refuses_a_collate_fn():
-    with pytest.raises(TypeError, match=r"must not be given a 'collate_fn', since it cuts"):
+    with pytest.raises(TypeError, match=r"takes no 'collate_fn', since it cuts"):
         StaticLoader(numbered(0), collate_fn=list)
     loader = StaticLoader(numbered(0), 2)
     assert trials(StaticLoader(numbered(0), 2, collate_fn=loader.collate_fn)) == trials(loader)

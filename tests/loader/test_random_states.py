@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from torch_geometric_tactile.loader._random_states import RandomStates, kept_rng, mixed, seeded_rng
+from torch_geometric_tactile.loader._random_states import (
+    RandomStates,
+    mix_seeds,
+    preserve_random_states,
+    seeded_rng,
+)
 
 
 def drawn():
@@ -45,9 +50,9 @@ def test_states_that_were_changed_are_an_error(change, said):
 
 
 def test_kept_states_are_those_before_also_after_an_error():
-    with kept_rng():
+    with preserve_random_states():
         first = drawn(), drawn()
-    with pytest.raises(KeyError), kept_rng():
+    with pytest.raises(KeyError), preserve_random_states():
         raise KeyError(drawn())
     assert (drawn(), drawn()) == first
 
@@ -66,7 +71,7 @@ def test_seeded_states_follow_from_the_seed_alone():
     assert own.get_state().equal(before[1])
     before[0].restore()
     np.random.seed(2)  # noqa: NPY002 - no second normal number is kept
-    with kept_rng():
+    with preserve_random_states():
         expected = drawn()
     with seeded_rng(11):
         drawn()
@@ -83,7 +88,7 @@ def test_other_seeds_of_own_sources_draw_other_numbers():
 
 
 def test_mixed_seeds_are_in_the_range_of_every_source():
-    found = {mixed(a, b) for a in range(10) for b in range(-5, 5)}
+    found = {mix_seeds(a, b) for a in range(10) for b in range(-5, 5)}
     assert len(found) == 100
     assert 0 <= min(found) <= max(found) < 2**63
-    assert mixed(1, 2) == mixed(1, 2) != mixed(2, 1)
+    assert mix_seeds(1, 2) == mix_seeds(1, 2) != mix_seeds(2, 1)

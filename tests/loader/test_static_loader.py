@@ -194,7 +194,7 @@ def test_parts_without_an_attribute_of_their_own_keep_their_numbers():
 def test_lambda_is_named_where_workers_are_not_forked(context):
     dataset = FakeTactileDataset(4, transform=lambda sample: sample)
     loader = StaticLoader(dataset, 2, num_workers=1, multiprocessing_context=context)
-    with pytest.raises(TypeError, match=r"can be pickled .*lambda.* functions or classes of a mod"):
+    with pytest.raises(TypeError, match=r"must be picklable .*lambda.* functions or classes of a"):
         next(iter(loader))
     assert len(list(StaticLoader(dataset, 2))) == 2
 

@@ -84,10 +84,10 @@ def test_assert_static_equals_batched_edge_attr():
 
 
 def test_assert_static_equals_batched_red():
-    law = r"function must give on \(B, N, F\) what it gives on each sample: .* is \d.*allowed"
+    law = r"function must give the same output on \(B, N, F\) as on each sample: .* is \d.*allowed"
     with pytest.raises(AssertionError, match=law):
         assert_static_equals_batched(sum_over_leading_dim, normal(6, 4, 3), EDGE_INDEX)
-    with pytest.raises(AssertionError, match="what it gives on PyG's batch"):
+    with pytest.raises(AssertionError, match="as on PyG's batch"):
         assert_static_equals_batched(add_node_number, normal(6, 4, 3), EDGE_INDEX)
     with pytest.raises(AssertionError, match="the shapes differ"):
         assert_static_equals_batched(lambda x, e: x[:1], normal(6, 4, 3), EDGE_INDEX)
@@ -139,7 +139,7 @@ def test_assert_transform_static_equals_batched_green():
     ],
 )
 def test_assert_transform_static_equals_batched_red(transform, match):
-    match = f"{type(transform).__name__} must give on StaticData .*{match}"
+    match = f"{type(transform).__name__} must give the same attributes on StaticData .*{match}"
     with pytest.raises(AssertionError, match=match):
         assert_transform_static_equals_batched(transform, StaticData(x=normal(3, 4, 2)))
 
@@ -151,7 +151,9 @@ def test_assert_transform_static_equals_batched_red_on_batch():
         data.x = x
         return data
 
-    with pytest.raises(AssertionError, match=r"must give on PyG's batch .* in 'x'"):
+    with pytest.raises(
+        AssertionError, match=r"must give the same attributes on PyG's batch .* in 'x'"
+    ):
         assert_transform_static_equals_batched(number_nodes, StaticData(x=normal(3, 4, 2)))
     with pytest.raises(ValueError, match="at least one sample"):
         assert_transform_static_equals_batched(Double(), StaticData(x=normal(0, 4, 2)))
@@ -186,7 +188,7 @@ def test_assert_streaming_equals_window_green():
 
 
 def test_assert_streaming_equals_window_red():
-    law = r"Average must give after frame 0 what it gives on frames 0 to 0: the largest diff"
+    law = r"Average must give the same output after frame 0 as on frames 0 to 0: the largest diff"
     with pytest.raises(AssertionError, match=law):
         assert_streaming_equals_window(Average("state"), normal(2, 4, 6), 6)
     model = Average("window")

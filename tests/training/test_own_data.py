@@ -11,7 +11,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import torch
 import yaml
 
-from torch_geometric_tactile._own_modules import find_own_modules
+from torch_geometric_tactile._user_modules import add_working_directory
 from torch_geometric_tactile.sensors import TaxelLayout, grid
 from torch_geometric_tactile.training import TactileModule
 
@@ -147,6 +147,6 @@ def test_own_data_set_layout_and_model_are_trained_tested_and_loaded(folder, mon
 def test_modules_of_the_working_directory_are_found(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", ["/somewhere"])
-    find_own_modules()
-    find_own_modules()
+    add_working_directory()
+    add_working_directory()
     assert sys.path == ["/somewhere", str(tmp_path)]

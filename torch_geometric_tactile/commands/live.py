@@ -120,7 +120,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the verb and returns the exit status."""
-    from torch_geometric_tactile._interrupts import ends_heeded
+    from torch_geometric_tactile._interrupts import termination_as_interrupt
     from torch_geometric_tactile.commands._keys import keys_heeded, label_keys, mark
     from torch_geometric_tactile.commands._status_line import StatusLine
 
@@ -148,7 +148,7 @@ def run(arguments: argparse.Namespace) -> int:
             "q": session.stop,
             **label_keys(arguments.labels, lambda: session.recorder, line),
         }
-        with ends_heeded(), keys_heeded(keys) as heed, closing(session):
+        with termination_as_interrupt(), keys_heeded(keys) as heed, closing(session):
             url = session.view(port=arguments.port) if arguments.view else None
             if url is not None:
                 line.tell(f"page: {url}")

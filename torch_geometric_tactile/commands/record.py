@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the verb and returns the exit status."""
-    from torch_geometric_tactile._interrupts import ends_heeded
+    from torch_geometric_tactile._interrupts import termination_as_interrupt
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.live import Recorder, Stream, open_source
 
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
         overwrite=arguments.overwrite,
         max_seconds=arguments.seconds,
     )
-    with ends_heeded():
+    with termination_as_interrupt():
         recorder.start()
         try:
             with stream:

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 from torch_geometric.transforms import BaseTransform
 
-from torch_geometric_tactile._sources import has_source, own_sources, source_mark
+from torch_geometric_tactile._sources import has_source, source_hash, user_sources
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _PLAIN = (bool, int, float, complex, str, bytes, torch.dtype, torch.device, torch.layout)
@@ -137,7 +137,7 @@ def _named_globals(function: types.FunctionType) -> dict[str, Any]:
     found = {name: function.__globals__[name] for name in names}
     modules = [value for value in found.values() if isinstance(value, types.ModuleType)]
     named = {name: value for name, value in found.items() if _counts(value)}
-    return {**named, **own_sources(sorted(module.__name__ for module in modules)).modules}
+    return {**named, **user_sources(sorted(module.__name__ for module in modules)).modules}
 
 
 def _names(code: types.CodeType) -> set[str]:
@@ -199,7 +199,7 @@ def _counts(value: Any) -> bool:
 
 
 def _path(value: Any) -> str:
-    mark = source_mark(value) if isinstance(value, type | types.FunctionType) else ""
+    mark = source_hash(value) if isinstance(value, type | types.FunctionType) else ""
     return f"{value.__module__}.{value.__qualname__}" + (f"[source {mark}]" if mark else "")
 
 

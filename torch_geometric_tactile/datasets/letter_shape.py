@@ -361,5 +361,5 @@ def _report(left_out: Sequence[str], folder: Path) -> None:
             "'%s': %d files or matrices are left out: %s",
             folder,
             len(left_out),
-            short_list(left_out, _NAMED, rest="; and {} more", joint="; "),
+            short_list(left_out, _NAMED, ending="; and {} more", separator="; "),
         )

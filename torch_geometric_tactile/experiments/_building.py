@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from torch_geometric_tactile._checks import Argument, ArgumentError
-from torch_geometric_tactile._own_modules import import_own
+from torch_geometric_tactile._user_modules import import_user_module
 from torch_geometric_tactile.sensors import TaxelLayout
 
 
@@ -13,7 +13,7 @@ def find_class(class_path: str) -> Any:
     r"""Returns a class by its import path."""
     module, _, name = class_path.rpartition(".")
     try:
-        return getattr(import_own(module), name)
+        return getattr(import_user_module(module), name)
     except Exception as error:  # whatever a module raises that is imported
         is_plain = isinstance(error, AttributeError | ImportError | ValueError)
         text = str(error) if is_plain else repr(error)

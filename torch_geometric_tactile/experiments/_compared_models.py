@@ -7,7 +7,7 @@ from typing import Any
 from torch.nn import Module
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need_argument
-from torch_geometric_tactile._own_modules import import_own
+from torch_geometric_tactile._user_modules import import_user_module
 from torch_geometric_tactile.baselines._readings import num_repeats
 from torch_geometric_tactile.experiments._building import find_class
 from torch_geometric_tactile.experiments._compared_task import (
@@ -479,7 +479,7 @@ def model_of(name: str) -> ComparedModel:
         return _BY_NAME[name]
     module, _, attribute = name.rpartition(".")
     try:
-        found = getattr(import_own(module), attribute)
+        found = getattr(import_user_module(module), attribute)
     except Exception as error:  # whatever a module raises that is imported
         text = str(error) if isinstance(error, AttributeError | ImportError) else repr(error)
         raise ArgumentError(

@@ -15,7 +15,7 @@ import torch_geometric
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile._sources import OwnSources, own_sources
+from torch_geometric_tactile._sources import UserSources, user_sources
 from torch_geometric_tactile._typing import ThresholdMetric
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments.source import DataSource
@@ -148,18 +148,18 @@ class Experiment:
         }
 
     @cached_property
-    def sources(self) -> OwnSources:
+    def sources(self) -> UserSources:
         r"""The source code of the user's own models, estimators, transforms, data sets and studies,
         when it was first asked for.
         """
         return self.read_sources()
 
-    def read_sources(self) -> OwnSources:
+    def read_sources(self) -> UserSources:
         r"""Returns the source code of the user's own classes and functions as it is now."""
         content = [self.model, self.transform, self.train_transform, self.trainer, self.studies]
         content.append(self.data.identity())
         choice = None if self.choice is None else self.choice.to_dict()
-        return own_sources(sorted({*_import_paths([*content, choice])}))
+        return user_sources(sorted({*_import_paths([*content, choice])}))
 
     @cached_property
     def code(self) -> str:

@@ -23,7 +23,7 @@ from typing import Any
 import tabulate  # noqa: F401
 
 from torch_geometric_tactile._checks import ArgumentError
-from torch_geometric_tactile._parallel import KEPT_MEMORY
+from torch_geometric_tactile._parallel import MALLOC_VARIABLES
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._memory import PeakMemory
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
@@ -93,7 +93,7 @@ class _Process:
     def __init__(self, threads: int) -> None:
         self.threads = threads
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
-        environment = {**KEPT_MEMORY, **os.environ, **dict.fromkeys(_THREADS, str(threads))}
+        environment = {**MALLOC_VARIABLES, **os.environ, **dict.fromkeys(_THREADS, str(threads))}
         self._popen = subprocess.Popen(
             [sys.executable, "-P", "-c", _START, *filter(None, sys.path)],
             stdin=subprocess.PIPE,

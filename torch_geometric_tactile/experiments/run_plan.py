@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import torch
 
-from torch_geometric_tactile._parallel import kept_memory, run_parallel
+from torch_geometric_tactile._parallel import keep_freed_memory, run_parallel
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._graph_samples import SampleSet
 from torch_geometric_tactile.experiments._experiment import Experiment
@@ -291,7 +291,10 @@ def _run(
     if not todo:
         return
     try:
-        with kept_memory(), closing(run_parallel(_numbered, enumerate(todo), jobs)) as running:
+        with (
+            keep_freed_memory(),
+            closing(run_parallel(_numbered, enumerate(todo), jobs)) as running,
+        ):
             for number, result in running:
                 yield todo[number], result
     finally:

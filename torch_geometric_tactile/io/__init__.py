@@ -1,7 +1,7 @@
 r"""Readers, writers and decoders of file and wire formats, one format per file.
 
-The names are those of the stub beside this file. They load on first use, so that a live robot
-needs no :obj:`torch` for what works without.
+The public names are listed in ``__init__.pyi``. They are imported on first use, so that a live
+robot needs no :obj:`torch` for the functions that work without it.
 """
 
 import lazy_loader

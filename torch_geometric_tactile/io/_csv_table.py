@@ -1,4 +1,4 @@
-r"""Tables of numbers in CSV files: a quick reader whose errors name line and column."""
+r"""A fast reader of numbers in CSV files, whose errors name line and column."""
 
 import csv
 import math
@@ -13,29 +13,29 @@ import numpy as np
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import quoted
 
-# With these a spreadsheet program takes a cell for a formula, and runs it; also as wide characters.
-_FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+# Spreadsheet programs run a cell that begins with these as a formula; also full-width characters.
+_FORMULA_STARTS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 _Key = TypeVar("_Key", bound=Hashable)
 _SEPARATOR = re.compile(r"[;\t|]")
 
 
-def safe_cell(text: str) -> str:
-    r"""Returns a text for a cell of a CSV file, such that no spreadsheet program takes it for a
-    formula: with an apostrophe in front if it begins like one, also behind apostrophes. Numbers are
-    to be written as they are, not through this function.
+def text_to_cell(text: str) -> str:
+    r"""Escapes a text for a cell of a CSV file, so that spreadsheet programs do not run it as a
+    formula: if it begins like a formula, also after apostrophes, it gets another apostrophe in
+    front. Do not use it for numbers.
 
     Examples:
-        >>> safe_cell("mug"), safe_cell("=1+1")
+        >>> text_to_cell("mug"), text_to_cell("=1+1")
         ('mug', "'=1+1")
     """
     return f"'{text}" if _is_formula(text) else text
 
 
-def text_of_cell(cell: str) -> str:
-    r"""Returns the text that :func:`safe_cell` made a cell of.
+def cell_to_text(cell: str) -> str:
+    r"""Returns the original text of a cell that :func:`text_to_cell` escaped.
 
     Examples:
-        >>> text_of_cell("mug"), text_of_cell("'=1+1")
+        >>> cell_to_text("mug"), cell_to_text("'=1+1")
         ('mug', '=1+1')
     """
     return cell[1:] if cell.startswith("'") and _is_formula(cell) else cell
@@ -43,53 +43,58 @@ def text_of_cell(cell: str) -> str:
 
 def _is_formula(text: str) -> bool:
     text = text.lstrip("'")
-    return text.startswith(("\t", "\r", "\n")) or text.lstrip().startswith(_FORMULA)
+    return text.startswith(("\t", "\r", "\n")) or text.lstrip().startswith(_FORMULA_STARTS)
 
 
 def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    r"""Yields line number and cells of each line."""
+    r"""Yields the line number and the cells of each line.
+
+    Raises:
+        ValueError: If the file is empty, truncated or not valid CSV.
+    """
+    # Without a line break at its end, the last number of a file may have lost digits.
     with path.open("rb") as file:
         if file.seek(0, 2):
             file.seek(-1, 2)
-            whole = file.read(1) in b"\r\n"
+            is_complete = file.read(1) in b"\r\n"
         else:
             raise ValueError(f"'{path}' must hold at least one frame (got an empty file)")
-    last = 0
+    last_line = 0
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            # Two programs may have put a mark of the byte order in front.
-            first = filter(None, [file.readline().lstrip("\ufeff")])
-            reader = csv.reader(chain(first, file), strict=True)
+            # A file may begin with two byte order marks, if two programs wrote them.
+            first_line = filter(None, [file.readline().lstrip("\ufeff")])
+            reader = csv.reader(chain(first_line, file), strict=True)
             for row in reader:
-                before, last = last, reader.line_num
-                if last > before + 1:
+                previous_line, last_line = last_line, reader.line_num
+                if last_line > previous_line + 1:
                     raise ValueError(
-                        f"'{path}', line {before + 1} must have no cell with a line break (got one "
-                        f"up to line {last}): is a quote missing?"
+                        f"'{path}', line {previous_line + 1} must have no cell with a line break "
+                        f"(got one up to line {last_line}): is a quote missing?"
                     )
                 if not row or (len(row) == 1 and row[0].isspace()):
                     raise ValueError(
-                        f"'{path}', line {last} must not be empty: delete it, or write the "
-                        "commas of a frame without readings if one is missing there"
+                        f"'{path}', line {last_line} must not be empty: delete it, or write the "
+                        "commas of a frame without readings if it is a missing frame"
                     )
                 if len(row) == 1 and not is_number_cell(row[0]) and _SEPARATOR.search(row[0]):
                     raise ValueError(
-                        f"'{path}', line {last} must have cells that are separated by commas (got "
+                        f"'{path}', line {last_line} must have cells separated by commas (got "
                         f"{quoted(row[0])})"
                     )
-                yield last, row
+                yield last_line, row
     except (csv.Error, UnicodeDecodeError) as error:
         raise ValueError(f"'{path}' cannot be read as CSV: {error}") from error
-    need(last != 0, f"'{path}' must hold at least one frame (got no line)")
-    if not whole:
+    need(last_line != 0, f"'{path}' must hold at least one frame (got no line)")
+    if not is_complete:
         raise ValueError(
-            f"'{path}', line {last} must end with a line break: is the file truncated? Delete the "
-            "line, or add the line break if you know that the line is complete"
+            f"'{path}', line {last_line} must end with a line break: is the file truncated? Delete "
+            "the line, or add the line break if you know that the line is complete"
         )
 
 
-def csv_names(lines: Iterator[tuple[int, list[str]]]) -> list[str]:
-    r"""Returns the names of the columns, which are the first of the lines."""
+def read_header(lines: Iterator[tuple[int, list[str]]]) -> list[str]:
+    r"""Reads the first line, and returns the names of the columns."""
     return [cell.strip() for cell in next(lines)[1]]
 
 
@@ -101,42 +106,53 @@ def csv_table(
     *,
     texts: Sequence[int] = (),
     required: Sequence[int] = (),
-    what: str = "frame",
+    row_noun: str = "frame",
 ) -> tuple[np.ndarray, list[list[str]]]:
-    r"""Returns the numbers of some columns, or of all, and the cells of others as texts. In those
-    that are required, no number may be missing.
+    r"""Reads a table of numbers and texts.
+
+    Args:
+        path (Path): The file, for messages.
+        lines (iterator): Line numbers and cells, after the header.
+        names (sequence of str): The names of all columns.
+        columns (sequence of int, optional): The columns with numbers. By default, all columns.
+        texts (sequence of int): The columns to return as texts.
+        required (sequence of int): The columns in which no number may be missing.
+        row_noun (str): The noun for a line, for messages.
+
+    Returns:
+        The numbers (one row for each line), and the texts of each line.
     """
-    places = [*range(len(names))] if columns is None else [*columns]
-    needed = [i for i, place in enumerate(places) if place in required]
+    numeric = [*range(len(names))] if columns is None else [*columns]
+    required_indices = [i for i, column in enumerate(numeric) if column in required]
     rows, cells = [], []
     for line, row in lines:
         numbers = csv_numbers(path, line, row, names, columns, required)
-        if needed and np.isnan(numbers[needed]).any():
-            place = next(places[i] for i in needed if np.isnan(numbers[i]))
-            raise _no_number(path, line, place, row[place], names[place])
+        if required_indices and np.isnan(numbers[required_indices]).any():
+            column = next(numeric[i] for i in required_indices if np.isnan(numbers[i]))
+            raise _number_error(path, line, column, row[column], names[column])
         rows.append(numbers)
         cells.append([row[i] for i in texts])
-    need(rows, f"'{path}' must hold at least one {what} (got a header only)")
+    need(rows, f"'{path}' must hold at least one {row_noun} (got a header only)")
     return np.stack(rows), cells
 
 
 def csv_columns(
     path: Path,
     lines: Iterator[tuple[int, list[str]]],
-    wanted: Sequence[str],
+    numeric_names: Sequence[str],
     texts: Sequence[str] = (),
     *,
-    what: str = "frame",
+    row_noun: str = "frame",
 ) -> tuple[np.ndarray, list[list[str]]]:
-    r"""Returns the numbers of columns with these names, of which none may be missing, and the cells
-    of others as texts. Further columns are not read.
+    r"""Reads the columns with the given names, like :func:`csv_table`. No column and no number may
+    be missing. Further columns are ignored.
     """
-    header = csv_names(lines)
-    place = placed(path, header, dict(enumerate(header)))
-    refuse_missing(path, place, list(dict.fromkeys([*texts, *wanted])))
-    numeric = [place[name] for name in wanted]
-    cells = [place[name] for name in texts]
-    return csv_table(path, lines, header, numeric, texts=cells, required=numeric, what=what)
+    header = read_header(lines)
+    column_of_name = map_columns(path, header, dict(enumerate(header)))
+    check_columns_exist(path, column_of_name, list(dict.fromkeys([*texts, *numeric_names])))
+    numeric = [column_of_name[name] for name in numeric_names]
+    cells = [column_of_name[name] for name in texts]
+    return csv_table(path, lines, header, numeric, texts=cells, required=numeric, row_noun=row_noun)
 
 
 def csv_numbers(
@@ -147,27 +163,34 @@ def csv_numbers(
     columns: Sequence[int] | None = None,
     required: Sequence[int] = (),
 ) -> np.ndarray:
-    r"""Returns the numbers of a line, NaN for empty cells."""
+    r"""Returns the numbers of a line, with NaN for empty cells.
+
+    Raises:
+        ValueError: If a cell is not a finite number, or the number of cells is not that of the
+            names.
+    """
     if len(row) != len(names):
         raise ValueError(
             f"'{path}', line {line} must have {len(names)} cells (got {len(row)}): is the file "
             "truncated, or are the cells not separated by commas?"
         )
-    places = range(len(row)) if columns is None else columns
+    cell_columns = range(len(row)) if columns is None else columns
     cells = row if columns is None else [row[i] for i in columns]
     text = "".join(cells)
+    # Converts the line at once, which is faster than cell by cell; errors take the slow path.
     try:
-        # Python also reads '1_0' and digits of other scripts.
+        # Python also accepts '1_0' and digits of other scripts.
         if "_" in text or not text.isascii():
             raise ValueError
         numbers = np.array(cells, dtype=object).astype(np.float64)
     except ValueError:
-        numbers = np.array([_number(path, line, i, row[i], names[i]) for i in places])
+        numbers = np.array([_parse_number(path, line, i, row[i], names[i]) for i in cell_columns])
+    # Readings are stored as float32, so numbers beyond its range are infinite as well.
     with np.errstate(over="ignore"):
         infinite = np.flatnonzero(np.isinf(numbers.astype(np.float32)))
     if len(infinite):
-        column = places[int(infinite[0])]
-        hint = "" if column in required else ", or empty where it is missing"
+        column = cell_columns[int(infinite[0])]
+        hint = "" if column in required else ", or empty if it is missing"
         raise ValueError(
             f"'{path}', line {line}, column {column + 1}: {quoted(names[column])} must be finite"
             f"{hint} (got {quoted(row[column])})"
@@ -176,7 +199,7 @@ def csv_numbers(
 
 
 def is_number_cell(cell: str) -> bool:
-    r"""Tells whether a cell holds a number, or nothing."""
+    r"""Returns whether a cell holds a number, or is empty."""
     if not cell.isascii() or "_" in cell:
         return False
     try:
@@ -186,31 +209,31 @@ def is_number_cell(cell: str) -> bool:
     return True
 
 
-def _number(path: Path, line: int, column: int, cell: str, name: str) -> float:
+def _parse_number(path: Path, line: int, column: int, cell: str, name: str) -> float:
     if not cell.strip():
         return math.nan
     if is_number_cell(cell):
         return float(cell)
-    raise _no_number(path, line, column, cell, name)
+    raise _number_error(path, line, column, cell, name)
 
 
-def _no_number(path: Path, line: int, column: int, cell: str, name: str) -> ValueError:
+def _number_error(path: Path, line: int, column: int, cell: str, name: str) -> ValueError:
     return ValueError(
         f"'{path}', line {line}, column {column + 1}: {quoted(name)} must be a number "
         f"(got {quoted(cell)})"
     )
 
 
-def has_names(row: Sequence[str]) -> bool:
-    r"""Tells whether a line is a header: if most of its cells are no numbers. One wrong cell does
-    not make a line of numbers a header.
+def is_header(row: Sequence[str]) -> bool:
+    r"""Returns whether a line is a header: more than half of its cells are not numbers. A line of
+    numbers with one invalid cell is not a header.
     """
     return sum(not is_number_cell(cell) for cell in row) > len(row) / 2
 
 
-def is_counted(row: Sequence[str]) -> bool:
-    r"""Tells whether a line is ``0,1,2,...``, as the header that pandas writes without names; also
-    after the empty cell above its index.
+def is_counted_header(row: Sequence[str]) -> bool:
+    r"""Returns whether a line is ``0,1,2,...``, the header that pandas writes for columns without
+    names, with or without the empty cell above its index.
     """
     names = [cell.strip() for cell in row]
     if len(names) > 1 and not names[0]:
@@ -218,18 +241,18 @@ def is_counted(row: Sequence[str]) -> bool:
     return names == [str(i) for i in range(len(names))]
 
 
-def refuse_counted(path: Path, row: Sequence[str], options: str) -> None:
-    r"""Checks that a first line is no header of numbers."""
-    if is_counted(row):
+def check_no_counted_header(path: Path, row: Sequence[str], options: str) -> None:
+    r"""Raises an error if the first line is a header of the numbers 0, 1, 2, ..."""
+    if is_counted_header(row):
         raise ValueError(
-            f"'{path}', line 1 must be names of columns or a frame (got 0, 1, 2, ..., which pandas "
-            f"writes for columns without names): name them, or write the file with "
+            f"'{path}', line 1 must hold names of columns or a frame (got 0, 1, 2, ..., which "
+            "pandas writes for columns without names): name them, or write the file with "
             f"to_csv(header=False, index=False); {options}"
         )
 
 
-def refuse_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -> None:
-    r"""Checks that no column is the index that pandas writes in front of the columns."""
+def check_no_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -> None:
+    r"""Raises an error if a column is the index that pandas writes in front of the columns."""
     for column, name in enumerate(names, 1):
         unnamed = (column == 1 and not name) or re.fullmatch(r"Unnamed: [0-9]+", name)
         if unnamed and len(names) > 1 and name not in ignore:
@@ -239,23 +262,27 @@ def refuse_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -
             )
 
 
-def placed(path: Path, names: Sequence[str], keys: Mapping[int, _Key]) -> dict[_Key, int]:
-    r"""Returns the columns by what they are, and checks that each is something of its own."""
-    place: dict[_Key, int] = {}
+def map_columns(path: Path, names: Sequence[str], keys: Mapping[int, _Key]) -> dict[_Key, int]:
+    r"""Inverts a mapping of columns to keys, such as names.
+
+    Raises:
+        ValueError: If two columns have the same key.
+    """
+    column_of_key: dict[_Key, int] = {}
     for column, key in keys.items():
-        if key in place:
-            before, name = quoted(names[place[key]]), quoted(names[column])
-            got = f"{name} twice" if name == before else f"{before} and {name}"
-            raise ValueError(f"'{path}', line 1 must name each column once (got {got})")
-        place[key] = column
-    return place
+        if key in column_of_key:
+            first_name, name = quoted(names[column_of_key[key]]), quoted(names[column])
+            duplicates = f"{name} twice" if name == first_name else f"{first_name} and {name}"
+            raise ValueError(f"'{path}', line 1 must name each column once (got {duplicates})")
+        column_of_key[key] = column
+    return column_of_key
 
 
-def refuse_missing(path: Path, names: Container[str], wanted: Sequence[str]) -> None:
-    r"""Checks that there are all columns that a file must have."""
-    missing = [name for name in wanted if name not in names]
-    if missing:
+def check_columns_exist(path: Path, names: Container[str], required: Sequence[str]) -> None:
+    r"""Raises an error if a required column is missing."""
+    missing_columns = [name for name in required if name not in names]
+    if missing_columns:
         raise ValueError(
-            f"'{path}' must have the column '{missing[0]}' ({len(missing)} of {len(wanted)} "
-            "columns are missing)"
+            f"'{path}' must have the column '{missing_columns[0]}' ({len(missing_columns)} of "
+            f"{len(required)} columns are missing)"
         )

@@ -1,7 +1,7 @@
-r"""What CSV files beside recordings tell of them: ``annotations.csv``, with the columns
-``recording``, ``start``, ``end`` and ``label``, and ``labels.csv``, with ``recording``, ``label``
-and further columns for the metadata. A recording is called by the name of its file, with or without
-the suffix.
+r"""CSV files with annotations, labels and metadata of the recordings in the same folder:
+``annotations.csv``, with the columns ``recording``, ``start``, ``end`` and ``label``, and
+``labels.csv``, with ``recording``, ``label`` and further columns of metadata. A recording is
+identified by the name of its file, with or without the suffix.
 """
 
 import csv
@@ -16,14 +16,14 @@ from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile.data import Annotation
 from torch_geometric_tactile.data._annotations import checked_annotation
 from torch_geometric_tactile.io._csv_table import (
-    csv_names,
+    cell_to_text,
+    check_columns_exist,
+    check_no_index,
     csv_rows,
     csv_table,
-    placed,
-    refuse_index,
-    refuse_missing,
-    safe_cell,
-    text_of_cell,
+    map_columns,
+    read_header,
+    text_to_cell,
 )
 
 ANNOTATIONS_FILE, LABELS_FILE = TABLES = ("annotations.csv", "labels.csv")
@@ -32,12 +32,12 @@ _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 
 
 def read_annotations(path: Path) -> dict[str, list[Annotation]]:
-    r"""Returns the annotations in an ``annotations.csv``, by the names of their recordings."""
+    r"""Reads an ``annotations.csv``, and returns the annotations by the name of the recording."""
     lines = csv_rows(path)
-    names = csv_names(lines)
-    place = placed(path, names, dict(enumerate(names)))
-    refuse_missing(path, place, _COLUMNS)
-    recording, start, end, label = (place[name] for name in _COLUMNS)
+    names = read_header(lines)
+    column_of_name = map_columns(path, names, dict(enumerate(names)))
+    check_columns_exist(path, column_of_name, _COLUMNS)
+    recording, start, end, label = (column_of_name[name] for name in _COLUMNS)
     table, cells = csv_table(
         path,
         lines,
@@ -45,65 +45,74 @@ def read_annotations(path: Path) -> dict[str, list[Annotation]]:
         [start, end],
         texts=[recording, label],
         required=[start, end],
-        what="annotation",
+        row_noun="annotation",
     )
-    out: dict[str, list[Annotation]] = {}
+    annotations: dict[str, list[Annotation]] = {}
     for line, (times, texts) in enumerate(zip(table.tolist(), cells, strict=True), 2):
-        name, text = (text_of_cell(cell.strip()) for cell in texts)
+        name, text = (cell_to_text(cell.strip()) for cell in texts)
         try:
-            out.setdefault(name, []).append(checked_annotation((*times, text)))
+            annotations.setdefault(name, []).append(checked_annotation((*times, text)))
         except ValueError as error:
             raise ValueError(f"'{path}', line {line}: {error}") from error
-    return out
+    return annotations
 
 
 def read_labels(path: Path) -> dict[str, dict[str, str | int]]:
-    r"""Returns the label and metadata in a ``labels.csv``, by the names of the recordings. Columns
-    of whole numbers are numbers, and empty cells tell nothing.
+    r"""Reads a ``labels.csv``, and returns label and metadata by the name of the recording.
+
+    A column that holds only integers is converted to integers. Empty cells are left out.
     """
     lines = csv_rows(path)
-    names = csv_names(lines)
-    refuse_index(path, names)
-    place = placed(path, names, dict(enumerate(names)))
-    refuse_missing(path, place, _COLUMNS[:1])
-    out: dict[str, dict[str, str | int]] = {}
+    names = read_header(lines)
+    check_no_index(path, names)
+    column_of_name = map_columns(path, names, dict(enumerate(names)))
+    check_columns_exist(path, column_of_name, _COLUMNS[:1])
+    metadata_of_recording: dict[str, dict[str, str | int]] = {}
     for line, row in lines:
         if len(row) != len(names):
             raise ValueError(f"'{path}', line {line} must have {len(names)} cells (got {len(row)})")
-        cells = {name: text_of_cell(row[i].strip()) for name, i in place.items()}
+        cells = {name: cell_to_text(row[i].strip()) for name, i in column_of_name.items()}
         recording = cells.pop("recording")
-        if recording in out:
+        if recording in metadata_of_recording:
             raise ValueError(
                 f"'{path}', line {line} must not name a recording again (got {quoted(recording)})"
             )
-        out[recording] = {name: cell for name, cell in cells.items() if cell}
-    need(out, f"'{path}' must have a line for at least one recording (got its header): is it cut?")
-    for name in place:
-        found = [told for told in out.values() if name in told]
-        if all(_INTEGER.fullmatch(str(told[name])) for told in found):
-            for told in found:
-                told[name] = int(told[name])
-    return out
+        metadata_of_recording[recording] = {name: cell for name, cell in cells.items() if cell}
+    need(
+        metadata_of_recording,
+        f"'{path}' must have a line for at least one recording (got only the header): is it "
+        "truncated?",
+    )
+    # Only now are all cells of a column known.
+    for name in column_of_name:
+        rows = [metadata for metadata in metadata_of_recording.values() if name in metadata]
+        if all(_INTEGER.fullmatch(str(metadata[name])) for metadata in rows):
+            for metadata in rows:
+                metadata[name] = int(metadata[name])
+    return metadata_of_recording
 
 
 def annotations_beside(path: Path) -> list[Annotation]:
-    r"""Returns the annotations that the ``annotations.csv`` beside a recording's file has of it."""
+    r"""Returns the annotations of a recording from the ``annotations.csv`` beside its file."""
     table = path.with_name(ANNOTATIONS_FILE)
     if not table.is_file():
         return []
     stat = table.stat()
-    found = _known_annotations(table, (stat.st_ino, stat.st_mtime_ns, stat.st_size))
-    return [row for name in (path.name, path.stem) for row in found.get(name, ())]
+    annotations = _cached_annotations(table, (stat.st_ino, stat.st_mtime_ns, stat.st_size))
+    return [
+        annotation for name in (path.name, path.stem) for annotation in annotations.get(name, ())
+    ]
 
 
-@lru_cache(maxsize=4)  # of a folder with many recordings
-def _known_annotations(table: Path, state: tuple[int, ...]) -> Mapping[str, list[Annotation]]:
+@lru_cache(maxsize=4)  # since a folder may have many recordings; `state` tells if it changed
+def _cached_annotations(table: Path, state: tuple[int, ...]) -> Mapping[str, list[Annotation]]:
     return read_annotations(table)
 
 
 def write_annotations(path: Path, annotations: Sequence[Annotation]) -> None:
-    r"""Writes the annotations of a recording into the ``annotations.csv`` beside its file, in place
-    of those that this has of it. All else in it stays, also what other processes write meanwhile.
+    r"""Writes the annotations of a recording to the ``annotations.csv`` beside its file, and
+    replaces the previous ones. Rows of other recordings stay, also if another process writes at
+    the same time.
     """
     table = path.with_name(ANNOTATIONS_FILE)
     if annotations or table.exists():
@@ -112,22 +121,22 @@ def write_annotations(path: Path, annotations: Sequence[Annotation]) -> None:
 
 
 def _replace_rows(table: Path, path: Path, annotations: Sequence[Annotation]) -> None:
-    names, before = [*_COLUMNS], []
+    names, old_rows = [*_COLUMNS], []
     if table.exists():
-        read_annotations(table)  # is refused if it is none
+        read_annotations(table)  # raises an error for an invalid table
         lines = csv_rows(table)
-        names = csv_names(lines)
-        before = [row for _, row in lines]
+        names = read_header(lines)
+        old_rows = [row for _, row in lines]
     column = names.index("recording")
-    mine = (path.name, path.stem)
-    rows = [row for row in before if text_of_cell(row[column].strip()) not in mine]
-    if not annotations and len(rows) == len(before):
+    recording_names = (path.name, path.stem)
+    rows = [row for row in old_rows if cell_to_text(row[column].strip()) not in recording_names]
+    if not annotations and len(rows) == len(old_rows):
         return
     need(path.stem.isprintable(), "the name of a recording's file must be printable", path.stem)
     for start, end, label in annotations:
-        cells = [safe_cell(path.stem), repr(start), repr(end), safe_cell(label)]
-        told = dict(zip(_COLUMNS, cells, strict=True))
-        rows.append([told.get(name, "") for name in names])
+        cells = [text_to_cell(path.stem), repr(start), repr(end), text_to_cell(label)]
+        cell_of_name = dict(zip(_COLUMNS, cells, strict=True))
+        rows.append([cell_of_name.get(name, "") for name in names])
     if not rows:
         table.unlink()
         return

@@ -1,4 +1,4 @@
-r"""An HDF5 file that is opened, and arrays as it keeps them."""
+r"""Opening of HDF5 files, and conversion of arrays to and from their stored form."""
 
 import io
 import os
@@ -11,21 +11,21 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile._files import is_held
+from torch_geometric_tactile._files import locked_error
 
 CHECKSUMMED = ("v110", "v110")  # the oldest HDF5 with checksums in all structures
 _INSTALL = 'pip install "torch-geometric-tactile[io]"'
 _VALUES_PER_CHUNK = 2**15
-_MOST_FRAMES_PER_CHUNK = 512
-_GZIP_LEVEL = 1  # counts shrink about as much as at 9, several times faster
-_ELEMENTS = 64  # texts of version 1 that are read at once: each may be as long as the file
+_MAX_FRAMES_PER_CHUNK = 512
+_GZIP_LEVEL = 1  # compresses counts nearly as well as level 9, and several times faster
+_TEXTS_PER_READ = 64  # of version 1, where each text may be as long as the file
 _MAGIC = b"tactile journal\n"
-_FOOTER = struct.Struct("<16sQQII")  # magic, bytes before it, size of the new file, two checksums
-_ENTRY = struct.Struct("<QI")  # where, how many bytes
+_FOOTER = struct.Struct("<16sQQII")  # magic, bytes before it, new file size, two checksums
+_ENTRY = struct.Struct("<QI")  # offset and number of bytes
 
 
 def require_h5py() -> Any:
-    r"""Returns the library of HDF5."""
+    r"""Returns :obj:`h5py`, or raises an error that says how to install it."""
     try:
         import h5py
     except ImportError as error:
@@ -34,19 +34,24 @@ def require_h5py() -> Any:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    r"""Opens a file to be read."""
+def open_hdf5(path: Path) -> Iterator[Any]:
+    r"""Opens a file for reading.
+
+    Raises:
+        BlockingIOError: If another process writes the file.
+        ValueError: If the file is damaged.
+    """
     h5py = require_h5py()
-    journal = _journal(path)
+    journal = _read_journal(path)
     try:
-        image = path if journal is None else _image(path, *journal)
+        image = path if journal is None else _apply_journal(path, *journal)
         with h5py.File(image, "r", libver=CHECKSUMMED) as file:
             yield file
     except BlockingIOError as error:
-        raise is_held(path) from error
-    except Exception as error:  # h5py raises ten kinds for a damaged file
-        ours = isinstance(error, ValueError | OSError) and f"'{path}'" in str(error)
-        if ours or isinstance(error, PermissionError):
+        raise locked_error(path) from error
+    except Exception as error:  # h5py raises ten types of errors for damaged files
+        names_path = isinstance(error, ValueError | OSError) and f"'{path}'" in str(error)
+        if names_path or isinstance(error, PermissionError):
             raise
         raise ValueError(
             f"'{path}' cannot be read as HDF5, is it truncated or damaged? {error}; copy or record "
@@ -54,9 +59,9 @@ def opened(path: Path) -> Iterator[Any]:
         ) from error
 
 
-def _journal(path: Path) -> tuple[bytes, int] | None:
-    # Versions up to 0.2 appended in place: behind their end, a file may have a journal of bytes
-    # that were still to be changed when the process was killed. Its footer has the new size.
+def _read_journal(path: Path) -> tuple[bytes, int] | None:
+    # Versions up to 0.2 appended in place: after its end, a file may have a journal of changes that
+    # were not yet applied when the process was killed. Its footer has the new size of the file.
     with path.open("rb") as file:
         start = file.seek(0, os.SEEK_END) - _FOOTER.size
         if start <= 0:
@@ -75,40 +80,45 @@ def _journal(path: Path) -> tuple[bytes, int] | None:
     return (journal, size) if zlib.crc32(journal) == journal_sum else None
 
 
-def _image(path: Path, changes: bytes, size: int) -> io.BytesIO:
+def _apply_journal(path: Path, changes: bytes, size: int) -> io.BytesIO:
     content = bytearray(path.read_bytes())
     position = 0
     while position < len(changes):
-        where, count = _ENTRY.unpack_from(changes, position)
+        offset, count = _ENTRY.unpack_from(changes, position)
         position += _ENTRY.size + count
-        content[where : where + count] = changes[position - count : position]
+        content[offset : offset + count] = changes[position - count : position]
     return io.BytesIO(content[:size])
 
 
-def as_stored(array: np.ndarray) -> np.ndarray:
-    r"""Returns an array of a recording as a file keeps it: texts as UTF-8 of a fixed length."""
+def encode_texts(array: np.ndarray) -> np.ndarray:
+    r"""Returns an array in its stored form: texts as UTF-8 of a fixed length."""
     if array.dtype.kind != "U":
         return array
     texts: np.ndarray = np.char.encode(array, "utf-8")
     return texts.astype(f"S{max(texts.dtype.itemsize, 1)}")
 
 
-def as_texts(array: np.ndarray) -> np.ndarray:
-    r"""Returns texts for UTF-8 of a fixed length, and other arrays as they are."""
+def decode_texts(array: np.ndarray) -> np.ndarray:
+    r"""Decodes an array of UTF-8 texts of a fixed length. Other arrays are returned unchanged."""
     if array.dtype.kind != "S":
         return array
     return np.char.decode(array, "utf-8").astype(str, copy=False)  # NumPy 1.26: floats if empty
 
 
 def create_dataset(file: Any, name: str, array: np.ndarray) -> Any:
-    r"""Writes an array as a data set of compressed blocks with checksums."""
-    texts = array.dtype.kind == "S"
-    frames = max(1, _VALUES_PER_CHUNK // max(1, int(np.prod(array.shape[1:]))))
+    r"""Writes an array as a data set of compressed chunks with checksums."""
+    is_text = array.dtype.kind == "S"
+    frames_per_chunk = max(1, _VALUES_PER_CHUNK // max(1, int(np.prod(array.shape[1:]))))
     return file.create_dataset(
         name,
-        data=array.astype(require_h5py().string_dtype("utf-8", array.itemsize)) if texts else array,
+        data=array.astype(require_h5py().string_dtype("utf-8", array.itemsize))
+        if is_text
+        else array,
         maxshape=(None, *array.shape[1:]),
-        chunks=(min(frames, _MOST_FRAMES_PER_CHUNK), *(max(1, n) for n in array.shape[1:])),
+        chunks=(
+            min(frames_per_chunk, _MAX_FRAMES_PER_CHUNK),
+            *(max(1, n) for n in array.shape[1:]),
+        ),
         fillvalue=np.nan if array.dtype.kind == "f" else None,
         fletcher32=True,
         shuffle=True,
@@ -118,22 +128,22 @@ def create_dataset(file: Any, name: str, array: np.ndarray) -> Any:
 
 
 def read_rows(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarray:
-    r"""Reads the first rows of a data set. Texts of a fixed length stay as they are stored."""
+    r"""Reads the first rows of a data set. Texts of a fixed length stay encoded."""
     if dataset.dtype.kind == "O":
-        return _long_texts(dataset, num_frames, max_bytes)
+        return _read_long_texts(dataset, num_frames, max_bytes)
     array: np.ndarray = dataset[:num_frames]
     return array
 
 
-def _long_texts(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarray:
-    row = int(np.prod(dataset.shape[1:]))
-    step = max(1, _ELEMENTS // max(row, 1))
+def _read_long_texts(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarray:
+    texts_per_frame = int(np.prod(dataset.shape[1:]))
+    frames_per_read = max(1, _TEXTS_PER_READ // max(texts_per_frame, 1))
     texts: list[str] = []
-    longest = 0
-    for start in range(0, num_frames, step):
-        part = dataset.asstr()[start : min(start + step, num_frames)].ravel().tolist()
+    max_length = 0
+    for start in range(0, num_frames, frames_per_read):
+        part = dataset.asstr()[start : min(start + frames_per_read, num_frames)].ravel().tolist()
         texts += part
-        longest = max(longest, *map(len, part), 0)
-        if 4 * longest * num_frames * row > max_bytes:
+        max_length = max(max_length, *map(len, part), 0)
+        if 4 * max_length * num_frames * texts_per_frame > max_bytes:
             raise ValueError(f"its texts must take no more than {max_bytes} bytes in memory")
     return np.array(texts, dtype=str).reshape(num_frames, *dataset.shape[1:])

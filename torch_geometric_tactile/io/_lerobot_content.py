@@ -1,5 +1,5 @@
-r"""Folders of LeRobot data sets, of anyone and checked: descriptions, tasks, episodes, values; and
-``meta/tactile.json``, with what LeRobot has no place for.
+r"""Checked reading of the folders of LeRobot data sets: descriptions, tasks, episodes and values.
+``meta/tactile.json`` holds the content for which LeRobot has no place.
 """
 
 import json
@@ -31,7 +31,7 @@ from torch_geometric_tactile.io._lerobot_tables import (
     require_pyarrow,
 )
 
-# Without it, `datasets` takes the files of `meta` for data.
+# Without this README, `datasets` takes the files of `meta` for data.
 _README = """\
 ---
 configs:
@@ -49,23 +49,25 @@ its shape, labels, annotations and metadata.
 """
 
 _TACTILE_JSON = "meta/tactile.json"
-_ADVICE = "remove it if another program changed the data set"
-_MAX_DIMS = 8  # of the values of a further signal in a frame
-# Between two steps, as lerobot's `tolerance_s`, beyond what float32 rounds.
+_REMOVE_ADVICE = "remove it if another program changed the data set"
+_MAX_DIMS = 8  # dimensions of a further signal in a frame
+# Between two steps, as lerobot's `tolerance_s`, in addition to the rounding of float32.
 _TIME_TOLERANCE = 1e-4  # seconds
 _DTYPES = ("bool", *(f"{sign}int{n}" for sign in ("", "u") for n in (8, 16, 32, 64)))
 _DTYPES += ("float16", "float32", "float64")
-_Any = TypeVar("_Any")
+_Item = TypeVar("_Any")
 
 
 def check_new_folder(root: Path) -> None:
     r"""Raises an error unless a folder is missing or empty."""
     if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        raise FileExistsError(f"'{root}' must be a new or empty folder (got one that is not)")
+        raise FileExistsError(
+            f"'{root}' must be a new or empty folder (got a file or a folder with files)"
+        )
 
 
 def check_alike(recordings: Sequence[Recording]) -> None:
-    r"""Raises an error unless there are recordings with frames, of the same shapes and unit."""
+    r"""Raises an error unless all recordings have frames, and the same shapes and unit."""
     need(recordings, "'recordings' must hold at least one recording (got none)")
     shapes = [(r.num_taxels, r.num_channels, r.num_joints) for r in recordings]
     for i, (recording, shape) in enumerate(zip(recordings, shapes, strict=True)):
@@ -86,9 +88,11 @@ def write_json(path: Path, content: Any, **settings: Any) -> None:
     _write_text(path, json.dumps(content, indent=4, **settings))
 
 
-def write_description(root: Path, own: dict[str, Any], info: dict[str, Any]) -> None:
-    r"""Writes what a data set holds. A folder without the last file is no data set."""
-    write_json(root / _TACTILE_JSON, own, ensure_ascii=False)
+def write_description(root: Path, tactile_content: dict[str, Any], info: dict[str, Any]) -> None:
+    r"""Writes the description of a data set. The file ``info.json`` is written last, since a folder
+    without it is not a data set.
+    """
+    write_json(root / _TACTILE_JSON, tactile_content, ensure_ascii=False)
     if not (root / "README.md").exists():
         _write_text(root / "README.md", _README)
     write_json(root / "meta/info.json", info, ensure_ascii=False)
@@ -100,29 +104,33 @@ def _write_text(path: Path, text: str) -> None:
 
 
 @dataclass
-class OwnContent:
-    r"""The contents of a file."""
+class TactileContent:
+    r"""The content of a ``meta/tactile.json``."""
 
     path: Path
     shape: tuple[int, int] | None = None
     episodes: dict[int, dict[str, Any]] = field(default_factory=dict)
     extra: dict[str, ExtraSignal] = field(default_factory=dict)
 
-    def of(self, number: int, length: int, task: str) -> dict[str, Any]:
-        r"""Returns the label, metadata and annotations of an episode."""
-        known = self.episodes.get(number)
-        if known is None:
+    def episode(self, number: int, length: int, task: str) -> dict[str, Any]:
+        r"""Returns the label, metadata and annotations of an episode.
+
+        Raises:
+            ValueError: If the file has another length or task for this episode.
+        """
+        episode = self.episodes.get(number)
+        if episode is None:
             return {"label": task, "meta": {"episode": number}}
         for key, value in {"length": length, "task": task}.items():
-            if known.get(key) not in (None, value):
+            if episode.get(key) not in (None, value):
                 raise ValueError(
                     f"'{self.path}' must have the {key} {printable(value)[:40]} of episode {number}"
-                    f" (got {printable(known[key])[:40]}): {_ADVICE}"
+                    f" (got {printable(episode[key])[:40]}): {_REMOVE_ADVICE}"
                 )
-        return known
+        return episode
 
 
-def own_content(
+def tactile_content(
     recordings: Sequence[Recording],
     starts: Sequence[float],
     lengths: Sequence[int],
@@ -130,20 +138,31 @@ def own_content(
     rows: int,
     extra: Mapping[str, ExtraSignal],
 ) -> dict[str, Any]:
-    r"""Returns the contents of a new file, of recordings whose episodes start at some times by the
-    clocks of the recordings.
+    r"""Returns the content of a new ``meta/tactile.json``.
+
+    Args:
+        recordings (sequence of Recording): The recordings of the episodes.
+        starts (sequence of float): Start of each episode on the clock of its recording, in seconds.
+        lengths (sequence of int): Number of steps of each episode.
+        tasks (sequence of str): Task of each episode.
+        rows (int): Number of frames stored per step, or 0 if only one is stored.
+        extra (Mapping): The further signals.
     """
     shape = [recordings[0].num_taxels, recordings[0].num_channels]
-    out: dict[str, Any] = {"version": 2, "feature": TACTILE, "shape": shape}
+    content: dict[str, Any] = {"version": 2, "feature": TACTILE, "shape": shape}
     if rows:
         frames = {"feature": TACTILE_FRAMES, "shape": [rows, *shape]}
-        out["every_frame"] = {**frames, "time": FRAME_TIMES, "missing": "NaN, before the others"}
+        content["every_frame"] = {
+            **frames,
+            "time": FRAME_TIMES,
+            "missing": "NaN, before the others",
+        }
     if extra:
-        out["extra"] = {
+        content["extra"] = {
             name: {"feature": EXTRA + name, "shape": [*signal.shape], "dtype": signal.dtype}
             for name, signal in extra.items()
         }
-    out["episodes"] = [
+    content["episodes"] = [
         {
             "episode_index": index,
             "length": length,
@@ -159,14 +178,18 @@ def own_content(
             zip(recordings, starts, lengths, tasks, strict=True)
         )
     ]
-    return out
+    return content
 
 
-def read_own(root: Path, num_episodes: int, tasks: Sequence[str]) -> OwnContent:
-    r"""Reads the file of a data set, or nothing if there is none."""
+def read_tactile_content(root: Path, num_episodes: int, tasks: Sequence[str]) -> TactileContent:
+    r"""Reads the ``meta/tactile.json`` of a data set. Without this file, the content is empty.
+
+    Raises:
+        ValueError: If the file is invalid, or does not have each episode once.
+    """
     path = root / _TACTILE_JSON
     if not path.is_file():
-        return OwnContent(path)
+        return TactileContent(path)
     content = read_object(path)
     version, episodes = content.get("version"), content.get("episodes")
     if version not in (1, 2):
@@ -174,26 +197,32 @@ def read_own(root: Path, num_episodes: int, tasks: Sequence[str]) -> OwnContent:
     if not isinstance(episodes, list) or not all(
         isinstance(e, dict) and isinstance(e.get("meta"), dict) for e in episodes
     ):
-        raise ValueError(f"'{path}' must hold 'episodes', each with 'meta' (got something else)")
-    if version == 1:  # 0.2.0 wrote them by position, without tasks
+        raise ValueError(f"'{path}' must hold 'episodes', each with 'meta' (got another value)")
+    if version == 1:  # 0.2.0 wrote episodes in order, without indices and tasks
         episodes = [{**episode, "episode_index": i} for i, episode in enumerate(episodes)]
-        if len(tasks) > 1:  # not one task that was given for all
-            episodes = [{**e, "task": task_of_label(e.get("label"))} for e in episodes]
+        if len(tasks) > 1:  # each episode has its label as task, since `task` was left out
+            episodes = [{**e, "task": label_to_task(e.get("label"))} for e in episodes]
     numbers = [episode.get("episode_index") for episode in episodes]
-    whole = all(type(number) is int for number in numbers)
-    if len(numbers) != num_episodes or not whole or sorted(numbers) != [*range(len(numbers))]:
+    are_integers = all(type(number) is int for number in numbers)
+    if (
+        len(numbers) != num_episodes
+        or not are_integers
+        or sorted(numbers) != [*range(len(numbers))]
+    ):
         raise ValueError(
             f"'{path}' must hold each of {num_episodes} episodes once (got {len(numbers)}: "
-            f"{printable(numbers)[:80]}): {_ADVICE}"
+            f"{printable(numbers)[:80]}): {_REMOVE_ADVICE}"
         )
     by_number = dict(zip(numbers, episodes, strict=True))
-    shape = None if version == 1 else _shape(path, content)
-    return OwnContent(path, shape, by_number, _extra(path, content.get("extra", {})))
+    shape = None if version == 1 else _read_shape(path, content)
+    return TactileContent(
+        path, shape, by_number, _read_extra_signals(path, content.get("extra", {}))
+    )
 
 
-def _extra(path: Path, content: Any) -> dict[str, ExtraSignal]:
+def _read_extra_signals(path: Path, content: Any) -> dict[str, ExtraSignal]:
     signals = content.items() if isinstance(content, dict) else [("", None)]
-    out = {}
+    extra = {}
     for name, signal in signals:
         shape = signal.get("shape") if isinstance(signal, dict) else None
         dtype = signal.get("dtype") if isinstance(signal, dict) else None
@@ -204,14 +233,14 @@ def _extra(path: Path, content: Any) -> dict[str, ExtraSignal]:
             or dtype not in _DTYPES
         ):
             raise ValueError(
-                f"'{path}' must hold in 'extra' a shape and a type of each further signal (got "
+                f"'{path}' must hold in 'extra' a shape and a type for each further signal (got "
                 f"{printable(signal)[:80]} for '{printable(name)[:40]}')"
             )
-        out[name] = ExtraSignal(tuple(shape), str(dtype))
-    return out
+        extra[name] = ExtraSignal(tuple(shape), str(dtype))
+    return extra
 
 
-def _shape(path: Path, content: dict[str, Any]) -> tuple[int, int]:
+def _read_shape(path: Path, content: dict[str, Any]) -> tuple[int, int]:
     shape = content.get("shape")
     if isinstance(shape, list) and len(shape) == 2 and all(type(n) is int and n > 0 for n in shape):
         return (shape[0], shape[1])
@@ -221,13 +250,13 @@ def _shape(path: Path, content: dict[str, Any]) -> tuple[int, int]:
     )
 
 
-def task_of_label(label: str | int | None) -> str:
-    r"""Returns the task of a recording that is given none."""
+def label_to_task(label: str | int | None) -> str:
+    r"""Returns the task of a recording with this label, if no task is given."""
     return "touch" if label is None else str(label)
 
 
 def read_object(path: Path) -> dict[str, Any]:
-    r"""Reads a JSON object."""
+    r"""Reads a JSON file, which must hold an object."""
     try:
         content = read_json(path)
     except ValueError as error:
@@ -238,14 +267,14 @@ def read_object(path: Path) -> dict[str, Any]:
 
 
 def read_info(root: Path) -> dict[str, Any]:
-    r"""Reads :obj:`meta/info.json` of a data set."""
+    r"""Reads and checks :obj:`meta/info.json` of a data set."""
     path = existing_file(root / "meta" / "info.json", "give the folder of a LeRobot data set")
     info = read_object(path)
     version = info.get("codebase_version")
     if not isinstance(version, str) or not version.startswith("v3."):
         raise ValueError(
             f"'{root}' must be a LeRobot data set of version 3 (got {printable(version)}): convert "
-            "it with lerobot's own script"
+            "it with the script of lerobot"
         )
     for key, kind in {
         "features": dict,
@@ -261,83 +290,99 @@ def read_info(root: Path) -> dict[str, Any]:
 
 
 def data_files(root: Path, info: dict[str, Any]) -> list[Path]:
-    r"""Returns the files of a data set with the frames."""
+    r"""Returns the files with the frames of a data set, and checks their number of frames."""
     paths = sorted(root.glob("data/*/*.parquet"))
     if not paths:
         raise FileNotFoundError(f"'{root}' must hold 'data/chunk-.../file-....parquet' (got none)")
     total = sum(map(num_rows, paths))
     if total != info["total_frames"]:
         raise ValueError(
-            f"'{root}' must hold {info['total_frames']} frames, as its info.json says (got {total})"
+            f"'{root}' must hold {info['total_frames']} frames, as declared in its info.json (got "
+            f"{total})"
         )
     return paths
 
 
-def episodes_of(path: Path, table: Any) -> Iterator[tuple[int, Any]]:
-    r"""Yields the number and the rows of each episode."""
-    numbers = integers(path, table, "episode_index")
+def split_episodes(path: Path, table: Any) -> Iterator[tuple[int, Any]]:
+    r"""Yields the index and the rows of each episode in a table."""
+    numbers = integer_column(path, table, "episode_index")
     bounds = np.flatnonzero(np.diff(numbers)) + 1
     for start, stop in pairwise([0, *bounds.tolist(), len(numbers)]):
         if stop > start:
             yield int(numbers[start]), table.slice(start, stop - start)
 
 
-def in_order(root: Path, info: dict[str, Any], found: list[tuple[int, _Any]]) -> list[_Any]:
-    r"""Returns what was found of each episode, by their numbers."""
-    numbers = sorted(number for number, _ in found)
+def sort_episodes(
+    root: Path, info: dict[str, Any], indexed_items: list[tuple[int, _Item]]
+) -> list[_Item]:
+    r"""Returns the items in the order of the episodes.
+
+    Args:
+        root (Path): The folder, for messages.
+        info (dict): The content of ``info.json``.
+        indexed_items (list of tuple): Pairs of the index of an episode and its item.
+
+    Raises:
+        ValueError: If an episode is missing or there twice.
+    """
+    numbers = sorted(number for number, _ in indexed_items)
     if len(numbers) != info["total_episodes"] or numbers != [*range(len(numbers))]:
         raise ValueError(
-            f"'{root}' must hold each of {info['total_episodes']} episodes once, as its info.json "
-            f"says (got {printable(numbers)[:80]})"
+            f"'{root}' must hold each of {info['total_episodes']} episodes once, as declared in "
+            f"its info.json (got {printable(numbers)[:80]})"
         )
-    by_number = dict(found)
+    by_number = dict(indexed_items)
     return [by_number[number] for number in numbers]
 
 
-def integers(path: Path, table: Any, name: str) -> np.ndarray:
-    r"""Returns a column of integers."""
-    return _numbers(path, table, name, "iu", "integers")
+def integer_column(path: Path, table: Any, name: str) -> np.ndarray:
+    r"""Returns a column, which must hold integers."""
+    return _number_column(path, table, name, "iu", "integers")
 
 
 def step_times(path: Path, table: Any, fps: float) -> np.ndarray:
-    r"""Returns the times of the steps of an episode in seconds."""
-    index = integers(path, table, "frame_index")
-    wrong = np.flatnonzero(index != np.arange(len(index)))
-    if len(wrong):
+    r"""Returns the times of the steps of an episode in seconds.
+
+    Raises:
+        ValueError: If steps are missing, in another order, or not :obj:`1 / fps` seconds apart.
+    """
+    index = integer_column(path, table, "frame_index")
+    invalid = np.flatnonzero(index != np.arange(len(index)))
+    if len(invalid):
         raise ValueError(
-            f"'{path}' must hold an episode whole and in order: 'frame_index' must be {wrong[0]} "
-            f"(got {index[wrong[0]]})"
+            f"'{path}' must hold all steps of an episode in order: 'frame_index' must be "
+            f"{invalid[0]} (got {index[invalid[0]]})"
         )
-    time = _numbers(path, table, "timestamp", "iuf", "numbers").astype(np.float64)
+    time = _number_column(path, table, "timestamp", "iuf", "numbers").astype(np.float64)
     steps = index / fps
-    if np.allclose(time, steps, rtol=1e-6, atol=1e-6):  # float32 of a clock's steps
+    if np.allclose(time, steps, rtol=1e-6, atol=1e-6):  # the steps of the clock, rounded to float32
         return steps
     tolerance = _TIME_TOLERANCE + np.spacing(np.abs(time).astype(np.float32))
-    wrong = np.flatnonzero(~(np.abs(np.diff(time) - 1 / fps) <= tolerance[1:]))
-    if len(wrong):
-        step = int(wrong[0]) + 1
+    invalid = np.flatnonzero(~(np.abs(np.diff(time) - 1 / fps) <= tolerance[1:]))
+    if len(invalid):
+        step = int(invalid[0]) + 1
         raise ValueError(
-            f"'{path}' must hold {fps:g} steps per second, as info.json says: 'timestamp' must "
-            f"advance by {1 / fps:.4g} s (got {time[step]:.9g} s in step {step} after "
+            f"'{path}' must hold {fps:g} steps per second, as declared in info.json: 'timestamp' "
+            f"must advance by {1 / fps:.4g} s (got {time[step]:.9g} s in step {step} after "
             f"{time[step - 1]:.9g} s): resample the episode, or write the steps of a gap as NaN"
         )
     return time
 
 
-def _numbers(path: Path, table: Any, name: str, kinds: str, words: str) -> np.ndarray:
+def _number_column(path: Path, table: Any, name: str, kinds: str, noun: str) -> np.ndarray:
     column = table.column(name)
-    if is_list(column.type):  # of one value
+    if is_list(column.type):  # lists of one value
         return row_values(path, table, name, (1,))[:, 0]
     values = column.combine_chunks().to_numpy(zero_copy_only=False)
     if values.dtype.kind not in kinds or column.null_count:
-        raise ValueError(f"'{path}' must hold {words} in '{name}' (got {column.type})")
+        raise ValueError(f"'{path}' must hold {noun} in '{name}' (got {column.type})")
     return np.asarray(values)
 
 
 def row_values(
     path: Path, table: Any, name: str, shape: tuple[int, ...], dtype: str = "float32"
 ) -> np.ndarray:
-    r"""Returns a column of numbers in a floating-point type, with NaN where one is missing.
+    r"""Returns a column of numbers in a floating-point type, with NaN for missing numbers.
 
     Shapes:
         - **output:** values :math:`(T, *)`
@@ -348,16 +393,18 @@ def row_values(
         column = pa.concat_arrays(column.chunks)
     if isinstance(column.type, pa.BaseExtensionType):
         column = column.storage
-    for size in shape if shape != (1,) or is_list(column.type) else ():  # one value is no list
+    for size in (
+        shape if shape != (1,) or is_list(column.type) else ()
+    ):  # one value is stored without list
         if not is_list(column.type) or column.null_count:
             raise ValueError(f"'{path}' must hold lists in '{name}' (got {column.type})")
         if pa.types.is_fixed_size_list(column.type):
-            same = column.type.list_size == size
+            has_size = column.type.list_size == size
         else:
             lengths = pa.compute.list_value_length(column).to_numpy(zero_copy_only=False)
-            same = bool((lengths == size).all())
-        if not same:
-            raise ValueError(f"'{path}' must hold lists of {size} in '{name}' (got others)")
+            has_size = bool((lengths == size).all())
+        if not has_size:
+            raise ValueError(f"'{path}' must hold lists of {size} in '{name}' (got another length)")
         column = column.flatten()
     if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
         raise ValueError(f"'{path}' must hold numbers in '{name}' (got {column.type})")
@@ -369,18 +416,21 @@ def row_values(
 
 
 def read_tasks(root: Path) -> dict[int, str]:
-    r"""Reads the tasks of a data set."""
+    r"""Reads the names of the tasks of a data set by their indices."""
     path = existing_file(root / "meta" / "tasks.parquet", "a LeRobot data set must have its tasks")
     if num_rows(path) > LEROBOT_TASKS:
         raise ValueError(f"'{path}' must hold at most {LEROBOT_TASKS} tasks (got {num_rows(path)})")
     table = read_texts(path, "task_index", ("task", "__index_level_0__"))
-    numbers = integers(path, table, "task_index").tolist()
+    numbers = integer_column(path, table, "task_index").tolist()
     if len(set(numbers)) < len(numbers) or table.column("text").null_count:
-        raise ValueError(f"'{path}' must hold each 'task_index' once, with a name (got others)")
-    texts = (text for chunk in table.column("text").chunks for text in _texts(chunk))
+        raise ValueError(
+            f"'{path}' must hold each 'task_index' once, with a name (got duplicate or missing "
+            "ones)"
+        )
+    texts = (text for chunk in table.column("text").chunks for text in _decode_dictionary(chunk))
     return dict(zip(numbers, texts, strict=True))
 
 
-def _texts(chunk: Any) -> Iterator[str]:
-    known = chunk.dictionary.to_pylist()
-    return (known[number] for number in chunk.indices.to_pylist())
+def _decode_dictionary(chunk: Any) -> Iterator[str]:
+    dictionary = chunk.dictionary.to_pylist()
+    return (dictionary[number] for number in chunk.indices.to_pylist())

@@ -1,5 +1,5 @@
-r"""What LeRobot data sets hold of touch: features, their values at the steps of a regular clock,
-and their statistics without the readings that are missing.
+r"""Features of touch in LeRobot data sets, their values at the steps of a regular clock, and their
+statistics without missing readings.
 """
 
 import logging
@@ -16,23 +16,24 @@ from torch_geometric_tactile.data import Recording, measure_rate
 from torch_geometric_tactile.io._csv_frames import signal_names
 
 TACTILE, STATE = "observation.tactile", "observation.state"
-EXTRA = "observation.extra."  # and the name of a further signal
+EXTRA = "observation.extra."  # followed by the name of a further signal
 TACTILE_FRAMES, STATE_FRAMES = f"{TACTILE}_frames", f"{STATE}_frames"
 FRAME_TIMES = f"{TACTILE_FRAMES}_time"
 INDICES = ("frame_index", "episode_index", "index", "task_index")
-# A step that lies on a frame but for rounding, as of times since 1970, is that frame's.
-_SLACK = 1e-3
+# Steps. A step that differs from a frame only by rounding, as of times since 1970, gets that frame.
+_STEP_TOLERANCE = 1e-3
 _logger = logging.getLogger(__name__)
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
 Stats = dict[str, np.ndarray]
 
 
-def shape_of_names(names: Any) -> tuple[int, int] | None:
-    r"""Returns the numbers of taxels and channels if the names are those of wide CSV.
+def names_to_shape(names: Any) -> tuple[int, int] | None:
+    r"""Returns the numbers of taxels and channels from column names of a wide CSV file, and
+    :obj:`None` for other names.
 
     Examples:
-        >>> shape_of_names(["taxel_0_x", "taxel_0_y", "taxel_1_x", "taxel_1_y"])
+        >>> names_to_shape(["taxel_0_x", "taxel_0_y", "taxel_1_x", "taxel_1_y"])
         (2, 2)
     """
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -54,12 +55,12 @@ def value_names(name: str, shape: tuple[int, ...]) -> list[str]:
     return ["_".join([name, *map(str, index)]) for index in np.ndindex(shape)]
 
 
-def shape_of_values(name: str, names: Any, size: int) -> tuple[int, ...]:
-    r"""Returns the shape of a signal whose values have the names of :func:`value_names`, or that of
-    a list.
+def value_names_to_shape(name: str, names: Any, size: int) -> tuple[int, ...]:
+    r"""Returns the shape of a signal from the names of its values (see :func:`value_names`), or the
+    shape of a list for other names.
 
     Examples:
-        >>> shape_of_values("pac", ["pac_0_0", "pac_0_1", "pac_0_2"], 3)
+        >>> value_names_to_shape("pac", ["pac_0_0", "pac_0_1", "pac_0_2"], 3)
         (1, 3)
     """
     if isinstance(names, list) and len(names) == size:
@@ -78,17 +79,17 @@ class ExtraSignal(NamedTuple):
 
     @property
     def stored_dtype(self) -> str:
-        r"""The type of the feature, a floating-point one, which has NaN where a value is missing
-        and holds all values of the signal.
+        r"""The floating-point type of the feature, which represents all values of the signal and
+        has NaN for missing values.
         """
         return "float32" if np.can_cast(self.dtype, np.float32) else "float64"
 
 
 def extra_signals(recordings: Sequence[Recording]) -> dict[str, ExtraSignal]:
-    r"""Returns the further signals that can be features: numbers of one shape in all recordings,
-    which float64 holds.
+    r"""Returns the further signals that can be features: numbers that float64 represents, of the
+    same shape in all recordings.
     """
-    out = {}
+    signals = {}
     for name in recordings[0].extra:
         values = [recording.extra[name] for recording in recordings if name in recording.extra]
         shapes = {value.shape[1:] for value in values}
@@ -97,22 +98,24 @@ def extra_signals(recordings: Sequence[Recording]) -> dict[str, ExtraSignal]:
             and len(shapes) == 1
             and all(value.dtype.kind in "biuf" and _fits_float64(value) for value in values)
         ):
-            out[name] = ExtraSignal(shapes.pop(), np.result_type(*values).name)
-    return out
+            signals[name] = ExtraSignal(shapes.pop(), np.result_type(*values).name)
+    return signals
 
 
-def warn_of_lost(path: Any, recordings: Sequence[Recording], extra: Mapping[str, Any]) -> None:
-    r"""Logs a warning that names what a data set cannot hold of recordings."""
+def warn_of_unsupported_signals(
+    path: Any, recordings: Sequence[Recording], extra: Mapping[str, Any]
+) -> None:
+    r"""Logs a warning with the signals of recordings that a data set cannot store."""
     names = [name for recording in recordings for name in recording.privileged]
-    lost = {f"privileged {name!r}" for name in names}
+    unsupported = {f"privileged {name!r}" for name in names}
     names = [name for recording in recordings for name in recording.extra]
-    lost |= {f"extra {name!r}" for name in names if name not in extra}
-    if lost:
+    unsupported |= {f"extra {name!r}" for name in names if name not in extra}
+    if unsupported:
         _logger.warning(
-            "'%s' is a LeRobot data set and cannot hold %s (signals that are not numbers of one "
-            "shape in all recordings, or only known in simulation)",
+            "'%s' is a LeRobot data set and cannot store %s (signals that are not numbers of the "
+            "same shape in all recordings, or known only in simulation)",
             path,
-            ", ".join(sorted(lost)),
+            ", ".join(sorted(unsupported)),
         )
 
 
@@ -122,74 +125,80 @@ def _fits_float64(values: np.ndarray) -> bool:
     return not values.size or max(-int(values.min()), int(values.max())) <= 2**53
 
 
-def feature(size: int, names: list[str] | None = None, dtype: str = "float32") -> dict[str, Any]:
-    r"""Returns the description of a feature of one dimension."""
+def describe_feature(
+    size: int, names: list[str] | None = None, dtype: str = "float32"
+) -> dict[str, Any]:
+    r"""Returns the description of a feature of one dimension for ``info.json``."""
     return {"dtype": dtype, "shape": [size], "names": names}
 
 
 def touch_features(
     recording: Recording, rows: int, extra: Mapping[str, ExtraSignal]
 ) -> dict[str, Any]:
-    r"""Returns the features of the readings and further signals."""
+    r"""Returns the descriptions of the features of readings and further signals."""
     shape = (recording.num_taxels, recording.num_channels)
-    out = {TACTILE: feature(shape[0] * shape[1], [*signal_names(*shape)])}
+    features = {TACTILE: describe_feature(shape[0] * shape[1], [*signal_names(*shape)])}
     if rows:
-        out[TACTILE_FRAMES] = feature(rows * shape[0] * shape[1])
-        out[FRAME_TIMES] = feature(rows)
+        features[TACTILE_FRAMES] = describe_feature(rows * shape[0] * shape[1])
+        features[FRAME_TIMES] = describe_feature(rows)
     for name, signal in extra.items():
         size = math.prod(signal.shape)
         names = value_names(name, signal.shape) if len(signal.shape) > 1 else None
-        out[EXTRA + name] = feature(size, names, dtype=signal.stored_dtype)
+        features[EXTRA + name] = describe_feature(size, names, dtype=signal.stored_dtype)
         if rows:
-            out[f"{EXTRA}{name}_frames"] = feature(rows * size, dtype=signal.stored_dtype)
-    return out
+            features[f"{EXTRA}{name}_frames"] = describe_feature(
+                rows * size, dtype=signal.stored_dtype
+            )
+    return features
 
 
-def regular_steps(time: np.ndarray, fps: float, whole: bool = False) -> np.ndarray:
-    r"""Returns the times of a regular clock that starts with the first frame, in seconds
-    since it.
+def regular_steps(time: np.ndarray, fps: float, cover_last: bool = False) -> np.ndarray:
+    r"""Returns the times of a regular clock in seconds after the first frame. With
+    :obj:`cover_last`, the last step is at or after the last frame.
     """
     steps = (time[-1] - time[0]) * fps
-    count = math.ceil(steps - _SLACK) if whole else math.floor(steps + _SLACK)
-    return np.arange(count + 1) / fps
+    num_intervals = (
+        math.ceil(steps - _STEP_TOLERANCE) if cover_last else math.floor(steps + _STEP_TOLERANCE)
+    )
+    return np.arange(num_intervals + 1) / fps
 
 
-def frames_of_steps(
+def steps_to_frames(
     time: np.ndarray, steps: np.ndarray, fps: float, nearest: bool = False
 ) -> np.ndarray:
-    r"""Returns which frame stands for each step, or -1 for steps before the first frame."""
-    last = np.searchsorted(time, steps + _SLACK / fps, side="right") - 1
+    r"""Returns the index of the frame of each step, or -1 for steps before the first frame."""
+    last = np.searchsorted(time, steps + _STEP_TOLERANCE / fps, side="right") - 1
     if not nearest:
         return last
     after = np.minimum(last + 1, len(time) - 1)
     return np.where(time[after] - steps < steps - time[last], after, last)
 
 
-def largest_gap(time: np.ndarray, fps: float, max_gap: float | None) -> float:
-    r"""Returns how far in seconds a frame may be from a step that it stands for.
+def max_step_distance(time: np.ndarray, fps: float, max_gap: float | None) -> float:
+    r"""Returns the largest allowed distance of a step from its frame in seconds.
 
     Args:
         time (numpy.ndarray): Time of each frame in seconds :math:`(T,)`.
-        fps (float): Steps per second; a frame since the last step is never too far.
-        max_gap (float, optional): The longest time in seconds that is no gap; if left out, five
-            frames at the usual distance.
+        fps (float): Steps per second; a distance of one step is always allowed.
+        max_gap (float, optional): The longest time in seconds that is not a gap. Defaults to five
+            times the median distance of frames.
     """
     if max_gap is None:
         max_gap = measure_rate(time).max_gap if len(time) > 1 else 0.0
-    return max(max_gap, 1 / fps) + _SLACK / fps
+    return max(max_gap, 1 / fps) + _STEP_TOLERANCE / fps
 
 
 def frames_near_steps(
     time: np.ndarray, steps: np.ndarray, fps: float, nearest: bool, max_gap: float | None
 ) -> np.ndarray:
-    r"""Returns which frame stands for each step, or -1 for steps in a gap or before the first
+    r"""Returns the index of the frame of each step, or -1 for steps in a gap or before the first
     frame.
 
     Shapes:
         - **output:** indices :math:`(S,)`
     """
-    frames = frames_of_steps(time, steps, fps, nearest)
-    is_far = np.abs(steps - time[frames]) > largest_gap(time, fps, max_gap)
+    frames = steps_to_frames(time, steps, fps, nearest)
+    is_far = np.abs(steps - time[frames]) > max_step_distance(time, fps, max_gap)
     return np.where(is_far, -1, frames)
 
 
@@ -202,27 +211,27 @@ def check_gaps(
     gaps: Literal["nan", "error"],
     max_gap: float | None,
 ) -> None:
-    r"""Logs how many steps of a recording have no reading since they are in a gap, or raises an
-    error.
+    r"""Logs a warning if steps of a recording are in a gap and have no reading, or raises an error
+    for :obj:`gaps="error"`.
     """
     missing = np.flatnonzero(frames_near_steps(time, steps, fps, nearest, max_gap) < 0)
     if not len(missing):
         return
     first, last = steps[missing[[0, -1]]].tolist()
-    text = (
-        f"recording {number} has no frame within {largest_gap(time, fps, max_gap):.4g} s of "
+    message = (
+        f"recording {number} has no frame within {max_step_distance(time, fps, max_gap):.4g} s of "
         f"{len(missing)} of {len(steps)} steps, from {first:.4g} to {last:.4g} s after its start"
     )
     if gaps == "error":
         raise ValueError(
-            f"{text}: cut it there with Recording.select, give a larger max_gap, or gaps='nan' to "
-            "write NaN there"
+            f"{message}: cut the recording there with Recording.select, give a larger max_gap, or "
+            "gaps='nan' to write NaN there"
         )
-    _logger.warning("%s, where readings are NaN", text)
+    _logger.warning("%s, where readings are NaN", message)
 
 
 def check_gap_options(gaps: str, max_gap: float | None) -> None:
-    r"""Raises an error unless the options of gaps are possible."""
+    r"""Raises an error for invalid options of gaps."""
     if gaps not in ("nan", "error"):
         raise ValueError(f"'gaps' must be 'nan' or 'error' (got {gaps!r})")
     if max_gap is not None and not max_gap > 0:
@@ -230,8 +239,8 @@ def check_gap_options(gaps: str, max_gap: float | None) -> None:
 
 
 def frames_since(time: np.ndarray, steps: np.ndarray, fps: float) -> list[np.ndarray]:
-    r"""Returns the frames since the last step, for each step."""
-    last = frames_of_steps(time, np.append(steps[0] - 1 / fps, steps), fps)
+    r"""Returns for each step the indices of the frames since the previous step."""
+    last = steps_to_frames(time, np.append(steps[0] - 1 / fps, steps), fps)
     return [np.arange(a + 1, b + 1) for a, b in pairwise(last.tolist())]
 
 
@@ -245,16 +254,16 @@ def touch_columns(
     extra: Mapping[str, ExtraSignal],
     max_gap: float | None = None,
 ) -> dict[str, np.ndarray]:
-    r"""Returns the readings, joint angles if there are, and further signals at each of :math:`S`
-    steps, NaN in gaps.
+    r"""Returns readings, joint angles (if any) and further signals at each of :math:`S` steps, with
+    NaN in gaps.
 
     Shapes:
-        - **steps:** Times of the steps by its clock, increasing :math:`(S,)`.
-        - **rows:** If not 0, the frames since the last step come as well, in so many rows
-          :math:`R`: the oldest first, and rows that are missing before it.
+        - **steps:** Increasing times of the steps on the clock of the recording :math:`(S,)`.
+        - **rows:** If not 0, the number of rows :math:`R` for all frames since the previous step:
+          the newest frame is in the last row, and unused first rows are NaN.
         - **output:** by feature: readings :math:`(S, N \cdot C)`, angles :math:`(S, J)`, and with
           rows :math:`(S, R, N \cdot C)`, :math:`(S, R, J)` and the times :math:`(S, R)` of the
-          frames in seconds after the step, 0 or below
+          frames in seconds after the step, at most 0
     """
     time = recording.time
     frames = frames_near_steps(time, steps, fps, nearest, max_gap)
@@ -264,29 +273,29 @@ def touch_columns(
     for name, signal in extra.items():
         values = recording.extra[name].reshape(len(time), -1)
         signals[EXTRA + name] = values.astype(signal.stored_dtype)
-    out = {name: _taken(value, frames) for name, value in signals.items()}
+    columns = {name: _take_frames(value, frames) for name, value in signals.items()}
     if not rows:
-        return out
-    between = np.full((len(steps), rows), -1)
-    for row, found in zip(between, frames_since(time, steps, fps), strict=True):
-        row[rows - len(found) :] = found
+        return columns
+    frame_rows = np.full((len(steps), rows), -1)
+    for row, indices in zip(frame_rows, frames_since(time, steps, fps), strict=True):
+        row[rows - len(indices) :] = indices
     for name, values in signals.items():
-        out[f"{name}_frames"] = _taken(values, between)
-    times = time[between] - steps[:, None]
-    return {**out, FRAME_TIMES: np.where(between < 0, np.nan, times).astype(np.float32)}
+        columns[f"{name}_frames"] = _take_frames(values, frame_rows)
+    times = time[frame_rows] - steps[:, None]
+    return {**columns, FRAME_TIMES: np.where(frame_rows < 0, np.nan, times).astype(np.float32)}
 
 
-def _taken(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    out = values[frames]
-    out[frames < 0] = np.nan
-    return out
+def _take_frames(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    frame_values = values[frames]
+    frame_values[frames < 0] = np.nan
+    return frame_values
 
 
 def feature_stats(values: np.ndarray) -> Stats:
     r"""Returns the statistics of one feature in one episode.
 
-    Each value of a step has its own. Those of frames since the last step are pooled over their
-    rows. A value without any reading has zeros.
+    Each value of a step has separate statistics. Frames since the previous step are pooled over
+    their rows. The statistics of a value without any reading are zeros.
 
     Shapes:
         - **values:** The values :math:`(T,)`, :math:`(T, D)` or :math:`(T, R, D)`.
@@ -294,42 +303,44 @@ def feature_stats(values: np.ndarray) -> Stats:
     rows = values.reshape(len(values), -1) if values.ndim == 1 else values
     rows = rows.reshape(-1, rows.shape[-1]).astype(np.float64)
     with warnings.catch_warnings(), np.errstate(invalid="ignore"):
-        warnings.simplefilter("ignore", RuntimeWarning)  # of a channel without readings
-        out = {
+        warnings.simplefilter("ignore", RuntimeWarning)  # NumPy warns of a channel without readings
+        stats = {
             "min": np.nanmin(rows, axis=0),
             "max": np.nanmax(rows, axis=0),
             "mean": np.nanmean(rows, axis=0),
             "std": np.nanstd(rows, axis=0),
         }
         quantiles = np.nanquantile(rows, [*QUANTILES.values()], axis=0)
-    out |= dict(zip(QUANTILES, quantiles, strict=True))
-    times = values[0].size // rows.shape[1]
-    out = {name: np.tile(np.nan_to_num(value, nan=0.0), times) for name, value in out.items()}
-    return {**out, "count": np.array([len(values)])}
+    stats |= dict(zip(QUANTILES, quantiles, strict=True))
+    num_repeats = values[0].size // rows.shape[1]
+    stats = {
+        name: np.tile(np.nan_to_num(value, nan=0.0), num_repeats) for name, value in stats.items()
+    }
+    return {**stats, "count": np.array([len(values)])}
 
 
-def joined_stats(episodes: Sequence[Mapping[str, Stats]]) -> dict[str, Stats]:
-    r"""Returns the statistics of a data set from those of its episodes, as LeRobot joins them: by
-    the numbers of frames; quantiles are averages.
+def pool_stats(episodes: Sequence[Mapping[str, Stats]]) -> dict[str, Stats]:
+    r"""Returns the statistics of a data set from those of its episodes, as LeRobot does: weighted
+    by the numbers of frames, with quantiles averaged.
     """
-    out = {}
+    pooled = {}
     for name in episodes[0]:
         parts = [episode[name] for episode in episodes]
         counts = np.array([float(part["count"][0]) for part in parts])
-        share = (counts / counts.sum())[:, None]
-        mean = (share * [part["mean"] for part in parts]).sum(axis=0)
-        spread = [part["std"] ** 2 + (part["mean"] - mean) ** 2 for part in parts]
-        out[name] = {
+        weights = (counts / counts.sum())[:, None]
+        mean = (weights * [part["mean"] for part in parts]).sum(axis=0)
+        second_moments = [part["std"] ** 2 + (part["mean"] - mean) ** 2 for part in parts]
+        pooled[name] = {
             "min": np.min([part["min"] for part in parts], axis=0),
             "max": np.max([part["max"] for part in parts], axis=0),
             "mean": mean,
-            "std": np.sqrt((share * spread).sum(axis=0)),
-            **{q: (share * [part[q] for part in parts]).sum(axis=0) for q in QUANTILES},
+            "std": np.sqrt((weights * second_moments).sum(axis=0)),
+            **{q: (weights * [part[q] for part in parts]).sum(axis=0) for q in QUANTILES},
             "count": np.array([int(counts.sum())]),
         }
-    return out
+    return pooled
 
 
-def stats_lists(stats: Mapping[str, Stats]) -> dict[str, dict[str, Any]]:
-    r"""Returns statistics as LeRobot's :obj:`meta/stats.json` holds them."""
+def stats_to_lists(stats: Mapping[str, Stats]) -> dict[str, dict[str, Any]]:
+    r"""Converts statistics to the lists of LeRobot's :obj:`meta/stats.json`."""
     return {name: {key: v.tolist() for key, v in part.items()} for name, part in stats.items()}

@@ -1,4 +1,4 @@
-r"""Parquet tables of LeRobot data sets, whose sizes are known before memory is taken."""
+r"""Parquet tables of LeRobot data sets, whose sizes are checked before memory is allocated."""
 
 import json
 import re
@@ -13,21 +13,21 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._limits import ARRAY_BYTES, is_absurd
 from torch_geometric_tactile._texts import printable
 
-_BYTES = 8  # of a value in memory, at most
+_BYTES_PER_VALUE = 8  # of a value in memory, at most
 _SCHEMA_KEY = b"huggingface"
 _DATA_PAGES = (0, 3)
-# Numbers of the fields of a header, and of those of the two kinds of data pages in it.
-_KIND, _UNPACKED, _PACKED, _COUNTS = 1, 2, 3, (5, 8)
+# Field numbers of a page header, and of the headers of the two types of data pages in it.
+_KIND, _UNPACKED, _PACKED, _DATA_PAGE_HEADERS = 1, 2, 3, (5, 8)
 _BOOLEANS, _INTEGERS, _BYTE, _DOUBLE, _BINARY, _LIST, _STRUCT = (1, 2), (4, 5, 6), 3, 7, 8, 9, 12
-# Numbers of the fields of a footer, of its row groups, and of their columns.
+# Field numbers of a footer, of its row groups, and of their columns.
 _ROW_GROUPS, _COLUMNS, _COLUMN, _ENCRYPTION = 4, 1, 3, 8
 _TYPE, _SIZE_STATISTICS, _TEXT_BYTES, _REPETITIONS, _DEFINITIONS = 1, 16, 1, 2, 3
 _BYTE_ARRAY = 6  # a physical type
-_MAX_DEPTH = 12  # of structures and lists: six in a footer
+_MAX_DEPTH = 12  # of nested structures and lists; a footer has six
 
 
 def require_pyarrow() -> Any:
-    r"""Returns pyarrow, with its parts for Parquet and computing."""
+    r"""Returns :obj:`pyarrow`, or raises an error that says how to install it."""
     try:
         import pyarrow
         import pyarrow.compute
@@ -40,72 +40,95 @@ def require_pyarrow() -> Any:
 
 
 def is_list(kind: Any) -> bool:
-    r"""Returns whether a type of Arrow is that of lists."""
+    r"""Returns whether a type of Arrow is a list."""
     types = require_pyarrow().types
     return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
 
 
 def num_rows(path: Path) -> int:
-    r"""Returns the number of rows that a Parquet file declares."""
-    return int(_read(path, lambda file: file.metadata.num_rows))
+    r"""Returns the number of rows declared in a Parquet file."""
+    return int(_open_and_read(path, lambda file: file.metadata.num_rows))
 
 
 def read_numbers(path: Path, sizes: Mapping[str, int], allow_large: bool = False) -> Any:
-    r"""Returns the columns of numbers of a Parquet file.
+    r"""Reads columns of numbers from a Parquet file.
 
-    A few bytes can stand for millions of equal values, so how many there are is compared with what
-    there must be, before they are read.
+    A few bytes can represent millions of equal values, so the declared number of values is compared
+    with the expected one before they are read.
+
+    Args:
+        path (Path): The file.
+        sizes (Mapping): Maps the name of a column to its number of values per row.
+        allow_large (bool): Whether to read tables far larger than the file.
     """
 
     def read(file: Any) -> Any:
         for name, size in sizes.items():
             _check_numbers(file, name, size)
         values = sum(sizes.values()) * file.metadata.num_rows
-        _check_size(path, max(_BYTES * values, _unpacked(path, file, [*sizes])), allow_large)
+        _check_size(
+            path,
+            max(_BYTES_PER_VALUE * values, _checked_unpacked_size(path, file, [*sizes])),
+            allow_large,
+        )
         return file.read(columns=[*sizes], use_threads=False)
 
-    return _read(path, read)
+    return _open_and_read(path, read)
 
 
 def read_texts(path: Path, number: str, texts: tuple[str, ...]) -> Any:
-    r"""Returns a column of numbers and one of texts of a Parquet file; equal texts are held
+    r"""Reads a column of numbers and a column of texts from a Parquet file. Equal texts are stored
     once.
+
+    Args:
+        path (Path): The file.
+        number (str): The name of the column of numbers.
+        texts (tuple of str): Possible names of the column of texts. If it has none of them, the
+            file must have a single column of texts.
     """
     pa = require_pyarrow()
 
-    def find(file: Any) -> str:
+    def find_text_column(file: Any) -> str:
         _check_numbers(file, number, 1)
         fields = file.schema_arrow
-        found = [f.name for f in fields if str(f.type) in ("string", "large_string")]
-        known = [name for name in texts if name in found]
-        if not known and len(found) != 1:
+        text_columns = [f.name for f in fields if str(f.type) in ("string", "large_string")]
+        matches = [name for name in texts if name in text_columns]
+        if not matches and len(text_columns) != 1:
             raise ValueError(
                 f"it must hold names in '{texts[0]}' (got {printable(fields.names)[:200]})"
             )
-        name = (known or found)[0]
-        _check_once(file, name)
-        rows = file.metadata.num_rows * _BYTES * 2
-        _check_size(path, max(rows, _unpacked(path, file, [number, name])), allow_large=False)
+        name = (matches or text_columns)[0]
+        _check_unique(file, name)
+        rows = file.metadata.num_rows * _BYTES_PER_VALUE * 2
+        _check_size(
+            path, max(rows, _checked_unpacked_size(path, file, [number, name])), allow_large=False
+        )
         return name
 
-    name = _read(path, find)
-    table = _read(path, lambda file: file.read(columns=[number, name]), read_dictionary=[name])
+    name = _open_and_read(path, find_text_column)
+    table = _open_and_read(
+        path, lambda file: file.read(columns=[number, name]), read_dictionary=[name]
+    )
     return pa.table({number: table.column(number), "text": table.column(name)})
 
 
-def read_whole(path: Path, allow_large: bool = False) -> Any:
-    r"""Returns a whole Parquet file."""
+def read_table(path: Path, allow_large: bool = False) -> Any:
+    r"""Reads all columns of a Parquet file."""
 
     def read(file: Any) -> Any:
         groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
         values = sum(g.column(j).num_values for g in groups for j in range(g.num_columns))
-        _check_size(path, max(_BYTES * values, _unpacked(path, file, None)), allow_large)
+        _check_size(
+            path,
+            max(_BYTES_PER_VALUE * values, _checked_unpacked_size(path, file, None)),
+            allow_large,
+        )
         return file.read(use_threads=False)
 
-    return _read(path, read)
+    return _open_and_read(path, read)
 
 
-def _read(path: Path, read: Any, **settings: Any) -> Any:
+def _open_and_read(path: Path, read: Any, **settings: Any) -> Any:
     pa = require_pyarrow()
     try:
         if not path.is_file() and path.exists():
@@ -121,12 +144,12 @@ def _read(path: Path, read: Any, **settings: Any) -> Any:
 
 
 def _check_columns(path: Path, metadata: Any) -> None:
-    # Of what is checked here, pyarrow's description of a column ends the process.
+    # Checks by hand, since pyarrow crashes when it describes a column with invalid statistics.
     with path.open("rb") as stream:
         stream.seek(-8, 2)
         length = int.from_bytes(stream.read(4), "little")
         stream.seek(-8 - length, 2)
-        footer = _Header(stream.read(length)).struct()
+        footer = _ThriftReader(stream.read(length)).read_struct()
     for group in _list_of(footer, _ROW_GROUPS):
         for j, chunk in enumerate(_list_of(group, _COLUMNS)[: metadata.num_columns]):
             column = _struct_of(chunk, _COLUMN)
@@ -136,12 +159,12 @@ def _check_columns(path: Path, metadata: Any) -> None:
                 (_list_of(statistics, _REPETITIONS), kind.max_repetition_level),
                 (_list_of(statistics, _DEFINITIONS), kind.max_definition_level),
             )
-            is_wrong = any(len(counts) not in (0, most + 1) for counts, most in levels)
+            is_invalid = any(len(counts) not in (0, max_level + 1) for counts, max_level in levels)
             has_texts = _TEXT_BYTES in statistics and column.get(_TYPE) != _BYTE_ARRAY
-            if is_wrong or has_texts or _struct_of(chunk, _ENCRYPTION):
+            if is_invalid or has_texts or _struct_of(chunk, _ENCRYPTION):
                 raise ValueError(
-                    f"its column '{printable(kind.path)}' must have statistics of its own kind, "
-                    "and no encryption"
+                    f"its column '{printable(kind.path)}' must have statistics of its type, and "
+                    "no encryption"
                 )
 
 
@@ -155,7 +178,7 @@ def _list_of(struct: Any, number: int) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-def _check_once(file: Any, name: str) -> None:
+def _check_unique(file: Any, name: str) -> None:
     names = file.schema_arrow.names
     if names.count(name) != 1:
         raise ValueError(f"it must have the column '{name}' once (got {printable(names)[:200]})")
@@ -163,13 +186,13 @@ def _check_once(file: Any, name: str) -> None:
 
 def _check_numbers(file: Any, name: str, size: int) -> None:
     pa = require_pyarrow()
-    _check_once(file, name)
+    _check_unique(file, name)
     kind = leaf = file.schema_arrow.field(name).type
     while isinstance(leaf, pa.BaseExtensionType) or is_list(leaf):
         leaf = leaf.value_type if is_list(leaf) else leaf.storage_type
     if not (pa.types.is_integer(leaf) or pa.types.is_floating(leaf)):
         raise ValueError(f"it must hold numbers in '{name}' (got {kind})")
-    values = sum(chunk.num_values for chunk in _chunks(file, [name]))
+    values = sum(chunk.num_values for chunk in _column_chunks(file, [name]))
     if values != size * file.metadata.num_rows:
         raise ValueError(
             f"it must hold {size} numbers in '{name}' a row, {size * file.metadata.num_rows} in "
@@ -177,27 +200,28 @@ def _check_numbers(file: Any, name: str, size: int) -> None:
         )
 
 
-def _unpacked(path: Path, file: Any, names: list[str] | None) -> int:
-    chunks = _chunks(file, names)
+def _checked_unpacked_size(path: Path, file: Any, names: list[str] | None) -> int:
+    chunks = _column_chunks(file, names)
     check_pages(path, chunks)
     return sum(chunk.total_uncompressed_size for chunk in chunks)
 
 
-def _chunks(file: Any, names: list[str] | None) -> list[Any]:
-    # Of columns of numbers, texts and lists: names have dots, and each list adds two parts.
+def _column_chunks(file: Any, names: list[str] | None) -> list[Any]:
+    # Paths of columns: names may have dots, and each nested list adds two parts.
     metadata = file.metadata
     paths = [metadata.schema.column(j).path for j in range(metadata.num_columns)]
-    lists = r"(\.[^.]+\.[^.]+){0,2}"
-    match = re.compile("|".join(f"{re.escape(n)}{lists}" for n in names or ())).fullmatch
-    wanted = [j for j, path in enumerate(paths) if names is None or match(path)]
+    list_parts = r"(\.[^.]+\.[^.]+){0,2}"
+    matches = re.compile("|".join(f"{re.escape(n)}{list_parts}" for n in names or ())).fullmatch
+    column_indices = [j for j, path in enumerate(paths) if names is None or matches(path)]
     groups = range(metadata.num_row_groups)
-    return [metadata.row_group(i).column(j) for i in groups for j in wanted]
+    return [metadata.row_group(i).column(j) for i in groups for j in column_indices]
 
 
 def _check_size(path: Path, size: int, allow_large: bool) -> None:
     if not allow_large and is_absurd(size, path.stat().st_size, ARRAY_BYTES):
         raise ValueError(
-            f"its tables would take {size / 2**30:.1f} GiB: pass allow_large=True if it is right"
+            f"its tables would take {size / 2**30:.1f} GiB: pass allow_large=True if you trust the "
+            "file"
         )
 
 
@@ -210,7 +234,7 @@ def write_parquet(table: Any, path: Path) -> None:
 
 
 def arrow_column(values: np.ndarray) -> Any:
-    r"""Returns the column of a feature as LeRobot has it: one value a step is no list.
+    r"""Converts the values of a feature to a column of LeRobot: one value per step is not a list.
 
     Shapes:
         - **values:** Values :math:`(T, ...)`.
@@ -224,30 +248,30 @@ def arrow_column(values: np.ndarray) -> Any:
 def schema_metadata(
     features: Mapping[str, Any], metadata: Mapping[bytes, bytes] | None = None
 ) -> dict[bytes, bytes]:
-    r"""Returns the metadata of a Parquet file with which :obj:`datasets` reads it.
+    r"""Returns the metadata of a Parquet file that :obj:`datasets` needs to read the features.
 
     Shapes:
-        - **metadata:** Those of an existing file, to which the features are added.
+        - **metadata:** Metadata of an existing file, to which the features are added.
     """
     content: dict[str, Any] = {}
     if metadata is not None:
         content = json.loads(metadata[_SCHEMA_KEY])
-    known = content.setdefault("info", {}).setdefault("features", {})
+    described = content.setdefault("info", {}).setdefault("features", {})
     for name, description in features.items():
         (size,) = description["shape"]
         value = {"dtype": description["dtype"], "_type": "Value"}
-        known[name] = (
+        described[name] = (
             value if size == 1 else {"feature": value, "length": size, "_type": "Sequence"}
         )
     return {**(metadata or {}), _SCHEMA_KEY: json.dumps(content).encode()}
 
 
 def check_pages(path: Path, chunks: list[Any]) -> None:
-    r"""Raises an error unless the pages of columns hold what the footer of the file declares."""
+    r"""Raises an error unless the sizes of the pages agree with the footer of the file."""
     with path.open("rb") as file:
         size = path.stat().st_size
         for chunk in chunks:
-            values, unpacked = _totals(file, chunk, size)
+            values, unpacked = _page_totals(file, chunk, size)
             if values != chunk.num_values or unpacked > chunk.total_uncompressed_size:
                 raise ValueError(
                     f"its pages must hold {chunk.num_values} values in "
@@ -256,77 +280,86 @@ def check_pages(path: Path, chunks: list[Any]) -> None:
                 )
 
 
-def _totals(file: BinaryIO, chunk: Any, size: int) -> tuple[int, int]:
+def _page_totals(file: BinaryIO, chunk: Any, size: int) -> tuple[int, int]:
     start = chunk.data_page_offset
-    first = chunk.dictionary_page_offset
-    if first is not None and 0 < first < start:
-        start = first
+    dictionary_start = chunk.dictionary_page_offset
+    if dictionary_start is not None and 0 < dictionary_start < start:
+        start = dictionary_start
     end = start + chunk.total_compressed_size
     values = unpacked = 0
     while 0 < start < end <= size:
         file.seek(start)
-        header = _Header(file.read(min(end - start, 1 << 20)))
-        fields = header.struct()
-        packed, whole = fields.get(_PACKED), fields.get(_UNPACKED)
-        if not isinstance(packed, int) or not isinstance(whole, int) or min(packed, whole) < 0:
-            raise ValueError("its pages must have sizes (got a header without)")
+        header = _ThriftReader(file.read(min(end - start, 1 << 20)))
+        fields = header.read_struct()
+        packed_size, unpacked_size = fields.get(_PACKED), fields.get(_UNPACKED)
+        if (
+            not isinstance(packed_size, int)
+            or not isinstance(unpacked_size, int)
+            or min(packed_size, unpacked_size) < 0
+        ):
+            raise ValueError("its pages must have sizes (got a header without size)")
         if fields.get(_KIND) in _DATA_PAGES:
-            counts = [fields[key] for key in _COUNTS if isinstance(fields.get(key), dict)]
+            counts = [
+                fields[key] for key in _DATA_PAGE_HEADERS if isinstance(fields.get(key), dict)
+            ]
             values += counts[0].get(1, 0) if counts else 0
-        unpacked += whole
-        start += header.place + packed
-    need(start == end, "its pages must end where its footer declares (got another place)")
+        unpacked += unpacked_size
+        start += header.position + packed_size
+    need(
+        start == end,
+        "its pages must end at the position that its footer declares (got another one)",
+    )
     return values, unpacked
 
 
-class _Header:
-    # Thrift's compact protocol, as far as footers and headers of pages use it.
+class _ThriftReader:
+    # Reads Thrift's compact protocol, as far as footers and page headers use it.
     def __init__(self, data: bytes) -> None:
-        self.data, self.place = data, 0
+        self.data, self.position = data, 0
 
-    def struct(self, depth: int = 0) -> dict[int, Any]:
-        out: dict[int, Any] = {}
+    def read_struct(self, depth: int = 0) -> dict[int, Any]:
+        fields: dict[int, Any] = {}
         number = 0
-        while head := self._byte():
-            number += head >> 4
-            if not head >> 4:
-                number = self._integer()
-            kind = head & 15
-            out[number] = kind if kind in _BOOLEANS else self._value(kind, depth)
-        return out
+        while header := self._read_byte():
+            number += header >> 4
+            if not header >> 4:
+                number = self._read_integer()
+            kind = header & 15
+            fields[number] = kind if kind in _BOOLEANS else self._read_value(kind, depth)
+        return fields
 
-    def _value(self, kind: int, depth: int) -> Any:
+    def _read_value(self, kind: int, depth: int) -> Any:
         if kind in _INTEGERS:
-            return self._integer()
+            return self._read_integer()
         if kind == _STRUCT and depth < _MAX_DEPTH:
-            return self.struct(depth + 1)
+            return self.read_struct(depth + 1)
         if kind == _LIST and depth < _MAX_DEPTH:
-            head = self._byte()
-            size = head >> 4 if head >> 4 < 15 else self._unsigned()
-            return [self._value(head & 15, depth + 1) for _ in range(size)]
+            header = self._read_byte()
+            size = header >> 4 if header >> 4 < 15 else self._read_unsigned()
+            return [self._read_value(header & 15, depth + 1) for _ in range(size)]
         if kind == _BINARY:
-            length = self._unsigned()
-            self.place += length
+            length = self._read_unsigned()
+            self.position += length
         elif kind in (*_BOOLEANS, _BYTE, _DOUBLE):
-            self.place += 8 if kind == _DOUBLE else 1
+            self.position += 8 if kind == _DOUBLE else 1
         else:
             raise ValueError(f"its pages must have headers of Parquet (got a field of {kind})")
         return None
 
-    def _byte(self) -> int:
-        need(self.place < len(self.data), "its pages must have whole headers (got the end)")
-        self.place += 1
-        return self.data[self.place - 1]
+    def _read_byte(self) -> int:
+        need(self.position < len(self.data), "its pages must have complete headers (got the end)")
+        self.position += 1
+        return self.data[self.position - 1]
 
-    def _unsigned(self) -> int:
-        out = 0
+    def _read_unsigned(self) -> int:
+        number = 0
         for shift in range(0, 70, 7):
-            byte = self._byte()
-            out |= (byte & 127) << shift
+            byte = self._read_byte()
+            number |= (byte & 127) << shift
             if byte < 128:
-                return out
+                return number
         raise ValueError("its pages must have headers of Parquet (got a number that is too long)")
 
-    def _integer(self) -> int:
-        number = self._unsigned()
+    def _read_integer(self) -> int:
+        number = self._read_unsigned()
         return number >> 1 ^ -(number & 1)

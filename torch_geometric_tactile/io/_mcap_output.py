@@ -1,17 +1,17 @@
-r"""The file under an MCAP writer: what was written stays whole whatever happens after it."""
+r"""The output file of an MCAP writer, which stays valid after a failed write."""
 
 import os
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from torch_geometric_tactile._files import hold_file
+from torch_geometric_tactile._files import lock_file
 
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 
 
 def require_mcap() -> Any:
-    r"""Returns the writer's module of the library of MCAP."""
+    r"""Returns :obj:`mcap.writer`, or raises an error that says how to install it."""
     try:
         import mcap.writer
         import zstandard  # noqa: F401 - the compression of chunks
@@ -21,15 +21,21 @@ def require_mcap() -> Any:
 
 
 class McapOutput:
-    r"""A new file that is written from its beginning to its end. When that fails, it is cut back to
-    what was whole.
+    r"""A new file that is written sequentially. If a write fails, the file is truncated to its last
+    committed state.
+
+    Args:
+        path (Path): The file.
+        overwrite (bool): Whether to overwrite an existing file.
+        lock (bool): Whether to lock the file against other writers.
     """
 
     def __init__(self, path: Path, overwrite: bool, lock: bool) -> None:
         self.path = path
         self.error: OSError | None = None
         self.closed = False
-        self._place = self._whole = 0
+        self._position = self._committed = 0
+        # Without O_BINARY, Windows would replace line breaks in the data.
         flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0)
         try:
             self._handle = os.open(path, flags | (0 if overwrite else os.O_EXCL), 0o666)
@@ -38,42 +44,43 @@ class McapOutput:
                 f"'{path}' exists: give another name, or overwrite it (--overwrite)"
             ) from error
         try:
-            self._release = hold_file(self._handle, path) if lock else lambda: None
+            # Truncated only after the lock, since another process may be writing the file.
+            self._release = lock_file(self._handle, path) if lock else lambda: None
             os.ftruncate(self._handle, 0)
         except BaseException:
             os.close(self._handle)
             raise
 
     def tell(self) -> int:
-        r"""Returns how many bytes were written."""
-        return self._place
+        r"""Returns the number of bytes written so far."""
+        return self._position
 
     def write(self, data: bytes | memoryview) -> int:
-        r"""Writes bytes."""
+        r"""Writes bytes, and returns their number."""
         if self.error is not None:
             raise self.error
         view = memoryview(data)
         try:
             while view:
                 count = os.write(self._handle, view)
-                view, self._place = view[count:], self._place + count
+                view, self._position = view[count:], self._position + count
         except OSError as error:
             self.error = OSError(error.errno, os.strerror(error.errno or 0), str(self.path))
             with suppress(OSError):
-                os.ftruncate(self._handle, self._whole)
+                os.ftruncate(self._handle, self._committed)
             raise self.error from error
         return len(data)
 
     def flush(self) -> None:
-        r"""Does nothing: nothing is kept back."""
+        r"""Does nothing, since writes are not buffered."""
 
     def commit(self) -> None:
-        r"""Says that all that was written is whole."""
+        r"""Marks the bytes written so far as a valid state of the file."""
         if self.error is None:
-            self._whole = self._place
+            self._committed = self._position
 
     def close(self) -> None:
-        r"""Closes it; does nothing if it is closed."""
+        r"""Closes the file. Does nothing if it is already closed."""
         if not self.closed:
             self.closed = True
             os.close(self._handle)

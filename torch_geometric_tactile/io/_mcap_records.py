@@ -1,13 +1,12 @@
-r"""Records of MCAP files, one by one: complete ones with their checksums compared, and what is left
-of truncated and damaged files.
+r"""Sequential reading of the records of MCAP files, including truncated and damaged files.
 
-The `format <https://mcap.dev/spec>`_ is a row of records (type, length, content). Messages are in
-chunks, compressed, each with its CRC-32. The end of the file says where each chunk is, and a
-truncated file has no end: readers that begin there read nothing.
+The `format <https://mcap.dev/spec>`_ is a sequence of records (type, length, content). Messages are
+in compressed chunks, each with its CRC-32. An index of the chunks is at the end of the file. A
+truncated file has no index, so readers that start with the index cannot read it.
 
-The library reads each record from its own bytes, so that no length inside of it reaches beyond.
-Its readers of whole files are not used: they take the memory that compressed data claim to need,
-make objects of all messages of a chunk at once, and end at the first damage.
+The library parses single records from their bytes, so that a wrong length in a record cannot reach
+beyond it. The library's readers of files are not used: they allocate the memory that compressed
+data declare, create objects of all messages of a chunk at once, and stop at the first damage.
 """
 
 import json
@@ -31,18 +30,25 @@ MAGIC = b"\x89MCAP0\r\n"
 METADATA_NAME = "torch_geometric_tactile"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = range(2, 7)
 CHUNK_INDEX, METADATA, DATA_END = 0x08, 0x0C, 0x0F
-_HEAD = struct.Struct("<BQ")
-_FOOTER = struct.Struct("<QQI")  # of the summary: where it begins, its second part, its checksum
-_END_SIZE = _HEAD.size + _FOOTER.size + len(MAGIC)
+_RECORD_HEADER = struct.Struct("<BQ")
+_FOOTER_CONTENT = struct.Struct("<QQI")  # of the summary: start, start of the second part, checksum
+_END_SIZE = _RECORD_HEADER.size + _FOOTER_CONTENT.size + len(MAGIC)
 
 
 class Damaged(Exception):  # noqa: N818 - never leaves the readers
-    r"""A record is not what it was."""
+    r"""Raised for a damaged record."""
 
 
 @dataclass
 class Scan:
-    r"""The records of a file in their order, and what was wrong with it."""
+    r"""Reads the records of a file in order, and collects its damage.
+
+    Args:
+        path (Path): The file.
+        damage (list of str): Descriptions of the damage found so far.
+        skipped (int): Number of bytes skipped so far.
+        chunks (int): Number of intact chunks read so far.
+    """
 
     path: Path
     damage: list[str] = field(default_factory=list)
@@ -50,78 +56,80 @@ class Scan:
     chunks: int = 0
 
     def records(self) -> Iterator[tuple[int, Any]]:
-        r"""Yields the library's records and their types. Those that the end of the file repeats
-        come first: for a file whose first chunk is damaged.
+        r"""Yields the type and the parsed record of each record. Records that are repeated in the
+        summary at the end of the file come first, in case the first chunk is damaged.
         """
         with self.path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
-            start = file.read(len(MAGIC))
-            summary, problem = _summary(file, size)
-            starts = sorted(one.chunk_start_offset for kind, one in summary if kind == CHUNK_INDEX)
-            crc: int | None = zlib.crc32(start)
-            place = len(MAGIC)
-            if start != MAGIC:
-                need(starts, f"'{self.path}' is no MCAP file (it begins with {start!r})")
-                crc, place = None, starts[0]
-                self._lost(0, place, "its beginning is damaged")
+            magic = file.read(len(MAGIC))
+            summary, summary_problem = _read_summary(file, size)
+            chunk_starts = sorted(
+                record.chunk_start_offset for kind, record in summary if kind == CHUNK_INDEX
+            )
+            crc: int | None = zlib.crc32(magic)
+            position = len(MAGIC)
+            if magic != MAGIC:
+                need(chunk_starts, f"'{self.path}' is not an MCAP file (it begins with {magic!r})")
+                crc, position = None, chunk_starts[0]
+                self._skip(0, position, "its beginning is damaged")
             yield from summary
-            while place < size:
-                file.seek(place)
-                head = file.read(_HEAD.size)
-                why = _implausible(head, size - place)
-                kind, length = (0, 0) if why else _HEAD.unpack(head)
-                stop = place + _HEAD.size + length
+            while position < size:
+                file.seek(position)
+                header = file.read(_RECORD_HEADER.size)
+                header_problem = _header_problem(header, size - position)
+                kind, length = (0, 0) if header_problem else _RECORD_HEADER.unpack(header)
+                stop = position + _RECORD_HEADER.size + length
                 content = b"" if length > RECORD_BYTES else file.read(length)
                 if kind == DATA_END:
                     if crc is not None and int.from_bytes(content, "little") not in (0, crc):
                         self.damage.append("its records differ from their checksum")
-                    self.damage += [problem] if problem else []
+                    self.damage += [summary_problem] if summary_problem else []
                     return
                 try:
-                    if why:
-                        # Where the next record begins, only the index knows, and that of chunks.
-                        after = bisect(starts, place)
-                        stop = starts[after] if after < len(starts) else size
-                        raise Damaged(why)
-                    yield from self._parts(kind, content)
-                    crc = None if crc is None else zlib.crc32(content, zlib.crc32(head, crc))
+                    if header_problem:
+                        # The next record is unknown, so continue at the next chunk of the index.
+                        next_chunk = bisect(chunk_starts, position)
+                        stop = chunk_starts[next_chunk] if next_chunk < len(chunk_starts) else size
+                        raise Damaged(header_problem)
+                    yield from self._expand_record(kind, content)
+                    crc = None if crc is None else zlib.crc32(content, zlib.crc32(header, crc))
                 except Damaged as error:
                     crc = None
-                    self._lost(place, stop, str(error))
-                if length > RECORD_BYTES:  # was not read
+                    self._skip(position, stop, str(error))
+                if length > RECORD_BYTES:  # its content was not read
                     crc = None
-                place = stop
+                position = stop
         self.damage.append("it is truncated, or still being written")
 
-    def _lost(self, start: int, stop: int, why: str) -> None:
+    def _skip(self, start: int, stop: int, problem: str) -> None:
         self.skipped += stop - start
-        self.damage.append(f"{why} ({stop - start} bytes from byte {start})")
+        self.damage.append(f"{problem} ({stop - start} bytes from byte {start})")
 
-    def _parts(self, kind: int, content: bytes) -> Iterator[tuple[int, Any]]:
-        record = _record(kind, content)
+    def _expand_record(self, kind: int, content: bytes) -> Iterator[tuple[int, Any]]:
+        record = _parse_record(kind, content)
         if kind != CHUNK:
             yield kind, record
             return
-        # One by one: a chunk of small messages would be many times its size as objects.
-        for inner, part in _walk(_unpacked(record)):
-            yield inner, _record(inner, part)
+        # Parsed one by one: as objects, small messages take many times the size of their chunk.
+        for inner_kind, inner_content in _split_records(_decompress_chunk(record)):
+            yield inner_kind, _parse_record(inner_kind, inner_content)
         self.chunks += 1
 
 
-def _implausible(head: bytes, room: int) -> str:
-    if len(head) < _HEAD.size:
+def _header_problem(header: bytes, num_bytes_left: int) -> str:
+    if len(header) < _RECORD_HEADER.size:
         return "it is truncated"
-    kind, length = _HEAD.unpack(head)
+    kind, length = _RECORD_HEADER.unpack(header)
     if not (1 <= kind <= DATA_END or kind >= 0x80):
         return "a record is damaged"
-    if length > room - _HEAD.size:
+    if length > num_bytes_left - _RECORD_HEADER.size:
         return "a record is truncated or damaged"
-    # Readers do not need the others, such as files that are attached.
-    return "a record is too large" if kind in _readers() and length > RECORD_BYTES else ""
+    # Other types, such as attached files, are not parsed and may be large.
+    return "a record is too large" if kind in _record_parsers() and length > RECORD_BYTES else ""
 
 
 @cache
-def _readers() -> dict[int, Any]:
+def _record_parsers() -> dict[int, Any]:
     require_mcap()
     from mcap import records
 
@@ -136,74 +144,76 @@ def _readers() -> dict[int, Any]:
 
 
 @cache
-def _stream() -> tuple[Any, tuple[type[Exception], ...]]:
-    # What the readers take, and what they raise.
+def _stream_and_errors() -> tuple[Any, tuple[type[Exception], ...]]:
+    # The input type of the library's parsers, and the errors that they raise.
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import McapError
 
     return ReadDataStream, (McapError, OverflowError, UnicodeDecodeError, struct.error)
 
 
-def _record(kind: int, content: bytes | memoryview) -> Any | None:
-    # None for those that readers need not know.
-    read = _readers().get(kind)
-    if read is None:
+def _parse_record(kind: int, content: bytes | memoryview) -> Any | None:
+    # None for types of records that readers ignore.
+    parse = _record_parsers().get(kind)
+    if parse is None:
         return None
-    stream, errors = _stream()
+    stream, errors = _stream_and_errors()
     try:
-        of_bytes = stream(BytesIO(content))
-        return read(of_bytes, len(content)) if kind == MESSAGE else read(of_bytes)
+        content_stream = stream(BytesIO(content))
+        return parse(content_stream, len(content)) if kind == MESSAGE else parse(content_stream)
     except errors as error:
         raise Damaged(f"a record is damaged: {error}") from error
 
 
-def _walk(data: bytes) -> Iterator[tuple[int, memoryview]]:
-    view, place = memoryview(data), 0
-    while place < len(data):
-        if len(data) - place < _HEAD.size:
-            raise Damaged("a chunk ends in half a record")
-        kind, length = _HEAD.unpack_from(data, place)
-        place += _HEAD.size + length
-        if place > len(data):
+def _split_records(data: bytes) -> Iterator[tuple[int, memoryview]]:
+    view, position = memoryview(data), 0
+    while position < len(data):
+        if len(data) - position < _RECORD_HEADER.size:
+            raise Damaged("a chunk ends within a record")
+        kind, length = _RECORD_HEADER.unpack_from(data, position)
+        position += _RECORD_HEADER.size + length
+        if position > len(data):
             raise Damaged("a record is longer than its chunk")
-        yield kind, view[place - length : place]
+        yield kind, view[position - length : position]
 
 
-def _unpacked(chunk: Any) -> bytes:
-    size, packed = chunk.uncompressed_size, chunk.data
+def _decompress_chunk(chunk: Any) -> bytes:
+    size, compressed = chunk.uncompressed_size, chunk.data
     if size > RECORD_BYTES:
         raise Damaged("the length of a chunk is damaged")
     if chunk.compression not in ("", "zstd", "lz4"):
         raise Damaged(f"a chunk is compressed in an unknown way ({chunk.compression[:20]!r})")
     try:
-        unpack = {"zstd": _zstd, "lz4": _lz4}.get(chunk.compression)
-        data = packed if unpack is None else unpack(packed, size)
+        decompress = {"zstd": _decompress_zstd, "lz4": _decompress_lz4}.get(chunk.compression)
+        data = compressed if decompress is None else decompress(compressed, size)
     except (Damaged, ImportError):
         raise
-    except Exception as error:  # each library has its own
+    except Exception as error:  # each library raises different errors
         raise Damaged(f"a chunk cannot be decompressed: {error}") from error
     if len(data) != size or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
         raise Damaged("a chunk differs from its checksum")
     return data
 
 
-def _zstd(packed: bytes, size: int) -> bytes:
-    zstandard = _library("zstandard")
-    # The frame names a size of its own, for which the memory would be taken.
-    stated = zstandard.get_frame_parameters(packed).content_size
-    if stated not in (size, zstandard.CONTENTSIZE_UNKNOWN, 0):
-        raise Damaged("a chunk says two sizes")
+def _decompress_zstd(compressed: bytes, size: int) -> bytes:
+    zstandard = _import_library("zstandard")
+    # The compressed frame declares a size too, for which the library would allocate memory.
+    declared_size = zstandard.get_frame_parameters(compressed).content_size
+    if declared_size not in (size, zstandard.CONTENTSIZE_UNKNOWN, 0):
+        raise Damaged("a chunk declares two sizes")
     if not size:
         return b""
-    limit = zstandard.ZstdDecompressor(max_window_size=RECORD_BYTES)
-    return bytes(limit.decompress(packed, max_output_size=size))
+    decompressor = zstandard.ZstdDecompressor(max_window_size=RECORD_BYTES)
+    return bytes(decompressor.decompress(compressed, max_output_size=size))
 
 
-def _lz4(packed: bytes, size: int) -> bytes:
-    return bytes(_library("lz4.frame").LZ4FrameDecompressor().decompress(packed, max_length=size))
+def _decompress_lz4(compressed: bytes, size: int) -> bytes:
+    return bytes(
+        _import_library("lz4.frame").LZ4FrameDecompressor().decompress(compressed, max_length=size)
+    )
 
 
-def _library(name: str) -> Any:
+def _import_library(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError as error:
@@ -212,15 +222,18 @@ def _library(name: str) -> Any:
         ) from error
 
 
-def _summary(file: BinaryIO, size: int) -> tuple[list[tuple[int, Any]], str]:
-    # What the end of a file repeats, if it has a right checksum, and what is wrong with it.
+def _read_summary(file: BinaryIO, size: int) -> tuple[list[tuple[int, Any]], str]:
+    # The records repeated at the end of a file, if their checksum is correct, and their problem.
     footer = b""
     if size >= _END_SIZE:
         file.seek(size - _END_SIZE)
         footer = file.read(_END_SIZE)
-    if footer[: _HEAD.size] != _HEAD.pack(FOOTER, _FOOTER.size) or footer[-len(MAGIC) :] != MAGIC:
-        return [], "its end is damaged, or something else is behind it"
-    start, _, expected = _FOOTER.unpack_from(footer, _HEAD.size)
+    if (
+        footer[: _RECORD_HEADER.size] != _RECORD_HEADER.pack(FOOTER, _FOOTER_CONTENT.size)
+        or footer[-len(MAGIC) :] != MAGIC
+    ):
+        return [], "its end is damaged, or followed by other bytes"
+    start, _, expected = _FOOTER_CONTENT.unpack_from(footer, _RECORD_HEADER.size)
     length = size - _END_SIZE - start if start else 0
     if not 0 <= length <= RECORD_BYTES:
         return [], "its index cannot be read"
@@ -230,12 +243,16 @@ def _summary(file: BinaryIO, size: int) -> tuple[list[tuple[int, Any]], str]:
     if expected not in (0, crc):
         return [], f"its index differs from its checksum (from byte {start})"
     try:
-        records = [(kind, _record(kind, part)) for kind, part in _walk(content)] if expected else []
+        records = (
+            [(kind, _parse_record(kind, part)) for kind, part in _split_records(content)]
+            if expected
+            else []
+        )
     except Damaged as error:
         return [], f"its index cannot be read ({error})"
     return records, ""
 
 
 def texts_checksum(texts: Mapping[str, str]) -> int:
-    r"""Returns the CRC-32 of the texts in the metadata of a recording, and of their names."""
+    r"""Returns the CRC-32 of the texts and their names in the metadata of a recording."""
     return zlib.crc32(json.dumps(sorted(texts.items())).encode())

@@ -1,8 +1,8 @@
-r"""Messages of MCAP recordings: their protobuf schemas, and their bytes.
+r"""Protobuf schemas of the messages in MCAP recordings, and encoding and decoding of the messages.
 
-The schemas are built here, so that there is no step that generates code, and each file carries
-them. The bytes of :obj:`tactile` are those of packed :obj:`float`: viewers see single readings by
-their index, and we see one array. :obj:`foxglove.PointCloud` is the
+The schemas are built in Python, without generated code, and each file contains them. The bytes of
+:obj:`tactile` are packed :obj:`float`: viewers show single readings by their index, and this
+package reads one array. :obj:`foxglove.PointCloud` is the
 `schema of Foxglove <https://docs.foxglove.dev/docs/sdk/schemas/point-cloud>`_.
 """
 
@@ -20,18 +20,18 @@ FRAME, PREDICTION, HEALTH, EVENT = (
 )
 POINTS = "foxglove.PointCloud"
 TOPICS = (FRAME, PREDICTION, HEALTH, EVENT, POINTS)
-# Kinds of events between which an annotation lies; the text of both is its label.
+# Events at the start and the end of an annotation; the text of both is its label.
 SPAN_START, SPAN_END = "annotation_start", "annotation_end"
 
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 
 
 class Field(NamedTuple):
-    r"""One field of a message; :obj:`many` if it is repeated."""
+    r"""A field of a message. It is a list if :obj:`is_repeated`."""
 
     number: int
     kind: str
-    many: bool = False
+    is_repeated: bool = False
 
 
 def _fields(*rows: tuple[str, str]) -> dict[str, Field]:
@@ -110,50 +110,54 @@ _NUMERIC_TYPE = (
 FLOAT32 = _NUMERIC_TYPE.index("FLOAT32")
 
 
-def schema_of(message: str) -> bytes:
-    r"""Returns the schema of a message and of all that it refers to: a serialized
-    :obj:`FileDescriptorSet` of protobuf.
+def message_schema(message: str) -> bytes:
+    r"""Returns the schema of a message and of its parts as a serialized :obj:`FileDescriptorSet`
+    of protobuf.
     """
-    pb = _descriptors()
-    out = pb.FileDescriptorSet()
-    for name in _needed(message):
-        package, _, short = name.rpartition(".")
-        file = out.file.add(name=_file_of(name), package=package, syntax="proto3")
-        _describe(pb, file.message_type.add(name=short), MESSAGES[name])
+    pb = _import_descriptors()
+    descriptors = pb.FileDescriptorSet()
+    for name in _required_messages(message):
+        package, _, message_name = name.rpartition(".")
+        file = descriptors.file.add(name=_proto_file(name), package=package, syntax="proto3")
+        _add_fields(pb, file.message_type.add(name=message_name), MESSAGES[name])
         kinds = {field.kind for field in MESSAGES[name].values()}
-        file.dependency.extend(_file_of(kind) for kind in sorted(kinds) if kind in MESSAGES)
-    return bytes(out.SerializeToString(deterministic=True))
+        file.dependency.extend(_proto_file(kind) for kind in sorted(kinds) if kind in MESSAGES)
+    return bytes(descriptors.SerializeToString(deterministic=True))
 
 
-def check_schema(data: bytes) -> str:
-    r"""Compares the schema of a file's frames with ours."""
-    if data == schema_of(FRAME):
+def schema_problem(data: bytes) -> str:
+    r"""Returns the first conflict of the schema in a file with the schema of frames in this
+    package, or an empty text.
+    """
+    if data == message_schema(FRAME):
         return ""
-    pb = _descriptors()
-    theirs = pb.FileDescriptorSet()
+    pb = _import_descriptors()
+    file_schema = pb.FileDescriptorSet()
     try:
-        theirs.ParseFromString(data)
+        file_schema.ParseFromString(data)
     except Exception as error:  # DecodeError, whose module depends on the version
-        return f"it is no schema of protobuf ({error})"
-    found = {
+        return f"it is not a protobuf schema ({error})"
+    file_messages = {
         f"{file.package}.{message.name}": {field.name: field for field in message.field}
-        for file in theirs.file
+        for file in file_schema.file
         for message in file.message_type
     }
-    for message in _needed(FRAME):
-        fields = found.get(message, {})
-        for name, ours in MESSAGES[message].items():
+    for message in _required_messages(FRAME):
+        fields = file_messages.get(message, {})
+        for name, expected in MESSAGES[message].items():
             field = fields.get(name)
             if field is None and name not in ("time", "tactile", "shape"):
                 continue
-            kind = "" if field is None else _kind(pb, field)
-            if field is None or (field.number, kind) != (ours.number, ours.kind):
-                got = "none" if field is None else f"{kind} {field.number}"
-                return f"'{message}.{name}' must be {ours.kind} {ours.number} (got {got})"
+            kind = "" if field is None else _type_name(pb, field)
+            if field is None or (field.number, kind) != (expected.number, expected.kind):
+                actual = "none" if field is None else f"{kind} {field.number}"
+                return (
+                    f"'{message}.{name}' must be {expected.kind} {expected.number} (got {actual})"
+                )
     return ""
 
 
-def _descriptors() -> Any:
+def _import_descriptors() -> Any:
     try:
         from google.protobuf import descriptor_pb2
     except ImportError as error:
@@ -161,79 +165,83 @@ def _descriptors() -> Any:
     return descriptor_pb2
 
 
-def _kind(pb: Any, field: Any) -> str:
+def _type_name(pb: Any, field: Any) -> str:
     name: str = pb.FieldDescriptorProto.Type.Name(field.type)
-    # Names that are no UTF-8 are bytes.
+    # A type name that is not valid UTF-8 is returned as bytes.
     return str(field.type_name).removeprefix(".") or name.removeprefix("TYPE_").lower()
 
 
-def _file_of(message: str) -> str:
+def _proto_file(message: str) -> str:
     return f"{message.replace('.', '/')}.proto".replace("Timestamp", "timestamp")
 
 
-def _needed(message: str) -> list[str]:
-    # Those that others refer to first.
-    out: list[str] = []
+def _required_messages(message: str) -> list[str]:
+    # In order of dependency: a message comes after the messages of its fields.
+    messages: list[str] = []
     for field in MESSAGES[message].values():
         if field.kind in MESSAGES:
-            out += [name for name in _needed(field.kind) if name not in out]
-    return [*out, message]
+            messages += [name for name in _required_messages(field.kind) if name not in messages]
+    return [*messages, message]
 
 
-def _describe(pb: Any, message: Any, fields: Mapping[str, Field]) -> None:
-    proto = pb.FieldDescriptorProto
+def _add_fields(pb: Any, message: Any, fields: Mapping[str, Field]) -> None:
+    field_types = pb.FieldDescriptorProto
     for name, field in fields.items():
-        row = message.field.add(name=name, number=field.number, json_name=name)
-        row.label = proto.LABEL_REPEATED if field.many else proto.LABEL_OPTIONAL
+        descriptor = message.field.add(name=name, number=field.number, json_name=name)
+        descriptor.label = (
+            field_types.LABEL_REPEATED if field.is_repeated else field_types.LABEL_OPTIONAL
+        )
         if field.kind in MESSAGES:
-            row.type, row.type_name = proto.TYPE_MESSAGE, f".{field.kind}"
+            descriptor.type, descriptor.type_name = field_types.TYPE_MESSAGE, f".{field.kind}"
         elif field.kind == "foxglove.NumericType":
-            row.type = proto.TYPE_ENUM
-            row.type_name = ".foxglove.PackedElementField.NumericType"
+            descriptor.type = field_types.TYPE_ENUM
+            descriptor.type_name = ".foxglove.PackedElementField.NumericType"
             enum = message.enum_type.add(name="NumericType")
             for number, value in enumerate(_NUMERIC_TYPE):
                 enum.value.add(name=value, number=number)
         else:
-            row.type = proto.Type.Value(f"TYPE_{field.kind.upper()}")
+            descriptor.type = field_types.Type.Value(f"TYPE_{field.kind.upper()}")
 
 
 @cache
-def _type_of(message: str) -> Any:
-    # The class that protobuf makes of the fields. They are optional, which tells a zero from
-    # nothing and has the same bytes.
+def _message_class(message: str) -> Any:
+    # The class that protobuf creates for a message. Its fields are optional, which distinguishes
+    # zero from a missing value, with the same encoding.
     from google.protobuf import descriptor_pool, message_factory
 
-    pb, pool = _descriptors(), descriptor_pool.DescriptorPool()
-    for file in pb.FileDescriptorSet.FromString(schema_of(message)).file:
-        for made in file.message_type:
-            for field in made.field:
+    pb, pool = _import_descriptors(), descriptor_pool.DescriptorPool()
+    for file in pb.FileDescriptorSet.FromString(message_schema(message)).file:
+        for descriptor in file.message_type:
+            for field in descriptor.field:
                 if field.label == field.LABEL_OPTIONAL:
                     field.proto3_optional = True
-                    field.oneof_index = len(made.oneof_decl)
-                    made.oneof_decl.add(name=f"_{field.name}")
+                    field.oneof_index = len(descriptor.oneof_decl)
+                    descriptor.oneof_decl.add(name=f"_{field.name}")
         pool.Add(file)
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(message))
 
 
 def encode(message: str, values: Mapping[str, Any]) -> bytes:
-    r"""Returns a message in protobuf's format. What is None, or no field of it, is left out."""
-    known = {name: _plain(values[name]) for name in MESSAGES[message] if name in values}
-    return bytes(_type_of(message)(**known).SerializeToString())
+    r"""Encodes a message by protobuf. Values that are :obj:`None` or not fields are left out."""
+    field_values = {
+        name: _to_plain_value(values[name]) for name in MESSAGES[message] if name in values
+    }
+    return bytes(_message_class(message)(**field_values).SerializeToString())
 
 
-def _plain(value: Any) -> Any:
+def _to_plain_value(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.ravel().tolist()
     if isinstance(value, Mapping):
-        return {name: _plain(part) for name, part in value.items()}
+        return {name: _to_plain_value(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
+        return [_to_plain_value(part) for part in value]
     return value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
 
 
 def decode(message: str, data: bytes | memoryview) -> Any:
-    r"""Reads a message, as protobuf's own object. Fields that are not known are passed over."""
+    r"""Decodes a message to an object of protobuf. Unknown fields are ignored."""
     try:
-        return _type_of(message).FromString(bytes(data))
+        return _message_class(message).FromString(bytes(data))
     except Exception as error:  # DecodeError, whose module depends on the version
         raise ValueError(f"a message must be a {message} of protobuf ({error})") from error

@@ -1,5 +1,5 @@
-r"""Orders of columns that the names of the columns contradict: sorted as texts where the names have
-numbers, and one axis of all taxels after the other where each taxel should have all its axes.
+r"""Detection of columns in an unexpected order: sorted as text although their names have numbers,
+or by axis although each taxel should have its axes in consecutive columns.
 """
 
 import re
@@ -12,26 +12,26 @@ from torch_geometric_tactile._texts import quoted, short_list
 _NUMBER = re.compile(r"([0-9]{1,15})")
 _WORD = re.compile(r"[^\W\d_]+")
 _AXIS = re.compile(r"[a-z]?[xyz]")
-_MAX_PERMUTED = 4  # numbers in a name, of which all orders are tried
-_MAX_SHOWN = 8
+_MAX_PERMUTED = 4  # numbers in a name for which all orders are tried
+_MAX_LISTED = 8
 
 
 def check_name_order(
     path: Path, argument: str, names: Sequence[str], num_channels: int = 1
 ) -> None:
-    r"""Raises an error if columns in the order of a file are in another order than the numbers or
-    axes in their names say. It is for columns that an expression, or nothing, chose; a list of
-    names is a decision.
+    r"""Raises an error if the order of columns in a file contradicts the numbers or axes in their
+    names. It applies to columns that were selected by an expression or by default; a list of names
+    is taken as it is.
 
     Args:
         path (Path): The file, for the message.
-        argument (str): The argument that chooses the columns, for the message.
+        argument (str): The argument that selects the columns, for the message.
         names (sequence of str): The names, in the order of the file.
-        num_channels (int): How many columns in a row a taxel has.
+        num_channels (int): Number of consecutive columns of a taxel.
 
     Raises:
-        ValueError: If names that differ in their numbers are sorted as texts and not as numbers, or
-            if all taxels of one axis follow each other although a taxel has several channels.
+        ValueError: If names with numbers are sorted as text, or if the columns are sorted by axis
+            although a taxel has several channels.
 
     Examples:
         >>> check_name_order(Path("a.csv"), "tactile", ["s1", "s2", "s10"])
@@ -42,45 +42,48 @@ def check_name_order(
         tactile=['s1', 's2', 's10']
     """
     keys = [name.casefold() for name in names]
-    by_number = _order_of_numbers(keys)
-    if by_number is not None:
-        order = [names[i] for i in by_number]
-        raise _contradiction(path, argument, names, order, "of texts and not of the numbers in")
+    numeric_order = _numeric_order(keys)
+    if numeric_order is not None:
+        order = [names[i] for i in numeric_order]
+        raise _order_error(path, argument, names, order, "of text and not of the numbers in")
     if _is_axis_major(keys, num_channels):
         num_taxels = len(names) // num_channels
         order = [name for taxel in range(num_taxels) for name in names[taxel::num_taxels]]
-        kind = f"of one axis after the other and not of taxels with {num_channels} channels, as in"
-        raise _contradiction(path, argument, names, order, kind)
+        problem = (
+            f"of one axis after the other and not of taxels with {num_channels} channels, as in"
+        )
+        raise _order_error(path, argument, names, order, problem)
 
 
-def _contradiction(
-    path: Path, argument: str, names: Sequence[str], order: Sequence[str], kind: str
+def _order_error(
+    path: Path, argument: str, names: Sequence[str], order: Sequence[str], problem: str
 ) -> ValueError:
-    def listed(names: Sequence[str]) -> str:
-        return short_list(names, _MAX_SHOWN, lambda name: quoted(name)[1:-1], rest=", ...")
+    def join_names(names: Sequence[str]) -> str:
+        return short_list(names, _MAX_LISTED, lambda name: quoted(name)[1:-1], ending=", ...")
 
-    items = short_list(order, _MAX_SHOWN, quoted, rest=", ...")
+    quoted_names = short_list(order, _MAX_LISTED, quoted, ending=", ...")
     return ValueError(
         f"'{argument}' must list the columns of '{path}' in the order of the layout, since their "
-        f"order in the file, {listed(names)}, is that {kind} the names, {listed(order)}: give "
-        f"{argument}=[{items}], or the list in the order of the file if that is right"
+        f"order in the file, {join_names(names)}, is that {problem} the names, "
+        f"{join_names(order)}: give {argument}=[{quoted_names}], or the list in the order of the "
+        "file if that order is correct"
     )
 
 
-def _order_of_numbers(keys: Sequence[str]) -> list[int] | None:
-    # The places in the order of the numbers, if the names of some columns contradict theirs.
-    groups: dict[tuple[str, ...], list[int]] = {}
+def _numeric_order(keys: Sequence[str]) -> list[int] | None:
+    # The column indices sorted by the numbers in the names, or None if the order is already right.
+    indices_by_text: dict[tuple[str, ...], list[int]] = {}
     for i, key in enumerate(keys):
-        groups.setdefault(tuple(_NUMBER.split(key)[::2]), []).append(i)
+        indices_by_text.setdefault(tuple(_NUMBER.split(key)[::2]), []).append(i)
     order = [*range(len(keys))]
-    is_wrong = False
-    for places in groups.values():
-        if _is_sorted_as_text([keys[i] for i in places]):
-            is_wrong = True
-            numbers = {i: [int(n) for n in _NUMBER.findall(keys[i])] for i in places}
-            for place, i in zip(places, sorted(places, key=numbers.__getitem__), strict=True):
-                order[place] = i
-    return order if is_wrong else None
+    is_unsorted = False
+    for indices in indices_by_text.values():
+        if _is_sorted_as_text([keys[i] for i in indices]):
+            is_unsorted = True
+            numbers = {i: [int(n) for n in _NUMBER.findall(keys[i])] for i in indices}
+            for target, i in zip(indices, sorted(indices, key=numbers.__getitem__), strict=True):
+                order[target] = i
+    return order if is_unsorted else None
 
 
 def _is_sorted_as_text(keys: Sequence[str]) -> bool:
@@ -88,55 +91,55 @@ def _is_sorted_as_text(keys: Sequence[str]) -> bool:
     num_numbers = len(texts[0])
     if len(keys) < 3 or not num_numbers:
         return False
-    # Several numbers, as of rows and columns, may be sorted by any of them first.
+    # Several numbers, such as row and column, may be sorted by any of them first.
     orders = [*permutations(range(min(num_numbers, _MAX_PERMUTED)))]
-    as_texts = [[[text[k] for k in order] for text in texts] for order in orders]
-    as_numbers = [[[int(n) for n in row] for row in rows] for rows in as_texts]
-    if any(rows in (sorted(rows), sorted(rows)[::-1]) for rows in as_numbers):
+    text_rows = [[[text[k] for k in order] for text in texts] for order in orders]
+    number_rows = [[[int(n) for n in row] for row in rows] for rows in text_rows]
+    if any(rows in (sorted(rows), sorted(rows)[::-1]) for rows in number_rows):
         return False
-    return [*keys] == sorted(keys) or any(rows == sorted(rows) for rows in as_texts)
+    return [*keys] == sorted(keys) or any(rows == sorted(rows) for rows in text_rows)
 
 
 def _is_axis_major(keys: Sequence[str], num_channels: int) -> bool:
     num_taxels = len(keys) // num_channels
     if num_channels < 2 or num_taxels < 2 or len(keys) % num_channels:
         return False
-    axes = {tuple(_differing_parts(keys[i::num_taxels])) for i in range(num_taxels)}
-    if len(axes) > 1:
+    axis_names = {tuple(_differing_parts(keys[i::num_taxels])) for i in range(num_taxels)}
+    if len(axis_names) > 1:
         return False
-    (parts,) = axes
+    (parts,) = axis_names
     if len({*parts}) < num_channels or not all(part.isalpha() for part, _ in parts):
         return False
     if all(part in ("x", "y", "z") or _AXIS.fullmatch(word) for part, word in parts):
         return True
-    # Other words are axes if the numbers of the taxels begin anew with each. Where a word has a
-    # multiple of the channels, it may also be a part of the sensor with counted columns.
+    # Other words are axes if the numbers of the taxels start again with each word. If the number of
+    # taxels is a multiple of the channels, a word may also be a part of the sensor.
     rows = [keys[i : i + num_taxels] for i in range(0, len(keys), num_taxels)]
-    is_running = all(_is_running(row) for row in rows)
-    is_letter = all(len(word) == 1 for _, word in parts) and num_taxels != num_channels
-    return is_running and (num_taxels % num_channels != 0 or is_letter)
+    is_ascending = all(_is_ascending(row) for row in rows)
+    is_single_letter = all(len(word) == 1 for _, word in parts) and num_taxels != num_channels
+    return is_ascending and (num_taxels % num_channels != 0 or is_single_letter)
 
 
 def _differing_parts(keys: Sequence[str]) -> list[tuple[str, str]]:
-    # Of each name, the text in which it differs from the others, and the word that has it.
-    start = _num_common(keys)
-    end = _num_common([key[start:][::-1] for key in keys])
-    out = []
+    # For each name, the text in which it differs from the others, and the word that contains it.
+    start = _common_prefix_length(keys)
+    end = _common_prefix_length([key[start:][::-1] for key in keys])
+    parts = []
     for key in keys:
         stop = len(key) - end
         words = _WORD.finditer(key)
         word = next((m[0] for m in words if m.start() <= start and stop <= m.end()), "")
-        out.append((key[start:stop], word))
-    return out
+        parts.append((key[start:stop], word))
+    return parts
 
 
-def _num_common(keys: Sequence[str]) -> int:
-    # How many letters all of them begin with.
-    shortest = min(map(len, keys))
-    return next((i for i in range(shortest) if len({key[i] for key in keys}) > 1), shortest)
+def _common_prefix_length(keys: Sequence[str]) -> int:
+    # The number of letters at the start that all keys share.
+    min_length = min(map(len, keys))
+    return next((i for i in range(min_length) if len({key[i] for key in keys}) > 1), min_length)
 
 
-def _is_running(keys: Sequence[str]) -> bool:
+def _is_ascending(keys: Sequence[str]) -> bool:
     texts = {tuple(_NUMBER.split(key)[::2]) for key in keys}
     numbers = [[int(n) for n in _NUMBER.findall(key)] for key in keys]
     return len(texts) == 1 and numbers == sorted(numbers)

@@ -1,16 +1,16 @@
-r"""Names, versions and checks that HDF5 and npz files of recordings share.
+r"""Names, versions and checks of recordings in HDF5 and npz files.
 
 =====================  ====================================================================
 ``format``             :obj:`"tactile recording"`
 ``version``            1
 ``time``               seconds, float64 :math:`(T,)`
-``tactile``            readings, float32 :math:`(T, N, C)`, NaN where missing
+``tactile``            readings, float32 :math:`(T, N, C)`, NaN if missing
 ``joint``              radians, float32 :math:`(T, J)`; absent without joint angles
-``privileged/<name>``  what only a simulator knows, :math:`(T, ...)`
+``privileged/<name>``  signals known only in simulation, :math:`(T, ...)`
 ``extra/<name>``       further signals, :math:`(T, ...)`
 ``label``              JSON text: a text, an integer or null
 ``meta``               JSON text: an object
-``annotations``        JSON text: a list of [start, end, label]; absent without any
+``annotations``        JSON text: a list of [start, end, label]; absent if empty
 =====================  ====================================================================
 """
 
@@ -32,13 +32,13 @@ EXTRA = "extra/"
 GROUPS = (PRIVILEGED, EXTRA)
 
 
-def checked_file(path: PathLike) -> Path:
-    r"""Returns the path of a file that exists."""
+def recording_path(path: PathLike) -> Path:
+    r"""Returns the path of a recording, and raises an error if there is no such file."""
     return existing_file(path, "give the path of a recording")
 
 
 def new_recording(path: Path, **content: Any) -> Recording:
-    r"""Returns the recording in a file, which errors name."""
+    r"""Returns a recording with the content of a file, whose path is added to errors."""
     try:
         return Recording(**content)
     except ValueError as error:
@@ -65,9 +65,10 @@ def recording_to_texts(recording: Recording) -> dict[str, str]:
 
 
 def check_version(path: Path, version: Any) -> None:
-    r"""Checks that this package can read a file of a version."""
-    is_whole = isinstance(version, int | np.integer) and not isinstance(version, bool)
-    if not is_whole or version != VERSION:
+    r"""Raises an error unless this package can read the version of a file."""
+    # Without the check for bool, True would pass as version 1.
+    is_integer = isinstance(version, int | np.integer) and not isinstance(version, bool)
+    if not is_integer or version != VERSION:
         raise ValueError(
             f"'{path}' must be of format version {VERSION} (got {version}): read it with the "
             "version of torch-geometric-tactile that wrote it"
@@ -77,7 +78,11 @@ def check_version(path: Path, version: Any) -> None:
 def recording_from_fields(
     path: Path, arrays: Mapping[str, np.ndarray], texts: Mapping[str, Any]
 ) -> Recording:
-    r"""Builds the recording that a file holds."""
+    r"""Returns a recording from the arrays and texts of a file.
+
+    Raises:
+        ValueError: If a field is missing or invalid. The message names the file.
+    """
     for name in ("time", "tactile"):
         if name not in arrays:
             raise missing_field(path, name)
@@ -99,27 +104,27 @@ def recording_from_fields(
             joint=arrays.get("joint"),
             label=values["label"],
             meta=values["meta"],
-            privileged=_group(arrays, PRIVILEGED),
-            extra=_group(arrays, EXTRA),
+            privileged=_arrays_of_group(arrays, PRIVILEGED),
+            extra=_arrays_of_group(arrays, EXTRA),
             annotations=values["annotations"],
         )
     except ValueError as error:
         raise ValueError(
-            f"'{path}' holds no consistent recording: {error}; write it anew"
+            f"'{path}' does not hold a consistent recording: {error}; write it again"
         ) from error
 
 
-def _group(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+def _arrays_of_group(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
     return {
-        name.removeprefix(prefix): value
-        for name, value in arrays.items()
+        name.removeprefix(prefix): array
+        for name, array in arrays.items()
         if name.startswith(prefix)
     }
 
 
 def missing_field(path: Path, name: str) -> ValueError:
-    r"""Returns the error for a file that lacks something."""
+    r"""Returns the error for a file that lacks a field."""
     return ValueError(
-        f"'{path}' must hold '{name}', as every recording (got none): write it with "
+        f"'{path}' must hold '{name}' to be a recording (got none): write it with "
         "torch_geometric_tactile.io.write_recording"
     )

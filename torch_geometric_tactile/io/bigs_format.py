@@ -1,4 +1,4 @@
-r"""How the holder of a BiGS data set keeps it: names, orders, units and rates."""
+r"""Names, axis orders, units and rates in the files of a BiGS data set."""
 
 import math
 import re
@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from torch_geometric_tactile.io._array_order import StoredArray, parsed_order
+from torch_geometric_tactile.io._array_order import StoredArray, parse_axis_order
 
 NUM_ELECTRODES = 19
 FINGERS = ("left", "middle", "right")
-_RATE = 100.0  # frames per second
-_RATES = {"pac": 2200.0, "robot_joint": 300.0, "finger_joint": 300.0}
-#: The arrays and, in their neutral order, their axes.
+_FRAME_RATE = 100.0  # frames per second
+_DEFAULT_RATES = {"pac": 2200.0, "robot_joint": 300.0, "finger_joint": 300.0}
+#: The arrays and their axes in the neutral order.
 ARRAYS: Mapping[str, tuple[str, ...]] = {
     "electrodes": ("frame", "electrode", "finger"),
     "time": ("frame",),
@@ -25,46 +25,48 @@ ARRAYS: Mapping[str, tuple[str, ...]] = {
     "phase": ("frame",),
     "slip": ("frame",),
 }
-#: What has one value in a file.
+#: The fields with a single value per file.
 VALUES = ("success", "object", "trial", "session", "pickup_time")
-_TOLD = ("object", "trial", "session", "success")  # by the name of a file
-_TIME = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-_LENGTH = {"m": 1.0, "mm": 1e3}
+_PATTERN_GROUPS = ("object", "trial", "session", "success")  # that the name of a file may give
+_UNITS_PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+_UNITS_PER_METRE = {"m": 1.0, "mm": 1e3}
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
 
 
 @dataclass(frozen=True)
 class BiGSFormat:
-    r"""Describes the names, orders and units in files of one grasp each, for
+    r"""Describes the names, axis orders and units of files with one grasp each, for
     :func:`~torch_geometric_tactile.io.read_bigs`.
 
     Args:
-        fields (Mapping of str to str): The names in the files by ours: :obj:`electrodes`,
-            :obj:`time`, :obj:`pressure`, :obj:`pac`, :obj:`robot_joint`, :obj:`finger_joint`,
-            :obj:`wrench`, :obj:`object_pose`, :obj:`phase`, :obj:`slip`, and of single values
-            :obj:`success`, :obj:`object`, :obj:`trial`, :obj:`session`, :obj:`pickup_time`. A name
-            that is not given is ours. An array in another order than ours has it behind its name,
-            in brackets: :obj:`"biotac/elec [frame (finger electrode)]"`; axes of one dimension
-            stand in brackets, of which the last changes fastest. Three names with :obj:`"|"`
-            between them are arrays of one finger each, left, middle and right. :obj:`"group@name"`
-            is an attribute in an HDF5 file.
+        fields (Mapping of str to str): Maps the name of a field to its name in the files. The
+            arrays are :obj:`electrodes`, :obj:`time`, :obj:`pressure`, :obj:`pac`,
+            :obj:`robot_joint`, :obj:`finger_joint`, :obj:`wrench`, :obj:`object_pose`,
+            :obj:`phase` and :obj:`slip`; the single values are :obj:`success`, :obj:`object`,
+            :obj:`trial`, :obj:`session` and :obj:`pickup_time`. A field that is left out has the
+            same name in the files. The order of the axes may follow the name in brackets:
+            :obj:`"biotac/elec [frame (finger electrode)]"`. Axes in parentheses share one
+            dimension, and the last of them changes fastest. Three names separated by :obj:`"|"`
+            are arrays of the left, middle and right finger. :obj:`"group@name"` is an attribute in
+            an HDF5 file.
         values (Mapping): Values that are the same for all files, such as
             :obj:`{"session": "may"}`.
-        pattern (str): Regular expression for the whole name of a file without its suffix, whose
-            named groups are what the name tells: :obj:`object`, :obj:`trial`, :obj:`session` or
-            :obj:`success`.
+        pattern (str): Regular expression for the full name of a file without its suffix. Its
+            named groups may be :obj:`object`, :obj:`trial`, :obj:`session` and :obj:`success`.
         rate (float): Frames, with readings of all electrodes, per second.
         rates (Mapping of str to float): Values per second of :obj:`pac`, :obj:`robot_joint` and
-            :obj:`finger_joint`, multiples of :obj:`rate`; 2200, 300 and 300 if left out.
-        time_unit (str, optional): :obj:`"s"`, :obj:`"ms"`, :obj:`"us"` or :obj:`"ns"`, also of the
-            pick-up time. Without it, seconds, which integers are refused for.
+            :obj:`finger_joint`, which must be multiples of :obj:`rate`. Defaults are 2200, 300 and
+            300.
+        time_unit (str, optional): Unit of the times, including the pick-up time: :obj:`"s"`,
+            :obj:`"ms"`, :obj:`"us"` or :obj:`"ns"`. By default, times are in seconds and must not
+            be integers.
         angle_unit (str): :obj:`"rad"` or :obj:`"deg"`.
-        length_unit (str): Of the object's position, :obj:`"m"` or :obj:`"mm"`.
+        length_unit (str): Unit of the object's position, :obj:`"m"` or :obj:`"mm"`.
         quaternion (str): Order of the object's quaternion, :obj:`"wxyz"` or :obj:`"xyzw"`.
-        fingers (str): Order of the fingers in arrays that have all three, such as
+        fingers (str): Order of the fingers in arrays with all three fingers, such as
             :obj:`"middle left right"`.
-        ends_after_pickup (float, optional): How many seconds after pick-up begins all files end,
-            where no pick-up time is known.
+        ends_after_pickup (float, optional): Seconds from the start of the pick-up to the end of
+            each file, for files without a pick-up time.
 
     Raises:
         ValueError: If a name, an order, a unit or a rate is unknown or impossible.
@@ -82,7 +84,7 @@ class BiGSFormat:
     fields: Mapping[str, str] = field(default_factory=dict)
     values: Mapping[str, Any] = field(default_factory=dict)
     pattern: str = _PATTERN
-    rate: float = _RATE
+    rate: float = _FRAME_RATE
     rates: Mapping[str, float] = field(default_factory=dict)
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
     angle_unit: Literal["rad", "deg"] = "rad"
@@ -92,29 +94,31 @@ class BiGSFormat:
     ends_after_pickup: float | None = None
 
     def __post_init__(self) -> None:
-        for name, given, known in (
+        for name, mapping, valid_keys in (
             ("fields", self.fields, (*ARRAYS, *VALUES)),
             ("values", self.values, VALUES),
-            ("rates", self.rates, _RATES),
+            ("rates", self.rates, _DEFAULT_RATES),
         ):
-            if not isinstance(given, Mapping):
-                raise ValueError(f"'{name}' must be a mapping (got {type(given).__name__})")
-            for key in given:
-                if key not in known:
-                    raise ValueError(f"'{name}' must have keys of {[*known]} (got {key!r})")
+            if not isinstance(mapping, Mapping):
+                raise ValueError(f"'{name}' must be a mapping (got {type(mapping).__name__})")
+            for key in mapping:
+                if key not in valid_keys:
+                    raise ValueError(f"'{name}' must have keys of {[*valid_keys]} (got {key!r})")
         for key in self.values:
             if key in self.fields:
                 raise ValueError(f"'{key}' must be in 'fields' or in 'values' (got both)")
         for key, text in self.fields.items():
             self._check_field(key, text)
         self._check_numbers()
-        for key, stated in self.values.items():
-            if not isinstance(stated, str | int | float):
-                raise ValueError(f"'{key}' in 'values' must be a text or a number (got {stated!r})")
+        for key, field_value in self.values.items():
+            if not isinstance(field_value, str | int | float):
+                raise ValueError(
+                    f"'{key}' in 'values' must be a text or a number (got {field_value!r})"
+                )
         units: tuple[tuple[str, Any, tuple[str | None, ...]], ...] = (
-            ("time_unit", self.time_unit, (None, *_TIME)),
+            ("time_unit", self.time_unit, (None, *_UNITS_PER_SECOND)),
             ("angle_unit", self.angle_unit, ("rad", "deg")),
-            ("length_unit", self.length_unit, (*_LENGTH,)),
+            ("length_unit", self.length_unit, (*_UNITS_PER_METRE,)),
             ("quaternion", self.quaternion, ("wxyz", "xyzw")),
         )
         for name, value, choices in units:
@@ -126,45 +130,51 @@ class BiGSFormat:
                 f"{self.fingers!r})"
             )
         try:
-            told = re.compile(self.pattern).groupindex
+            groups = re.compile(self.pattern).groupindex
         except (re.error, RecursionError, TypeError) as error:
             raise ValueError(f"'pattern' must be a regular expression ({error})") from error
-        for name in told:
-            if name not in _TOLD:
-                raise ValueError(f"'pattern' must have groups of {[*_TOLD]} (got '{name}')")
+        for name in groups:
+            if name not in _PATTERN_GROUPS:
+                raise ValueError(
+                    f"'pattern' must have groups of {[*_PATTERN_GROUPS]} (got '{name}')"
+                )
 
     def _check_field(self, key: str, text: str) -> None:
-        stored = StoredArray.of(key, text)
+        stored = StoredArray.from_text(key, text)
         axes = ARRAYS.get(key, ())
         if len(stored.names) > 1 and "finger" not in axes:
-            raise ValueError(f"field '{key}' must have one name, as it has no fingers (got {text})")
+            raise ValueError(
+                f"field '{key}' must have one name, since it has no finger axis (got {text})"
+            )
         if stored.order is not None:
-            parsed_order(key, stored.order, self.axes(key, stored))
+            parse_axis_order(key, stored.order, self.axes(key, stored))
 
     def _check_numbers(self) -> None:
         for key, rate in (("rate", self.rate), *self.rates.items()):
             if not _is_number(rate) or not 0 < rate < 1e6:
-                raise ValueError(f"'{key}' must be a rate above 0, per second (got {rate!r})")
+                raise ValueError(f"'{key}' must be a positive rate per second (got {rate!r})")
         for key in self.rates:
             self.steps(key)
         end = self.ends_after_pickup
         if end is not None and (not _is_number(end) or end < 0):
-            raise ValueError(f"'ends_after_pickup' must be seconds, at least 0 (got {end!r})")
+            raise ValueError(
+                f"'ends_after_pickup' must be a number of seconds of at least 0 (got {end!r})"
+            )
 
     def stored(self, key: str) -> StoredArray:
-        r"""Returns under which name, and in which order, a field is stored.
+        r"""Returns the name and the axis order of a field in the files.
 
         Args:
-            key (str): Our name of the field.
+            key (str): The name of the field in :obj:`fields`.
         """
-        return StoredArray.of(key, self.fields.get(key, key))
+        return StoredArray.from_text(key, self.fields.get(key, key))
 
     def axes(self, key: str, stored: StoredArray) -> tuple[str, ...]:
-        r"""Returns the axes of an array as it is stored, in our order.
+        r"""Returns the axes of a stored array in the neutral order.
 
         Args:
-            key (str): Our name of the array.
-            stored (StoredArray): How it is stored.
+            key (str): The name of the array in :obj:`fields`.
+            stored (StoredArray): The names and the order of the array in the files.
         """
         axes = ARRAYS.get(key, ())
         return axes if len(stored.names) == 1 else tuple(a for a in axes if a != "finger")
@@ -173,18 +183,18 @@ class BiGSFormat:
         r"""Returns the values per second of an array.
 
         Args:
-            key (str): Our name of the array.
+            key (str): The name of the array in :obj:`fields`.
         """
-        return float(self.rates.get(key, _RATES.get(key, self.rate)))
+        return float(self.rates.get(key, _DEFAULT_RATES.get(key, self.rate)))
 
     def steps(self, key: str) -> int:
-        r"""Returns how many values an array has a frame.
+        r"""Returns the number of values of an array per frame.
 
         Args:
-            key (str): Our name of the array.
+            key (str): The name of the array in :obj:`fields`.
 
         Raises:
-            ValueError: If its rate is no multiple of that of the frames.
+            ValueError: If the rate is not a multiple of the frame rate.
         """
         steps = self.rate_of(key) / self.rate
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
@@ -197,13 +207,13 @@ class BiGSFormat:
 
     @property
     def per_second(self) -> float:
-        r"""How many units of the time a second has."""
-        return _TIME[self.time_unit or "s"]
+        r"""Number of time units per second."""
+        return _UNITS_PER_SECOND[self.time_unit or "s"]
 
     @property
     def per_metre(self) -> float:
-        r"""How many units of length a metre has."""
-        return _LENGTH[self.length_unit]
+        r"""Number of length units per metre."""
+        return _UNITS_PER_METRE[self.length_unit]
 
 
 def _is_number(value: Any) -> bool:

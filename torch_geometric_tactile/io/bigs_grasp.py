@@ -1,4 +1,4 @@
-r"""Grasps of the BiGS data set as their holder keeps them: one HDF5 or npz file each."""
+r"""Reader of the grasps of the BiGS data set, in one HDF5 or npz file each."""
 
 import math
 import re
@@ -10,7 +10,7 @@ import numpy as np
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._array_order import arranged, parsed_order
+from torch_geometric_tactile.io._array_order import parse_axis_order, to_axes
 from torch_geometric_tactile.io._field_file import read_fields
 from torch_geometric_tactile.io.bigs_format import (
     ARRAYS,
@@ -21,19 +21,20 @@ from torch_geometric_tactile.io.bigs_format import (
 )
 
 _OUTCOMES = ("failure", "success")
-_FULL_TURN = 2 * math.pi * (1 + 1e-6)
-_MOST_APART = 0.1  # of a rate that is stated and that of the times
+_FULL_TURN = 2 * math.pi * (1 + 1e-6)  # with the rounding of float32
+_RATE_TOLERANCE = 0.1  # relative, between the stated rate and the rate of the times
 _EXTRA = ("pressure", "pac", "robot_joint", "finger_joint", "wrench")
 _NUM_VALUES = {"wrench": 6, "object_pose": 7}
 
 
 def read_bigs(path: PathLike, layout: BiGSFormat | None = None) -> Recording:
-    r"""Reads a grasp of the BiGS data set from an HDF5 or npz file, whose names, orders and units a
-    :class:`BiGSFormat` describes.
+    r"""Reads a grasp of the BiGS data set from an HDF5 or npz file. A :class:`BiGSFormat` describes
+    its names, axis orders and units.
 
     Args:
         path (str or PathLike): An HDF5 or npz file with one grasp.
-        layout (BiGSFormat, optional): Its names, orders, units and rates; ours if left out.
+        layout (BiGSFormat, optional): Its names, orders, units and rates. Defaults to those of
+            :class:`BiGSFormat`.
 
     Returns:
         Recording: As :class:`~torch_geometric_tactile.datasets.BiGS` reads it from a file of
@@ -42,9 +43,9 @@ def read_bigs(path: PathLike, layout: BiGSFormat | None = None) -> Recording:
     Raises:
         FileNotFoundError: If there is no such file.
         ImportError: If h5py is missing for an HDF5 file.
-        ValueError: If the file is cut or damaged, lacks a field, or an array has another shape or
-            length than is stated, times do not increase or do not fit the rate, or the outcome is
-            no truth value. The message names file and field.
+        ValueError: If the file is truncated or damaged, lacks a field, or an array does not have
+            the stated shape or length, if times do not increase or do not agree with the rate, or
+            if the outcome is not a truth value. The message names file and field.
 
     Examples:
         >>> import tempfile
@@ -63,7 +64,7 @@ def read_bigs(path: PathLike, layout: BiGSFormat | None = None) -> Recording:
 
 
 class _Fields:
-    r"""The fields of one file, found and brought into one order."""
+    r"""The fields of one file, in the neutral order."""
 
     def __init__(self, path: Path, layout: BiGSFormat) -> None:
         self.path = path
@@ -73,21 +74,21 @@ class _Fields:
         self.arrays, self.names = read_fields(
             path, [name for s in stored.values() for name in s.names]
         )
-        name = re.fullmatch(layout.pattern, path.stem)
-        said = {} if name is None else name.groupdict()
-        self.said = {key: value for key, value in said.items() if value is not None}
+        match = re.fullmatch(layout.pattern, path.stem)
+        groups = {} if match is None else match.groupdict()
+        self.name_values = {key: value for key, value in groups.items() if value is not None}
 
     def where(self, key: str) -> str:
-        r"""Returns file and field for messages."""
+        r"""Returns a description of file and field for messages."""
         names = " | ".join(self.stored[key].names) if key in self.stored else key
         return f"'{self.path}': '{key}'" + (f" (in {quoted(names)})" if names != key else "")
 
     def missing(self, key: str) -> ValueError:
-        r"""Returns the error for a field that is not there."""
+        r"""Returns the error for a missing field."""
         if key == "electrodes" and {"format", "@format"} & {*self.names}:
             return ValueError(
-                f"{self.where(key)} must be there (got a recording): a file that is in the neutral "
-                "form already needs no conversion and no 'fields'"
+                f"{self.where(key)} must be there (got a recording): a file in the neutral form "
+                "needs no conversion and no 'fields'"
             )
         return ValueError(
             f"{self.where(key)} must be there (got a file with "
@@ -96,18 +97,18 @@ class _Fields:
         )
 
     def array(self, key: str, sizes: dict[str, int | None]) -> np.ndarray | None:
-        r"""Returns an array in our order, or nothing if it is not there."""
+        r"""Returns an array in the neutral order, or :obj:`None` if it is missing."""
         stored = self.stored[key]
-        there = [self.arrays[name] for name in stored.names if name in self.arrays]
-        if len(there) < len(stored.names):
+        arrays = [self.arrays[name] for name in stored.names if name in self.arrays]
+        if len(arrays) < len(stored.names):
             if key in self.layout.fields:
                 raise self.missing(key)
             return None
         axes = self.layout.axes(key, stored)
         groups = [[axis] for axis in axes]
         if stored.order is not None:
-            groups = parsed_order(key, stored.order, axes)
-        known: dict[str, int | None] = {
+            groups = parse_axis_order(key, stored.order, axes)
+        size_of_axis: dict[str, int | None] = {
             "electrode": NUM_ELECTRODES,
             "finger": len(FINGERS),
             "step": self.layout.steps(key) if "step" in axes else None,
@@ -115,24 +116,24 @@ class _Fields:
             "value": _NUM_VALUES.get(key),
             **sizes,
         }
-        wanted = {axis: known[axis] for axis in axes}
+        expected_sizes = {axis: size_of_axis[axis] for axis in axes}
         parts = []
-        for array in there:
-            part = arranged(self.where(key), self._numbers(key, array), groups, wanted)
+        for array in arrays:
+            part = to_axes(self.where(key), self._to_numbers(key, array), groups, expected_sizes)
             parts.append(part)
-            wanted = dict(zip(axes, part.shape, strict=True))
+            expected_sizes = dict(zip(axes, part.shape, strict=True))
         if len(parts) == 1:
-            return np.ascontiguousarray(self._in_order(axes, parts[0]))
+            return np.ascontiguousarray(self._reorder_fingers(axes, parts[0]))
         return np.stack(parts, axis=ARRAYS[key].index("finger"))
 
-    def _in_order(self, axes: tuple[str, ...], array: np.ndarray) -> np.ndarray:
-        given = self.layout.fingers.split()
-        if "finger" not in axes or given == [*FINGERS]:
+    def _reorder_fingers(self, axes: tuple[str, ...], array: np.ndarray) -> np.ndarray:
+        stored_order = self.layout.fingers.split()
+        if "finger" not in axes or stored_order == [*FINGERS]:
             return array
-        places = [given.index(finger) for finger in FINGERS]
-        return array.take(places, axis=axes.index("finger"))
+        finger_indices = [stored_order.index(finger) for finger in FINGERS]
+        return array.take(finger_indices, axis=axes.index("finger"))
 
-    def _numbers(self, key: str, array: np.ndarray) -> np.ndarray:
+    def _to_numbers(self, key: str, array: np.ndarray) -> np.ndarray:
         if array.dtype.kind not in ("biuf" if key == "slip" else "iuf"):
             raise ValueError(f"{self.where(key)} must hold numbers (got {array.dtype})")
         if array.dtype.kind != "f":
@@ -141,14 +142,14 @@ class _Fields:
             numbers = array.astype(np.float64 if key == "time" else np.float32, copy=False)
         if np.isinf(numbers).any():
             raise ValueError(
-                f"{self.where(key)} must hold finite numbers, or NaN where one is missing (got "
+                f"{self.where(key)} must hold finite numbers, or NaN for missing ones (got "
                 "infinity)"
             )
         return numbers
 
     def value(self, key: str) -> Any:
-        r"""Returns a single value: what is stated for all files, then what the file holds, then
-        what its name tells; nothing if none of them does.
+        r"""Returns a single value, from the format, the file or the name of the file, in this
+        order. It is :obj:`None` if none of them gives it.
         """
         if key in self.layout.values:
             return self.layout.values[key]
@@ -156,7 +157,7 @@ class _Fields:
         if name not in self.arrays:
             if key in self.layout.fields:
                 raise self.missing(key)
-            return self.said.get(key)
+            return self.name_values.get(key)
         array = self.arrays[name]
         if array.size != 1:
             raise ValueError(f"{self.where(key)} must be one value (got shape {array.shape})")
@@ -197,8 +198,8 @@ class _Grasp(_Fields):
                 extra=extra,
             )
         except ValueError as error:
-            text = str(error) if f"'{self.path}'" in str(error) else f"'{self.path}': {error}"
-            raise ValueError(text) from error
+            message = str(error) if f"'{self.path}'" in str(error) else f"'{self.path}': {error}"
+            raise ValueError(message) from error
 
     def time(self, num_frames: int) -> np.ndarray:
         time = self.array("time", {"frame": num_frames})
@@ -212,19 +213,19 @@ class _Grasp(_Fields):
         time = time / self.layout.per_second
         if np.isnan(time).any():
             raise ValueError(f"{self.where('time')} must be finite (got NaN)")
-        wrong = np.flatnonzero(np.diff(time) <= 0)
-        if len(wrong):
-            before, frame = wrong[0], wrong[0] + 1
+        backward = np.flatnonzero(np.diff(time) <= 0)
+        if len(backward):
+            previous, frame = backward[0], backward[0] + 1
             raise ValueError(
                 f"{self.where('time')} must increase (got {float(time[frame])} s in frame {frame} "
-                f"after {float(time[before])} s in frame {before})"
+                f"after {float(time[previous])} s in frame {previous})"
             )
         if num_frames > 1:
-            found = 1 / float(np.median(np.diff(time)))
-            if abs(found / self.layout.rate - 1) > _MOST_APART:
+            measured_rate = 1 / float(np.median(np.diff(time)))
+            if abs(measured_rate / self.layout.rate - 1) > _RATE_TOLERANCE:
                 raise ValueError(
-                    f"{self.where('time')} must fit the rate of {self.layout.rate:g} frames per "
-                    f"second (got {found:.4g}): state 'rate', or the 'time_unit'"
+                    f"{self.where('time')} must agree with the rate of {self.layout.rate:g} frames "
+                    f"per second (got {measured_rate:.4g}): state 'rate', or the 'time_unit'"
                 )
         return np.asarray(time)
 
@@ -242,22 +243,23 @@ class _Grasp(_Fields):
     def pose(self, pose: np.ndarray) -> np.ndarray:
         pose = pose.astype(np.float32)
         position, quaternion = pose[:, :3] / self.layout.per_metre, pose[:, 3:]
+        # Recordings have quaternions in the order w, x, y, z.
         if self.layout.quaternion == "xyzw":
             quaternion = quaternion[:, [3, 0, 1, 2]]
         length = np.linalg.norm(quaternion, axis=1)
-        wrong = np.flatnonzero(np.abs(length - 1) > 0.01)
-        if len(wrong):
+        invalid = np.flatnonzero(np.abs(length - 1) > 0.01)
+        if len(invalid):
             raise ValueError(
                 f"{self.where('object_pose')} must hold a position and a quaternion of length 1 "
-                f"(got {length[wrong[0]]:.4g} in frame {wrong[0]})"
+                f"(got {length[invalid[0]]:.4g} in frame {invalid[0]})"
             )
         return np.concatenate([position, quaternion], axis=1)
 
     def slip(self, slip: np.ndarray) -> np.ndarray:
-        wrong = slip[~np.isin(slip, (-1, 0, 1))]
-        if len(wrong):
+        invalid = slip[~np.isin(slip, (-1, 0, 1))]
+        if len(invalid):
             raise ValueError(
-                f"{self.where('slip')} must be 0, 1 or, where unknown, -1 (got {wrong[0]:g})"
+                f"{self.where('slip')} must be 0, 1, or -1 if unknown (got {invalid[0]:g})"
             )
         return slip.astype(np.int8)
 
@@ -274,49 +276,49 @@ class _Grasp(_Fields):
                 f"frames (got {phase.dtype} of shape {phase.shape})"
             )
         names = [*dict.fromkeys(phase.tolist())]
-        number = {text: i for i, text in enumerate(names)}
-        return np.array([number[text] for text in phase.tolist()], dtype=np.int16), names
+        index_of_name = {text: i for i, text in enumerate(names)}
+        return np.array([index_of_name[text] for text in phase.tolist()], dtype=np.int16), names
 
     def success(self) -> int:
         value = self.value("success")
         if value is None:
             raise self.missing("success")
-        text = value.strip().lower() if isinstance(value, str) else value
-        known: dict[Any, int] = {"failure": 0, "success": 1, "0": 0, "1": 1, 0: 0, 1: 1}
-        if text not in known:  # also True and 1.0
+        key = value.strip().lower() if isinstance(value, str) else value
+        index_of_outcome: dict[Any, int] = {"failure": 0, "success": 1, "0": 0, "1": 1, 0: 0, 1: 1}
+        if key not in index_of_outcome:  # 'in' and the lookup also accept True and 1.0
             raise ValueError(
                 f"{self.where('success')} must be a truth value, 0 or 1, or 'failure' or "
                 f"'success' (got {value!r})"
             )
-        return known[text]
+        return index_of_outcome[key]
 
     def meta(self, time: np.ndarray) -> dict[str, Any]:
-        out: dict[str, Any] = {
+        metadata: dict[str, Any] = {
             "sensor": "biotac",
             "unit": "count",
             "rate": self.layout.rate,
             "source": self.path.name,
         }
-        for key, kinds in (("object", str), ("trial", int), ("session", str | int)):
+        for key, types in (("object", str), ("trial", int), ("session", str | int)):
             value = self.value(key)
             if key == "trial" and isinstance(value, str) and re.fullmatch("[0-9]{1,9}", value):
                 value = int(value)
-            if value is not None and (not isinstance(value, kinds) or isinstance(value, bool)):
-                what = "a whole number" if kinds is int else "a text"
-                raise ValueError(f"{self.where(key)} must be {what} (got {value!r})")
+            if value is not None and (not isinstance(value, types) or isinstance(value, bool)):
+                expected = "an integer" if types is int else "a text"
+                raise ValueError(f"{self.where(key)} must be {expected} (got {value!r})")
             if key == "object" and value is None:
                 raise self.missing("object")
             if key == "object" and not value:
                 raise ValueError(f"{self.where('object')} must not be empty (got '')")
             if value in (None, ""):
                 continue
-            out[key] = value
+            metadata[key] = value
         pickup = self.value("pickup_time")
         if pickup is not None:
-            out["pickup_time"] = self.pickup(pickup, time)
+            metadata["pickup_time"] = self.pickup(pickup, time)
         elif self.layout.ends_after_pickup is not None:
-            out["ends_after_pickup"] = self.layout.ends_after_pickup
-        return out
+            metadata["ends_after_pickup"] = self.layout.ends_after_pickup
+        return metadata
 
     def pickup(self, value: Any, time: np.ndarray) -> float:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,4 +1,4 @@
-r"""The CSV files of BioTac slides, with one slide over a material a file."""
+r"""Reader of CSV files with one slide of a BioTac over a material each."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ import numpy as np
 from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_frames import refuse_backwards
+from torch_geometric_tactile.io._csv_frames import check_increasing_time
 from torch_geometric_tactile.io._csv_table import csv_columns, csv_rows
 
 _NUM_ELECTRODES, _NUM_PRESSURES = 19, 22
@@ -20,7 +20,7 @@ def read_biotac_slide_csv(path: PathLike) -> Recording:
     r"""Reads one file ``mat<material>_<trial>_bio.csv`` of `BioTac_slide_20_50
     <https://github.com/dexrob/BioTac_slide_20_50>`_: a header
     ``timestamp,tdc,tac,pdc,pac1,...,pac22,ele1,...,ele19``, in any order, and a line for each
-    frame, which may end with a comma more than the header.
+    frame, which may have one more comma at its end than the header.
 
     Args:
         path (str or PathLike): The file.
@@ -28,12 +28,12 @@ def read_biotac_slide_csv(path: PathLike) -> Recording:
     Returns:
         Recording: The time in seconds since 1970, the 19 electrodes in counts, and in
         :obj:`extra` the static temperature :obj:`tdc`, its change :obj:`tac`, the static pressure
-        :obj:`pdc` :math:`(T,)` and the vibration :obj:`pac` :math:`(T, 22)`, 22 samples a frame.
+        :obj:`pdc` :math:`(T,)` and the vibration :obj:`pac` :math:`(T, 22)`, 22 samples per frame.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a column is missing or named twice, a line is empty or cut, a cell is no
-            finite number, or the time does not increase. The message names file and line.
+        ValueError: If a column is missing or named twice, a line is empty or truncated, a cell is
+            not a finite number, or the time does not increase. The message names file and line.
 
     Examples:
         >>> import tempfile
@@ -48,9 +48,9 @@ def read_biotac_slide_csv(path: PathLike) -> Recording:
         ((2, 19, 1), (2, 22))
     """
     path = existing_file(path, "put the file of BioTac_slide_20_50 there")
-    lines = _without_last_comma(csv_rows(path))
+    lines = _drop_trailing_comma(csv_rows(path))
     table, _ = csv_columns(path, lines, ["timestamp", *_SIGNALS, *_PRESSURES, *_ELECTRODES])
-    refuse_backwards(path, table[:, 0], range(2, len(table) + 2), "timestamp")
+    check_increasing_time(path, table[:, 0], range(2, len(table) + 2), "timestamp")
     signals = table[:, 1:].astype(np.float32)
     pac, electrodes = np.split(signals[:, len(_SIGNALS) :], [_NUM_PRESSURES], axis=1)
     return Recording(
@@ -61,11 +61,11 @@ def read_biotac_slide_csv(path: PathLike) -> Recording:
     )
 
 
-def _without_last_comma(
+def _drop_trailing_comma(
     lines: Iterator[tuple[int, list[str]]],
 ) -> Iterator[tuple[int, list[str]]]:
     width = 0
     for line, row in lines:
-        width = width or len(row)
-        has_one_more = len(row) == width + 1 and not row[-1].strip()
-        yield line, row[:-1] if has_one_more else row
+        width = width or len(row)  # of the header
+        has_trailing_comma = len(row) == width + 1 and not row[-1].strip()
+        yield line, row[:-1] if has_trailing_comma else row

@@ -1,5 +1,5 @@
-r"""The CSV files of the BioTac SP stability set, with one grasp a row, and of BioTac SP DoS,
-directions of slip, with one sequence a file.
+r"""Readers of the CSV files of the BioTac SP stability set, with one grasp per row, and of BioTac
+SP DoS (directions of slip), with one sequence per file.
 """
 
 from typing import NamedTuple
@@ -11,29 +11,29 @@ from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_table import (
+    check_columns_exist,
     csv_columns,
-    csv_names,
     csv_rows,
     csv_table,
-    placed,
-    refuse_missing,
+    map_columns,
+    read_header,
 )
 
 _FINGERS = ("ff", "mf", "th")
 _NUM_ELECTRODES = 24
 _ELECTRODES = [(finger, i) for finger in _FINGERS for i in range(1, _NUM_ELECTRODES + 1)]
 _GRASP_COLUMNS = ["object", "slipped", *(f"{finger}_biotac_{i}" for finger, i in _ELECTRODES)]
-_SLIP_READINGS = [f"{finger}_e{i}" for finger, i in _ELECTRODES]
-_SLIP_OWN = _SLIP_READINGS[:_NUM_ELECTRODES]
-_SLIP_RATE = 100.0  # frames per second
+_ALL_SLIP_COLUMNS = [f"{finger}_e{i}" for finger, i in _ELECTRODES]
+_SLIP_COLUMNS = _ALL_SLIP_COLUMNS[:_NUM_ELECTRODES]
+_SLIP_FRAME_RATE = 100.0  # frames per second
 
 
 class GraspTable(NamedTuple):
     r"""The grasps of one file of the BioTac SP stability set.
 
     :obj:`reading` are counts :math:`(S, 24, 3)` (electrode, then index finger, middle finger,
-    thumb), :obj:`slipped` is 1 where the object slipped :math:`(S,)`, :obj:`object_names` names
-    the object of each grasp.
+    thumb), :obj:`slipped` is 1 if the object slipped :math:`(S,)`, and :obj:`object_names` holds
+    the name of the object of each grasp.
 
     Examples:
         >>> table = GraspTable(np.zeros((2, 24, 3)), np.array([0, 1]), ["cup", "can"])
@@ -55,9 +55,9 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a column is missing or named twice, a line is empty or has no end (a file
-            that was cut), or a cell is missing, not a number, not finite, or no 0/1 label. The
-            message names file, line and column. Also if the file is no text.
+        ValueError: If the file is not text, a column is missing or named twice, a line is empty or
+            truncated, or a cell is missing, not a finite number, or not a 0/1 label. The message
+            names file, line and column.
 
     Examples:
         >>> import tempfile
@@ -71,14 +71,17 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
         ((1, 24, 3), [1], ['cup'])
     """
     path = existing_file(path, "put the file of the BioTac SP stability set there")
-    texts, wanted = _GRASP_COLUMNS[:2], _GRASP_COLUMNS[1:]
-    numbers, cells = csv_columns(path, csv_rows(path), wanted, texts, what="grasp")
-    wrong = np.flatnonzero(~np.isin(numbers[:, 0], (0.0, 1.0)))
-    if len(wrong):
+    text_columns, numeric_columns = _GRASP_COLUMNS[:2], _GRASP_COLUMNS[1:]
+    numbers, cells = csv_columns(
+        path, csv_rows(path), numeric_columns, text_columns, row_noun="grasp"
+    )
+    invalid_rows = np.flatnonzero(~np.isin(numbers[:, 0], (0.0, 1.0)))
+    if len(invalid_rows):
         raise ValueError(
-            f"'{path}', line {wrong[0] + 2}: 'slipped' must be 0 or 1 (got "
-            f"{quoted(cells[wrong[0]][1])})"
+            f"'{path}', line {invalid_rows[0] + 2}: 'slipped' must be 0 or 1 (got "
+            f"{quoted(cells[invalid_rows[0]][1])})"
         )
+    # The columns are sorted by finger; readings have the fingers last.
     by_finger = numbers[:, 1:].astype(np.float32).reshape(-1, len(_FINGERS), _NUM_ELECTRODES)
     return GraspTable(
         reading=np.ascontiguousarray(by_finger.transpose(0, 2, 1)),
@@ -90,22 +93,22 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
 def read_biotac_sp_dos_csv(path: PathLike) -> Recording:
     r"""Reads one file of `BioTac SP DoS <https://github.com/yayaneath/BioTacSP-DoS>`_: a header
     ``ff_e1,...,ff_e24``, in any order, and a line of counts for each frame. The files hold no
-    times; frames are 1 / 100 s apart, which is the peak rate of the sensor.
+    times; frames are taken as 1 / 100 s apart, the peak rate of the sensor.
 
-    Files as they were first published have the columns of two more fingers, ``mf_e1`` to
-    ``th_e24``, which were not recorded for the task; they are left out.
+    The first published version of the files has columns of two more fingers, ``mf_e1`` to
+    ``th_e24``, which were not recorded for the task. They are ignored.
 
     Args:
         path (str or PathLike): The file.
 
     Returns:
-        Recording: Of 24 taxels with one channel.
+        Recording: The readings of 24 taxels with one channel, in counts.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a column is missing, unknown or named twice, a line is empty or has no end (a
-            file that was cut), or a cell is missing, not a number or not finite. The message names
-            file, line and column. Also if the file is no text.
+        ValueError: If the file is not text, a column is missing, unknown or named twice, a line is
+            empty or truncated, or a cell is missing or not a finite number. The message names file,
+            line and column.
 
     Examples:
         >>> import tempfile
@@ -119,18 +122,21 @@ def read_biotac_sp_dos_csv(path: PathLike) -> Recording:
     """
     path = existing_file(path, "put the file of BioTac SP DoS there")
     lines = csv_rows(path)
-    header = csv_names(lines)
-    place = placed(path, header, dict(enumerate(header)))
-    unknown = [name for name in header if name not in _SLIP_READINGS]
+    header = read_header(lines)
+    column_of_name = map_columns(path, header, dict(enumerate(header)))
+    unknown = [name for name in header if name not in _ALL_SLIP_COLUMNS]
     if unknown:
         raise ValueError(
-            f"'{path}' must have the columns '{_SLIP_OWN[0]}' to '{_SLIP_OWN[-1]}' only (got "
-            f"{quoted(unknown[0])}): is it a file of another data set, or written with an index?"
+            f"'{path}' must have the columns '{_SLIP_COLUMNS[0]}' to '{_SLIP_COLUMNS[-1]}' only "
+            f"(got {quoted(unknown[0])}): is it a file of another data set, or written with an "
+            "index?"
         )
-    refuse_missing(path, place, _SLIP_OWN if {*header} <= {*_SLIP_OWN} else _SLIP_READINGS)
+    check_columns_exist(
+        path, column_of_name, _SLIP_COLUMNS if {*header} <= {*_SLIP_COLUMNS} else _ALL_SLIP_COLUMNS
+    )
     table, _ = csv_table(path, lines, header, required=range(len(header)))
     return Recording(
-        time=np.arange(len(table)) / _SLIP_RATE,
-        tactile=table[:, [place[name] for name in _SLIP_OWN], None],
-        meta={"sensor": "biotac_sp", "unit": "count", "rate": _SLIP_RATE},
+        time=np.arange(len(table)) / _SLIP_FRAME_RATE,
+        tactile=table[:, [column_of_name[name] for name in _SLIP_COLUMNS], None],
+        meta={"sensor": "biotac_sp", "unit": "count", "rate": _SLIP_FRAME_RATE},
     )

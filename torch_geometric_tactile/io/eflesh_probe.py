@@ -1,5 +1,5 @@
-r"""The runs of eFlesh's probe: a folder with the readings of a magnetic skin, and where a probe
-pressed it how hard."""
+r"""Reader of the probe runs of eFlesh: a folder with the readings of a magnetic skin, and the
+position and force of a probe that pressed it."""
 
 from itertools import chain
 from pathlib import Path
@@ -16,30 +16,31 @@ from torch_geometric_tactile.io._recording_schema import new_recording
 _READINGS, _STATES = "sensor.csv", "states.csv"
 _STATE_NAMES = ("time", "x", "y", "z", "force")
 _NOT_MEASURED = -1.0
-_MOST_COLUMNS = 1000
+_MAX_COLUMNS = 1000
 
 
 def read_eflesh_probe(folder: PathLike) -> Recording:
     r"""Reads a run of the probe of `eFlesh <https://github.com/notvenky/eFlesh>`_, a magnetic skin:
-    :obj:`sensor.csv` with the time and three readings of each magnetometer (published: five under a
-    skin that is pressed, ten under one that is sheared), and :obj:`states.csv` with the time, three
-    coordinates of the probe and the force, both without names of columns.
+    :obj:`sensor.csv` with the time and three readings of each magnetometer (in the published runs,
+    five under a pressed skin and ten under a sheared one), and :obj:`states.csv` with the time,
+    three coordinates of the probe and the force. Both files have no header.
 
-    The rows of both files belong together; their times must differ by less than a frame, and those
-    of the readings are kept. Neither file names a unit: the readings are as the magnetometers gave
-    them, and the force, up to 3,483 in the published runs, is in the unit of the file.
+    Row by row, the times of both files must differ by less than a frame; the recording has the
+    times of the readings. The files state no units: readings and force (up to 3,483 in the
+    published runs) are returned as stored.
 
     Args:
         folder (str or PathLike): The folder of the run.
 
     Returns:
-        Recording: With :obj:`extra["force"]` :math:`(T,)`, NaN where none was measured (-1 in the
-        file, in about half of the published rows), and :obj:`extra["probe"]` :math:`(T, 3)`.
+        Recording: With :obj:`extra["force"]` :math:`(T,)`, NaN where it was not measured (-1 in
+        the file, in about half of the published rows), and :obj:`extra["probe"]` :math:`(T, 3)`.
 
     Raises:
         FileNotFoundError: If a file is missing.
-        ValueError: If a cell is no finite number, the readings are no multiple of three, the files
-            differ in their rows or times, the time does not increase, or there is no frame.
+        ValueError: If a cell is not a finite number, the number of readings is not a multiple of
+            three, the files differ in their numbers of rows or their times, the time does not
+            increase, or there is no frame.
 
     Examples:
         >>> import tempfile
@@ -55,12 +56,12 @@ def read_eflesh_probe(folder: PathLike) -> Recording:
     folder = Path(folder)
     advice = f"give the folder of a run, which has {_READINGS} and {_STATES}"
     paths = [existing_file(folder / name, advice) for name in (_READINGS, _STATES)]
-    sensor, states = (_table(path) for path in paths)
-    axes = sensor.shape[1] - 1
-    if axes == 0 or axes % 3:
+    sensor, states = (_read_table(path) for path in paths)
+    num_readings = sensor.shape[1] - 1
+    if num_readings == 0 or num_readings % 3:
         raise ValueError(
             f"'{paths[0]}' must have a time and three readings of each magnetometer (got "
-            f"{axes + 1} columns)"
+            f"{num_readings + 1} columns)"
         )
     if states.shape[1] != len(_STATE_NAMES):
         raise ValueError(
@@ -80,27 +81,32 @@ def read_eflesh_probe(folder: PathLike) -> Recording:
     )
 
 
-def _table(path: Path) -> np.ndarray:
+def _read_table(path: Path) -> np.ndarray:
     lines = csv_rows(path)
-    first = next(lines)
-    count = len(first[1])
-    need(count <= _MOST_COLUMNS, f"'{path}' must have {_MOST_COLUMNS} columns at most", count)
-    names = [f"column {i + 1}" for i in range(count)]
-    table, _ = csv_table(path, chain([first], lines), names, required=range(count))
+    first_line = next(lines)
+    num_columns = len(first_line[1])
+    need(
+        num_columns <= _MAX_COLUMNS,
+        f"'{path}' must have at most {_MAX_COLUMNS} columns",
+        num_columns,
+    )
+    names = [f"column {i + 1}" for i in range(num_columns)]
+    table, _ = csv_table(path, chain([first_line], lines), names, required=range(num_columns))
     return table
 
 
-def _check_pairs(folder: Path, sensor: np.ndarray, states: np.ndarray) -> None:
-    if len(sensor) != len(states):
+def _check_pairs(folder: Path, sensor_time: np.ndarray, state_time: np.ndarray) -> None:
+    if len(sensor_time) != len(state_time):
         raise ValueError(
-            f"'{folder}' must have as many rows in {_READINGS} as in {_STATES} (got {len(sensor)} "
-            f"and {len(states)}): is one truncated?"
+            f"'{folder}' must have as many rows in {_READINGS} as in {_STATES} (got "
+            f"{len(sensor_time)} and {len(state_time)}): is one of them truncated?"
         )
-    apart = np.abs(sensor - states)
-    frame = float(np.median(np.diff(sensor))) if len(sensor) > 1 else np.inf
-    late = int(apart.argmax())
-    if not apart[late] < frame:
+    differences = np.abs(sensor_time - state_time)
+    # A single frame has no rate, so any difference of times is accepted.
+    frame_seconds = float(np.median(np.diff(sensor_time))) if len(sensor_time) > 1 else np.inf
+    largest = int(differences.argmax())
+    if not differences[largest] < frame_seconds:
         raise ValueError(
             f"'{folder}' must have times in {_READINGS} and {_STATES} that differ by less than a "
-            f"frame, {frame:.3g} s (got {apart[late]:.3g} s in line {late + 1})"
+            f"frame, {frame_seconds:.3g} s (got {differences[largest]:.3g} s in line {largest + 1})"
         )

@@ -1,4 +1,4 @@
-r"""The text files of the iCub Grasp data set: one trial a file, seven lines a frame."""
+r"""Reader of the text files of the iCub Grasp data set, with seven lines per frame."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,10 +15,12 @@ from torch_geometric_tactile.io._csv_table import is_number_cell
 _ICUB_FINGERS = ("thumb", "index", "middle", "ring", "little")
 _NUM_ENCODERS = 9
 _NUM_TAXELS = 12
-_HEAD = -10000.0
-_FULL = 255.0
-_APART = 6.0  # counts that a maximum is from its readings, at most, in the published files
-_MOST_CHARACTERS = 1000  # of a line; the published ones have 76 at most
+_FIRST_NUMBER = -10000.0
+_MAX_COUNT = 255.0
+_MAXIMUM_TOLERANCE = (
+    6.0  # counts: the largest difference of a maximum and its readings in the published files
+)
+_MAX_LINE_LENGTH = 1000  # characters; published lines have at most 76
 _LINES = (
     ("encoders", _NUM_ENCODERS),
     ("maxima", len(_ICUB_FINGERS)),
@@ -29,10 +31,10 @@ _LINES = (
 class ICubGraspFrames(NamedTuple):
     r"""The frames of one trial of the iCub Grasp data set, as stored in its file.
 
-    :obj:`reading` are counts :math:`(T, 60)`, finger by finger (thumb, index, middle, ring, little)
-    and taxel by taxel, lower where pressed; :obj:`encoder` are joint angles in radians
-    :math:`(T, 9)`, of iCub's joints 7 to 15; :obj:`maximum` is 255 less the lowest reading of each
-    finger :math:`(T, 5)`, as the robot computed it, in counts.
+    :obj:`reading` are counts :math:`(T, 60)`, by finger (thumb, index, middle, ring, little) and
+    taxel, lower under pressure. :obj:`encoder` are the angles of iCub's joints 7 to 15 in radians
+    :math:`(T, 9)`. :obj:`maximum` is 255 minus the lowest reading of each finger :math:`(T, 5)` in
+    counts, as computed by the robot.
 
     Examples:
         >>> frames = ICubGraspFrames(np.full((2, 60), 240), np.zeros((2, 9)), np.full((2, 5), 15))
@@ -47,21 +49,21 @@ class ICubGraspFrames(NamedTuple):
 
 def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
     r"""Reads one file of the iCub Grasp data set: a line -10000, then seven lines for each frame,
-    nine encoders, five maxima, and the twelve taxels of five fingers.
+    with nine encoders, five maxima, and the twelve taxels of each of five fingers.
 
-    The files tell no unit of the encoders; as iCub's encoders always are, and as their values say,
-    they are taken as degrees, and converted to radians. A maximum was taken at another moment than
-    the readings: in the published files it is at most 6 counts apart from them.
+    The files state no unit of the encoders. Encoders of the iCub are in degrees, and their values
+    agree with this, so they are converted from degrees to radians. A maximum and the readings were
+    sampled at different moments: in the published files they differ by at most 6 counts.
 
     Args:
         path (str or PathLike): The file.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a line has another number of numbers, a cell is not a finite number, a
-            reading is no whole number from 0 to 255, a maximum is further from the readings of its
-            finger, an encoder is beyond a full turn, the last frame is not whole, or there is none.
-            The message names file and line.
+        ValueError: If a line does not have the expected number of finite numbers, a reading is not
+            an integer from 0 to 255, a maximum differs from its readings by more than 6 counts, an
+            encoder exceeds a full turn, the last frame is incomplete, or there is no frame. The
+            message names file and line.
 
     Examples:
         >>> import tempfile
@@ -76,19 +78,23 @@ def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
         ((2, 60), 1.5708)
     """
     path = existing_file(path, "put the file of the iCub Grasp data set there")
-    lines = _lines(path)
-    _, first = next(lines, (0, ""))
-    if not is_number_cell(first) or not first.strip() or float(first) != _HEAD:
-        raise ValueError(f"'{path}', line 1 must be -10000 (got {quoted(first)})")
+    lines = _read_lines(path)
+    _, first_line = next(lines, (0, ""))
+    if (
+        not is_number_cell(first_line)
+        or not first_line.strip()
+        or float(first_line) != _FIRST_NUMBER
+    ):
+        raise ValueError(f"'{path}', line 1 must be -10000 (got {quoted(first_line)})")
     columns: list[list[np.ndarray]] = [[] for _ in _LINES]
     for i, (line, text) in enumerate(lines):
-        what, count = _LINES[i % len(_LINES)]
+        noun, num_numbers = _LINES[i % len(_LINES)]
         where = f"'{path}', line {line}"
-        numbers = _numbers(text, where, what, count)
-        _check(numbers, where, what)
+        numbers = _parse_numbers(text, where, noun, num_numbers)
+        _check_range(numbers, where, noun)
         columns[i % len(_LINES)].append(numbers)
-        if i % len(_LINES) >= 2:
-            _check_maximum(numbers, columns[1][-1][i % len(_LINES) - 2], where, what)
+        if i % len(_LINES) >= 2:  # a line of taxels, after encoders and maxima
+            _check_maximum(numbers, columns[1][-1][i % len(_LINES) - 2], where, noun)
     if not columns[0] or len(columns[0]) > len(columns[-1]):
         raise ValueError(
             f"'{path}' must hold {len(_LINES)} lines for each frame, and at least one frame (got "
@@ -101,15 +107,15 @@ def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
     )
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
+def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
     number = 0
     with path.open("rb") as file:
-        while line := file.readline(_MOST_CHARACTERS):
+        while line := file.readline(_MAX_LINE_LENGTH):
             number += 1
             if not line.endswith(b"\n"):
                 raise ValueError(
                     f"'{path}', line {number} must end with a line break, and be below "
-                    f"{_MOST_CHARACTERS} characters: is the file truncated?"
+                    f"{_MAX_LINE_LENGTH} characters: is the file truncated?"
                 )
             text = line[:-1].removesuffix(b"\r").replace(b"\t", b" ")
             if not text.isascii() or not text.decode("ascii").isprintable():
@@ -117,30 +123,31 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             yield number, text.decode("ascii")
 
 
-def _numbers(text: str, where: str, what: str, count: int) -> np.ndarray:
+def _parse_numbers(text: str, where: str, noun: str, num_numbers: int) -> np.ndarray:
     cells = text.split()
-    need(len(cells) == count, f"{where} must hold {count} numbers, {what}", len(cells))
+    need(len(cells) == num_numbers, f"{where} must hold {num_numbers} numbers, {noun}", len(cells))
     for cell in cells:
         if not is_number_cell(cell) or not abs(float(cell)) < float("inf"):
-            raise ValueError(f"{where}: {what} must be finite numbers (got {quoted(cell)})")
+            raise ValueError(f"{where}: {noun} must be finite numbers (got {quoted(cell)})")
     return np.array([float(cell) for cell in cells])
 
 
-def _check(numbers: np.ndarray, where: str, what: str) -> None:
-    if what == "encoders":
-        wrong, rule = np.abs(numbers) > 360.0, "at most 360 degrees in size"
+def _check_range(numbers: np.ndarray, where: str, noun: str) -> None:
+    if noun == "encoders":
+        is_invalid, rule = np.abs(numbers) > 360.0, "between -360 and 360 degrees"
     else:
-        is_whole = numbers == np.round(numbers)
-        wrong = ~is_whole | (numbers < 0) | (numbers > _FULL)
-        rule = f"whole numbers from 0 to {_FULL:g}"
-    if wrong.any():
-        raise ValueError(f"{where}: {what} must be {rule} (got {numbers[wrong][0]:g})")
+        is_integer = numbers == np.round(numbers)
+        is_invalid = ~is_integer | (numbers < 0) | (numbers > _MAX_COUNT)
+        rule = f"integers from 0 to {_MAX_COUNT:g}"
+    if is_invalid.any():
+        raise ValueError(f"{where}: {noun} must be {rule} (got {numbers[is_invalid][0]:g})")
 
 
-def _check_maximum(reading: np.ndarray, maximum: float, where: str, what: str) -> None:
-    expected = _FULL - reading.min()
-    if abs(expected - maximum) > _APART:
+def _check_maximum(reading: np.ndarray, maximum: float, where: str, noun: str) -> None:
+    expected = _MAX_COUNT - reading.min()
+    if abs(expected - maximum) > _MAXIMUM_TOLERANCE:
         raise ValueError(
-            f"{where}: {what} must fit the maximum of their finger, {maximum:g}, within "
-            f"{_APART:g} (got a lowest reading of {reading.min():g}): was a line moved?"
+            f"{where}: {noun} must agree with the maximum of their finger, {maximum:g}, within "
+            f"{_MAXIMUM_TOLERANCE:g} (got a lowest reading of {reading.min():g}): are lines in "
+            "another order?"
         )

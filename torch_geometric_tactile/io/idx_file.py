@@ -1,4 +1,4 @@
-r"""Arrays of bytes in IDX files, the format of MNIST, packed by gzip or not."""
+r"""Reader of arrays of bytes in IDX files, the format of MNIST, with or without gzip."""
 
 import gzip
 import math
@@ -13,25 +13,26 @@ from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._limits import IDX_BYTES, is_absurd
 from torch_geometric_tactile._typing import PathLike
 
-_GZIP = b"\x1f\x8b"
-_MOST_DIMENSIONS = 4
-_BYTES = 0x08  # the code of unsigned bytes
+_GZIP_SIGNATURE = b"\x1f\x8b"
+_MAX_DIMENSIONS = 4
+_UNSIGNED_BYTE = 0x08  # type code of the format
 
 
 def read_idx(path: PathLike) -> np.ndarray:
-    r"""Reads the array of unsigned bytes in an IDX file. Its size is checked before memory is
-    taken, and against the file. If the file is packed, its checksum is compared.
+    r"""Reads the array of unsigned bytes in an IDX file. The declared size is checked before memory
+    is allocated. For a gzip file, the checksum is compared.
 
     Args:
         path (str or PathLike): The file, such as :obj:`train-images-idx3-ubyte.gz`.
 
     Returns:
-        numpy.ndarray: The numbers, of type uint8, in the shape that the file says.
+        numpy.ndarray: The numbers, of type uint8, in the shape declared by the file.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no IDX file of bytes, cut or damaged, has another number of bytes
-            than its header says, or would take absurdly much memory. The message names the file.
+        ValueError: If the file is not an IDX file of bytes, is truncated or damaged, does not have
+            the number of bytes that its header declares, or would take far more memory than its
+            size. The message names the file.
 
     Examples:
         >>> import tempfile
@@ -45,28 +46,28 @@ def read_idx(path: PathLike) -> np.ndarray:
     path = existing_file(path, "give the path of an IDX file")
     data = path.read_bytes()
     try:
-        if data[:2] == _GZIP:
+        if data[:2] == _GZIP_SIGNATURE:
             with gzip.open(BytesIO(data)) as file:
-                return _array(file.read, len(data))
-        return _array(BytesIO(data).read, len(data))
+                return _read_array(file.read, len(data))
+        return _read_array(BytesIO(data).read, len(data))
     except (EOFError, OSError, ValueError, struct.error, zlib.error) as error:
         raise ValueError(
             f"'{path}' cannot be read as IDX: {error}; copy or download it again"
         ) from error
 
 
-def _array(read: Callable[[int], bytes], num_stored: int) -> np.ndarray:
-    magic = read(4)
-    if len(magic) < 4 or magic[:2] != b"\0\0" or magic[2] != _BYTES:
+def _read_array(read: Callable[[int], bytes], file_size: int) -> np.ndarray:
+    header = read(4)
+    if len(header) < 4 or header[:2] != b"\0\0" or header[2] != _UNSIGNED_BYTE:
         raise ValueError("it must hold an array of unsigned bytes (got another header)")
-    if not 1 <= magic[3] <= _MOST_DIMENSIONS:
-        raise ValueError(f"it must have 1 to {_MOST_DIMENSIONS} dimensions (got {magic[3]})")
-    shape = struct.unpack(f">{magic[3]}I", read(4 * magic[3]))
+    if not 1 <= header[3] <= _MAX_DIMENSIONS:
+        raise ValueError(f"it must have 1 to {_MAX_DIMENSIONS} dimensions (got {header[3]})")
+    shape = struct.unpack(f">{header[3]}I", read(4 * header[3]))
     count = math.prod(shape)
-    if is_absurd(count, num_stored, IDX_BYTES):
-        raise ValueError(f"it would take {count} bytes, {count // num_stored} times the file")
-    numbers = read(count + 1)  # one more: to the end, where the checksum is compared
+    if is_absurd(count, file_size, IDX_BYTES):
+        raise ValueError(f"it would take {count} bytes, {count // file_size} times the file")
+    numbers = read(count + 1)  # one extra byte reads to the end, where gzip compares the checksum
     if len(numbers) != count:
-        more = "more" if len(numbers) > count else len(numbers)
-        raise ValueError(f"it must hold {count} numbers for the shape {shape} (got {more})")
+        num_read = "more" if len(numbers) > count else len(numbers)
+        raise ValueError(f"it must hold {count} numbers for the shape {shape} (got {num_read})")
     return np.frombuffer(numbers, dtype=np.uint8).reshape(shape)

@@ -1,17 +1,17 @@
 r"""Data sets of `LeRobot <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>`_, version 3.0,
-with pyarrow alone.
+written with pyarrow alone.
 
 ====================================== =============================================================
 ``meta/info.json``                     version, sizes, rate, features
 ``meta/stats.json``                    statistics of the features over all episodes
 ``meta/tasks.parquet``                 names of the tasks, and their numbers
-``meta/episodes/chunk-.../file-...``   length, task, place and statistics of each episode
+``meta/episodes/chunk-.../file-...``   length, task, file and statistics of each episode
 ``data/chunk-.../file-....parquet``    the frames of many episodes
-``meta/tactile.json``                  ours: shape, labels, annotations and metadata of recordings
-``README.md``                          which files are the data, for :obj:`datasets`
+``meta/tactile.json``                  of this package: shape, labels, annotations and metadata
+``README.md``                          list of the data files, for :obj:`datasets`
 ====================================== =============================================================
 
-:obj:`observation.tactile` is float32 :math:`(N \cdot C,)` with NaN where a reading is missing, and
+:obj:`observation.tactile` is float32 :math:`(N \cdot C,)` with NaN for missing readings, and
 :obj:`observation.state` the joint angles in radians. Further signals are
 :obj:`observation.extra.NAME`.
 """
@@ -29,8 +29,8 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._lerobot_content import (
     check_alike,
     check_new_folder,
-    own_content,
-    task_of_label,
+    label_to_task,
+    tactile_content,
     write_description,
     write_json,
 )
@@ -42,16 +42,16 @@ from torch_geometric_tactile.io._lerobot_steps import (
     Stats,
     check_gap_options,
     check_gaps,
+    describe_feature,
     extra_signals,
-    feature,
     feature_stats,
     frames_since,
-    joined_stats,
+    pool_stats,
     regular_steps,
-    stats_lists,
+    stats_to_lists,
     touch_columns,
     touch_features,
-    warn_of_lost,
+    warn_of_unsupported_signals,
 )
 from torch_geometric_tactile.io._lerobot_tables import (
     arrow_column,
@@ -61,8 +61,8 @@ from torch_geometric_tactile.io._lerobot_tables import (
 )
 
 _CODEBASE_VERSION = "v3.0"
-_PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-_DATA_MB, _VIDEO_MB, _FILES_PER_CHUNK = 100, 200, 1000
+_FILE_PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+_DATA_MB, _VIDEO_MB, _FILES_PER_CHUNK = 100, 200, 1000  # the defaults of LeRobot
 _INDEX_COLUMN = "__index_level_0__"
 
 
@@ -80,38 +80,39 @@ def write_lerobot(
 ) -> None:
     r"""Writes recordings as the episodes of a LeRobot data set.
 
-    Each one is sampled anew at :obj:`fps`: each step has the last frame up to it, as a robot that
-    acts at that moment would, or the nearest one. Nothing is interpolated, and frames between are
-    left out unless :obj:`every_frame` is given. Steps in a gap, where frames are missing, are NaN,
-    and a warning is logged. Time starts at 0 in each episode, and annotations are shifted with it.
-    Further signals (:obj:`extra`) that are numbers, of one shape in all recordings, are features; a
-    warning names all other signals, as privileged ones, which are left out.
+    Each recording is resampled at :obj:`fps`: a step has the last frame up to it, which a robot
+    would have at that moment, or the nearest one. Nothing is interpolated, and frames between steps
+    are left out unless :obj:`every_frame` is given. Steps in a gap, where frames are missing, are
+    NaN, and a warning is logged. Time starts at 0 in each episode, and annotations are shifted
+    accordingly. Further signals (:obj:`extra`) become features if they are numbers of the same
+    shape in all recordings. Other signals, such as privileged ones, are left out, and a warning
+    names them.
 
     Args:
         recordings (sequence of Recording): The recordings, all with the same taxels, channels and
             joints.
-        root (str or PathLike): The folder; it must not exist, or be empty.
+        root (str or PathLike): The folder, which must be new or empty.
         fps (int): Steps per second.
         robot_type (str, optional): Name of the robot.
-        task (str, optional): What is done in all of them; the label of each one if left out.
-        nearest (bool): Whether to take the nearest frame, which may be one of the future.
-        every_frame (bool): Whether each step has all frames since the last step as well, in the
+        task (str, optional): The task of all recordings. Defaults to the label of each recording.
+        nearest (bool): Whether to take the nearest frame, which may be after the step.
+        every_frame (bool): Whether to store all frames since the previous step as well, in the
             features :obj:`observation.tactile_frames` (and :obj:`observation.state_frames`)
             :math:`(R \cdot N \cdot C,)` and :obj:`observation.tactile_frames_time` :math:`(R,)`,
-            in seconds after the step. The newest is the last of :math:`R` rows, and rows before
-            the oldest are NaN. :func:`read_lerobot` returns the frames with their times.
+            in seconds after the step. The newest frame is in the last of :math:`R` rows, and unused
+            rows are NaN. :func:`read_lerobot` returns the frames with their times.
         gaps (str): Whether steps in a gap are NaN (:obj:`"nan"`) or an error (:obj:`"error"`).
-        max_gap (float, optional): A step is in a gap if its frame is farther away than so many
-            seconds, and than a step; if left out, than five frames at the usual distance of frames
-            of the recording.
+        max_gap (float, optional): The longest time in seconds that is not a gap: a step is in a gap
+            if its frame is farther away than this, and farther than one step. Defaults to five
+            times the median distance of frames in the recording.
 
     Raises:
         FileExistsError: If the folder is not empty.
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If the disk is full.
-        ValueError: If there is no recording, one has no frames or other shapes, :obj:`fps` is no
-            positive integer, :obj:`nearest` and :obj:`every_frame` are both given, or there is a
-            gap and :obj:`gaps` is :obj:`"error"`.
+        ValueError: If there is no recording, a recording has no frames or another shape, :obj:`fps`
+            is not a positive integer, :obj:`nearest` and :obj:`every_frame` are both given, or
+            there is a gap and :obj:`gaps` is :obj:`"error"`.
 
     Examples:
         >>> import tempfile
@@ -132,64 +133,68 @@ def write_lerobot(
     recordings = list(recordings)
     check_alike(recordings)
     for number, recording in enumerate(recordings):
-        since = recording.time - recording.time[0]
-        steps = regular_steps(since, fps, whole=every_frame)
-        check_gaps(number, since, steps, fps, nearest, gaps, max_gap)
+        time = recording.time - recording.time[0]
+        steps = regular_steps(time, fps, cover_last=every_frame)
+        check_gaps(number, time, steps, fps, nearest, gaps, max_gap)
     root = Path(root)
     check_new_folder(root)
     extra = extra_signals(recordings)
-    warn_of_lost(root, recordings, extra)
-    names = [task_of_label(r.label) if task is None else task for r in recordings]
-    tasks = list(dict.fromkeys(names))
-    rows = max(map(len, _all_since(recordings, fps))) if every_frame else 0
+    warn_of_unsupported_signals(root, recordings, extra)
+    task_names = [label_to_task(r.label) if task is None else task for r in recordings]
+    tasks = list(dict.fromkeys(task_names))
+    rows = max(map(len, _frames_of_all_steps(recordings, fps))) if every_frame else 0
     features = _features(recordings[0], rows, extra)
-    total = 0
+    num_steps = 0
     episodes: list[dict[str, Any]] = []
     stats: list[dict[str, Stats]] = []
-    for place, batch in _files(recordings, _Sampling(fps, nearest, rows, max_gap, extra)):
+    for file_indices, batch in _group_by_file(
+        recordings, _Sampling(fps, nearest, rows, max_gap, extra)
+    ):
         tables = []
         for index, columns in batch:
             length = len(columns["timestamp"])
             columns |= {
                 "episode_index": np.full(length, index),
-                "index": np.arange(total, total + length),
-                "task_index": np.full(length, tasks.index(names[index])),
+                "index": np.arange(num_steps, num_steps + length),
+                "task_index": np.full(length, tasks.index(task_names[index])),
             }
             tables.append(pa.table({name: arrow_column(columns[name]) for name in features}))
             stats.append({name: feature_stats(columns[name]) for name in features})
-            episodes.append(_episode(index, names[index], total, length, place, stats[-1]))
-            total += length
+            episodes.append(
+                _episode_row(index, task_names[index], num_steps, length, file_indices, stats[-1])
+            )
+            num_steps += length
         table = pa.concat_tables(tables).replace_schema_metadata(schema_metadata(features))
-        write_parquet(table, root / "data" / _PATH.format(**place))
+        write_parquet(table, root / "data" / _FILE_PATTERN.format(**file_indices))
     table = pa.Table.from_pylist(episodes)
-    first = {"chunk_index": 0, "file_index": 0}
-    write_parquet(table, root / "meta" / "episodes" / _PATH.format(**first))
+    first_file = {"chunk_index": 0, "file_index": 0}
+    write_parquet(table, root / "meta" / "episodes" / _FILE_PATTERN.format(**first_file))
     write_parquet(_task_table(pa, tasks), root / "meta" / "tasks.parquet")
-    write_json(root / "meta/stats.json", stats_lists(joined_stats(stats)), allow_nan=False)
+    write_json(root / "meta/stats.json", stats_to_lists(pool_stats(stats)), allow_nan=False)
     lengths = [episode["length"] for episode in episodes]
     starts = [float(recording.time[0]) for recording in recordings]
-    own = own_content(recordings, starts, lengths, names, rows, extra)
+    content = tactile_content(recordings, starts, lengths, task_names, rows, extra)
     info = {
         "codebase_version": _CODEBASE_VERSION,
         "robot_type": robot_type,
         "total_episodes": len(recordings),
-        "total_frames": total,
+        "total_frames": num_steps,
         "total_tasks": len(tasks),
         "chunks_size": _FILES_PER_CHUNK,
         "data_files_size_in_mb": _DATA_MB,
         "video_files_size_in_mb": _VIDEO_MB,
         "fps": fps,
         "splits": {"train": f"0:{len(recordings)}"},
-        "data_path": f"data/{_PATH}",
+        "data_path": f"data/{_FILE_PATTERN}",
         "video_path": None,
         "features": features,
     }
-    write_description(root, own, info)
+    write_description(root, content, info)
 
 
 @dataclass
 class _Sampling:
-    # How the recordings are sampled.
+    # The options of resampling.
     fps: int
     nearest: bool
     rows: int
@@ -197,10 +202,10 @@ class _Sampling:
     extra: Mapping[str, ExtraSignal]
 
     def columns(self, recording: Recording) -> dict[str, np.ndarray]:
-        since = recording.time - recording.time[0]
-        steps = regular_steps(since, self.fps, whole=self.rows > 0)
-        out = touch_columns(
-            replace(recording, time=since),
+        time = recording.time - recording.time[0]
+        steps = regular_steps(time, self.fps, cover_last=self.rows > 0)
+        columns = touch_columns(
+            replace(recording, time=time),
             steps,
             self.fps,
             self.rows,
@@ -209,73 +214,78 @@ class _Sampling:
             max_gap=self.max_gap,
         )
         return {
-            **out,
+            **columns,
             "timestamp": steps.astype(np.float32),
             "frame_index": np.arange(len(steps)),
         }
 
 
 def _features(recording: Recording, rows: int, extra: Mapping[str, ExtraSignal]) -> dict[str, Any]:
-    out = touch_features(recording, rows, extra)
+    features = touch_features(recording, rows, extra)
     if recording.joint is not None:
         names = recording.meta.get("joint_names")
-        known = isinstance(names, list) and len(names) == recording.num_joints
-        numbered = [f"joint_{i}" for i in range(recording.num_joints)]
-        named = [str(name) for name in names or ()] if known else numbered
-        out[STATE] = feature(recording.num_joints, named)
+        has_names = isinstance(names, list) and len(names) == recording.num_joints
+        default_names = [f"joint_{i}" for i in range(recording.num_joints)]
+        joint_names = [str(name) for name in names or ()] if has_names else default_names
+        features[STATE] = describe_feature(recording.num_joints, joint_names)
         if rows:
-            out[STATE_FRAMES] = feature(rows * recording.num_joints)
-    out["timestamp"] = feature(1)
-    return out | {name: feature(1, dtype="int64") for name in INDICES}
+            features[STATE_FRAMES] = describe_feature(rows * recording.num_joints)
+    features["timestamp"] = describe_feature(1)
+    return features | {name: describe_feature(1, dtype="int64") for name in INDICES}
 
 
-def _all_since(recordings: Sequence[Recording], fps: int) -> Iterator[np.ndarray]:
+def _frames_of_all_steps(recordings: Sequence[Recording], fps: int) -> Iterator[np.ndarray]:
     for recording in recordings:
-        since = recording.time - recording.time[0]
-        yield from frames_since(since, regular_steps(since, fps, whole=True), fps)
+        time = recording.time - recording.time[0]
+        yield from frames_since(time, regular_steps(time, fps, cover_last=True), fps)
 
 
-def _files(
+def _group_by_file(
     recordings: Sequence[Recording], sampling: _Sampling
 ) -> Iterator[tuple[dict[str, int], list[tuple[int, dict[str, np.ndarray]]]]]:
-    # Episodes that go into one file, and which one; an episode is never cut.
+    # Yields the indices of a file and the episodes in it. An episode is never split.
     batch: list[tuple[int, dict[str, np.ndarray]]] = []
-    number = size = 0
+    file_number = batch_bytes = 0
     for index, recording in enumerate(recordings):
         columns = sampling.columns(recording)
-        more = sum(value.nbytes for value in columns.values())
-        if batch and size + more > _DATA_MB * 2**20:
-            yield _place(number), batch
-            batch, number, size = [], number + 1, 0
+        num_bytes = sum(value.nbytes for value in columns.values())
+        if batch and batch_bytes + num_bytes > _DATA_MB * 2**20:
+            yield _file_indices(file_number), batch
+            batch, file_number, batch_bytes = [], file_number + 1, 0
         batch.append((index, columns))
-        size += more
-    yield _place(number), batch
+        batch_bytes += num_bytes
+    yield _file_indices(file_number), batch
 
 
-def _place(number: int) -> dict[str, int]:
+def _file_indices(number: int) -> dict[str, int]:
     chunk, file = divmod(number, _FILES_PER_CHUNK)
     return {"chunk_index": chunk, "file_index": file}
 
 
-def _episode(
-    index: int, task: str, start: int, length: int, place: dict[str, int], own: dict[str, Stats]
+def _episode_row(
+    index: int,
+    task: str,
+    start: int,
+    length: int,
+    file_indices: dict[str, int],
+    stats: dict[str, Stats],
 ) -> dict[str, Any]:
     row: dict[str, Any] = {
         "episode_index": index,
         "tasks": [task],
         "length": length,
-        "data/chunk_index": place["chunk_index"],
-        "data/file_index": place["file_index"],
+        "data/chunk_index": file_indices["chunk_index"],
+        "data/file_index": file_indices["file_index"],
         "dataset_from_index": start,
         "dataset_to_index": start + length,
     }
-    for name, part in own.items():
+    for name, part in stats.items():
         row |= {f"stats/{name}/{key}": value.tolist() for key, value in part.items()}
     return {**row, "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
 
 
 def _task_table(pa: Any, tasks: list[str]) -> Any:
-    # LeRobot reads it with pandas, and the names as its index.
+    # LeRobot reads this table with pandas, with the names as index.
     table = pa.table({"task_index": np.arange(len(tasks)), _INDEX_COLUMN: pa.array(tasks)})
     column = {"metadata": None, "field_name": "task_index", "name": "task_index"}
     index = {"metadata": None, "field_name": _INDEX_COLUMN, "name": None}

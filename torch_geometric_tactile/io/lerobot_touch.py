@@ -1,4 +1,4 @@
-r"""Touch added to a LeRobot data set, such as one of joints and videos."""
+r"""Writer that adds touch to a LeRobot data set, such as one of joints and videos."""
 
 import os
 import shutil
@@ -17,14 +17,14 @@ from torch_geometric_tactile.io._lerobot_content import (
     check_alike,
     check_new_folder,
     data_files,
-    episodes_of,
-    in_order,
-    integers,
-    own_content,
+    integer_column,
     read_info,
     read_object,
     read_tasks,
+    sort_episodes,
+    split_episodes,
     step_times,
+    tactile_content,
     write_description,
     write_json,
 )
@@ -35,16 +35,16 @@ from torch_geometric_tactile.io._lerobot_steps import (
     extra_signals,
     feature_stats,
     frames_since,
-    joined_stats,
-    stats_lists,
+    pool_stats,
+    stats_to_lists,
     touch_columns,
     touch_features,
-    warn_of_lost,
+    warn_of_unsupported_signals,
 )
 from torch_geometric_tactile.io._lerobot_tables import (
     arrow_column,
     read_numbers,
-    read_whole,
+    read_table,
     require_pyarrow,
     schema_metadata,
     write_parquet,
@@ -62,34 +62,35 @@ def add_to_lerobot(
     max_gap: float | None = None,
     allow_large: bool = False,
 ) -> None:
-    r"""Writes a copy of a LeRobot data set to which the touch is added that was recorded beside it.
+    r"""Writes a copy of a LeRobot data set with touch that was recorded at the same time.
 
-    Each step has the last frame up to it, NaN in a gap, and no joint angles of the recordings.
-    Annotations and further signals are written as by :func:`write_lerobot`. The data set
-    itself is not changed, and the copy has its name only when it is whole.
+    Each step has the last frame up to it, or NaN in a gap. Joint angles of the recordings are left
+    out. Annotations and further signals are written as by :func:`write_lerobot`. The data set
+    itself is not changed, and the copy appears under its name only when it is complete.
 
     Args:
         source (str or PathLike): The folder of the data set.
-        recordings (sequence of Recording): One for each episode, in their order, all with the same
-            taxels and channels. Each reaches from the first step of the episode to the last, but
-            for one step.
-        root (str or PathLike): The folder of the copy; it must not exist, or be empty.
-        starts (sequence of float, optional): The time of each episode's first step by the clock of
-            its recording, in seconds; the first frame if left out.
-        every_frame (bool): Whether each step has all frames since the last step as well, as in
+        recordings (sequence of Recording): One recording for each episode, in the same order, all
+            with the same taxels and channels. Each must cover its episode, except one step at
+            either end.
+        root (str or PathLike): The folder of the copy, which must be new or empty.
+        starts (sequence of float, optional): The time of each episode's first step on the clock of
+            its recording, in seconds. Defaults to the time of the first frame.
+        every_frame (bool): Whether to store all frames since the previous step as well, as in
             :func:`write_lerobot`.
         gaps (str): Whether steps in a gap are NaN or an error, as in :func:`write_lerobot`.
-        max_gap (float, optional): The longest time in seconds that is no gap, as there.
-        allow_large (bool): As of :func:`read_lerobot`.
+        max_gap (float, optional): The longest time in seconds that is not a gap, as in
+            :func:`write_lerobot`.
+        allow_large (bool): Whether to read large tables, as in :func:`read_lerobot`.
 
     Raises:
         FileExistsError: If the folder of the copy is not empty.
         FileNotFoundError: If there is no such data set.
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If the disk is full, or a file cannot be read.
-        ValueError: If the data set cannot be read, leads out of its folder or has touch already,
-            there is not one recording for each episode, one does not cover its episode, or has a
-            gap and :obj:`gaps` is :obj:`"error"`.
+        ValueError: If the data set cannot be read, has links out of its folder or already has
+            touch, if there is not one recording for each episode, or if a recording does not cover
+            its episode, or has a gap and :obj:`gaps` is :obj:`"error"`.
 
     Examples:
         >>> from torch_geometric_tactile.io import add_to_lerobot, read_recording
@@ -112,31 +113,35 @@ def add_to_lerobot(
             f"'starts' must hold one time for each of {len(recordings)} recordings "
             f"(got {len(starts)})"
         )
-    first = [r.time[0] for r in recordings] if starts is None else starts
+    start_times = [r.time[0] for r in recordings] if starts is None else starts
     shifted = [
         replace(r, time=r.time - start, joint=None)
-        for r, start in zip(recordings, first, strict=True)
+        for r, start in zip(recordings, start_times, strict=True)
     ]
     check_new_folder(root)
-    episodes = _episodes(source, info)
+    episodes = _read_episodes(source, info)
     rows = 0
     for number, (recording, episode) in enumerate(zip(shifted, episodes, strict=True)):
-        _check_covers(number, recording, episode.steps, info["fps"])
+        _check_coverage(number, recording, episode.steps, info["fps"])
         if every_frame:
-            since = frames_since(recording.time, episode.steps, info["fps"])
-            rows = max(rows, 1, *map(len, since))
+            step_frames = frames_since(recording.time, episode.steps, info["fps"])
+            rows = max(rows, 1, *map(len, step_frames))
         check_gaps(number, recording.time, episode.steps, info["fps"], False, gaps, max_gap)
     extra = extra_signals(recordings)
-    warn_of_lost(root, recordings, extra)
+    warn_of_unsupported_signals(root, recordings, extra)
     features = touch_features(shifted[0], rows, extra)
-    known = next((name for name in features if name in info["features"]), None)
-    need(known is None, f"'{source}' must have no feature '{known}' yet (got one)")
-    with _copy(source, root) as copy:
+    # Checked before the copy, which may take long.
+    existing_feature = next((name for name in features if name in info["features"]), None)
+    need(
+        existing_feature is None,
+        f"'{source}' must not have the feature '{existing_feature}' already",
+    )
+    with _copied_folder(source, root) as copy:
         stats: dict[int, dict[str, Stats]] = {}
         for path in data_files(copy, info):
-            table = read_whole(path, allow_large)
+            table = read_table(path, allow_large)
             parts = []
-            for number, _ in episodes_of(path, table):
+            for number, _ in split_episodes(path, table):
                 steps = episodes[number].steps
                 columns = touch_columns(
                     shifted[number], steps, info["fps"], rows, extra=extra, max_gap=max_gap
@@ -153,9 +158,9 @@ def add_to_lerobot(
             write_parquet(table, path)
         _add_stats(copy, stats)
         lengths, tasks = [len(e.steps) for e in episodes], [e.task for e in episodes]
-        own = own_content(recordings, first, lengths, tasks, rows, extra)
+        content = tactile_content(recordings, start_times, lengths, tasks, rows, extra)
         info["features"] |= features
-        write_description(copy, own, info)
+        write_description(copy, content, info)
 
 
 @dataclass
@@ -164,32 +169,32 @@ class _Episode:
     task: str
 
 
-def _episodes(source: Path, info: dict[str, Any]) -> list[_Episode]:
+def _read_episodes(source: Path, info: dict[str, Any]) -> list[_Episode]:
     tasks = read_tasks(source)
-    found: list[tuple[int, _Episode]] = []
+    episodes: list[tuple[int, _Episode]] = []
     columns = ("timestamp", "frame_index", "episode_index", "task_index")
     for path in data_files(source, info):
-        for number, rows in episodes_of(path, read_numbers(path, dict.fromkeys(columns, 1))):
-            task = tasks.get(int(integers(path, rows, "task_index")[0]), "")
-            found.append((number, _Episode(step_times(path, rows, info["fps"]), task)))
-    return in_order(source, info, found)
+        for number, rows in split_episodes(path, read_numbers(path, dict.fromkeys(columns, 1))):
+            task = tasks.get(int(integer_column(path, rows, "task_index")[0]), "")
+            episodes.append((number, _Episode(step_times(path, rows, info["fps"]), task)))
+    return sort_episodes(source, info, episodes)
 
 
-def _check_covers(number: int, recording: Recording, steps: np.ndarray, fps: float) -> None:
-    step = 1.001 / fps
-    first, last = recording.time[0], recording.time[-1]
-    if first > steps[0] + step or last < steps[-1] - step:
+def _check_coverage(number: int, recording: Recording, steps: np.ndarray, fps: float) -> None:
+    tolerance = 1.001 / fps  # one step, with rounding of the times
+    start, end = recording.time[0], recording.time[-1]
+    if start > steps[0] + tolerance or end < steps[-1] - tolerance:
         raise ValueError(
             f"recording {number} must reach from {steps[0]:.4g} to {steps[-1]:.4g} s after its "
-            f"start, as episode {number} does (got {first:.4g} to {last:.4g} s)"
+            f"start, as episode {number} does (got {start:.4g} to {end:.4g} s)"
         )
 
 
 def _add_stats(root: Path, stats: dict[int, dict[str, Stats]]) -> None:
     pa = require_pyarrow()
     for path in sorted(root.glob("meta/episodes/*/*.parquet")):
-        table = read_whole(path)
-        numbers = integers(path, table, "episode_index").tolist()
+        table = read_table(path)
+        numbers = integer_column(path, table, "episode_index").tolist()
         for name, part in stats[0].items():
             for key in part:
                 values = [stats[number][name][key].tolist() for number in numbers]
@@ -197,27 +202,27 @@ def _add_stats(root: Path, stats: dict[int, dict[str, Stats]]) -> None:
         write_parquet(table, path)
     path = root / "meta/stats.json"
     content = read_object(path) if path.is_file() else {}
-    joined = joined_stats([stats[number] for number in sorted(stats)])
-    write_json(path, content | stats_lists(joined), allow_nan=False)
+    joined = pool_stats([stats[number] for number in sorted(stats)])
+    write_json(path, content | stats_to_lists(joined), allow_nan=False)
 
 
 @contextmanager
-def _copy(source: Path, root: Path) -> Iterator[Path]:
-    # A copy beside the folder that becomes it when the block succeeds.
+def _copied_folder(source: Path, root: Path) -> Iterator[Path]:
+    # Yields a temporary copy, which is renamed to the folder when the block succeeds.
     home = source.resolve()
     if root.resolve().is_relative_to(home):
-        raise ValueError(f"the copy must lie outside of '{source}' (got '{root}')")
-    # A folder of Hugging Face's cache has links to the files of the same data set.
+        raise ValueError(f"the copy must be outside of '{source}' (got '{root}')")
+    # Folders in the cache of Hugging Face have links to the files of the same data set.
     allowed = (home, home.parent.parent / "blobs")
     for path in source.rglob("*"):
         if not any(path.resolve().is_relative_to(folder) for folder in allowed):
-            raise ValueError(f"'{path}' must not be a link out of the data set (got one)")
+            raise ValueError(f"'{path}' must not be a link out of the data set")
     temporary = root.with_name(f".{root.name}.tmp")
     try:
         shutil.copytree(source, temporary)
     except FileExistsError as error:
         raise FileExistsError(
-            f"'{temporary}' must not exist (it is left of a run that was ended): remove it"
+            f"'{temporary}' must not exist (a killed run left it behind): remove it"
         ) from error
     try:
         yield temporary

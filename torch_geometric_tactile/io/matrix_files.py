@@ -1,4 +1,4 @@
-r"""Matrices of readings in CSV, npy and PNG files, and in files of any of these formats or MAT."""
+r"""Readers of matrices of readings in CSV, npy, PNG and MAT files."""
 
 import struct
 from collections.abc import Callable, Sequence
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile._files import UNREADABLE, existing_file, unreadable
+from torch_geometric_tactile._files import UNREADABLE, existing_file, unreadable_error
 from torch_geometric_tactile._limits import PNG_BYTES
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
@@ -17,14 +17,14 @@ from torch_geometric_tactile.io.matrix_mat import read_matrix_mat
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY = 0
-_COLORS = {2: "RGB", 3: "a palette", 4: "grey with transparency", 6: "RGB with transparency"}
-_DEPTHS = (8, 16)
-_MODES = ("L", "I;16", "I")  # the last one is what older versions of Pillow take 16 bits for
+_COLOR_TYPES = {2: "RGB", 3: "a palette", 4: "grey with transparency", 6: "RGB with transparency"}
+_BIT_DEPTHS = (8, 16)
+_MODES = ("L", "I;16", "I")  # older versions of Pillow read 16 bits as the last mode
 
 
 def read_matrix_csv(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:
-    r"""Reads a matrix from a CSV file without a header: a line for each row, with commas between
-    the numbers, as ``numpy.savetxt(path, matrix, delimiter=",")`` writes it. Empty cells are NaN.
+    r"""Reads a matrix from a CSV file without a header, as written by
+    ``numpy.savetxt(path, matrix, delimiter=",")``. Empty cells are NaN.
 
     Args:
         path (str or PathLike): The file.
@@ -35,9 +35,9 @@ def read_matrix_csv(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file has another number of lines or of cells in a line, a cell is no
-            finite number, or the last line has no end, as in a file that was cut. The message names
-            file, line and column.
+        ValueError: If the file does not have the number of lines and cells of :obj:`size`, a cell
+            is not a finite number, or the file is truncated. The message names file, line and
+            column.
 
     Examples:
         >>> import tempfile
@@ -48,39 +48,39 @@ def read_matrix_csv(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
                 [3., 4.]]])
     """
     path = existing_file(path, "give the path of a CSV file")
-    rows, columns = size
-    names = [f"column {i + 1}" for i in range(columns)]
-    found: list[np.ndarray] = []
+    num_rows, num_columns = size
+    names = [f"column {i + 1}" for i in range(num_columns)]
+    rows_read: list[np.ndarray] = []
     for line, row in csv_rows(path):
-        if len(found) == rows:
-            raise ValueError(f"'{path}' must have {rows} lines (got more)")
-        found.append(csv_numbers(path, line, row, names))
-    if len(found) < rows:
+        if len(rows_read) == num_rows:
+            raise ValueError(f"'{path}' must have {num_rows} lines (got more)")
+        rows_read.append(csv_numbers(path, line, row, names))
+    if len(rows_read) < num_rows:
         raise ValueError(
-            f"'{path}' must have {rows} lines (got {len(found)}): is the file truncated?"
+            f"'{path}' must have {num_rows} lines (got {len(rows_read)}): is the file truncated?"
         )
-    return np.stack(found)[None]
+    return np.stack(rows_read)[None]
 
 
 def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:
-    r"""Reads a matrix, or a stack of matrices of one size. The size is checked before memory is
-    taken, and nothing is unpickled.
+    r"""Reads a matrix, or a stack of matrices of one size, from an npy file. The size is checked
+    before memory is allocated, and nothing is unpickled.
 
-    The format has no checksum: a number that was changed on the way is not noticed.
+    The format has no checksum, so damaged numbers are not detected.
 
     Args:
         path (str or PathLike): The file.
-        size (sequence of int): The size of a matrix, such as rows and columns; one number for rows
-            of readings.
+        size (sequence of int): The size of a matrix, such as rows and columns, or one number for
+            rows of readings.
 
     Returns:
-        numpy.ndarray: The numbers as they are stored :math:`(n, \ldots)`, with :math:`n = 1` for a
-        single matrix.
+        numpy.ndarray: The numbers in their stored type :math:`(n, \ldots)`, with :math:`n = 1` for
+        a single matrix.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no npy file, cut or damaged, holds anything else than real
-            numbers, or an array of another size. The message names the file.
+        ValueError: If the file is not an npy file, is truncated or damaged, or does not hold real
+            numbers of this size. The message names the file.
 
     Examples:
         >>> import tempfile
@@ -94,13 +94,13 @@ def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
         try:
             header, start = read_array_header(file, path.stem)
         except UNREADABLE as error:
-            raise unreadable(path, "npy", error) from error
+            raise unreadable_error(path, "npy", error) from error
         need(header.dtype.kind in "iuf", f"'{path}' must hold numbers (got type {header.dtype})")
         shape = header.shape
         if shape != size and (shape[1:] != size or shape[0] == 0):
-            wanted = " x ".join(map(str, size))
+            expected = " x ".join(map(str, size))
             raise ValueError(
-                f"'{path}' must hold a matrix of {wanted} numbers or a stack of them (got shape "
+                f"'{path}' must hold a matrix of {expected} numbers or a stack of them (got shape "
                 f"{shape})"
             )
         if start + header.num_bytes != path.stat().st_size:
@@ -114,9 +114,9 @@ def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
 
 
 def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:
-    r"""Reads a grey image of 8 or 16 bits. Its size is checked before it is unpacked, and every
-    part is compared with its checksum. Colour images are refused, since nothing says how to convert
-    them to grey.
+    r"""Reads a grey PNG image of 8 or 16 bits. The size is checked before the image is
+    decompressed, and all checksums are compared. Colour images are errors, since their conversion
+    to grey is ambiguous.
 
     Args:
         path (str or PathLike): The file.
@@ -128,8 +128,8 @@ def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
     Raises:
         FileNotFoundError: If there is no such file.
         ImportError: If Pillow is missing.
-        ValueError: If the file is no PNG image, cut or damaged, too large, of another size or
-            depth, coloured, or an animation. The message names the file.
+        ValueError: If the file is not a PNG image, is truncated, damaged or too large, or is not a
+            single grey image of this size. The message names the file.
 
     Examples:
         >>> import tempfile
@@ -142,36 +142,36 @@ def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
     path = existing_file(path, "give the path of a PNG file")
     if path.stat().st_size > PNG_BYTES:
         raise ValueError(
-            f"'{path}' must have {PNG_BYTES} bytes at most, as a small image has (got "
+            f"'{path}' must have at most {PNG_BYTES} bytes, as a small image (got "
             f"{path.stat().st_size})"
         )
     data = path.read_bytes()
-    depth = _checked_depth(path, data, tuple(size))
+    depth = _read_depth(path, data, tuple(size))
     try:
-        pixels = _pixels(data, tuple(size))
+        pixels = _read_pixels(data, tuple(size))
     except UNREADABLE as error:
-        raise unreadable(path, "PNG", error) from error
+        raise unreadable_error(path, "PNG", error) from error
     return pixels.astype(np.uint8 if depth == 8 else np.uint16)[None]
 
 
-def _checked_depth(path: Path, data: bytes, size: tuple[int, ...]) -> int:
-    # The header is the first part of a PNG file, and has one form.
+def _read_depth(path: Path, data: bytes, size: tuple[int, ...]) -> int:
+    # The header is the first part of a PNG file, at a fixed position.
     if data[:8] != _PNG_SIGNATURE or data[8:16] != b"\x00\x00\x00\rIHDR" or len(data) < 33:
-        raise ValueError(f"'{path}' must be a PNG image (got another format, or a part of one)")
-    columns, rows, depth, color = struct.unpack(">IIBB", data[16:26])
-    if (rows, columns) != size:
-        wanted = " x ".join(map(str, size))
-        raise ValueError(f"'{path}' must have {wanted} pixels (got {rows} x {columns})")
-    if color != _GREY:
+        raise ValueError(f"'{path}' must be a PNG image (got another format, or a truncated file)")
+    num_columns, num_rows, depth, color_type = struct.unpack(">IIBB", data[16:26])
+    if (num_rows, num_columns) != size:
+        expected = " x ".join(map(str, size))
+        raise ValueError(f"'{path}' must have {expected} pixels (got {num_rows} x {num_columns})")
+    if color_type != _GREY:
         raise ValueError(
-            f"'{path}' must be a grey image (got {_COLORS.get(color, f'colours of type {color}')}):"
-            " save it in grey"
+            f"'{path}' must be a grey image (got "
+            f"{_COLOR_TYPES.get(color_type, f'colours of type {color_type}')}): save it in grey"
         )
-    need(depth in _DEPTHS, f"'{path}' must have 8 or 16 bits a pixel", depth)
+    need(depth in _BIT_DEPTHS, f"'{path}' must have 8 or 16 bits per pixel", depth)
     return int(depth)
 
 
-def _pixels(data: bytes, size: tuple[int, ...]) -> np.ndarray:
+def _read_pixels(data: bytes, size: tuple[int, ...]) -> np.ndarray:
     try:
         from PIL import Image
     except ImportError as error:
@@ -184,7 +184,7 @@ def _pixels(data: bytes, size: tuple[int, ...]) -> np.ndarray:
             image.verify()  # decoding alone does not compare the checksums of the pixels
         with Image.open(BytesIO(data), formats=["PNG"]) as image:
             if image.size != size[::-1]:  # of a second header
-                raise ValueError(f"it must hold one size (got {image.size[::-1]}, too)")
+                raise ValueError(f"it must declare one size (got also {image.size[::-1]})")
             if getattr(image, "n_frames", 1) > 1:
                 raise ValueError("it must hold one image (got an animation)")
             need(image.mode in _MODES, f"it must be a grey image (got mode {image.mode})")
@@ -207,22 +207,22 @@ _MATRIX_SUFFIXES = tuple(sorted(_READERS))
 def read_matrices(
     path: PathLike, size: Sequence[int] = (32, 32), variable: str | None = None
 ) -> np.ndarray:
-    r"""Reads the matrices of a file, by its suffix.
+    r"""Reads the matrices of a CSV, MAT, npy or PNG file, according to its suffix.
 
     Args:
         path (str or PathLike): The file.
-        size (sequence of int): The size of a matrix, rows and columns; one number for rows of
-            readings, which are read from npy files only.
+        size (sequence of int): The number of rows and columns of a matrix, or one number for rows
+            of readings (npy files only).
         variable (str, optional): Name of the variable of MAT files.
 
     Returns:
-        numpy.ndarray: The numbers as they are stored :math:`(n, \ldots)`.
+        numpy.ndarray: The numbers in their stored type :math:`(n, \ldots)`.
 
     Raises:
         FileNotFoundError: If there is no such file.
         ImportError: If it is a PNG image, and Pillow is missing.
-        ValueError: If the suffix is of no known format, or the file cannot be read. The message
-            names the file.
+        ValueError: If the suffix is unknown, or the file cannot be read. The message names the
+            file.
 
     Examples:
         >>> import tempfile
@@ -232,9 +232,9 @@ def read_matrices(
         (5, 32, 32)
     """
     suffix = Path(path).suffix.lower()
-    known = _MATRIX_SUFFIXES if len(size) == 2 else _ROW_SUFFIXES
-    if suffix not in known:
-        raise ValueError(f"'{path}' must have one of the suffixes {', '.join(known)}")
+    valid_suffixes = _MATRIX_SUFFIXES if len(size) == 2 else _ROW_SUFFIXES
+    if suffix not in valid_suffixes:
+        raise ValueError(f"'{path}' must have one of the suffixes {', '.join(valid_suffixes)}")
     if suffix == ".mat":
         return read_matrix_mat(path, size, variable)
     return _READERS[suffix](path, size=size)

@@ -1,4 +1,4 @@
-r"""A whole MCAP file from what is left of a truncated or damaged one."""
+r"""Repair of truncated or damaged MCAP files."""
 
 import os
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ from torch_geometric_tactile.io._mcap_records import (
     Scan,
     texts_checksum,
 )
-from torch_geometric_tactile.io._mcap_schemas import TOPICS, schema_of
-from torch_geometric_tactile.io._recording_schema import checked_file
-from torch_geometric_tactile.io.mcap_reader import first_problems
+from torch_geometric_tactile.io._mcap_schemas import TOPICS, message_schema
+from torch_geometric_tactile.io._recording_schema import recording_path
+from torch_geometric_tactile.io.mcap_reader import join_problems
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,14 @@ class RepairReport:
     Args:
         messages (dict of str to int): Number of messages saved, by topic.
         chunks (int): Number of chunks saved.
-        skipped_bytes (int): Bytes in which nothing could be read.
-        damage (tuple of str): What was wrong; empty for a whole file.
-        seconds (float): From the first to the last message that was saved.
+        skipped_bytes (int): Number of unreadable bytes.
+        damage (tuple of str): Descriptions of the damage; empty for an intact file.
+        seconds (float): Time from the first to the last saved message in seconds.
 
     Examples:
         >>> report = RepairReport({"tactile.Frame": 20}, 1, 0, damage=(), seconds=0.19)
         >>> print(report)
-        saved 20 tactile.Frame (0.19 s, 1 chunks); left out 0 bytes: it was whole
+        saved 20 tactile.Frame (0.19 s, 1 chunks); left out 0 bytes: no damage
     """
 
     messages: dict[str, int]
@@ -48,26 +48,27 @@ class RepairReport:
 
     def __str__(self) -> str:
         saved = ", ".join(f"{count} {topic}" for topic, count in self.messages.items())
-        wrong = first_problems([*self.damage]) if self.damage else "it was whole"
+        damage = join_problems([*self.damage]) if self.damage else "no damage"
         return (
             f"saved {saved or 'nothing'} ({self.seconds:.2f} s, {self.chunks} chunks); left out "
-            f"{self.skipped_bytes} bytes: {wrong}"
+            f"{self.skipped_bytes} bytes: {damage}"
         )
 
 
 def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
-    r"""Repairs an MCAP file: writes a new file with all that can be read of a damaged one, of all
-    topics. Attachments are left out.
+    r"""Repairs an MCAP file: copies all readable messages of all topics to a new file. Attachments
+    are left out.
 
     Args:
-        path (str or PathLike): The file, which stays as it is.
-        out (str or PathLike): The new file, written whole or not at all.
+        path (str or PathLike): The damaged file, which is not changed.
+        out (str or PathLike): The new file, which is either complete or absent.
 
     Raises:
         FileNotFoundError: If there is no such file.
         ImportError: If the extra :obj:`live` is missing.
         OSError: If the disk is full.
-        ValueError: If it is no MCAP file, nothing can be saved, or :obj:`out` is the same file.
+        ValueError: If it is not an MCAP file, no message can be saved, or :obj:`out` is the same
+            file.
 
     Examples:
         >>> import tempfile
@@ -84,7 +85,7 @@ def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
         2
     """
     library = require_mcap()
-    path, out = checked_file(path), Path(out)
+    path, out = recording_path(path), Path(out)
     if out.exists() and out.samefile(path):
         raise ValueError(f"'out' must be another file than '{path}' (got the same)")
     scan = Scan(path)
@@ -93,35 +94,38 @@ def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
         try:
             writer = library.Writer(output, enable_data_crcs=True)
             writer.start(library="torch_geometric_tactile")
-            copy = _Copy(writer)
+            copier = _RecordCopier(writer)
             for kind, record in scan.records():
-                copy.add(kind, record)
-            if not copy.counts:
-                raise ValueError(f"'{path}' holds nothing to save ({first_problems(scan.damage)})")
+                copier.add(kind, record)
+            if not copier.counts:
+                raise ValueError(
+                    f"'{path}' holds no readable message ({join_problems(scan.damage)})"
+                )
             writer.finish()
         except OSError as error:
             raise OSError(error.errno, os.strerror(error.errno or 0), str(out)) from error
         finally:
             output.close()
     return RepairReport(
-        messages=dict(sorted(copy.counts.items())),
+        messages=dict(sorted(copier.counts.items())),
         chunks=scan.chunks,
         skipped_bytes=scan.skipped,
         damage=tuple(scan.damage),
-        seconds=(copy.last - copy.first) / 1e9,
+        seconds=(copier.last_time - copier.first_time) / 1e9,
     )
 
 
-class _Copy:
-    # Writes records to another file, whose channels have numbers of their own.
+class _RecordCopier:
+    # Copies records to another file, which assigns new numbers to the channels.
 
     def __init__(self, writer: Any) -> None:
         self.writer = writer
         self.counts: dict[str, int] = {}
-        self.first = self.last = 0
+        self.first_time = self.last_time = 0
         self._channels: dict[int, Any] = {}
         self._schemas: dict[int, Any] = {}
-        self._written: dict[int, tuple[str, int]] = {}  # topics and new numbers, by old numbers
+        # Topic and new number of a channel, by its old number.
+        self._written: dict[int, tuple[str, int]] = {}
         self._schema_numbers: dict[int, int] = {}
 
     def add(self, kind: int, record: Any) -> None:
@@ -139,13 +143,15 @@ class _Copy:
             texts = dict(record.metadata)
             if texts.pop("crc32", "") != str(texts_checksum(texts)):
                 return
-            # In our order, so that what the metadata say of the channels stays true.
-            stated = {number: topic for topic, number in parse_json(texts["channels"]).items()}
-            for number, topic in sorted(stated.items()):
+            # In the order of `McapWriter`, so that the channel numbers in the metadata stay valid.
+            topics = {number: topic for topic, number in parse_json(texts["channels"]).items()}
+            for number, topic in sorted(topics.items()):
                 if topic in TOPICS:
-                    schema = self.writer.register_schema(topic, "protobuf", schema_of(topic))
-                    new = self.writer.register_channel(topic, "protobuf", schema)
-                    self._written[number] = topic, new
+                    schema_number = self.writer.register_schema(
+                        topic, "protobuf", message_schema(topic)
+                    )
+                    new_number = self.writer.register_channel(topic, "protobuf", schema_number)
+                    self._written[number] = topic, new_number
         self.writer.add_metadata(record.name, record.metadata)
 
     def _register(self, channel: Any) -> tuple[str, int]:
@@ -154,10 +160,12 @@ class _Copy:
             self._schema_numbers[schema.id] = self.writer.register_schema(
                 schema.name, schema.encoding, schema.data
             )
-        number = self._schema_numbers.get(channel.schema_id, 0)
-        kind = channel.message_encoding
-        new = self.writer.register_channel(channel.topic, kind, number, channel.metadata)
-        return channel.topic, new
+        schema_number = self._schema_numbers.get(channel.schema_id, 0)
+        encoding = channel.message_encoding
+        new_number = self.writer.register_channel(
+            channel.topic, encoding, schema_number, channel.metadata
+        )
+        return channel.topic, new_number
 
     def _add_message(self, message: Any) -> None:
         number = message.channel_id
@@ -165,14 +173,16 @@ class _Copy:
             if number not in self._channels:
                 return
             self._written[number] = self._register(self._channels[number])
-        topic, new = self._written[number]
+        topic, new_number = self._written[number]
         self.writer.add_message(
-            channel_id=new,
+            channel_id=new_number,
             log_time=message.log_time,
             publish_time=message.publish_time,
             sequence=message.sequence,
             data=message.data,
         )
-        self.first = min(self.first, message.log_time) if self.counts else message.log_time
-        self.last = max(self.last, message.log_time)
+        self.first_time = (
+            min(self.first_time, message.log_time) if self.counts else message.log_time
+        )
+        self.last_time = max(self.last_time, message.log_time)
         self.counts[topic] = self.counts.get(topic, 0) + 1

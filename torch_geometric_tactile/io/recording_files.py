@@ -1,4 +1,4 @@
-r"""Recordings in whatever format a file has."""
+r"""Reading and writing of recordings in any supported format."""
 
 import inspect
 import re
@@ -10,14 +10,14 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_table import csv_rows
 from torch_geometric_tactile.io._mcap_records import MAGIC
-from torch_geometric_tactile.io._recording_schema import checked_file
+from torch_geometric_tactile.io._recording_schema import recording_path
 from torch_geometric_tactile.io.eflesh_probe import read_eflesh_probe
 from torch_geometric_tactile.io.mcap_reader import read_mcap
 from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_hdf5 import read_hdf5, write_hdf5
 from torch_geometric_tactile.io.recording_mcap import write_mcap
 from torch_geometric_tactile.io.recording_npz import read_npz, write_npz
-from torch_geometric_tactile.io.wide_csv import has_own_names, read_wide_csv, write_wide_csv
+from torch_geometric_tactile.io.wide_csv import is_named_csv_header, read_wide_csv, write_wide_csv
 from torch_geometric_tactile.io.xela_log_csv import is_xela_log, read_xela_log_csv
 from torch_geometric_tactile.io.xela_messages import read_xela_messages, write_xela_messages
 
@@ -26,7 +26,7 @@ class _Format(NamedTuple):
     read: Callable[..., Recording]
     write: Callable[[Recording, PathLike], None] | None = None
     suffixes: tuple[str, ...] = ()
-    only_read: tuple[str, ...] = ()  # further suffixes
+    read_only_suffixes: tuple[str, ...] = ()  # further suffixes, for reading only
 
 
 _FORMATS = {
@@ -41,23 +41,23 @@ _FORMATS = {
     ),
     "eFlesh probe": _Format(read_eflesh_probe),
 }
-_WRITERS = {suffix: form.write for form in _FORMATS.values() for suffix in form.suffixes}
-_SUFFIXES = {s: name for name, f in _FORMATS.items() for s in (*f.suffixes, *f.only_read)}
+_WRITERS = {suffix: format_.write for format_ in _FORMATS.values() for suffix in format_.suffixes}
+_SUFFIXES = {s: name for name, f in _FORMATS.items() for s in (*f.suffixes, *f.read_only_suffixes)}
 _SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz", MAGIC: "MCAP"}
-_PROBE = ("sensor.csv", "states.csv")  # in a folder
-_MESSAGES = re.compile(rb"(\xef\xbb\xbf)*\s*[\[{]")
+_PROBE_FILES = ("sensor.csv", "states.csv")  # of a run of eFlesh's probe
+_JSON_START = re.compile(rb"(\xef\xbb\xbf)*\s*[\[{]")
 
 
 def recording_format(path: PathLike) -> str:
     r"""Returns the name of a file's format: :obj:`"HDF5"`, :obj:`"npz"`, :obj:`"MCAP"`,
-    :obj:`"wide CSV"`, :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`; of a
-    folder with a run of eFlesh's probe, :obj:`"eFlesh probe"`.
+    :obj:`"wide CSV"`, :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`, or
+    :obj:`"eFlesh probe"` for a folder with a run of eFlesh's probe.
 
-    The suffix must be a known one; the beginning of the file decides between the kinds of CSV, and
-    overrules a suffix that is wrong. A header with a name of a XELA log's first columns is that of
-    one, in any order. Other CSV files with a header of names are named CSV, unless one is
-    a name of :func:`write_wide_csv`, or they are as many as the hand data of the papers have
-    columns; then they must be these names.
+    The suffix must be known. The beginning of the file distinguishes the types of CSV, and takes
+    precedence over a wrong suffix. A header with the name of one of the first columns of a XELA log
+    belongs to a XELA log. Other CSV files with a header are named CSV, unless a name is one of
+    :func:`write_wide_csv`, or the number of columns is that of the hand data of the papers; these
+    are wide CSV.
 
     Args:
         path (str or PathLike): The file.
@@ -75,21 +75,21 @@ def recording_format(path: PathLike) -> str:
         ...     recording_format(path)
         'named CSV'
     """
-    if all((Path(path) / name).is_file() for name in _PROBE):
+    if all((Path(path) / name).is_file() for name in _PROBE_FILES):
         return "eFlesh probe"
-    path = checked_file(path)
+    path = recording_path(path)
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ValueError(f"'{path}' must end in one of {', '.join(_SUFFIXES)} (got '{suffix}')")
     with path.open("rb") as file:
-        head = file.read(4096)
+        first_bytes = file.read(4096)
     for signature, name in _SIGNATURES.items():
-        if head.startswith(signature):
+        if first_bytes.startswith(signature):
             return name
-    header = [] if _MESSAGES.match(head) else _first_row(path)
+    header = [] if _JSON_START.match(first_bytes) else _first_row(path)
     if is_xela_log(header):
         return "XELA log CSV"
-    if _SUFFIXES[suffix] == "wide CSV" and has_own_names(header):
+    if _SUFFIXES[suffix] == "wide CSV" and is_named_csv_header(header):
         return "named CSV"
     return _SUFFIXES[suffix]
 
@@ -97,17 +97,16 @@ def recording_format(path: PathLike) -> str:
 def _first_row(path: Path) -> list[str]:
     try:
         return next(csv_rows(path), (0, []))[1]
-    except ValueError:  # is reported when the file is read
+    except ValueError:  # the reader reports it
         return []
 
 
 def read_recording(path: PathLike, **kwargs: Any) -> Recording:
-    r"""Reads a recording from a file of any supported format, as :func:`recording_format` detects
-    it.
+    r"""Reads a recording from a file of any supported format (see :func:`recording_format`).
 
     Args:
         path (str or PathLike): The file, or the folder of a run of eFlesh's probe.
-        **kwargs: Options of the format's own function, such as :obj:`forces` for XELA's formats.
+        **kwargs: Options of the reader of the format, such as :obj:`forces` for XELA's formats.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -124,26 +123,28 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
         ...     read_recording(path, unit="count")
         Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100)
     """
-    name = chosen_format(path, kwargs)
+    name = select_format(path, kwargs)
     options = format_options(name)
     for key in kwargs:
         if key not in options:
-            known = ", ".join(options) or "none"
-            raise ValueError(f"'{key}' must be an option of the format {name}: {known} ('{path}')")
+            valid_options = ", ".join(options) or "none"
+            raise ValueError(
+                f"'{key}' must be an option of the format {name}: {valid_options} ('{path}')"
+            )
     return _FORMATS[name].read(path, **kwargs)
 
 
-def chosen_format(path: PathLike, options: Iterable[str]) -> str:
-    r"""Returns the format that a file is read as with some options, which decide between the kinds
-    of CSV.
+def select_format(path: PathLike, options: Iterable[str]) -> str:
+    r"""Returns the format in which a file is read with some options. The options select between the
+    types of CSV.
     """
-    name, given = recording_format(path), {*options}
+    name, option_names = recording_format(path), {*options}
     if not name.endswith("CSV"):
         return name
-    if name != "XELA log CSV" and given & {"num_taxels", "num_joints", "header"}:
+    if name != "XELA log CSV" and option_names & {"num_taxels", "num_joints", "header"}:
         return "wide CSV"
-    own = {*format_options("named CSV")} - {*format_options("wide CSV")}
-    return "named CSV" if own & given else name
+    named_csv_options = {*format_options("named CSV")} - {*format_options("wide CSV")}
+    return "named CSV" if named_csv_options & option_names else name
 
 
 def format_options(name: str) -> list[str]:
@@ -158,16 +159,16 @@ def format_options(name: str) -> list[str]:
 
 def write_recording(recording: Recording, path: PathLike) -> None:
     r"""Writes a recording in the format of the suffix: ``.h5`` or ``.hdf5``, ``.npz``, ``.mcap``,
-    ``.csv`` (one frame per row), ``.jsonl`` or ``.ndjson`` (XELA messages). What the format cannot
-    store is logged as a warning.
+    ``.csv`` (one frame per row), ``.jsonl`` or ``.ndjson`` (XELA messages). A warning lists the
+    content that the format cannot store.
 
     Args:
         recording (Recording): The recording.
-        path (str or PathLike): The file. It is written whole or not at all.
+        path (str or PathLike): The file, which is either complete or absent.
 
     Raises:
         ImportError: If the format needs an extra that is missing.
-        ValueError: If the suffix is unknown, or the format cannot hold the readings.
+        ValueError: If the suffix is unknown, or the format cannot store the readings.
 
     Examples:
         >>> import tempfile

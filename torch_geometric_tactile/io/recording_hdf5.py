@@ -1,21 +1,20 @@
-r"""Recordings as HDF5 files, each written once, as a whole. Needs the extra ``io`` when a function
-is called.
+r"""Recordings as HDF5 files. The functions need the extra ``io``.
 
-Names as in :mod:`~torch_geometric_tactile.io._recording_schema`: arrays are data sets whose first
-dimension is resizable, and ``privileged`` and ``extra`` are groups; ``format``, ``version``,
-``num_frames``, ``label``, ``meta``, ``annotations`` if there are any, and ``checksum`` (the CRC-32
-of all these and of the names, types and shapes of the arrays) are attributes of the file;
-``checksums`` is the CRC-32 of each frame, uint32 :math:`(T,)`.
+The names are those of :mod:`~torch_geometric_tactile.io._recording_schema`. Arrays are data sets
+with a resizable first dimension, and ``privileged`` and ``extra`` are groups. ``format``,
+``version``, ``num_frames``, ``label``, ``meta``, ``annotations`` (if any) and ``checksum`` (the
+CRC-32 of these attributes and of the names, types and shapes of the arrays) are attributes of the
+file. ``checksums`` is the CRC-32 of each frame, uint32 :math:`(T,)`.
 
-Version 2, which is written, has a checksum of every part: fletcher32 for each block of the arrays,
-the CRC-32 of each frame, those of HDF5 1.10 for its own structures, and that of the attributes,
-whose texts have a fixed length. A damaged file is refused or reads as before. Version 1, which is
-still read, has none of this: a flipped bit may read as another number. Checksums that are there are
-compared in any version. Files that versions up to 0.2 of this package appended to are not
-compressed, and may end in a journal of an append that was killed, which is read as made.
+Version 2, which is written, has checksums for every part: fletcher32 for each chunk of the arrays,
+the CRC-32 of each frame, the checksums of HDF5 1.10 for its structures, and the CRC-32 of the
+attributes, whose texts have a fixed length. A damaged file raises an error or reads correctly.
+Version 1, which can still be read, has no checksums, so a flipped bit may change a number. Existing
+checksums are compared in any version. Files to which versions up to 0.2 of this package appended
+are not compressed, and may end in a journal of an interrupted append, which is applied when
+reading.
 
-Nothing that a file refers to outside of itself is read, and only the filters of HDF5 itself are
-used.
+Links to other files are not followed, and only the built-in filters of HDF5 are used.
 """
 
 import io
@@ -33,18 +32,18 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._hdf5_checks import (
     check_dataset_sizes,
     check_format,
-    checked_dataset,
-    checked_datasets,
-    hdf5_file,
+    find_dataset,
+    find_datasets,
+    hdf5_path,
     integer_attribute,
     text_attribute,
 )
 from torch_geometric_tactile.io._hdf5_file import (
     CHECKSUMMED,
-    as_stored,
-    as_texts,
     create_dataset,
-    opened,
+    decode_texts,
+    encode_texts,
+    open_hdf5,
     read_rows,
     require_h5py,
 )
@@ -55,9 +54,9 @@ from torch_geometric_tactile.io._recording_schema import (
     recording_to_texts,
 )
 
-_FRAMES = "checksums"
+_FRAME_CHECKSUMS = "checksums"
 _VERSION = 2
-_READABLE = (1, 2)
+_READABLE_VERSIONS = (1, 2)
 _CHECKSUMS_PER_CHUNK = 1024
 
 
@@ -71,7 +70,7 @@ def write_hdf5(recording: Recording, path: PathLike) -> None:
     Raises:
         ImportError: If h5py is missing.
         OSError: If the disk is full. The file keeps its old content.
-        ValueError: If the file cannot hold the recording: numbers wider than 8 bytes, for instance.
+        ValueError: If HDF5 cannot store the recording, such as numbers wider than 8 bytes.
 
     Examples:
         >>> import tempfile
@@ -82,24 +81,24 @@ def write_hdf5(recording: Recording, path: PathLike) -> None:
         Recording(num_frames=2, num_taxels=4, num_channels=3, rate=100, label='cup')
     """
     h5py = require_h5py()
-    # In memory, since HDF5 ends the process if the disk is full when it closes a file.
+    # Written in memory first, since HDF5 crashes if the disk is full when it closes a file.
     image = io.BytesIO()
     with h5py.File(image, "w", libver=CHECKSUMMED) as file:
         arrays = recording_to_arrays(recording)
-        stored = {name: as_stored(array) for name, array in arrays.items()}
+        stored = {name: encode_texts(array) for name, array in arrays.items()}
         datasets = {name: create_dataset(file, name, array) for name, array in stored.items()}
         file.create_dataset(
-            _FRAMES,
+            _FRAME_CHECKSUMS,
             data=_frame_checksums(stored),
             maxshape=(None,),
             chunks=(_CHECKSUMS_PER_CHUNK,),
         )
         texts = recording_to_texts(recording)
-        file.attrs["format"] = _fixed(FORMAT)
+        file.attrs["format"] = _fixed_length_text(FORMAT)
         file.attrs["version"] = np.int64(_VERSION)
         file.attrs["num_frames"] = np.int64(recording.num_frames)
         for name, text in texts.items():
-            file.attrs[name] = _fixed(text)
+            file.attrs[name] = _fixed_length_text(text)
         file.attrs["checksum"] = _head_checksum(_VERSION, recording.num_frames, texts, datasets)
     with atomic_path(path) as temporary:
         temporary.write_bytes(image.getbuffer())
@@ -109,16 +108,16 @@ def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
     r"""Reads a recording from an HDF5 file.
 
     Args:
-        path (str or PathLike): A file as :meth:`write_hdf5` writes it.
-        max_bytes (int, optional): The most that the arrays may take in memory. If left out, 1 GiB
-            or a hundred times the size of the file, whichever is more.
+        path (str or PathLike): A file of :meth:`write_hdf5`.
+        max_bytes (int, optional): Maximum size of the arrays in memory. Defaults to 1 GiB or a
+            hundred times the size of the file, whichever is larger.
 
     Raises:
         ImportError: If h5py is missing.
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no HDF5 file, cut or damaged, lacks something, is of another
-            version, refers to other files, or holds more than :obj:`max_bytes`. The message names
-            the file.
+        ValueError: If the file is not an HDF5 file, is truncated or damaged, lacks a field, is of
+            another version, refers to other files, or holds more than :obj:`max_bytes`. The message
+            names the file.
         BlockingIOError: If another process writes the file.
 
     Examples:
@@ -129,19 +128,19 @@ def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
         ...     read_hdf5(f"{folder}/grasp.h5").meta["rate"]
         99
     """
-    path = hdf5_file(_h5py_needed(path))
-    with opened(path) as file:
-        return _read(path, _checked(path, file), max_bytes)
+    path = hdf5_path(_checked_path(path))
+    with open_hdf5(path) as file:
+        return _read_frames(path, _read_head(path, file), max_bytes)
 
 
 def read_hdf5_head(path: PathLike) -> Recording:
     r"""Reads the metadata of a recording in an HDF5 file, without its frames.
 
     Args:
-        path (str or PathLike): A file as :meth:`write_hdf5` writes it.
+        path (str or PathLike): A file of :meth:`write_hdf5`.
 
     Returns:
-        Recording: One without frames, with label, metadata and the shapes of a frame.
+        Recording: A recording without frames, with label, metadata and the shapes of a frame.
 
     Raises:
         ImportError: If h5py is missing.
@@ -157,75 +156,75 @@ def read_hdf5_head(path: PathLike) -> Recording:
         >>> head.label, head.tactile.shape
         ('cup', (0, 4, 3))
     """
-    path = hdf5_file(_h5py_needed(path))
-    with opened(path) as file:
-        return _checked(path, file).head
+    path = hdf5_path(_checked_path(path))
+    with open_hdf5(path) as file:
+        return _read_head(path, file).head
 
 
-def _h5py_needed(path: PathLike) -> Path:
+def _checked_path(path: PathLike) -> Path:
     require_h5py()
     return Path(path)
 
 
-def _fixed(text: str) -> np.ndarray:
+def _fixed_length_text(text: str) -> np.ndarray:
     content = text.encode()
     return np.array(content, dtype=require_h5py().string_dtype("utf-8", len(content)))
 
 
 class _Content(NamedTuple):
-    # What a file holds, before its frames are read.
+    # The content of a file before its frames are read.
     head: Recording
     datasets: dict[str, Any]
-    checksums: Any | None  # of frames; none in version 1
+    checksums: Any | None  # of frames; None in version 1
     num_frames: int
     texts: dict[str, str]
 
 
-def _checked(path: Path, file: Any) -> _Content:
+def _read_head(path: Path, file: Any) -> _Content:
     check_format(path, file)
     attrs = file.attrs
     version = integer_attribute(path, attrs, "version")
-    if version not in _READABLE:
+    if version not in _READABLE_VERSIONS:
         raise ValueError(
-            f"'{path}' must be of format version {' or '.join(map(str, _READABLE))} (got "
+            f"'{path}' must be of format version {' or '.join(map(str, _READABLE_VERSIONS))} (got "
             f"{version}): read it with the version of torch-geometric-tactile that wrote it"
         )
-    datasets = checked_datasets(path, file)
+    datasets = find_datasets(path, file)
     num_frames = integer_attribute(path, attrs, "num_frames")
     names = ["label", "meta", *(["annotations"] if "annotations" in attrs else [])]
     texts = {name: text_attribute(path, attrs, name) for name in names}
     checksums = None
-    # A file that says it is of version 1 may have been changed to say so.
-    if version > 1 or "checksum" in attrs or _FRAMES in file:
+    # Existing checksums are compared in version 1 too: the version itself may be damaged.
+    if version > 1 or "checksum" in attrs or _FRAME_CHECKSUMS in file:
         checksum = _head_checksum(version, num_frames, texts, datasets)
         if integer_attribute(path, attrs, "checksum") != checksum:
             raise ValueError(
-                f"'{path}' must hold the label, metadata and arrays that its checksum is of (got "
-                "others): copy or record it again"
+                f"'{path}' must hold the label, metadata and arrays of its checksum (got "
+                "different ones): copy or record it again"
             )
         for name, dataset in datasets.items():
             if not dataset.fletcher32:
                 raise ValueError(f"'{path}' must have checksums in '{name}' (got none)")
-        checksums = checked_dataset(path, file, _FRAMES)
+        checksums = find_dataset(path, file, _FRAME_CHECKSUMS)
         if checksums.ndim != 1 or checksums.dtype.kind != "u" or checksums.dtype.itemsize != 4:
             raise ValueError(
-                f"'{path}' must hold an unsigned integer of 4 bytes for each frame in '{_FRAMES}' "
-                f"(got {checksums.dtype} of shape {checksums.shape})"
+                f"'{path}' must hold an unsigned integer of 4 bytes for each frame in "
+                f"'{_FRAME_CHECKSUMS}' (got {checksums.dtype} of shape {checksums.shape})"
             )
-    # Label and metadata only: reading no frame costs nothing.
-    empty = {name: as_texts(read_rows(dataset, 0, 0)) for name, dataset in datasets.items()}
+    # Reads zero frames, which checks shapes and types at no cost.
+    empty = {name: decode_texts(read_rows(dataset, 0, 0)) for name, dataset in datasets.items()}
     head = recording_from_fields(path, empty, texts)
     return _Content(head, datasets, checksums, num_frames, texts)
 
 
-def _read(path: Path, content: _Content, max_bytes: int | None) -> Recording:
+def _read_frames(path: Path, content: _Content, max_bytes: int | None) -> Recording:
     num_frames, datasets, checksums = content.num_frames, content.datasets, content.checksums
-    sized = datasets if checksums is None else {**datasets, _FRAMES: checksums}
-    limit = check_dataset_sizes(path, sized, num_frames, max_bytes)
+    all_datasets = datasets if checksums is None else {**datasets, _FRAME_CHECKSUMS: checksums}
+    limit = check_dataset_sizes(path, all_datasets, num_frames, max_bytes)
     stored = {name: read_rows(dataset, num_frames, limit) for name, dataset in datasets.items()}
     if checksums is not None:
-        _check_frames(path, stored, checksums[:num_frames])
-    arrays = {name: as_texts(array) for name, array in stored.items()}
+        _check_frame_checksums(path, stored, checksums[:num_frames])
+    arrays = {name: decode_texts(array) for name, array in stored.items()}
     return recording_from_fields(path, arrays, content.texts)
 
 
@@ -239,24 +238,28 @@ def _head_checksum(
 
 
 def _frame_checksums(stored: Mapping[str, np.ndarray]) -> np.ndarray:
-    # The CRC-32 of each frame, over the arrays in the order of their names. The Fletcher-32 of HDF5
-    # sees every flipped bit, but takes two bytes of ones for two of zeros.
-    rows = [_bytes_of_frames(array) for _, array in sorted(stored.items())]
-    sums = [0] * len(rows[0])
-    for row in rows:
-        sums = [zlib.crc32(frame, sum_) for frame, sum_ in zip(row, sums, strict=True)]
-    return np.array(sums, dtype=np.uint32)
+    # The CRC-32 of each frame, over the arrays sorted by name. The Fletcher-32 of HDF5 detects
+    # every flipped bit, but does not distinguish two bytes of ones from two bytes of zeros.
+    frames_of_arrays = [_frame_bytes(array) for _, array in sorted(stored.items())]
+    checksums = [0] * len(frames_of_arrays[0])
+    for frames in frames_of_arrays:
+        checksums = [
+            zlib.crc32(frame, checksum) for frame, checksum in zip(frames, checksums, strict=True)
+        ]
+    return np.array(checksums, dtype=np.uint32)
 
 
-def _check_frames(path: Path, stored: Mapping[str, np.ndarray], sums: np.ndarray) -> None:
-    other = np.flatnonzero(_frame_checksums(stored) != sums)
-    if len(other):
+def _check_frame_checksums(
+    path: Path, stored: Mapping[str, np.ndarray], checksums: np.ndarray
+) -> None:
+    differing = np.flatnonzero(_frame_checksums(stored) != checksums)
+    if len(differing):
         raise ValueError(
-            f"'{path}' must hold the frames that its checksums are of (got others from frame "
-            f"{other[0]} on, {len(other)} in all): it is damaged, copy or record it again"
+            f"'{path}' must hold the frames of its checksums (got {len(differing)} different "
+            f"frames, from frame {differing[0]} on): it is damaged, copy or record it again"
         )
 
 
-def _bytes_of_frames(array: np.ndarray) -> np.ndarray:
-    width = array.itemsize * int(np.prod(array.shape[1:]))
-    return np.ascontiguousarray(array).view(np.uint8).reshape(len(array), width)
+def _frame_bytes(array: np.ndarray) -> np.ndarray:
+    bytes_per_frame = array.itemsize * int(np.prod(array.shape[1:]))
+    return np.ascontiguousarray(array).view(np.uint8).reshape(len(array), bytes_per_frame)

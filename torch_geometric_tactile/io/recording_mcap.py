@@ -1,13 +1,13 @@
-r"""Recordings as MCAP files, which viewers of robot data open and which survive a crash.
+r"""Recordings as MCAP files, which viewers of robot data can open, and which survive a crash.
 
 Topics are :obj:`tactile.Frame`, :obj:`tactile.Prediction`, :obj:`tactile.Health`,
 :obj:`tactile.Event` and :obj:`foxglove.PointCloud`
-(:mod:`~torch_geometric_tactile.io._mcap_schemas`). Label, metadata, name of the layout and the
-clocks are in a metadata record at the beginning, so that a cut file has them.
+(:mod:`~torch_geometric_tactile.io._mcap_schemas`). Label, metadata, name of the layout and clocks
+are in a metadata record at the beginning, so that they survive if the file is truncated.
 
-The times of messages are nanoseconds since 1970. The :obj:`time` of a frame is that of the
-monotonic clock of the host, and of a :class:`~torch_geometric_tactile.data.Recording` the seconds
-since the anchor of the stream.
+The times of messages are nanoseconds since 1970. The :obj:`time` of a frame in the file is on the
+monotonic clock of the host. The time of a :class:`~torch_geometric_tactile.data.Recording` is in
+seconds since the anchor of the stream.
 """
 
 import json
@@ -35,42 +35,42 @@ from torch_geometric_tactile.io._mcap_schemas import (
     SPAN_START,
     TOPICS,
     encode,
-    schema_of,
+    message_schema,
 )
 
 VERSION = 1
 _FLUSH_SECONDS = 0.25
-_NANO = 1_000_000_000
-_CHUNK = 2**20
-_LATEST = 2**62 / _NANO  # seconds whose nanoseconds fit a file, the year 2116
+_NS_PER_SECOND = 1_000_000_000
+_CHUNK_BYTES = 2**20
+_MAX_SECONDS = 2**62 / _NS_PER_SECOND  # since 1970: nanoseconds in a file reach the year 2116
 
 
 class McapWriter:
     r"""Writes a recording to an MCAP file, frame by frame.
 
-    A quarter of a second after its first frame, a chunk is closed and handed to the operating
-    system: whatever happens to the process, only what came after that is lost. A power failure
-    may lose what the system had not yet written, a few seconds on Linux. What was written is never
-    touched again. If the disk is full, the half chunk is removed, the error names the file, and all
-    calls after that raise it again.
+    A chunk is closed a quarter of a second after its first frame and passed to the operating
+    system. If the process is killed, only later frames are lost. A power failure may lose data that
+    the system has not yet written, a few seconds on Linux. Bytes in the file never change after
+    they are written. If the disk is full, the incomplete chunk is removed, the error names the
+    file, and all later calls raise the same error.
 
     Args:
         path (str or PathLike): The file.
-        meta (Mapping): Metadata, as of a :class:`~torch_geometric_tactile.data.Recording`.
-        anchor (tuple of int): One moment on two clocks: nanoseconds since 1970, and on the
-            monotonic clock.
+        meta (Mapping): Metadata, as in a :class:`~torch_geometric_tactile.data.Recording`.
+        anchor (tuple of int): The same moment on two clocks: nanoseconds since 1970, and
+            nanoseconds on the monotonic clock.
         layout (str, optional): Name of the layout.
-        label (str or int, optional): What the trial is an example of.
-        overwrite (bool): Whether to replace a file that exists.
-        flush_seconds (float, optional): After how many seconds a chunk is closed; :obj:`None`
-            closes it when it is full, for files that are written at once.
-        live (bool): Whether the numbers and device times of the frames are read as further signals
-            (:obj:`"sequence"`, :obj:`"device_time"`).
+        label (str or int, optional): The label of the recording.
+        overwrite (bool): Whether to replace an existing file.
+        flush_seconds (float, optional): Seconds after which a chunk is closed. With :obj:`None`, a
+            chunk is closed when it is full, for files that are written at once.
+        live (bool): Whether readers return the numbers and device times of the frames as further
+            signals (:obj:`"sequence"`, :obj:`"device_time"`).
 
     Raises:
         FileExistsError: If the file exists, and :obj:`overwrite` is false.
         ImportError: If the extra :obj:`live` is missing.
-        OSError: If the file cannot be made.
+        OSError: If the file cannot be created.
 
     Examples:
         >>> import tempfile
@@ -96,21 +96,21 @@ class McapWriter:
         live: bool = True,
     ) -> None:
         library = require_mcap()
-        checked = Recording(
+        head = Recording(
             time=np.zeros(0), tactile=np.zeros((0, 1, 1)), label=label, meta=dict(meta or {})
         )
         self.path = Path(path)
         self._anchor = int(anchor[0]), int(anchor[1])
-        self._limit = None if flush_seconds is None else int(flush_seconds * _NANO)
-        self._began: int | None = None
-        schemas = {topic: schema_of(topic) for topic in TOPICS}
+        self._flush_ns = None if flush_seconds is None else int(flush_seconds * _NS_PER_SECOND)
+        self._chunk_start: int | None = None
+        schemas = {topic: message_schema(topic) for topic in TOPICS}
         self._output = McapOutput(self.path, overwrite, lock=live)
-        self._writer = library.Writer(self._output, chunk_size=_CHUNK, enable_data_crcs=True)
+        self._writer = library.Writer(self._output, chunk_size=_CHUNK_BYTES, enable_data_crcs=True)
         self._channels: dict[str, int] = {}
         try:
             self._writer.start(library="torch_geometric_tactile")
             self._writer.add_metadata(
-                METADATA_NAME, _metadata(checked, layout or "", live, schemas, self._anchor)
+                METADATA_NAME, _metadata_texts(head, layout or "", live, schemas, self._anchor)
             )
             for topic, schema in schemas.items():
                 number = self._writer.register_schema(topic, "protobuf", schema)
@@ -121,15 +121,15 @@ class McapWriter:
             raise
 
     def _log_time(self, time: float) -> int:
-        return max(0, self._anchor[0] + _nanoseconds(time) - self._anchor[1])
+        return max(0, self._anchor[0] + _to_nanoseconds(time) - self._anchor[1])
 
     def _write(self, topic: str, time: float, data: bytes, sequence: int = 0) -> None:
-        now = self._log_time(time)
+        log_time = self._log_time(time)
         self._writer.add_message(
             channel_id=self._channels[topic],
-            log_time=now,
-            publish_time=now,
-            sequence=sequence % 2**32,
+            log_time=log_time,
+            publish_time=log_time,
+            sequence=sequence % 2**32,  # MCAP has 32 bits; the message has the full number
             data=data,
         )
 
@@ -140,7 +140,8 @@ class McapWriter:
 
         Args:
             frame (LiveFrame): The frame.
-            privileged (Mapping of str to numpy.ndarray, optional): What only a simulator knows.
+            privileged (Mapping of str to numpy.ndarray, optional): Signals known only in
+                simulation.
 
         Raises:
             OSError: If the disk is full.
@@ -156,16 +157,16 @@ class McapWriter:
                 "shape": tactile.shape,
                 "tactile": tactile,
                 "joint": None if frame.joint is None else np.asarray(frame.joint, np.float32),
-                "extra": _signals(frame.extra),
-                "privileged": _signals(privileged or {}),
+                "extra": _encode_signals(frame.extra),
+                "privileged": _encode_signals(privileged or {}),
             },
         )
         self._write(FRAME, frame.time, data, frame.sequence)
-        if self._limit is None:
+        if self._flush_ns is None:
             return
-        if self._began is None:
-            self._began = frame.received
-        elif frame.received - self._began >= self._limit:
+        if self._chunk_start is None:
+            self._chunk_start = frame.received
+        elif frame.received - self._chunk_start >= self._flush_ns:
             self.flush()
 
     def write_prediction(
@@ -179,13 +180,13 @@ class McapWriter:
         task: str = "",
         latency: float | None = None,
     ) -> None:
-        r"""Writes what a model said of a frame.
+        r"""Writes the prediction of a model for a frame.
 
         Args:
             time (float): Time of the frame.
             probability (numpy.ndarray): Probabilities of the classes :math:`(K,)`.
-            class_names (sequence of str): Their names.
-            label (str): What was predicted.
+            class_names (sequence of str): Names of the classes.
+            label (str): The predicted label.
             sequence (int, optional): Number of the frame.
             task (str): The task of the model.
             latency (float, optional): Seconds from the frame to the label.
@@ -195,14 +196,16 @@ class McapWriter:
         """
         names = [str(name) for name in class_names]
         values = {"probability": probability, "class_names": names, "label": str(label)}
-        more = {"sequence": sequence, "task": str(task), "latency": latency}
-        self._write(PREDICTION, time, encode(PREDICTION, {"time": time, **values, **more}))
+        optional_values = {"sequence": sequence, "task": str(task), "latency": latency}
+        self._write(
+            PREDICTION, time, encode(PREDICTION, {"time": time, **values, **optional_values})
+        )
 
     def write_health(self, time: float, health: Mapping[str, Any]) -> None:
-        r"""Writes how a stream fares.
+        r"""Writes the health of a stream.
 
         Args:
-            time (float): The present, on the monotonic clock in seconds.
+            time (float): The current time on the monotonic clock in seconds.
             health (Mapping): The fields of :class:`~torch_geometric_tactile.live.Health`.
 
         Raises:
@@ -211,15 +214,16 @@ class McapWriter:
         self._write(HEALTH, time, encode(HEALTH, {**health, "time": time}))
 
     def write_event(self, time: float, kind: str, text: str = "") -> None:
-        r"""Writes that something happened, such as a new tare. Two kinds are the ends of an
-        annotation, whose label is their text: :obj:`"annotation_start"` and
-        :obj:`"annotation_end"`, which ends the last one of its label that is open. One that is
-        never ended lasts to the last frame.
+        r"""Writes an event, such as a new tare.
+
+        The events :obj:`"annotation_start"` and :obj:`"annotation_end"` mark an annotation with
+        their text as label. An end refers to the last open annotation of this label. An annotation
+        without end lasts to the last frame.
 
         Args:
-            time (float): When, on the monotonic clock in seconds.
-            kind (str): What kind of event.
-            text (str): More about it.
+            time (float): Time of the event on the monotonic clock in seconds.
+            kind (str): Type of the event.
+            text (str): Details of the event.
 
         Raises:
             OSError: If the disk is full.
@@ -229,20 +233,20 @@ class McapWriter:
     def write_points(
         self, time: float, pos: np.ndarray, fields: Mapping[str, np.ndarray], frame_id: str
     ) -> None:
-        r"""Writes the taxels as a cloud of points, for viewers.
+        r"""Writes the taxels as a point cloud, for viewers.
 
         Args:
-            time (float): When, on the monotonic clock in seconds.
+            time (float): Time on the monotonic clock in seconds.
             pos (numpy.ndarray): Positions in metres :math:`(N, 3)`.
             fields (Mapping of str to numpy.ndarray): Values of the points :math:`(N,)` by name.
-            frame_id (str): Name of the frame of the positions.
+            frame_id (str): Name of the coordinate frame of the positions.
 
         Raises:
             OSError: If the disk is full.
         """
         columns = dict(zip("xyz", np.asarray(pos).T, strict=True)) | dict(fields)
         table = np.stack([*columns.values()], axis=1).astype("<f4")
-        seconds, nanos = divmod(self._log_time(time), _NANO)
+        seconds, nanos = divmod(self._log_time(time), _NS_PER_SECOND)
         cloud = {
             "timestamp": {"seconds": seconds, "nanos": nanos},
             "frame_id": frame_id,
@@ -259,20 +263,21 @@ class McapWriter:
         self._write(POINTS, time, encode(POINTS, cloud))
 
     def flush(self) -> None:
-        r"""Closes the chunk and hands it to the operating system.
+        r"""Closes the chunk and passes it to the operating system.
 
         Raises:
             OSError: If the disk is full.
         """
-        self._began = None
+        self._chunk_start = None
         self._writer.flush()
         self._output.commit()
 
     def close(self) -> None:
-        r"""Writes what is left and the index, and closes the file; does nothing if it is closed.
+        r"""Writes the last chunk and the index, and closes the file. Does nothing if it is already
+        closed.
 
         Raises:
-            OSError: If the disk is full. The file holds what was written before.
+            OSError: If the disk is full. The file keeps all earlier chunks.
         """
         if self._output.closed:
             return
@@ -291,8 +296,8 @@ class McapWriter:
         self.close()
 
 
-def _metadata(
-    checked: Recording,
+def _metadata_texts(
+    head: Recording,
     layout: str,
     live: bool,
     schemas: Mapping[str, bytes],
@@ -300,28 +305,28 @@ def _metadata(
 ) -> dict[str, str]:
     texts = {
         "version": str(VERSION),
-        "label": json.dumps(checked.label, ensure_ascii=False),
-        "meta": json.dumps(dict(checked.meta), ensure_ascii=False),
+        "label": json.dumps(head.label, ensure_ascii=False),
+        "meta": json.dumps(dict(head.meta), ensure_ascii=False),
         "layout": layout,
         "unix_ns": str(anchor[0]),
         "monotonic_ns": str(anchor[1]),
         "live": str(int(live)),
-        # A file whose first chunk is damaged has lost its table of channels.
+        # The channel records are in the first chunk, which may be damaged.
         "channels": json.dumps({topic: i for i, topic in enumerate(schemas, start=1)}),
     }
     return {**texts, "crc32": str(texts_checksum(texts))}
 
 
-def _signals(arrays: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
-    out = []
+def _encode_signals(arrays: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    signals = []
     for name, value in arrays.items():
         array = np.asarray(value)
         if array.dtype.kind not in "biufU":
             raise ValueError(f"'{name}' must hold numbers or texts (got {array.dtype})")
         array = array.astype(array.dtype.newbyteorder("<"), copy=False)
         signal = {"name": name, "dtype": array.dtype.str, "shape": array.shape}
-        out.append({**signal, "data": array.tobytes()})
-    return out
+        signals.append({**signal, "data": array.tobytes()})
+    return signals
 
 
 def write_mcap(recording: Recording, path: PathLike) -> None:
@@ -347,7 +352,9 @@ def write_mcap(recording: Recording, path: PathLike) -> None:
     """
     require_mcap()
     if recording.num_frames == 0:
-        raise ValueError("'recording' must hold at least one frame to be MCAP (got none)")
+        raise ValueError(
+            "'recording' must hold at least one frame to be written as MCAP (got none)"
+        )
     layout = recording.meta.get("sensor")
     with atomic_path(path) as temporary:
         try:
@@ -362,36 +369,38 @@ def write_mcap(recording: Recording, path: PathLike) -> None:
                 live=False,
             ) as writer:
                 for i, time in enumerate(recording.time.tolist()):
-                    writer.write_frame(*_frame(recording, i, time))
-                for start, end, label in recording.annotations:  # each as a pair, in any order
+                    writer.write_frame(*_live_frame(recording, i, time))
+                for start, end, label in recording.annotations:  # pairs of events, in any order
                     writer.write_event(start, SPAN_START, label)
                     writer.write_event(end, SPAN_END, label)
         except OSError as error:
             raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
 
 
-def _nanoseconds(seconds: float) -> int:
-    return round(min(max(-_LATEST, seconds), _LATEST) * _NANO)
+def _to_nanoseconds(seconds: float) -> int:
+    return round(min(max(-_MAX_SECONDS, seconds), _MAX_SECONDS) * _NS_PER_SECOND)
 
 
 def _unix_ns(seconds: Any) -> int:
     is_time = isinstance(seconds, int | float) and not isinstance(seconds, bool)
-    return int(seconds * _NANO) if is_time and 0 <= seconds < 2**33 else 0
+    return int(seconds * _NS_PER_SECOND) if is_time and 0 <= seconds < 2**33 else 0
 
 
-def _frame(recording: Recording, i: int, time: float) -> tuple[LiveFrame, dict[str, np.ndarray]]:
+def _live_frame(
+    recording: Recording, i: int, time: float
+) -> tuple[LiveFrame, dict[str, np.ndarray]]:
     frame = LiveFrame(
         sequence=i,
         time=time,
-        received=_nanoseconds(time),
+        received=_to_nanoseconds(time),
         device_time=None,
         tactile=recording.tactile[i],
         joint=None if recording.joint is None else recording.joint[i],
-        extra=_row(recording.extra, i),
+        extra=_frame_of_arrays(recording.extra, i),
     )
-    return frame, _row(recording.privileged, i)
+    return frame, _frame_of_arrays(recording.privileged, i)
 
 
-def _row(arrays: Mapping[str, np.ndarray], i: int) -> dict[str, np.ndarray]:
-    # Arrays without dimensions, where an index would give texts of their own length.
+def _frame_of_arrays(arrays: Mapping[str, np.ndarray], i: int) -> dict[str, np.ndarray]:
+    # A slice keeps the width of text arrays, which an index would shorten.
     return {name: value[i : i + 1].reshape(value.shape[1:]) for name, value in arrays.items()}

@@ -1,4 +1,4 @@
-r"""Recordings as npz files, which need numpy only; texts are arrays without dimensions. Nothing is
+r"""Recordings as npz files, which need only NumPy. Texts are arrays without dimensions. Nothing is
 pickled.
 """
 
@@ -12,14 +12,14 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._npz_arrays import opened_npz
+from torch_geometric_tactile.io._npz_arrays import open_npz
 from torch_geometric_tactile.io._recording_schema import (
     FORMAT,
     GROUPS,
     VERSION,
     check_version,
-    checked_file,
     recording_from_fields,
+    recording_path,
     recording_to_arrays,
     recording_to_texts,
 )
@@ -50,25 +50,25 @@ def write_npz(recording: Recording, path: PathLike) -> None:
         **{name: np.array(text) for name, text in recording_to_texts(recording).items()},
         **arrays,
     }
-    # An open file keeps numpy from adding '.npz' to the temporary name.
+    # With an open file, NumPy does not add '.npz' to the temporary name.
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **content)
 
 
 def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
-    r"""Reads a recording from an npz file. Sizes are checked before memory is taken, and every
-    array is compared with its checksum.
+    r"""Reads a recording from an npz file. Sizes are checked before memory is allocated, and all
+    checksums are compared.
 
     Args:
-        path (str or PathLike): A file as :meth:`write_npz` writes it.
+        path (str or PathLike): A file of :meth:`write_npz`.
         allow_large (bool): Whether to read a file whose arrays take more than 1 GiB and more than
-            200 times its own size, as a hostile one does.
+            200 times its size, as in a hostile file.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no npz file, cut or damaged, holds pickled objects, would take
-            absurdly much memory, lacks something or holds something else, or is of another
-            version. The message names the file.
+        ValueError: If the file is not an npz file, is truncated or damaged, holds pickled objects,
+            would take far more memory than its size, lacks a field or has an unknown one, or is of
+            another version. The message names the file.
 
     Examples:
         >>> import tempfile
@@ -78,15 +78,15 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
         ...     read_npz(f"{folder}/grasp.npz").label
         'cup'
     """
-    path = checked_file(path)
-    with opened_npz(path, allow_large) as arrays:
+    path = recording_path(path)
+    with open_npz(path, allow_large) as arrays:
         shapes = arrays.shapes
         texts = {
             name: arrays.read(name).item()
             for name in ("format", "version")
             if shapes.get(name) == ()
         }
-        content, problem = {}, _problem(shapes)
+        content, problem = {}, _find_problem(shapes)
         if not problem and texts == {"format": FORMAT, "version": VERSION}:
             content = {name: arrays.read(name) for name in shapes if name not in texts}
     if texts.get("format") != FORMAT:
@@ -95,27 +95,27 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
             f"(got an npz file with {sorted(shapes)[:5]})"
         )
     check_version(path, texts.get("version"))
-    need(not problem, f"'{path}' holds no consistent recording: {problem}; write it anew")
+    need(not problem, f"'{path}' does not hold a consistent recording: {problem}; write it again")
     texts |= {name: content.pop(name).item() for name in _TEXTS if name in content}
-    # Files of earlier versions have no such list.
-    listed = texts.pop("arrays", None)
-    if listed not in (None, json.dumps(sorted(content), ensure_ascii=False)):
+    # Files of earlier versions have no list of arrays.
+    listed_arrays = texts.pop("arrays", None)
+    if listed_arrays not in (None, json.dumps(sorted(content), ensure_ascii=False)):
         raise ValueError(
-            f"'{path}' holds no consistent recording: it must hold the arrays "
-            f"{quoted(str(listed))} (got {sorted(content)}); write it anew"
+            f"'{path}' does not hold a consistent recording: it must hold the arrays "
+            f"{quoted(str(listed_arrays))} (got {sorted(content)}); write it again"
         )
     return recording_from_fields(path, content, texts)
 
 
-def _problem(shapes: dict[str, tuple[int, ...]]) -> str:
-    known = {*_TEXTS, "time", "tactile", "joint"}
-    frames = shapes.get("time", ())[:1]
+def _find_problem(shapes: dict[str, tuple[int, ...]]) -> str:
+    valid_names = {*_TEXTS, "time", "tactile", "joint"}
+    num_frames = shapes.get("time", ())[:1]
     for name, shape in shapes.items():
-        if name not in known and not name.startswith(GROUPS):
+        if name not in valid_names and not name.startswith(GROUPS):
             groups = " and ".join(f"'{group}...'" for group in GROUPS)
-            return f"it must hold {sorted(known)}, {groups} only (got {name!r})"
+            return f"it must hold only {sorted(valid_names)}, {groups} (got {name!r})"
         if name in _TEXTS and shape:
             return f"'{name}' must be one text (got shape {shape})"
-        if name not in _TEXTS and frames and shape and shape[:1] != frames:
-            return f"'{name}' must have {frames[0]} frames, as 'time' has (got {shape[0]})"
+        if name not in _TEXTS and num_frames and shape and shape[:1] != num_frames:
+            return f"'{name}' must have {num_frames[0]} frames, as 'time' has (got {shape[0]})"
     return ""

@@ -1,4 +1,4 @@
-r"""The episodes of the Sparsh-skin data set, each a folder with pickled arrays."""
+r"""Reader of the episodes of the Sparsh-skin data set, folders with pickled arrays."""
 
 from functools import cache
 from pathlib import Path
@@ -16,9 +16,9 @@ from torch_geometric_tactile.sensors import allegro_uskin_368
 
 _TOUCH, _JOINTS = Path("xela", "data.pkl"), Path("allegro", "data.pkl")
 _NUM_TAXELS, _NUM_JOINTS = 368, 16
-# The patches of our layout in the order of the authors' XELA_FLATTEN_ORDER: 3aftc, link_15,
-# link_14; 0aftc, link_2, link_1A, link_1B; 1aftc, link_6, link_5A, link_5B; 2aftc, link_10,
-# link_9A, link_9B; palm_2, palm_1, palm_3. Which patch of the palm is which is a guess.
+# The patches of `allegro_uskin_368` in the order of the authors' XELA_FLATTEN_ORDER: 3aftc,
+# link_15, link_14; 0aftc, link_2, link_1A, link_1B; 1aftc, link_6, link_5A, link_5B; 2aftc,
+# link_10, link_9A, link_9B; palm_2, palm_1, palm_3. The assignment within the palm is a guess.
 _PATCHES = (
     *("thumb_tip", "thumb_2", "thumb_1"),
     *("index_tip", "index_3", "index_2", "index_1"),
@@ -34,20 +34,20 @@ def read_sparsh_skin(folder: PathLike, joints: bool = True) -> Recording:
     :obj:`SEQUENCE/EPISODE` with the files :obj:`xela/data.pkl`, a list of frames
     :math:`(368, 4)` of seconds and raw counts :math:`x, y, z`, and :obj:`allegro/data.pkl`, a dict
     whose :obj:`"joint_states"` :math:`(T', 33)` are seconds, 16 angles in radians and 16 efforts.
-    Other files are not read. The files are pickles, of which **nothing runs**: one that holds
-    anything but such arrays is refused.
+    Other files are not read. The files are pickles, but **no code in them is run**: a file with
+    anything but such arrays is an error.
 
-    Joints are interpolated linearly at the times of the touch; frames before the first or after
-    the last of them are left out, and so are frames with the time of the one before.
+    Joints are interpolated linearly at the times of the touch. Frames before the first or after the
+    last joint state are left out, and so are frames with the same time as the previous one.
 
-    **The order of the taxels is partly a guess.** Frames are put into the order of
+    **The order of the taxels is partly a guess.** Frames are reordered to
     :func:`~torch_geometric_tactile.sensors.allegro_uskin_368` patch by patch, by the authors' list
-    of patches. Digits and phalanges are right by that list. Which of the three patches of the palm
-    is which, and the order of the taxels within any patch, are not known here: both are taken as
-    they come (:obj:`palm_2`, :obj:`palm_1`, :obj:`palm_3` as :obj:`palm_1_index`,
-    :obj:`palm_1_ring`, :obj:`palm_2_ring`), so that places within a patch may be
-    permuted. Check with the URDF of the data set (:obj:`pretraining/urdf`) before you rely on the
-    geometry inside a patch or the palm.
+    of patches. This list determines digits and phalanges. The assignment of the three patches of
+    the palm and the order of the taxels within a patch are unknown: both are taken in the order of
+    the files (:obj:`palm_2`, :obj:`palm_1`, :obj:`palm_3` as :obj:`palm_1_index`,
+    :obj:`palm_1_ring`, :obj:`palm_2_ring`), so that positions within a patch may be permuted. Check
+    with the URDF of the data set (:obj:`pretraining/urdf`) before you rely on the geometry within a
+    patch or the palm.
 
     Args:
         folder (str or PathLike): The folder.
@@ -55,112 +55,122 @@ def read_sparsh_skin(folder: PathLike, joints: bool = True) -> Recording:
             (:obj:`pretraining/baseline`) does not need.
 
     Returns:
-        Recording: Of 368 taxels with three channels in counts, 16 joint angles, and in :obj:`extra`
+        Recording: 368 taxels with three channels in counts, 16 joint angles, and in :obj:`extra`
         the :obj:`effort` :math:`(T, 16)` as published. The metadata have the nominal :obj:`"rate"`
-        of 100 frames a second and, if the folder is a number, :obj:`"object"` (the folder above)
+        of 100 frames per second and, if the folder is a number, :obj:`"object"` (the folder above)
         and :obj:`"episode"`.
 
     Raises:
         FileNotFoundError: If a file is missing.
-        ValueError: If a file is damaged, holds other than the above, or would take far more memory
-            than it has bytes, times are not in order, a number is not finite, or touch and joints
-            have no time in common. The message names the file.
+        ValueError: If a file is damaged, holds other content, or would take far more memory than
+            its size, if times are not in order, a number is not finite, or touch and joints have no
+            time in common. The message names the file.
 
     Examples:
         >>> read_sparsh_skin("pretraining/corn/0")  # doctest: +SKIP
         Recording(num_frames=..., num_taxels=368, num_channels=3, num_joints=16, rate=100, ...)
     """
     folder = Path(folder).absolute()
-    time, tactile = _touch(_file(folder, _TOUCH))
+    time, tactile = _read_touch(_find_file(folder, _TOUCH))
     meta: dict[str, Any] = {"sensor": "XELA uSkin", "unit": "count", "rate": 100.0}
     if folder.name.isdecimal():
         meta |= {"object": folder.parent.name, "episode": int(folder.name)}
     if not joints:
         return Recording(time=time, tactile=tactile, meta=meta)
-    path = _file(folder, _JOINTS)
-    states = _joint_states(path)
-    known, values = states[:, 0], states[:, 1:]
-    kept = (time >= known[0]) & (time <= known[-1])
-    if not kept.any():
+    path = _find_file(folder, _JOINTS)
+    states = _read_joint_states(path)
+    joint_time, values = states[:, 0], states[:, 1:]
+    has_joints = (time >= joint_time[0]) & (time <= joint_time[-1])
+    if not has_joints.any():
         raise ValueError(
             f"'{path}' must have times in common with the touch, {time[0]:g} to {time[-1]:g} s "
-            f"(got {known[0]:g} to {known[-1]:g} s)"
+            f"(got {joint_time[0]:g} to {joint_time[-1]:g} s)"
         )
-    time = time[kept]
-    columns = [np.interp(time, known, column) for column in values.T]
+    time = time[has_joints]
+    columns = [np.interp(time, joint_time, column) for column in values.T]
     joint, effort = np.split(np.stack(columns, axis=1).astype(np.float32), [_NUM_JOINTS], axis=1)
     return Recording(
-        time=time, tactile=tactile[kept], joint=joint, meta=meta, extra={"effort": effort}
+        time=time, tactile=tactile[has_joints], joint=joint, meta=meta, extra={"effort": effort}
     )
 
 
-def _file(folder: Path, name: Path) -> Path:
+def _find_file(folder: Path, name: Path) -> Path:
     return existing_file(
         folder / name, "put the file of this name of facebook/sparsh-skin-dataset there"
     )
 
 
-def _touch(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    # Times (T,), and readings (T, 368, 3) in the order of the layout.
+def _read_touch(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    # Returns times (T,) and readings (T, 368, 3) in the order of the layout.
     frames = read_numpy_pickle(path)
     is_list = isinstance(frames, list) and len(frames) > 0
     need(is_list, f"'{path}' must hold a list of frames, at least one", type(frames).__name__)
     for number, frame in enumerate(frames):
-        _of_shape(path, f"frame {number}", frame, (_NUM_TAXELS, 4))
+        _check_shape(path, f"frame {number}", frame, (_NUM_TAXELS, 4))
     size = sum(frame.nbytes for frame in frames)
     if is_absurd(size, path.stat().st_size, ARRAY_BYTES, expansion=1):
-        raise ValueError(f"'{path}' must not hold its frames many times (got {size} bytes of them)")
+        raise ValueError(f"'{path}' must not repeat its frames (got {size} bytes in memory)")
     time = np.stack([frame[:, 0] for frame in frames]).astype(np.float64)
-    kept = _later(path, time[:, 0])
-    together = (time == time[:, :1]).all(axis=1)
-    if not together.all():
+    is_later = _is_later(path, time[:, 0])
+    is_simultaneous = (time == time[:, :1]).all(axis=1)
+    if not is_simultaneous.all():
         raise ValueError(
-            f"'{path}' must have one time for all taxels of a frame (got several in frame "
-            f"{together.argmin()})"
+            f"'{path}' must have the same time for all taxels of a frame (got several in frame "
+            f"{is_simultaneous.argmin()})"
         )
     tactile = np.stack([frame[:, 1:].astype(np.float32) for frame in frames])
     _check_finite(path, tactile)
-    return time[kept, 0], tactile[kept][:, _taxel_order()]
+    return time[is_later, 0], tactile[is_later][:, _taxel_order()]
 
 
-def _joint_states(path: Path) -> np.ndarray:
-    # Times, angles and efforts (T', 33).
+def _read_joint_states(path: Path) -> np.ndarray:
+    # Returns times, angles and efforts (T', 33).
     content = read_numpy_pickle(path)
     states = content.get("joint_states") if isinstance(content, dict) else None
-    count = len(states) if isinstance(states, np.ndarray) and states.ndim else 0
-    shape = max(count, 1), 1 + 2 * _NUM_JOINTS
-    states = _of_shape(path, "'joint_states'", states, shape).astype(np.float64)
-    kept = _later(path, states[:, 0])
+    num_states = len(states) if isinstance(states, np.ndarray) and states.ndim else 0
+    shape = max(num_states, 1), 1 + 2 * _NUM_JOINTS
+    states = _check_shape(path, "'joint_states'", states, shape).astype(np.float64)
+    is_later = _is_later(path, states[:, 0])
     _check_finite(path, states)
-    return states[kept]
+    return states[is_later]
 
 
-def _of_shape(path: Path, what: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
-    found = array.shape if isinstance(array, np.ndarray) else type(array).__name__
-    need(found == shape, f"'{path}': {what} must be an array of shape {shape}", found)
+def _check_shape(path: Path, noun: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
+    actual_shape = array.shape if isinstance(array, np.ndarray) else type(array).__name__
+    need(actual_shape == shape, f"'{path}': {noun} must be an array of shape {shape}", actual_shape)
     return np.asarray(array)
 
 
-def _later(path: Path, time: np.ndarray) -> np.ndarray:
-    # Which rows are later than the one before: the authors' converter lets stamps repeat.
+def _is_later(path: Path, time: np.ndarray) -> np.ndarray:
+    # Whether each row is later than the previous one: timestamps in the files may repeat.
     steps = np.diff(time, prepend=-np.inf)
-    wrong = (steps < 0) | ~np.isfinite(time)
-    first = int(wrong.argmax())
-    need(not wrong.any(), f"'{path}' must have times in order", f"{time[first]} in row {first}")
+    is_invalid = (steps < 0) | ~np.isfinite(time)
+    first_invalid = int(is_invalid.argmax())
+    need(
+        not is_invalid.any(),
+        f"'{path}' must have times in order",
+        f"{time[first_invalid]} in row {first_invalid}",
+    )
     return steps > 0
 
 
 def _check_finite(path: Path, values: np.ndarray) -> None:
-    wrong = np.argwhere(~np.isfinite(values))
-    where = ", ".join(map(str, wrong[0])) if len(wrong) else ""
-    need(not len(wrong), f"'{path}' must hold finite numbers", f"another one at {where}")
+    invalid = np.argwhere(~np.isfinite(values))
+    where = ", ".join(map(str, invalid[0])) if len(invalid) else ""
+    need(
+        not len(invalid),
+        f"'{path}' must hold finite numbers",
+        f"an infinite number or NaN at {where}",
+    )
 
 
 @cache
 def _taxel_order() -> np.ndarray:
-    # Of each taxel of the layout its place in a frame of the authors (368,).
+    # For each taxel of the layout, its index in a frame of the files (368,).
     layout = allegro_uskin_368()
     assert layout.patch is not None
-    number = layout.patch.numpy()
-    place = [np.flatnonzero(number == layout.patch_names.index(name)) for name in _PATCHES]
-    return np.argsort(np.concatenate(place))
+    patch_of_taxel = layout.patch.numpy()
+    layout_indices = [
+        np.flatnonzero(patch_of_taxel == layout.patch_names.index(name)) for name in _PATCHES
+    ]
+    return np.argsort(np.concatenate(layout_indices))

@@ -1,5 +1,5 @@
-r"""Recordings as CSV files with one frame a row: time, the axes of each taxel, and joints, as the
-hand data of the papers (384 taxels of 3 axes and 16 joints: 1168 columns).
+r"""Recordings as CSV files with one frame per row: time, the axes of each taxel, and joints. The
+hand data of the papers have this format (384 taxels of 3 axes and 16 joints: 1168 columns).
 """
 
 import logging
@@ -17,29 +17,29 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_frames import (
     FrameColumns,
-    axes_of,
+    channel_names,
+    frames_to_recording,
+    name_to_time_unit,
     read_frames,
-    recording_of,
     signal_names,
-    time_unit_of,
     warn_of_unit,
 )
 from torch_geometric_tactile.io._csv_table import (
+    check_no_counted_header,
+    check_no_index,
     csv_rows,
-    has_names,
-    placed,
-    refuse_counted,
-    refuse_index,
+    is_header,
+    map_columns,
 )
 from torch_geometric_tactile.io._folder_tables import write_annotations
-from torch_geometric_tactile.io._recording_schema import checked_file
+from torch_geometric_tactile.io._recording_schema import recording_path
 
 _log = logging.getLogger(__name__)
-_HAND = {"num_taxels": 384, "num_channels": 3, "num_joints": 16}
+_HAND_SIZES = {"num_taxels": 384, "num_channels": 3, "num_joints": 16}
 _HAND_COLUMNS = 384 * 3 + 16
-_TAXEL = re.compile(r"taxel_([0-9]{1,9})_([xyz]|[0-9]{1,9})(?:_([a-z]+))?")
-_JOINT = re.compile(r"joint_([0-9]{1,9})(?:_(rad|deg))?")
-# The unit of the metadata, and how many of the column's unit make one of it.
+_TAXEL_NAME = re.compile(r"taxel_([0-9]{1,9})_([xyz]|[0-9]{1,9})(?:_([a-z]+))?")
+_JOINT_NAME = re.compile(r"joint_([0-9]{1,9})(?:_(rad|deg))?")
+# For each unit of a column, the unit in the metadata and the number of column units per unit.
 _UNITS = {
     "n": ("newton", 1.0),
     "newton": ("newton", 1.0),
@@ -53,9 +53,9 @@ def write_wide_csv(recording: Recording, path: PathLike) -> None:
     r"""Writes a recording as a CSV file with a header and the time in the first column. The file is
     either complete or absent.
 
-    Readings come back equal. Annotations are written to the ``annotations.csv`` beside the file,
-    from which they are read. Label, metadata, further signals and what only a simulator knows have
-    no place in either; a warning is logged when there are any.
+    Reading the file gives equal readings. Annotations are written to the ``annotations.csv`` beside
+    the file. Label, metadata, further and privileged signals are not stored, and a warning lists
+    them.
 
     Args:
         recording (Recording): The recording.
@@ -76,25 +76,26 @@ def write_wide_csv(recording: Recording, path: PathLike) -> None:
         0.01,1,1,1
     """
     if recording.num_frames == 0:
-        raise ValueError("'recording' must hold at least one frame to be a CSV file (got none)")
-    lost = [*recording.meta, *recording.privileged, *recording.extra]
-    lost += [] if recording.label is None else ["label"]
-    if lost:
-        _log.warning("'%s' is CSV and cannot hold %s", path, ", ".join(sorted(lost)))
-    parts = [recording.tactile.reshape(recording.num_frames, -1)]
+        raise ValueError("'recording' must hold at least one frame to be written as CSV (got none)")
+    unsupported = [*recording.meta, *recording.privileged, *recording.extra]
+    unsupported += [] if recording.label is None else ["label"]
+    if unsupported:
+        _log.warning("'%s' is CSV and cannot store %s", path, ", ".join(sorted(unsupported)))
+    signals = [recording.tactile.reshape(recording.num_frames, -1)]
     if recording.joint is not None:
-        parts.append(recording.joint)
-    table = np.concatenate(parts, axis=1)
+        signals.append(recording.joint)
+    table = np.concatenate(signals, axis=1)
     names = signal_names(recording.num_taxels, recording.num_channels, recording.num_joints)
-    # Nine digits tell any two float32 apart.
-    line = ",".join(["%.9g"] * table.shape[1])
+    # Nine digits distinguish any two float32 numbers.
+    row_format = ",".join(["%.9g"] * table.shape[1])
     with (
         atomic_path(path) as temporary,
         temporary.open("w", newline="", encoding="ascii") as file,
     ):
         file.write(",".join(["time", *names]) + "\n")
+        # The repr of a float is the shortest text that reads back as the same number.
         for time, row in zip(recording.time.tolist(), table, strict=True):
-            file.write(f"{time!r}," + line % tuple(row.tolist()) + "\n")
+            file.write(f"{time!r}," + row_format % tuple(row.tolist()) + "\n")
         write_annotations(Path(path), recording.annotations)
 
 
@@ -108,31 +109,32 @@ def read_wide_csv(
 ) -> Recording:
     r"""Reads a recording from a CSV file with one frame per row.
 
-    The names of the first line are those of :meth:`write_wide_csv`, in any order: :obj:`time`,
+    The names in the first line are those of :meth:`write_wide_csv`, in any order: :obj:`time`,
     :obj:`taxel_0_x`, :obj:`taxel_0_y`, ..., :obj:`joint_0`, ... A name may end in a unit:
-    :obj:`time_ms`, :obj:`time_us`, :obj:`time_ns`, :obj:`time_min`, :obj:`time_h`, :obj:`time_d`;
-    :obj:`joint_0_deg`; :obj:`taxel_0_x_n`,
-    :obj:`taxel_0_x_mn` (newtons and thousandths) and :obj:`taxel_0_x_count`, which is the
-    :obj:`unit` in the metadata. Empty cells and :obj:`nan` are missing readings.
+    :obj:`time_ms`, :obj:`time_us`, :obj:`time_ns`, :obj:`time_min`, :obj:`time_h`, :obj:`time_d`,
+    :obj:`joint_0_deg`, :obj:`taxel_0_x_n` (newtons), :obj:`taxel_0_x_mn` (millinewtons) and
+    :obj:`taxel_0_x_count`. The unit of the readings is the :obj:`unit` in the metadata. Empty cells
+    and :obj:`nan` are missing readings.
 
-    A file without names is read by the place of its columns, in this order, with the time in front
-    if there is one column more; its sizes are to be given, unless they are those of the hand.
+    A file without names must have its columns in this order, with the time first if there is one
+    more column. Its sizes must be given, unless they are those of the hand data.
 
     Args:
         path (str or PathLike): The file.
-        num_taxels (int, optional): Number of taxels :math:`N`; 384 if no header tells.
-        num_channels (int, optional): Number of channels of a taxel :math:`C`; 3 if no header tells.
-        num_joints (int, optional): Number of joints :math:`J`; 16 if no header tells.
+        num_taxels (int, optional): Number of taxels :math:`N`. Defaults to 384 without a header.
+        num_channels (int, optional): Number of channels of a taxel :math:`C`. Defaults to 3 without
+            a header.
+        num_joints (int, optional): Number of joints :math:`J`. Defaults to 16 without a header.
         rate (float): Frames per second, for files without time.
-        header (bool, optional): Whether the first line has names; if left out, it is seen whether
-            most of its cells are no numbers.
+        header (bool, optional): Whether the first line has names. By default, it has names if most
+            of its cells are not numbers.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a name is not understood, named twice or missing, a line is empty, has
-            another number of cells or no end (a file that was cut), a cell is no finite number, the
-            time does not increase, there is no frame, a header contradicts the arguments, or there
-            is a header or an index that pandas made up. The message names the line.
+        ValueError: If a name is unknown, missing or there twice, a line is empty or truncated or
+            has another number of cells, a cell is not a finite number, the time does not increase,
+            there is no frame, the header contradicts the arguments, or pandas added a numbered
+            header or an index. The message names the line.
 
     Examples:
         >>> import tempfile
@@ -143,7 +145,7 @@ def read_wide_csv(
         ...     read_wide_csv(path).tactile.tolist()
         [[[1.0, 2.0, 3.0]], [[1.0, 2.0, nan]]]
     """
-    path = checked_file(path)
+    path = recording_path(path)
     need_argument(rate > 0, "rate", "must be positive", rate)
     sizes = {"num_taxels": num_taxels, "num_channels": num_channels, "num_joints": num_joints}
     for name, size in sizes.items():
@@ -151,18 +153,18 @@ def read_wide_csv(
             raise ValueError(f"'{name}' must be at least {int(name != 'num_joints')} (got {size})")
     lines = csv_rows(path)
     line, row = next(lines)
-    if header or (header is None and has_names(row)):
+    if header or (header is None and is_header(row)):
         names = [cell.strip() for cell in row]
-        refuse_index(path, names)
+        check_no_index(path, names)
         columns = _columns_by_name(path, names, sizes)
         frames = read_frames(path, lines, columns)
     else:
         if header is None:
-            refuse_counted(path, row, "pass header=False if this is a frame")
-        columns = _columns_by_place(path, len(row), sizes)
+            check_no_counted_header(path, row, "pass header=False if this is a frame")
+        columns = _columns_by_position(path, len(row), sizes)
         frames = read_frames(path, chain([(line, row)], lines), columns, first_line=1)
-        counted = [str(i) for i in range(len(frames.tactile))]
-        if len(counted) > 1 and frames.time_cells == counted:
+        frame_numbers = [str(i) for i in range(len(frames.tactile))]
+        if len(frame_numbers) > 1 and frames.time_cells == frame_numbers:
             raise ValueError(
                 f"'{path}' must have the time in seconds in its first column (got 0, 1, 2, ..., as "
                 "the index of pandas): write the file with to_csv(index=False), or name the columns"
@@ -170,49 +172,57 @@ def read_wide_csv(
     if columns.time_unit == "s":
         warn_of_unit(path, frames.time, "name the column time_{}")
     meta = {} if columns.unit is None else {"unit": columns.unit}
-    return recording_of(path, frames, columns, rate, meta=meta)
+    return frames_to_recording(path, frames, columns, rate, meta=meta)
 
 
-def _columns_by_place(path: Path, width: int, sizes: Mapping[str, int | None]) -> FrameColumns:
-    r"""Returns the columns of a file without names: those of :func:`write_wide_csv`."""
+def _columns_by_position(
+    path: Path, num_cells: int, sizes: Mapping[str, int | None]
+) -> FrameColumns:
+    r"""Returns the columns of a file without names, in the order of :func:`write_wide_csv`."""
     taxels, channels, joints = (
-        _HAND[name] if size is None else size for name, size in sizes.items()
+        _HAND_SIZES[name] if size is None else size for name, size in sizes.items()
     )
     num_readings = taxels * channels
-    first = width - num_readings - joints
-    if first not in (0, 1):
+    num_time_columns = num_cells - num_readings - joints
+    if num_time_columns not in (0, 1):
         raise ValueError(
             f"'{path}', line 1 must have {num_readings + joints} cells for {taxels} taxels of "
             f"{channels} channels and {joints} joints, or {num_readings + joints + 1} with the "
-            f"time (got {width}): name the columns as write_wide_csv does, or give num_taxels, "
+            f"time (got {num_cells}): name the columns as write_wide_csv does, or give num_taxels, "
             "num_channels and num_joints (tactile convert: --num-taxels, --num-channels, "
             "--num-joints)"
         )
     return FrameColumns(
-        names=["time"] * first + [*signal_names(taxels, channels, joints)],
-        tactile=[*range(first, first + num_readings)],
+        names=["time"] * num_time_columns + [*signal_names(taxels, channels, joints)],
+        tactile=[*range(num_time_columns, num_time_columns + num_readings)],
         num_channels=channels,
-        joint=[*range(first + num_readings, width)],
+        joint=[*range(num_time_columns + num_readings, num_cells)],
         degrees=[],
-        time=0 if first else None,
+        time=0 if num_time_columns else None,
         time_unit="s",
     )
 
 
 def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | None]) -> FrameColumns:
-    r"""Returns the columns that a header names, which may be in any order; :obj:`sizes` are those
-    that are given, and must be its own.
+    r"""Returns the columns of a header, which may be in any order. The sizes of the header must
+    agree with :obj:`sizes`, as far as these are given.
     """
-    keys = [name.lower() for name in names]
-    times = [i for i, key in enumerate(keys) if time_unit_of(key)]
-    taxels = {i: match for i, key in enumerate(keys) if (match := _TAXEL.fullmatch(key))}
-    joints = {i: match for i, key in enumerate(keys) if (match := _JOINT.fullmatch(key))}
-    known = {*times, *taxels, *joints}
-    unknown = [name for i, name in enumerate(names) if i not in known]
+    lower_names = [name.lower() for name in names]
+    times = [i for i, key in enumerate(lower_names) if name_to_time_unit(key)]
+    taxels = {
+        i: match for i, key in enumerate(lower_names) if (match := _TAXEL_NAME.fullmatch(key))
+    }
+    joints = {
+        i: match for i, key in enumerate(lower_names) if (match := _JOINT_NAME.fullmatch(key))
+    }
+    matched = {*times, *taxels, *joints}
+    unknown = [name for i, name in enumerate(names) if i not in matched]
     units = {match[3] for match in taxels.values()}
     if unknown or not taxels or not units <= {None, *_UNITS}:
-        wrong = next((names[i] for i, m in taxels.items() if m[3] not in (None, *_UNITS)), names[0])
-        raise _not_understood(path, unknown[0] if unknown else wrong)
+        invalid = next(
+            (names[i] for i, m in taxels.items() if m[3] not in (None, *_UNITS)), names[0]
+        )
+        raise _column_name_error(path, unknown[0] if unknown else invalid)
     if len(units) > 1:
         raise ValueError(
             f"'{path}', line 1 must have all readings in one unit (got "
@@ -223,27 +233,31 @@ def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | Non
             f"'{path}', line 1 must have one column of the time (got "
             f"{', '.join(names[i] for i in times)})"
         )
-    meant = {i: f"taxel_{int(m[1])}_{m[2]}" for i, m in taxels.items()}
-    place = placed(path, names, meant | {i: f"joint_{int(m[1])}" for i, m in joints.items()})
-    found_axes = {match[2] for match in taxels.values()}
-    axes = axes_of(len(found_axes))
-    if found_axes != set(axes):
+    keys = {i: f"taxel_{int(m[1])}_{m[2]}" for i, m in taxels.items()}
+    column_of_name = map_columns(
+        path, names, keys | {i: f"joint_{int(m[1])}" for i, m in joints.items()}
+    )
+    axes_in_header = {match[2] for match in taxels.values()}
+    axes = channel_names(len(axes_in_header))
+    if axes_in_header != set(axes):
         raise ValueError(
             f"'{path}', line 1 must have the axes {', '.join(axes)} for taxels of {len(axes)} "
-            f"channels (got {', '.join(sorted(found_axes)[:6])})"
+            f"channels (got {', '.join(sorted(axes_in_header)[:6])})"
         )
-    own = (len({int(match[1]) for match in taxels.values()}), len(axes), len(joints))
-    # Not as a list, which a header of wrong numbers would make too large.
-    missing = next((name for name in signal_names(*own) if name not in place), None)
+    header_sizes = (len({int(match[1]) for match in taxels.values()}), len(axes), len(joints))
+    # A generator: with wrong numbers in the header, a list would take too much memory.
+    missing = next(
+        (name for name in signal_names(*header_sizes) if name not in column_of_name), None
+    )
     if missing is not None:
         raise ValueError(
             f"'{path}', line 1 must have the column '{missing}': taxels and joints count from 0, "
             "without gaps, and each taxel has all axes"
         )
-    for (name, size), found in zip(sizes.items(), own, strict=True):
-        if size not in (None, found):
-            raise ValueError(f"'{name}' must be {found}, as '{path}' has (got {size})")
-    columns = [place[name] for name in signal_names(*own)]
+    for (name, size), header_size in zip(sizes.items(), header_sizes, strict=True):
+        if size not in (None, header_size):
+            raise ValueError(f"'{name}' must be {header_size}, as in '{path}' (got {size})")
+    columns = [column_of_name[name] for name in signal_names(*header_sizes)]
     joint = columns[len(taxels) :]
     unit, per_unit = _UNITS.get(units.pop(), (None, 1.0))
     return FrameColumns(
@@ -253,30 +267,30 @@ def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | Non
         joint=joint,
         degrees=[i for i, column in enumerate(joint) if joints[column][2] == "deg"],
         time=times[0] if times else None,
-        time_unit=(time_unit_of(keys[times[0]]) if times else None) or "s",
+        time_unit=(name_to_time_unit(lower_names[times[0]]) if times else None) or "s",
         unit=unit,
         per_unit=per_unit,
     )
 
 
-def _not_understood(path: Path, name: str) -> ValueError:
+def _column_name_error(path: Path, name: str) -> ValueError:
     return ValueError(
         f"'{path}', line 1 must name the columns 'time', 'taxel_0_x', 'taxel_0_y', 'taxel_0_z', "
         "'taxel_1_x', ..., 'joint_0', ... in any order, with units 'time_ms', 'time_us', "
         "'time_ns', 'joint_0_deg', 'taxel_0_x_n', 'taxel_0_x_mn' or 'taxel_0_x_count' if they are "
-        f"not s, rad and as the sensor gives them (got {quoted(name)}): rename the columns, or say "
-        "what they are with read_named_csv(path, tactile=..., num_channels=..., joint=..., "
+        f"not s, rad and raw readings (got {quoted(name)}): rename the columns, or name their "
+        "roles with read_named_csv(path, tactile=..., num_channels=..., joint=..., "
         "time=...) or the same options of tactile convert"
     )
 
 
-def has_own_names(row: Sequence[str]) -> bool:
-    r"""Tells whether a first line is a header whose names and number are not those of a recording
-    that :func:`read_wide_csv` reads without arguments, or refuses since they are meant so.
+def is_named_csv_header(row: Sequence[str]) -> bool:
+    r"""Returns whether a line is a header for :func:`read_named_csv`: no name is one of a taxel of
+    :func:`write_wide_csv`, and the number of columns is not that of the hand data.
     """
     if (
         not row
-        or not has_names(row)
+        or not is_header(row)
         or any(re.match(r"taxel_[0-9]", name.strip().lower()) for name in row)
     ):
         return False

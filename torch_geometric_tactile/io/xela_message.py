@@ -1,10 +1,10 @@
-r"""A single JSON message of XELA's server, read as fast as a live hand sends them.
+r"""Parsing of single JSON messages of XELA's server, fast enough for a live hand.
 
 A message is ``{"message": 2987, "time": ..., "sensors": 1, "type": "routine", "version": ..., "1":
 {...}, "sendtime": ...}`` with one key for each sensor, and in it ``data`` (three hexadecimal words
 for each taxel: x, y, z), ``integer`` (the same as numbers), on some models ``calibrated``
 (newtons), ``temp`` and ``ups`` (updates per second) of each taxel, ``model``, ``taxels`` and
-``handedness``, which says "right" in captures of left hands too.
+``handedness``, which is "right" in captures of left hands too.
 """
 
 import json
@@ -17,33 +17,32 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile._texts import quoted as shown
-from torch_geometric_tactile._texts import short_repr
+from torch_geometric_tactile._texts import quoted, short_repr
 
 _orjson: Any
 try:
     import orjson as _orjson
-except ImportError:  # the extra `live` has it; without it messages take twice as long
+except ImportError:  # part of the extra `live`; without it, parsing takes twice as long
     _orjson = None
 
-# Some servers send line breaks inside of texts, which strict JSON forbids.
+# Some servers send line breaks within texts, which strict JSON forbids.
 _JSON = json.JSONDecoder(strict=False)
-_WORD = re.compile(r"[0-9A-Fa-f]{1,4}")
-_HIGHEST = 0xFFFF
-_SENSOR = re.compile(r"[0-9]{1,9}")
-_HIGHEST_NUMBER = 2**63 - 1
-_LATEST = 1e11  # seconds: the year 5138
+_HEX_WORD = re.compile(r"[0-9A-Fa-f]{1,4}")
+_MAX_COUNT = 0xFFFF
+_SENSOR_KEY = re.compile(r"[0-9]{1,9}")
+_MAX_MESSAGE_NUMBER = 2**63 - 1
+_MAX_SECONDS = 1e11  # since 1970: the year 5138
 XELA_VERSION = "1.8.0"
 
 
 class XelaFrame(NamedTuple):
     r"""The content of one message of XELA's server.
 
-    :obj:`reading` are counts or newtons :math:`(N, 3)` of all sensors, one after another by their
-    number; :obj:`taxels`, :obj:`models` and :obj:`handedness` have one entry for each sensor;
-    :obj:`time` are seconds since 1970. :obj:`temp` and :obj:`ups` are the temperature in
-    kelvins and the updates per second of each taxel :math:`(N,)`, as the server says them: NaN
-    where it says none that can be read, :obj:`None` if it says nothing of them.
+    :obj:`reading` are counts or newtons :math:`(N, 3)` of all sensors in the order of their
+    numbers. :obj:`taxels`, :obj:`models` and :obj:`handedness` have one entry for each sensor.
+    :obj:`time` is in seconds since 1970. :obj:`temp` and :obj:`ups` are the temperature in kelvins
+    and the updates per second of each taxel :math:`(N,)`. They are NaN for unreadable values, and
+    :obj:`None` if the message does not hold them.
 
     Examples:
         >>> message = format_xela_message(np.full((4, 3), 30000), 7, time=1.5e9, taxels=[1, 3])
@@ -67,14 +66,13 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
     r"""Parses one message of XELA's server.
 
     Args:
-        message (Mapping): The message, as :func:`json.loads` gives it; with
-            :obj:`strict=False`, because some servers break lines inside of texts.
+        message (Mapping): The message from :func:`json.loads`, with :obj:`strict=False`, since some
+            servers send line breaks within texts.
         forces (bool): Whether to read the forces in newtons instead of the counts.
 
     Raises:
-        ValueError: If something is missing, ``data`` and ``integer`` or a sensor and its key
-            differ, a number of taxels or sensors is wrong, or a sensor has no forces and they are
-            wanted.
+        ValueError: If a field is missing, ``data`` and ``integer`` or a sensor and its key differ,
+            a number of taxels or sensors is wrong, or a sensor has no forces with :obj:`forces`.
 
     Examples:
         >>> message = format_xela_message(np.full((4, 3), 30000), 7, time=1.5e9, taxels=[1, 3])
@@ -85,12 +83,12 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
     if not isinstance(message, Mapping):
         raise ValueError(f"a XELA message must be a JSON object (got {type(message).__name__})")
     number, time = message.get("message"), message.get("time", message.get("sendtime"))
-    if isinstance(number, bool) or not isinstance(number, int) or abs(number) > _HIGHEST_NUMBER:
+    if isinstance(number, bool) or not isinstance(number, int) or abs(number) > _MAX_MESSAGE_NUMBER:
         raise ValueError(
             f"'message' of a XELA message must be an integer (got {short_repr(number)})"
         )
     where = f"XELA message {number}"
-    if not _is_number(time) or not abs(time) < _LATEST:
+    if not _is_number(time) or not abs(time) < _MAX_SECONDS:
         raise ValueError(f"'time' of {where} must be a number of seconds (got {short_repr(time)})")
     keys = sensor_keys(message)
     count = message.get("sensors", len(keys))
@@ -100,7 +98,7 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
         )
     sensors = [message[key] for key in keys]
     readings = [
-        _sensor_reading(f"sensor '{key}' of {where}", key, sensor, forces)
+        _parse_sensor(f"sensor '{key}' of {where}", key, sensor, forces)
         for key, sensor in zip(keys, sensors, strict=True)
     ]
     taxels = tuple([len(reading) // 3 for reading in readings])
@@ -110,11 +108,11 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
         time=float(time),
         reading=numbers.astype(np.float32).reshape(-1, 3),
         taxels=taxels,
-        models=tuple([_text(where, sensor, "model") for sensor in sensors]),
-        handedness=tuple([_text(where, sensor, "handedness") for sensor in sensors]),
-        version=_text(where, message, "version"),
-        temp=_of_each_taxel(sensors, taxels, "temp"),
-        ups=_of_each_taxel(sensors, taxels, "ups"),
+        models=tuple([_text_field(where, sensor, "model") for sensor in sensors]),
+        handedness=tuple([_text_field(where, sensor, "handedness") for sensor in sensors]),
+        version=_text_field(where, message, "version"),
+        temp=_taxel_values(sensors, taxels, "temp"),
+        ups=_taxel_values(sensors, taxels, "ups"),
     )
 
 
@@ -122,15 +120,15 @@ def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None
     r"""Parses the JSON text of one message of XELA's server.
 
     Args:
-        text (str or bytes): The text, as it comes from the WebSocket.
+        text (str or bytes): The text of a message of the WebSocket.
         forces (bool): Whether to read the forces in newtons instead of the counts.
 
     Returns:
-        XelaFrame: What :meth:`parse_xela_message` returns, or :obj:`None` if the message is a
-        greeting (:obj:`{"message": "Welcome"}`), which has no sensors.
+        XelaFrame: The content of the message, or :obj:`None` for a greeting
+        (:obj:`{"message": "Welcome"}`), which has no sensors.
 
     Raises:
-        ValueError: If the text is no JSON, or :meth:`parse_xela_message` refuses it.
+        ValueError: If the text is not JSON, or :meth:`parse_xela_message` raises an error.
 
     Examples:
         >>> parse_xela_text('{"message": "Welcome"}') is None
@@ -141,22 +139,25 @@ def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None
         ([[1.0, 2.0, 255.0]], [25.5])
     """
     if _orjson is not None:
-        given = text.encode("utf-8", "replace") if isinstance(text, str) else text
-        for content in (given, given.replace(b",\n", b",")):
+        encoded = text.encode("utf-8", "replace") if isinstance(text, str) else text
+        for content in (encoded, encoded.replace(b",\n", b",")):
             try:
-                return _read(_orjson.loads(content), forces)
-            except ValueError:  # also what only Python's reader takes, who tells what is wrong
+                return _parse_unless_greeting(_orjson.loads(content), forces)
+            except ValueError:  # Python's parser accepts more, and its messages are better
                 continue
     try:
         message = _JSON.decode(text if isinstance(text, str) else text.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:  # also of a number with thousands of digits
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # ValueError also for a number with thousands of digits
         raise ValueError(
             f"a XELA message must be JSON (got {short_repr(text)}: {error})"
         ) from error
-    return _read(message, forces)
+    return _parse_unless_greeting(message, forces)
 
 
-def _read(message: Any, forces: bool) -> XelaFrame | None:
+def _parse_unless_greeting(message: Any, forces: bool) -> XelaFrame | None:
     if (
         isinstance(message, dict)
         and isinstance(message.get("message"), str)
@@ -167,11 +168,11 @@ def _read(message: Any, forces: bool) -> XelaFrame | None:
 
 
 def sensor_keys(message: Mapping[str, Any]) -> list[str]:
-    r"""Returns the keys of the sensors of a message, by their numbers."""
-    return sorted([n for n in message if isinstance(n, str) and _SENSOR.fullmatch(n)], key=int)
+    r"""Returns the keys of the sensors of a message in the order of their numbers."""
+    return sorted([n for n in message if isinstance(n, str) and _SENSOR_KEY.fullmatch(n)], key=int)
 
 
-def _text(where: str, content: Mapping[str, Any], key: str) -> str:
+def _text_field(where: str, content: Mapping[str, Any], key: str) -> str:
     text = content.get(key, "")
     if not isinstance(text, str):
         raise ValueError(f"'{key}' of {where} must be a text (got {short_repr(text)})")
@@ -182,35 +183,39 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _of_each_taxel(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> np.ndarray | None:
+def _taxel_values(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> np.ndarray | None:
     if not any(key in sensor for sensor in sensors):
         return None
-    found = array("d")
+    all_values = array("d")
     for sensor, count in zip(sensors, taxels, strict=True):
-        part = sensor.get(key)
-        values: list[Any] = part if type(part) is list and len(part) == count else [None] * count
-        try:  # numbers only, and faster than numpy
-            found.fromlist(values)
+        sensor_values = sensor.get(key)
+        padded_values: list[Any] = (
+            sensor_values
+            if type(sensor_values) is list and len(sensor_values) == count
+            else [None] * count
+        )
+        try:  # faster than NumPy, but accepts only numbers
+            all_values.fromlist(padded_values)
         except (TypeError, OverflowError):
-            found.extend(_numbers_or_nan(values))
+            all_values.extend(_numbers_or_nan(padded_values))
     with np.errstate(over="ignore"):
-        numbers = np.frombuffer(found).astype(np.float32)
+        numbers = np.frombuffer(all_values).astype(np.float32)
     numbers[np.isinf(numbers)] = np.nan
     return numbers
 
 
 def _numbers_or_nan(values: list[Any]) -> "array[float]":
-    # Nulls are NaN, and all of them if some are no numbers.
+    # Nulls become NaN. If a value is not a number, all values become NaN.
     try:
         return array("d", [math.nan if value is None else value for value in values])
     except (TypeError, OverflowError):
         return array("d", [math.nan] * len(values))
 
 
-def _sensor_reading(where: str, key: str, sensor: Any, forces: bool) -> "array[Any]":
+def _parse_sensor(where: str, key: str, sensor: Any, forces: bool) -> "array[Any]":
     if not isinstance(sensor, Mapping):
         raise ValueError(f"{where} must be a JSON object (got {short_repr(sensor)})")
-    counts = _counts(where, sensor.get("data"))
+    counts = _parse_counts(where, sensor.get("data"))
     taxels = sensor.get("taxels", max(1, len(counts) // 3))
     if isinstance(taxels, bool) or not isinstance(taxels, int) or taxels < 1:
         raise ValueError(
@@ -222,49 +227,49 @@ def _sensor_reading(where: str, key: str, sensor: Any, forces: bool) -> "array[A
             f"{len(counts)})"
         )
     if "integer" in sensor and sensor["integer"] != counts.tolist():
-        raise ValueError(f"'integer' of {where} must say the same as 'data' (got other numbers)")
-    said = sensor.get("sensor", key)
-    is_number = said == key or _SENSOR.fullmatch(short_repr(said).strip("'"))
-    if not is_number or int(said) != int(key):
-        raise ValueError(f"'sensor' of {where} must be its key (got {short_repr(said)})")
-    return _forces(where, sensor, len(counts)) if forces else counts
+        raise ValueError(f"'integer' of {where} must equal 'data' (got different numbers)")
+    stated_key = sensor.get("sensor", key)
+    is_number = stated_key == key or _SENSOR_KEY.fullmatch(short_repr(stated_key).strip("'"))
+    if not is_number or int(stated_key) != int(key):
+        raise ValueError(f"'sensor' of {where} must be its key (got {short_repr(stated_key)})")
+    return _parse_forces(where, sensor, len(counts)) if forces else counts
 
 
-def _counts(where: str, data: Any) -> "array[int]":
+def _parse_counts(where: str, data: Any) -> "array[int]":
     if not isinstance(data, str):
         raise ValueError(
             f"'data' of {where} must be a text of hexadecimal words (got {short_repr(data)})"
         )
-    usual = _usual_counts(data.replace(",\n", ","))
-    if usual is not None:
-        return usual
+    regular_counts = _parse_regular_words(data.replace(",\n", ","))
+    if regular_counts is not None:
+        return regular_counts
     words = [word for word in re.split(r"[,\s]+", data) if word]
     for word in words:
-        if not _WORD.fullmatch(word):
+        if not _HEX_WORD.fullmatch(word):
             raise ValueError(
                 f"'data' of {where} must hold hexadecimal words of up to four digits (got "
-                f"{shown(word)})"
+                f"{quoted(word)})"
             )
     return array("H", [int(word, 16) for word in words])
 
 
-def _usual_counts(data: str) -> "array[int] | None":
-    # Words of four digits, as servers send them: ten times as fast as one word after another.
-    number = (len(data) + 1) // 5
-    if data[4::5] != "," * (number - 1):
+def _parse_regular_words(data: str) -> "array[int] | None":
+    # Words of four digits, the usual case: ten times as fast as parsing single words.
+    num_words = (len(data) + 1) // 5
+    if data[4::5] != "," * (num_words - 1):
         return None
     try:
-        found = array("H", bytes.fromhex(data.replace(",", " ")))
+        counts = array("H", bytes.fromhex(data.replace(",", " ")))
     except ValueError:
         return None
     if sys.byteorder == "little":
-        found.byteswap()
-    return found if len(found) == number else None
+        counts.byteswap()
+    return counts if len(counts) == num_words else None
 
 
-def _forces(where: str, sensor: Mapping[str, Any], count: int) -> "array[float]":
+def _parse_forces(where: str, sensor: Mapping[str, Any], count: int) -> "array[float]":
     if "calibrated" not in sensor:
-        model = shown(str(sensor.get("model", "")))
+        model = quoted(str(sensor.get("model", "")))
         raise ValueError(
             f"{where}, model {model}, must have 'calibrated' for forces in newtons (got counts "
             "only): read counts with forces=False"
@@ -302,17 +307,17 @@ def format_xela_message(
     r"""Returns one message in the form of XELA's server, ready for :func:`json.dumps`.
 
     Args:
-        counts (numpy.ndarray): Counts of all taxels :math:`(N, 3)`, whole numbers from 0 to 65535.
+        counts (numpy.ndarray): Counts of all taxels :math:`(N, 3)`, integers from 0 to 65535.
         number (int): Number of the message.
-        time (float): Its time in seconds since 1970.
-        taxels (sequence of int, optional): Number of taxels of each sensor; one sensor if left out.
+        time (float): Time of the message in seconds since 1970.
+        taxels (sequence of int, optional): Number of taxels of each sensor. Defaults to one sensor.
         models (sequence of str, optional): Model of each sensor.
-        handedness (sequence of str, optional): What the server says about each sensor.
+        handedness (sequence of str, optional): Handedness of each sensor.
         forces (numpy.ndarray, optional): Forces in newtons :math:`(N, 3)`.
         version (str): Version of the server.
 
     Raises:
-        ValueError: If an argument has another length or shape, or a count does not fit.
+        ValueError: If an argument has an invalid length or shape, or a count is out of range.
 
     Examples:
         >>> message = format_xela_message(np.array([[30000, 30001, 30002]]), number=7, time=1.5e9)
@@ -322,12 +327,12 @@ def format_xela_message(
     counts = np.asarray(counts)
     if counts.ndim != 2 or counts.shape[1] != 3 or len(counts) == 0:
         raise ValueError(f"'counts' must have shape (num_taxels, 3) (got {counts.shape})")
-    wrong = np.argwhere(~((counts >= 0) & (counts <= _HIGHEST) & (counts == np.floor(counts))))
-    if len(wrong):
-        taxel, axis = wrong[0].tolist()
+    invalid = np.argwhere(~((counts >= 0) & (counts <= _MAX_COUNT) & (counts == np.floor(counts))))
+    if len(invalid):
+        taxel, axis = invalid[0].tolist()
         raise ValueError(
-            f"'counts' must be whole numbers from 0 to {_HIGHEST} (got {counts[taxel, axis]} in "
-            f"taxel {taxel}, axis {'xyz'[axis]}); XELA messages cannot leave a taxel out"
+            f"'counts' must be integers from 0 to {_MAX_COUNT} (got {counts[taxel, axis]} in "
+            f"taxel {taxel}, axis {'xyz'[axis]}); XELA messages cannot have missing taxels"
         )
     if forces is not None and np.shape(forces) != counts.shape:
         raise ValueError(f"'forces' must have shape {counts.shape} (got {np.shape(forces)})")
@@ -360,7 +365,7 @@ def format_xela_message(
             "handedness": handedness[i],
         }
         if forces is not None:
-            # JSON has no NaN.
+            # JSON has no NaN, so missing forces are null.
             message[str(i + 1)]["calibrated"] = [
                 None if math.isnan(value) else value
                 for value in np.asarray(forces)[start:stop].ravel().tolist()

@@ -1,4 +1,4 @@
-r"""Files of the JSON messages of XELA's server, as they come from its WebSocket."""
+r"""Recordings as files of JSON messages, as sent by the WebSocket of XELA's server."""
 
 import json
 import logging
@@ -15,7 +15,7 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import each_key_once, short_repr
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._recording_schema import checked_file, new_recording
+from torch_geometric_tactile.io._recording_schema import new_recording, recording_path
 from torch_geometric_tactile.io.xela_message import (
     XELA_VERSION,
     XelaFrame,
@@ -30,24 +30,25 @@ _log = logging.getLogger(__name__)
 def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
     r"""Reads a recording from a file of messages of XELA's server.
 
-    There may be one message a line, or one over several lines, with lines of a log between them.
-    A greeting (``{"message": "Welcome"}``) is skipped. A message with the number of the one before
-    is left out, and counted as :obj:`"repeated_messages"` in the metadata; so is one with sensors
-    and a text in place of its number, as :obj:`"skipped_messages"`. The metadata also hold
-    :obj:`"models"`, :obj:`"taxels"` and :obj:`"handedness"` of the sensors (what the server says,
-    and hence :obj:`"handedness_reliable"` is false) and :obj:`"server_version"`.
+    A message may take one or several lines, and log lines may be between messages. A greeting
+    (``{"message": "Welcome"}``) is skipped. Messages with the number of the previous one are left
+    out, and :obj:`"repeated_messages"` in the metadata is their number. Messages with sensors and a
+    text instead of a number are also left out, and :obj:`"skipped_messages"` is their number. The
+    metadata also hold :obj:`"models"`, :obj:`"taxels"` and :obj:`"handedness"` of the sensors, and
+    :obj:`"server_version"`. The handedness of the server may be wrong, so
+    :obj:`"handedness_reliable"` is false.
 
     Args:
         path (str or PathLike): The file.
         forces (bool): Whether to read the forces in newtons instead of the counts.
 
     Returns:
-        Recording: The time of the messages in seconds since 1970, and the readings of all sensors,
-        one after another by their number.
+        Recording: The time of the messages in seconds since 1970, and the readings of all sensors
+        in the order of their numbers.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is cut, holds no message or one that cannot be read, the sensors or
+        ValueError: If the file is truncated, holds no message or an invalid one, the sensors or
             their models change, or the time does not increase. The message names the line.
 
     Examples:
@@ -62,53 +63,53 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
         ...     read_xela_messages(path)
         Recording(num_frames=5, num_taxels=4, num_channels=3, rate=100)
     """
-    path = checked_file(path)
+    path = recording_path(path)
     frames: list[XelaFrame] = []
     sensors: list[str] = []
-    repeated = skipped = 0
-    for line, message in _messages(path):
+    num_repeated = num_skipped = 0
+    for line, message in _read_messages(path):
         if isinstance(message.get("message"), str):
-            skipped += bool(sensor_keys(message))
+            num_skipped += bool(sensor_keys(message))
             continue
         try:
             frame = parse_xela_message(message, forces)
         except ValueError as error:
             raise ValueError(f"'{path}', line {line}: {error}") from error
         if frames:
-            before = frames[-1]
-            if frame.number == before.number:
-                repeated += 1
+            previous = frames[-1]
+            if frame.number == previous.number:
+                num_repeated += 1
                 continue
-            if sensor_keys(message) != sensors or frame.models != before.models:
+            if sensor_keys(message) != sensors or frame.models != previous.models:
                 raise ValueError(
                     f"'{path}', line {line}: message {frame.number} must have sensors {sensors} of "
-                    f"models {short_repr(list(before.models))}, as those before (got "
+                    f"models {short_repr(list(previous.models))}, as in earlier ones (got "
                     f"{sensor_keys(message)} of models {short_repr(list(frame.models))})"
                 )
-            if frame.taxels != before.taxels:
+            if frame.taxels != previous.taxels:
                 raise ValueError(
                     f"'{path}', line {line}: message {frame.number} must have sensors of "
-                    f"{list(before.taxels)} taxels, as those before (got {list(frame.taxels)})"
+                    f"{list(previous.taxels)} taxels, as in earlier ones (got {list(frame.taxels)})"
                 )
-            if frame.time <= before.time:
+            if frame.time <= previous.time:
                 raise ValueError(
                     f"'{path}', line {line}: 'time' must increase (got {frame.time} s in message "
-                    f"{frame.number} after {before.time} s in message {before.number})"
+                    f"{frame.number} after {previous.time} s in message {previous.number})"
                 )
         frames.append(frame)
         sensors = sensor_keys(message)
     need(frames, f"'{path}' must hold at least one XELA message (got none)")
-    first = frames[0]
+    first_frame = frames[0]
     meta = {
         "sensor": "XELA uSkin",
         "unit": "newton" if forces else "count",
-        "models": first.models,
-        "taxels": first.taxels,
-        "handedness": first.handedness,
+        "models": first_frame.models,
+        "taxels": first_frame.taxels,
+        "handedness": first_frame.handedness,
         "handedness_reliable": False,
-        "server_version": first.version,
-        "repeated_messages": repeated,
-        "skipped_messages": skipped,
+        "server_version": first_frame.version,
+        "repeated_messages": num_repeated,
+        "skipped_messages": num_skipped,
     }
     return new_recording(
         path,
@@ -118,40 +119,44 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
     )
 
 
-_PART = re.compile(r'}|"\s*:')
+_MESSAGE_PART = re.compile(r'}|"\s*:')
 
 
-def _messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
+def _read_messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"'{path}' cannot be read as text: {error}") from error
-    # Some servers send line breaks inside of texts, which strict JSON forbids.
+    # Some servers send line breaks within texts, which strict JSON forbids.
     decoder = json.JSONDecoder(strict=False, object_pairs_hook=each_key_once)
-    ends = [match.start() for match in re.finditer("\n", text)]
-    start, passed = text.find("{"), 0
+    # Sorted, so that the line of a position is found by bisection.
+    line_ends = [match.start() for match in re.finditer("\n", text)]
+    start, previous_end = text.find("{"), 0
     while start >= 0:
-        _check_passed(path, text, passed, start)
-        line = bisect_right(ends, start) + 1
+        _check_between_messages(path, text, previous_end, start)
+        line = bisect_right(line_ends, start) + 1
         try:
             message, end = decoder.raw_decode(text, start)
-        except (ValueError, RecursionError) as error:  # also of a number with thousands of digits
+        except (
+            ValueError,
+            RecursionError,
+        ) as error:  # ValueError also for a number with thousands of digits
             raise ValueError(
                 f"'{path}', line {line}: the message that begins here cannot be read as JSON "
-                f"({error}): is the file truncated? Delete what is left of it"
+                f"({error}): is the file truncated? Delete the rest of this message"
             ) from error
         yield line, message
-        start, passed = text.find("{", end), end
-    _check_passed(path, text, passed, len(text))
+        start, previous_end = text.find("{", end), end
+    _check_between_messages(path, text, previous_end, len(text))
 
 
-def _check_passed(path: Path, text: str, start: int, stop: int) -> None:
-    # Lines of a log may be between messages, but not what is left of a message.
-    part = _PART.search(text, start, stop)
+def _check_between_messages(path: Path, text: str, start: int, stop: int) -> None:
+    # Log lines may be between messages, but not parts of a message.
+    part = _MESSAGE_PART.search(text, start, stop)
     if part is not None:
         raise ValueError(
             f"'{path}', line {text.count(chr(10), 0, part.start()) + 1}: the end of a message "
-            "must have its beginning (got none): is the file truncated? Delete what is left of it"
+            "must follow its beginning (got none): is the file truncated? Delete this end"
         )
 
 
@@ -161,18 +166,18 @@ def write_xela_messages(
     r"""Writes a recording as messages of XELA's server, one per line. The file is either complete
     or absent.
 
-    Sensors, models, handedness and version are those that :meth:`read_xela_messages` leaves in the
-    metadata. Joints, label, other metadata, further signals and what only a simulator knows have no
-    place in the file; a warning is logged when there are any.
+    Sensors, models, handedness and version are taken from the metadata of
+    :meth:`read_xela_messages`. Joints, label, other metadata, further and privileged signals are
+    not stored, and a warning lists them.
 
     Args:
-        recording (Recording): Counts, with three channels.
+        recording (Recording): Readings in counts, with three channels.
         path (str or PathLike): The file.
         forces (Recording, optional): The same frames in newtons.
         first_number (int): Number of the first message.
 
     Raises:
-        ValueError: If there is no frame, the readings are no counts from 0 to 65535, one is
+        ValueError: If there is no frame, the readings are not counts from 0 to 65535, a reading is
             missing, or :obj:`forces` has other frames.
 
     Examples:
@@ -184,10 +189,12 @@ def write_xela_messages(
         4
     """
     if recording.num_frames == 0:
-        raise ValueError("'recording' must hold at least one frame to be XELA messages (got none)")
+        raise ValueError(
+            "'recording' must hold at least one frame to be written as XELA messages (got none)"
+        )
     if recording.meta.get("unit", "count") != "count" or recording.num_channels != 3:
         raise ValueError(
-            "'recording' must hold counts of 3 channels to be XELA messages (got "
+            "'recording' must hold counts of 3 channels to be written as XELA messages (got "
             f"{recording.num_channels} channels, unit '{recording.meta.get('unit')}')"
         )
     if forces is not None and (
@@ -197,14 +204,28 @@ def write_xela_messages(
     ):
         raise ValueError(f"'forces' must hold the same frames in newtons (got {forces})")
     meta = recording.meta
-    kept = {"models", "taxels", "handedness", "server_version"}
-    implied = {"sensor", "unit", "handedness_reliable", "repeated_messages", "skipped_messages"}
-    lost = [*(meta.keys() - kept - implied), *recording.privileged, *recording.extra]
-    lost += [] if recording.label is None else ["label"]
-    lost += [] if recording.joint is None else ["joint"]
-    lost += ["annotations"] if recording.annotations else []
-    if lost:
-        _log.warning("'%s' is XELA messages and cannot hold %s", path, ", ".join(sorted(lost)))
+    written_keys = {"models", "taxels", "handedness", "server_version"}
+    implied_keys = {
+        "sensor",
+        "unit",
+        "handedness_reliable",
+        "repeated_messages",
+        "skipped_messages",
+    }
+    unsupported = [
+        *(meta.keys() - written_keys - implied_keys),
+        *recording.privileged,
+        *recording.extra,
+    ]
+    unsupported += [] if recording.label is None else ["label"]
+    unsupported += [] if recording.joint is None else ["joint"]
+    unsupported += ["annotations"] if recording.annotations else []
+    if unsupported:
+        _log.warning(
+            "'%s' is a file of XELA messages and cannot store %s",
+            path,
+            ", ".join(sorted(unsupported)),
+        )
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         for i, time in enumerate(recording.time.tolist()):
             try:
@@ -219,5 +240,7 @@ def write_xela_messages(
                     version=meta.get("server_version", XELA_VERSION),
                 )
             except ValueError as error:
-                raise ValueError(f"frame {i} cannot be a XELA message: {error}") from error
+                raise ValueError(
+                    f"frame {i} cannot be written as a XELA message: {error}"
+                ) from error
             file.write(json.dumps(message, ensure_ascii=False) + "\n")

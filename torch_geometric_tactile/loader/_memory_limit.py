@@ -1,4 +1,4 @@
-r"""How much memory there is for data."""
+r"""The memory that a process may use, and whether a data set exceeds it."""
 
 import os
 from contextlib import suppress
@@ -8,45 +8,48 @@ from typing import Any
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._batches import static_parts
 
-_CGROUPS = "/sys/fs/cgroup"
-_OWN = "/proc/self/cgroup"
+_CGROUP_FOLDER = "/sys/fs/cgroup"
+_PROCESS_GROUPS = "/proc/self/cgroup"
 
 
-def memory_limit(cgroups: PathLike = _CGROUPS, own: PathLike = _OWN) -> int | None:
-    r"""Returns the bytes of memory that this process may use: those of the machine or, if less, of
-    its control group (of a container or a job). It is :obj:`None` where neither is known.
+def memory_limit(
+    cgroup_folder: PathLike = _CGROUP_FOLDER, process_groups: PathLike = _PROCESS_GROUPS
+) -> int | None:
+    r"""Returns the memory in bytes that this process may use: the lower one of the memory of the
+    machine and the limit of its control group (of a container or a job). It is :obj:`None` if
+    neither is known.
     """
-    found = [_group_limit(Path(cgroups), line) for line in _lines(Path(own))]
+    limits = [_group_limit(Path(cgroup_folder), line) for line in _read_lines(Path(process_groups))]
     with suppress(AttributeError, OSError, ValueError):  # not on Windows
-        found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    return min((limit for limit in found if limit is not None), default=None)
+        limits.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    return min((limit for limit in limits if limit is not None), default=None)
 
 
 def exceeds_memory(dataset: Any, limit: int | None = None) -> bool:
-    r"""Tells whether the samples of a data set, in a memory-mapped file, are larger than memory."""
+    r"""Returns whether the samples of a memory-mapped data set are larger than the memory."""
     limit = memory_limit() if limit is None else limit
     return limit is not None and sum(part.nbytes for part in static_parts(dataset)) > limit
 
 
-def _lines(path: Path) -> list[str]:
+def _read_lines(path: Path) -> list[str]:
     try:
         return path.read_text(encoding="utf-8").splitlines()
     except OSError:
         return []
 
 
-def _group_limit(cgroups: Path, line: str) -> int | None:
+def _group_limit(cgroup_folder: Path, line: str) -> int | None:
     # A line is 'number:controllers:path', without controllers in version 2. The limits of all
-    # groups above count as well.
-    _, _, rest = line.partition(":")
-    controllers, _, path = rest.partition(":")
+    # parent groups apply as well.
+    _, _, controllers_and_path = line.partition(":")
+    controllers, _, path = controllers_and_path.partition(":")
     if controllers == "":
-        folder, name = cgroups, "memory.max"
+        folder, name = cgroup_folder, "memory.max"
     elif "memory" in controllers.split(","):
-        folder, name = cgroups / "memory", "memory.limit_in_bytes"
+        folder, name = cgroup_folder / "memory", "memory.limit_in_bytes"
     else:
         return None
-    steps = [part for part in path.split("/") if part not in ("", "..")]
-    folders = [folder.joinpath(*steps[:depth]) for depth in range(len(steps) + 1)]
-    limits = [text for one in folders for text in _lines(one / name)]
+    group_names = [part for part in path.split("/") if part not in ("", "..")]
+    folders = [folder.joinpath(*group_names[:depth]) for depth in range(len(group_names) + 1)]
+    limits = [text for group_folder in folders for text in _read_lines(group_folder / name)]
     return min((int(text) for text in limits if text.isdigit()), default=None)

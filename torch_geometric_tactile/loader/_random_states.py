@@ -1,4 +1,4 @@
-r"""The random states of Python, NumPy and PyTorch's CPU: kept, written down or set for a batch."""
+r"""The random states of Python, NumPy and PyTorch's CPU: to save, restore and seed them."""
 
 import hashlib
 import random
@@ -11,9 +11,17 @@ import torch
 from numpy.random.mtrand import get_bit_generator, set_bit_generator
 from torch import Tensor
 
-# What a state that was changed makes its source raise.
-_UNFIT = (AttributeError, IndexError, KeyError, OverflowError, RuntimeError, TypeError, ValueError)
-_SEEDED = np.random.MT19937(0)  # making one takes as long
+# Errors of the generators for a state that was edited or damaged.
+_STATE_ERRORS = (
+    AttributeError,
+    IndexError,
+    KeyError,
+    OverflowError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
+_SEEDED_BITS = np.random.MT19937(0)  # shared, since creating one takes as long as a batch
 
 
 class RandomStates(NamedTuple):
@@ -25,18 +33,18 @@ class RandomStates(NamedTuple):
 
     @classmethod
     def now(cls) -> Self:
-        r"""Returns the states as they are."""
+        r"""Returns the current states."""
         numpy = np.random.get_state(legacy=False)  # noqa: NPY002 - the global state
         return cls(torch.get_rng_state(), dict(numpy), random.getstate())
 
     def restore(self) -> None:
-        r"""Makes them the states again."""
+        r"""Sets the global states to these."""
         torch.set_rng_state(self.torch)
         np.random.set_state(self.numpy)  # noqa: NPY002
         random.setstate(self.python)
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns them as plain values and tensors, for a checkpoint."""
+        r"""Returns the states as plain values and tensors, for a checkpoint."""
         version, numbers, gauss = self.python
         inner = self.numpy["state"]
         return {
@@ -52,7 +60,11 @@ class RandomStates(NamedTuple):
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Returns the states that :meth:`to_dict` wrote down."""
+        r"""Returns the states from the content that :meth:`to_dict` returned.
+
+        Raises:
+            ValueError: If :obj:`content` does not hold valid states.
+        """
         try:
             numpy, python = content["numpy"], content["python"]
             key = numpy["key"].cpu().numpy().astype(np.uint32)
@@ -66,9 +78,9 @@ class RandomStates(NamedTuple):
                 },
                 (python["version"], tuple(python["numbers"].tolist()), python["gauss"]),
             )
-            with kept_rng():
+            with preserve_random_states():
                 states.restore()
-        except _UNFIT as error:
+        except _STATE_ERRORS as error:
             raise ValueError(
                 f"the random states must be those of PyTorch, NumPy and Python (got {error!r})"
             ) from error
@@ -76,9 +88,9 @@ class RandomStates(NamedTuple):
 
 
 @contextmanager
-def kept_rng() -> Iterator[None]:
-    r"""Restores the random states of Python, NumPy and PyTorch's CPU at the end, such that what is
-    done within does not change what is drawn after it.
+def preserve_random_states() -> Iterator[None]:
+    r"""Restores the random states of Python, NumPy and PyTorch's CPU at the end of the block, so
+    that the block does not change the random numbers after it.
     """
     states = RandomStates.now()
     try:
@@ -89,30 +101,30 @@ def kept_rng() -> Iterator[None]:
 
 @contextmanager
 def seeded_rng(seed: int, generators: Sequence[torch.Generator] = ()) -> Iterator[None]:
-    r"""Lets all that is drawn within follow from a seed, and nothing that is drawn after it, except
-    that NumPy forgets the second of two normal numbers, which it draws together.
+    r"""Seeds Python, NumPy, PyTorch's CPU and the generators within the block, and restores their
+    states at the end, except that NumPy loses a cached second normal number.
     """
-    before, python = torch.get_rng_state(), random.getstate()
+    torch_state, python_state = torch.get_rng_state(), random.getstate()
     states = [generator.get_state() for generator in generators]
-    # Another bit generator in place of NumPy's: reading its state would take longer than a batch.
-    numpy = get_bit_generator()
-    set_bit_generator(_SEEDED)
+    # Replaces NumPy's bit generator, since reading its state would take longer than a batch.
+    numpy_bits = get_bit_generator()
+    set_bit_generator(_SEEDED_BITS)
     try:
         torch.default_generator.manual_seed(seed)
         random.seed(seed)
         np.random.seed(seed % 2**32)  # noqa: NPY002
         for generator in generators:
-            generator.manual_seed(mixed(seed, generator.initial_seed()))
+            generator.manual_seed(mix_seeds(seed, generator.initial_seed()))
         yield
     finally:
-        torch.set_rng_state(before)
-        random.setstate(python)
-        set_bit_generator(numpy)
+        torch.set_rng_state(torch_state)
+        random.setstate(python_state)
+        set_bit_generator(numpy_bits)
         for generator, state in zip(generators, states, strict=True):
             generator.set_state(state)
 
 
-def mixed(*numbers: int) -> int:
-    r"""Returns a seed that follows from all numbers."""
+def mix_seeds(*numbers: int) -> int:
+    r"""Returns a seed of 63 bits that depends on all numbers."""
     digest = hashlib.blake2b(repr(numbers).encode(), digest_size=8).digest()
-    return int.from_bytes(digest, "little") >> 1  # in the range of every source
+    return int.from_bytes(digest, "little") >> 1  # in the range of every generator

@@ -1,4 +1,4 @@
-r"""Random orders for data that does not fit into memory."""
+r"""Random orders for data sets that do not fit into memory."""
 
 from collections.abc import Iterator, Sized
 
@@ -9,21 +9,22 @@ from torch_geometric_tactile._checks import need
 
 
 class BlockSampler(RandomSampler):
-    r"""Draws the samples by blocks: blocks of consecutive samples in random order, and the samples
-    of several blocks shuffled together.
+    r"""Draws the samples by blocks: the blocks of consecutive samples are in random order, and the
+    samples of several blocks are shuffled together.
 
-    Each sample is drawn once in an epoch. A memory-mapped file is read a block at a time, where a
-    full random order reads a page of it for nearly every sample.
+    Each sample is drawn once in an epoch. A memory-mapped file is read block by block, whereas a
+    full random order reads a page of the file for nearly every sample.
 
-    It is a :class:`~torch.utils.data.RandomSampler`, so that Lightning replaces it by its own
-    distributed sampler where several processes train one model. That one draws in a full random
-    order, with the same seed in all processes.
+    The class is a :class:`~torch.utils.data.RandomSampler`, so that Lightning replaces it by its
+    distributed sampler if several processes train one model. The distributed sampler draws in a
+    full random order, with the same seed in all processes.
 
     Args:
         data_source (Sized): The samples.
         block_size (int): Number of consecutive samples of a block.
         num_blocks (int): Number of blocks whose samples are mixed.
-        generator (torch.Generator, optional): What is drawn from; the global one if left out.
+        generator (torch.Generator, optional): Source of the random numbers. Defaults to the global
+            one.
 
     Raises:
         ValueError: If a number is below one.
@@ -50,12 +51,14 @@ class BlockSampler(RandomSampler):
         self.num_blocks = num_blocks
 
     def __iter__(self) -> Iterator[int]:
-        # One number from the source of the loader: the rest of an epoch follows from it.
+        # Draws a single number from the loader's generator, which seeds the order of the epoch.
         seed = torch.empty((), dtype=torch.int64).random_(generator=self.generator)
         generator = torch.Generator().manual_seed(int(seed))
         size = len(self.data_source)
         blocks = torch.randperm(-(-size // self.block_size), generator=generator)
-        for chosen in blocks.split(self.num_blocks):
-            index = (self.block_size * chosen[:, None] + torch.arange(self.block_size)).view(-1)
+        for mixed_blocks in blocks.split(self.num_blocks):
+            index = (self.block_size * mixed_blocks[:, None] + torch.arange(self.block_size)).view(
+                -1
+            )
             index = index[index < size]  # the last block of the data may be shorter
             yield from index[torch.randperm(len(index), generator=generator)].tolist()

@@ -1,11 +1,12 @@
-r"""Whole batches cut from one tensor."""
+r"""A loader that cuts batches from one tensor."""
 
 import copy
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import nullcontext
 from functools import cache
 from pickle import PicklingError
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import torch
 from torch.utils.data import DataLoader, Dataset
@@ -15,24 +16,24 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._batches import check_joinable, static_batch, static_parts
 from torch_geometric_tactile.data.apply_transform import stack_like
-from torch_geometric_tactile.loader._keyed_batches import CutBatches, KeyedBatches
 from torch_geometric_tactile.loader._memory_limit import exceeds_memory
+from torch_geometric_tactile.loader._random_states import mix_seeds, seeded_rng
 from torch_geometric_tactile.loader.block_sampler import BlockSampler
 
 _logger = logging.getLogger(__name__)
 
 
 class _StaticCollater:
-    r"""Turns what a loader has fetched into one :class:`StaticData`."""
+    r"""Collates the samples that a loader has fetched to one :class:`StaticData`."""
 
     def __init__(self, dataset: Dataset) -> None:
         self.dataset = dataset
 
     def __call__(self, samples: Any) -> StaticData:
-        r"""Returns the samples of a batch in one piece, if they were not read yet."""
+        r"""Returns one :class:`StaticData` with all samples."""
         if isinstance(samples, StaticData):
             return samples
-        if isinstance(samples, StaticDataset):  # of a sampler that yields lists
+        if isinstance(samples, StaticDataset):  # from a sampler that yields lists
             return samples.batch(range(len(samples)))
         samples = [samples] if isinstance(samples, Data) else list(samples)
         if not samples:
@@ -40,38 +41,121 @@ class _StaticCollater:
         return stack_like(samples, static_batch(self.dataset, []))
 
 
+class _KeyedIndex(NamedTuple):
+    r"""The indices of the samples of a batch, and the seed of its random transforms."""
+
+    index: Any
+    seed: int | None
+
+
+class _KeyedBatches:
+    r"""The batches of a sampler, each with a seed that depends on its number and on the random
+    state at the start of the epoch.
+
+    Args:
+        sampler (iterable): The batches of indices.
+        generator (torch.Generator, optional): Its state gives the seeds; the global one by default.
+        keyed (bool): Whether to give seeds.
+    """
+
+    def __init__(
+        self, sampler: Iterable[Any], generator: torch.Generator | None, keyed: bool
+    ) -> None:
+        self.sampler = sampler
+        self.generator = generator
+        self.keyed = keyed
+        # Indices of batches that are requested but not yielded yet, by number.
+        self.indices: dict[int, Any] = {}
+
+    def __len__(self) -> int:
+        return len(self.sampler)  # type: ignore[arg-type]
+
+    def __iter__(self) -> Iterator[_KeyedIndex]:
+        self.indices.clear()
+        seed = self._epoch_seed() if self.keyed else None
+        for number, index in enumerate(self.sampler):
+            self.indices[number] = index
+            yield _KeyedIndex(index, None if seed is None else mix_seeds(seed, number))
+
+    def _epoch_seed(self) -> int:
+        # Drawn from a copy, so that the random numbers that follow stay the same.
+        source, copied_generator = self.generator, torch.Generator()
+        copied_generator.set_state(torch.get_rng_state() if source is None else source.get_state())
+        return int(torch.empty((), dtype=torch.int64).random_(generator=copied_generator))
+
+
+class _BatchDataset(Dataset):
+    r"""A data set whose items are batches, cut from the tensors of another data set.
+
+    Args:
+        dataset (Dataset): The data set of the samples.
+    """
+
+    def __init__(self, dataset: Dataset) -> None:
+        self.dataset = dataset
+        transforms = [transform for part in static_parts(dataset) for transform in part.transforms]
+        self._is_plain = all(transform is None for transform in transforms)
+        self._generators = [
+            generator for transform in transforms for generator in _transform_generators(transform)
+        ]
+
+    def __len__(self) -> int:
+        return len(self.dataset)  # type: ignore[arg-type]
+
+    def __getitem__(self, key: _KeyedIndex) -> StaticData:  # an index or a list of indices
+        return self._cut(torch.as_tensor(key.index).view(-1).tolist(), key.seed)
+
+    def __getitems__(self, key: _KeyedIndex) -> StaticData:
+        return self._cut(key.index, key.seed)
+
+    def _cut(self, index: Any, seed: int | None) -> StaticData:
+        is_random = seed is not None and not self._is_plain
+        with seeded_rng(seed or 0, self._generators) if is_random else nullcontext():
+            return static_batch(self.dataset, index)
+
+
+def _transform_generators(transform: Any) -> Iterator[torch.Generator]:
+    # The random generators that are attributes of a transform, or of the transforms in it.
+    for inner in getattr(transform, "transforms", ()):
+        yield from _transform_generators(inner)
+    for value in getattr(transform, "__dict__", {}).values():
+        if isinstance(value, torch.Generator):
+            yield value
+
+
 class StaticLoader(DataLoader):
     r"""Loads batches of a :class:`~torch_geometric_tactile.data.StaticDataset` as
     :class:`~torch_geometric_tactile.data.StaticData`: readings :math:`(B, N, F)` together with the
     one :obj:`edge_index` of all samples.
 
-    It yields the numbers of :class:`torch_geometric.loader.DataLoader` without building a
-    :class:`~torch_geometric.data.Data` object for each sample. Shuffling, workers, pinned memory,
-    samplers and distributed sampling are those of :class:`torch.utils.data.DataLoader`.
+    Batches hold the same numbers as those of :class:`torch_geometric.loader.DataLoader`, but no
+    :class:`~torch_geometric.data.Data` object is built for each sample. Shuffling, workers, pinned
+    memory, samplers and distributed sampling work as in :class:`torch.utils.data.DataLoader`.
 
     Args:
         dataset (StaticDataset): The data set; or a :class:`~torch.utils.data.Subset` of one, such
-            as the parts of :func:`~torch.utils.data.random_split`, or a
-            :class:`~torch.utils.data.ConcatDataset` of several with one layout, the same edges,
-            the same attributes and the same names of classes, groups and sessions.
+            as the parts of :func:`~torch.utils.data.random_split`; or a
+            :class:`~torch.utils.data.ConcatDataset` of several with the same layout, edges,
+            attributes and names of classes, groups and sessions.
         batch_size (int, optional): Number of samples of a batch. With :obj:`None`, each index of
             the sampler (or list of indices) is a batch.
-        shuffle (bool or str, optional): Whether to draw the samples in a new order every epoch:
-            by blocks with :obj:`"blocks"` (see
-            :class:`~torch_geometric_tactile.loader.BlockSampler`, which may also be given as
-            :obj:`sampler`). With :obj:`True`, it is by blocks where the data set is in a
-            memory-mapped file that is larger than memory; a warning is logged then, once.
-        keyed (bool): Whether what random transforms draw follows from the epoch and the number of
-            the batch alone. Then it does not depend on workers, and draws nothing from the global
-            random states.
-        **kwargs: Further arguments of :class:`torch.utils.data.DataLoader`, but :obj:`collate_fn`.
+        shuffle (bool or str, optional): Whether to draw the samples in a new order every epoch.
+            With :obj:`"blocks"`, the order is that of
+            :class:`~torch_geometric_tactile.loader.BlockSampler` (which may also be passed as
+            :obj:`sampler`). With :obj:`True`, this is also the order for a memory-mapped data set
+            that is larger than the memory, and a warning is logged once.
+        keyed (bool): Whether the random numbers of transforms depend only on the epoch and the
+            number of the batch. Then they are the same for any number of workers, and the global
+            random states do not change.
+        **kwargs: Further arguments of :class:`torch.utils.data.DataLoader`, except
+            :obj:`collate_fn`.
 
     Raises:
         TypeError: If :obj:`dataset` is of another kind, or :obj:`collate_fn`,
             :obj:`follow_batch` or :obj:`exclude_keys` are given.
         ValueError: If the parts of a :class:`~torch.utils.data.ConcatDataset` differ in their
-            layouts, edges, attributes or names, or :obj:`shuffle` is none of these, or
-            goes with a sampler.
+            layouts, edges, attributes or names, if :obj:`shuffle` has another value, or if
+            :obj:`"blocks"` is combined with a sampler.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -89,7 +173,7 @@ class StaticLoader(DataLoader):
         keyed: bool = False,
         **kwargs: Any,
     ) -> None:
-        _refuse(kwargs)
+        _check_arguments(kwargs)
         parts = list(static_parts(dataset))
         if len(parts) > 1:
             check_joinable(parts)
@@ -100,7 +184,7 @@ class StaticLoader(DataLoader):
         )
         self.keyed = keyed
         self._sampler_name = "sampler" if self.batch_sampler is None else "batch_sampler"
-        self._batches = KeyedBatches(getattr(self, self._sampler_name), self.generator, keyed)
+        self._batches = _KeyedBatches(getattr(self, self._sampler_name), self.generator, keyed)
         self._last_index: Any = None
 
     @property
@@ -110,20 +194,20 @@ class StaticLoader(DataLoader):
         return torch.as_tensor(index, dtype=torch.long).view(-1).tolist()
 
     def __iter__(self) -> Any:
-        # Random numbers are drawn with the first batch, not before: where Lightning resumes at the
-        # end of an epoch, it may make an iterator that it does not use.
+        # Random numbers are drawn with the first batch, not before: when Lightning resumes at the
+        # end of an epoch, it may create an iterator that it does not use.
         if self._iterator is not None:
-            # Workers that stay draw no seed again: without this, orders would depend on them.
+            # Persistent workers draw no seed again; this draw keeps the order independent of them.
             torch.empty((), dtype=torch.int64).random_(generator=self.generator)
         for number, batch in enumerate(super().__iter__()):
             self._last_index = self._batches.indices.pop(number, None)
             yield batch
 
     def _get_iterator(self) -> Any:
-        # Not public, as the names in `__dict__`, which PyTorch does not let anyone set: a copy that
-        # cuts each batch in one piece, by its indices and its seed.
+        # Uses private parts of PyTorch: it forbids to set `dataset` and the sampler, so they are
+        # replaced in the `__dict__` of a copy, which cuts each batch in one piece.
         loader = copy.copy(self)
-        loader.__dict__["dataset"] = CutBatches(self.dataset)
+        loader.__dict__["dataset"] = _BatchDataset(self.dataset)
         loader.__dict__[self._sampler_name] = self._batches
         try:
             return DataLoader._get_iterator(loader)
@@ -131,9 +215,9 @@ class StaticLoader(DataLoader):
             if "pickle" not in str(error).lower():
                 raise
             raise TypeError(
-                "'dataset' must be one that can be pickled for workers that are not forked, the "
-                f"default from Python 3.14 on (got: {error}): define transforms and filters as "
-                "functions or classes of a module, not as a lambda, or use num_workers=0"
+                "'dataset' must be picklable for workers that are not forked, the default from "
+                f"Python 3.14 on (got: {error}): define transforms and filters as functions or "
+                "classes of a module, not as a lambda, or use num_workers=0"
             ) from error
 
 
@@ -142,41 +226,41 @@ def _has_sampler(kwargs: Mapping[str, Any]) -> bool:
 
 
 def _shuffle_by_blocks(dataset: Any, shuffle: Any, kwargs: dict[str, Any]) -> bool:
-    # Sets a sampler if it is to be by blocks, and returns the argument for PyTorch.
+    # Adds a sampler to `kwargs` for an order by blocks, and returns PyTorch's `shuffle`.
     if isinstance(shuffle, str):
         need(shuffle == "blocks", f"'shuffle' must be True, False or 'blocks' (got '{shuffle}')")
         need(not _has_sampler(kwargs), "'shuffle' must be left out with a sampler (got 'blocks')")
     elif not exceeds_memory(dataset):
         return True
     else:
-        _tell_blocks()
+        _warn_of_blocks()
     kwargs["sampler"] = BlockSampler(dataset, generator=kwargs.get("generator"))
     return False
 
 
 @cache
-def _tell_blocks() -> None:
+def _warn_of_blocks() -> None:
     _logger.warning(
-        "the data set is larger than memory: its samples are shuffled by blocks, which reads the "
-        "file in pieces; pass a RandomSampler as 'sampler' for a full random order"
+        "the data set is larger than memory: its samples are shuffled by blocks, so that the file "
+        "is read block by block; pass a RandomSampler as 'sampler' for a full random order"
     )
 
 
-def _refuse(kwargs: dict[str, Any]) -> None:
-    # Lightning builds a loader again from its attributes, and passes our own collater.
+def _check_arguments(kwargs: dict[str, Any]) -> None:
+    # Lightning rebuilds a loader from its attributes, and passes the collater of this module.
     collate_fn = kwargs.pop("collate_fn", None)
     if collate_fn is not None and not isinstance(collate_fn, _StaticCollater):
         raise TypeError(
-            "StaticLoader must not be given a 'collate_fn', since it cuts each batch in one piece: "
+            "StaticLoader takes no 'collate_fn', since it cuts each batch in one piece: "
             "use the 'transform' of the data set, or torch_geometric.loader.DataLoader"
         )
-    advice = {
+    alternatives = {
         "follow_batch": "in (B, N, F) each sample has its own row: use "
         "torch_geometric.loader.DataLoader for assignment vectors",
         "exclude_keys": "drop attributes in the 'transform' of the data set, or use "
         "torch_geometric.loader.DataLoader",
     }
-    for key, text in advice.items():
+    for key, alternative in alternatives.items():
         value = kwargs.pop(key, None)
         if value:
-            raise TypeError(f"StaticLoader must not be given '{key}' (got {value}): {text}")
+            raise TypeError(f"StaticLoader takes no '{key}' (got {value}): {alternative}")

@@ -15,7 +15,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
-from torch_geometric_tactile.io._csv_table import safe_cell
+from torch_geometric_tactile.io._csv_table import text_to_cell
 from torch_geometric_tactile.papers._table_caption import NOTHING, caption, cost_note
 from torch_geometric_tactile.papers._table_notes import (
     area_note,
@@ -119,10 +119,10 @@ def csv_text(run: PlanRun) -> str:
         published = number.source == OF_PAPER
         writer.writerow(
             [
-                *map(safe_cell, (cell.section, cell.row, cell.column, cell.experiment)),
-                safe_cell(number.source),
+                *map(text_to_cell, (cell.section, cell.row, cell.column, cell.experiment)),
+                text_to_cell(number.source),
                 measured_on if published else run.plan.data.kind,
-                safe_cell(number.metric),
+                text_to_cell(number.metric),
                 f"{number.mean:.6g}" if published else repr(number.mean),
                 "" if math.isnan(number.spread) else f"{number.spread:.6g}",
                 "" if published else number.runs,
@@ -140,9 +140,9 @@ def _runs_csv(run: PlanRun) -> str:
     for row in rows:
         writer.writerow(
             {
-                safe_cell(name): f"{value:.6g}"
+                text_to_cell(name): f"{value:.6g}"
                 if isinstance(value, float)
-                else safe_cell(str(value))
+                else text_to_cell(str(value))
                 for name, value in row.items()
             }
         )

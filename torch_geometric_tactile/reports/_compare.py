@@ -29,7 +29,7 @@ from torch_geometric_tactile.experiments.comparison import Comparison, ModelResu
 from torch_geometric_tactile.experiments.differences import Difference
 from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.io._csv_table import safe_cell
+from torch_geometric_tactile.io._csv_table import text_to_cell
 from torch_geometric_tactile.reports._predictions import cell_text
 from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparison, save_figure
 
@@ -247,7 +247,7 @@ def comparison_csv(comparison: Comparison) -> str:
             size = "" if result.num_parameters is None else result.num_parameters
             row = [kind, key, *map(_cell, numbers), size, result.seconds, result.milliseconds]
             row += map(_cell, more)
-            writer.writerow([safe_cell(result.model.name), *row])
+            writer.writerow([text_to_cell(result.model.name), *row])
     return file.getvalue()
 
 

@@ -18,8 +18,8 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
 from torch_geometric_tactile.data._column_order import column_names, in_column_order
 from torch_geometric_tactile.io import read_recording
-from torch_geometric_tactile.io._csv_table import safe_cell
-from torch_geometric_tactile.io.recording_files import chosen_format, format_options
+from torch_geometric_tactile.io._csv_table import text_to_cell
+from torch_geometric_tactile.io.recording_files import format_options, select_format
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.reports._prediction_pictures import PredictionPictures
 
@@ -81,7 +81,7 @@ def open_recording(
     """
     chosen = options or {}
     merged = {**predictor.read_options, **chosen}
-    taken = format_options(chosen_format(path, merged))
+    taken = format_options(select_format(path, merged))
     used = {k: v for k, v in merged.items() if k in taken or k in chosen}
     try:
         return read_recording(path, **used)
@@ -155,7 +155,7 @@ def cell_text(text: str) -> str:
     may be no text.
     """
     text = text.encode("utf-8", "backslashreplace").decode()
-    return text if re.fullmatch(r"[+-]?[0-9.]+", text) else safe_cell(text)
+    return text if re.fullmatch(r"[+-]?[0-9.]+", text) else text_to_cell(text)
 
 
 def describe_counts(count: Counter[str], out: PathLike, of_windows: bool = False) -> str:

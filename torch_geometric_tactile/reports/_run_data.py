@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile import datasets
-from torch_geometric_tactile._own_modules import find_own_modules
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile._user_modules import add_working_directory
 from torch_geometric_tactile.data import Protocol, Split, StaticDataset, Trials, Windows
 from torch_geometric_tactile.predictor import (
     MissingOwnError,
@@ -99,7 +99,7 @@ def _own_parts(config: str, argument: str) -> Any:
     settings = load_config(config)
     if not isinstance(settings.get("model"), Mapping):
         raise ValueError(f"configuration '{config}' must hold 'model' (got none)")
-    find_own_modules()
+    add_working_directory()
     # Sizes that the configuration leaves out are those of its data.
     has_data = isinstance(settings.get("data"), Mapping)
     data = _own_data(settings["data"]) if has_data else None
@@ -111,7 +111,7 @@ def _own_data(settings: dict[str, Any]) -> Any:
 
     from torch_geometric_tactile.training import TactileDataModule
 
-    find_own_modules()
+    add_working_directory()
     return instantiate_module(TactileDataModule, settings)
 
 

@@ -1,4 +1,4 @@
-r"""Assertions that check the laws of layers and transforms, for our tests and your own."""
+r"""Assertions that check the laws of layers and transforms, for tests."""
 
 from torch_geometric_tactile.testing.permutation_equivariant import assert_permutation_equivariant
 from torch_geometric_tactile.testing.static_equals_batched import assert_static_equals_batched

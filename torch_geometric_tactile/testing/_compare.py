@@ -1,30 +1,30 @@
-r"""How all laws compare."""
+r"""The comparison of tensors in all assertions."""
 
 import torch
 from torch import Tensor
 
 
-def assert_equal_numbers(law: str, found: Tensor, expected: Tensor, atol: float) -> None:
+def assert_equal_numbers(law: str, actual: Tensor, expected: Tensor, atol: float) -> None:
     r"""Raises an :class:`AssertionError` that names the law and the largest difference.
 
     Args:
-        law (str): What should have been equal, as a sentence.
-        found (torch.Tensor): The numbers found.
-        expected (torch.Tensor): The numbers expected. NaN equals NaN.
-        atol (float): The difference that is allowed.
+        law (str): The law that should hold, as a sentence.
+        actual (torch.Tensor): The actual numbers.
+        expected (torch.Tensor): The expected numbers. NaN equals NaN.
+        atol (float): The largest allowed difference.
     """
-    if found.shape != expected.shape:
+    if actual.shape != expected.shape:
         raise AssertionError(
-            f"{law}: the shapes differ, {tuple(found.shape)} and {tuple(expected.shape)}"
+            f"{law}: the shapes differ, {tuple(actual.shape)} and {tuple(expected.shape)}"
         )
-    found, expected = found.detach().double(), expected.detach().double()
-    if torch.equal(found.isnan(), expected.isnan()):
-        same = (found == expected) | found.isnan()  # infinity minus infinity is no number
-        difference = (found - expected).abs().masked_fill(same, 0.0)
+    actual, expected = actual.detach().double(), expected.detach().double()
+    if torch.equal(actual.isnan(), expected.isnan()):
+        same = (actual == expected) | actual.isnan()  # infinity minus infinity is NaN
+        difference = (actual - expected).abs().masked_fill(same, 0.0)
         largest = float(difference.max()) if difference.numel() else 0.0
     else:
         largest = float("nan")
     if not largest <= atol:
         raise AssertionError(
-            f"{law}: the largest difference is {largest:.3g} (allowed are {atol:.3g})"
+            f"{law}: the largest difference is {largest:.3g} (allowed: {atol:.3g})"
         )

@@ -1,4 +1,4 @@
-r"""The numbering of the taxels does not matter."""
+r"""The assertion that a layer is permutation equivariant."""
 
 from collections.abc import Callable
 
@@ -16,8 +16,8 @@ def assert_permutation_equivariant(
     edge_attr: Tensor | None = None,
     atol: float = 1e-5,
 ) -> None:
-    r"""Asserts that a layer on renumbered nodes gives the renumbered output, whatever the order in
-    which the edges are listed.
+    r"""Asserts that renumbering the nodes renumbers the output of a layer in the same way, and that
+    the order of the edges has no effect.
 
     .. math::
         f(\mathbf{P} \mathbf{X}, \mathbf{P} \mathbf{A} \mathbf{P}^{\top}) =
@@ -27,10 +27,10 @@ def assert_permutation_equivariant(
         layer (callable): The layer, with one output row for each node.
         x (torch.Tensor): Node features :math:`(N, F)` or :math:`(B, N, F)`.
         edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
-        seed (int): Which of the permutations.
+        seed (int): Seed of the random permutations.
         edge_attr (torch.Tensor, optional): Edge features or weights, shared by all samples
             :math:`(|\mathcal{E}|, D)` or :math:`(|\mathcal{E}|,)`.
-        atol (float): The difference that is allowed.
+        atol (float): The largest allowed difference.
 
     Raises:
         AssertionError: If the numbers differ.
@@ -41,21 +41,21 @@ def assert_permutation_equivariant(
         >>> assert_permutation_equivariant(StaticGCNConv(3, 8), torch.randn(5, 4, 3), edge_index)
     """
     generator = torch.Generator().manual_seed(seed)
-    order = _cycle(x.size(-2), generator).to(x.device)
-    listed = _cycle(edge_index.size(1), generator).to(edge_index.device)
-    number = order.argsort()  # the new number of each node
-    renumbered = number[edge_index[:, listed]]
+    order = _random_cycle(x.size(-2), generator).to(x.device)
+    edge_order = _random_cycle(edge_index.size(1), generator).to(edge_index.device)
+    new_number = order.argsort()  # of each node
+    renumbered = new_number[edge_index[:, edge_order]]
     with torch.no_grad():
         if edge_attr is None:
-            expected, found = layer(x, edge_index), layer(x[..., order, :], renumbered)
+            expected, actual = layer(x, edge_index), layer(x[..., order, :], renumbered)
         else:
             expected = layer(x, edge_index, edge_attr)
-            found = layer(x[..., order, :], renumbered, edge_attr[listed])
+            actual = layer(x[..., order, :], renumbered, edge_attr[edge_order])
     law = f"{type(layer).__name__} must be permutation equivariant"
-    assert_equal_numbers(law, found, expected[..., order, :], atol)
+    assert_equal_numbers(law, actual, expected[..., order, :], atol)
 
 
-def _cycle(size: int, generator: torch.Generator) -> Tensor:
+def _random_cycle(size: int, generator: torch.Generator) -> Tensor:
     order = torch.randperm(size, generator=generator)
-    # A single cycle leaves nothing in its place, which a random permutation often does.
+    # A single cycle moves every element; a random permutation often leaves some in place.
     return torch.empty_like(order).scatter(0, order, order.roll(1))

@@ -1,4 +1,4 @@
-r"""One topology and many samples give what a block-diagonal batch gives."""
+r"""The assertion that a layer gives the same output for static and block-diagonal batches."""
 
 from collections.abc import Callable
 
@@ -19,22 +19,23 @@ def assert_static_equals_batched(
     r"""Asserts that a layer or model gives the same numbers on :math:`(B, N, F)`, sample by sample
     on :math:`(N, F)`, and on PyG's block-diagonal batch :math:`(B \cdot N, F)`.
 
-    The layer is called as :obj:`layer(x, edge_index)`, or :obj:`layer(x, edge_index, edge_attr)`
-    where there are edge features. Its output may be one row for each node or one for each sample.
-    Call :meth:`~torch.nn.Module.eval` first where it draws random numbers.
+    The layer is called as :obj:`layer(x, edge_index)`, or as
+    :obj:`layer(x, edge_index, edge_attr)` with edge features. Its output may have one row for each
+    node or for each sample. Call :meth:`~torch.nn.Module.eval` first if the layer draws random
+    numbers.
 
     Args:
         layer (callable): The layer.
         x (torch.Tensor): Node features :math:`(B, N, F)`.
         edge_index (torch.Tensor): The edges of every sample :math:`(2, |\mathcal{E}|)`.
         edge_attr (torch.Tensor, optional): Edge features or weights of every sample
-            :math:`(|\mathcal{E}|, D)` or :math:`(|\mathcal{E}|,)`, or of each
-            :math:`(B, |\mathcal{E}|, D)`.
-        atol (float): The difference that is allowed.
+            :math:`(|\mathcal{E}|, D)` or :math:`(|\mathcal{E}|,)`, or different ones for each
+            sample :math:`(B, |\mathcal{E}|, D)`.
+        atol (float): The largest allowed difference.
 
     Raises:
         AssertionError: If the numbers differ.
-        ValueError: If :obj:`x` has not three dimensions or holds no sample.
+        ValueError: If :obj:`x` does not have three dimensions, or holds no sample.
 
     Examples:
         >>> from torch_geometric_tactile.nn.conv import StaticGCNConv
@@ -55,6 +56,7 @@ def assert_static_equals_batched(
     batch = Batch.from_data_list(samples)
     with torch.no_grad():
         static = layer(x, edge_index) if edge_attr is None else layer(x, edge_index, edge_attr)
+        # Rows of nodes or samples, so that outputs of both shapes can be compared.
         rows = static.reshape(-1, static.size(-1))
         for name, parts in (("each sample", samples), ("PyG's batch", [batch])):
             outs = [
@@ -64,5 +66,5 @@ def assert_static_equals_batched(
                 for part in parts
             ]
             expected = torch.cat([out.reshape(-1, out.size(-1)) for out in outs])
-            law = f"{type(layer).__name__} must give on (B, N, F) what it gives on {name}"
+            law = f"{type(layer).__name__} must give the same output on (B, N, F) as on {name}"
             assert_equal_numbers(law, rows, expected, atol)

@@ -1,4 +1,4 @@
-r"""Frame by frame gives what whole windows give."""
+r"""The assertion that a model gives the same output for a stream and for windows."""
 
 from typing import Any
 
@@ -16,14 +16,13 @@ def assert_streaming_equals_window(
     edge_index: Tensor | None = None,
     atol: float = 1e-5,
 ) -> None:
-    r"""Asserts that a model gives on one frame at a time what it gives on windows.
+    r"""Asserts that a model gives the same output frame by frame as on windows.
 
-    * Fed from :obj:`model.initial_state(batch_size)` by :obj:`model.step(frame, edge_index,
-      state)`, it gives after each frame the logits of :obj:`model(window, edge_index)` on all
-      frames so far.
-    * From frame :obj:`model.receptive_field` on, it also gives those on the last so many frames: a
-      long stream and a window cut from it are the same. A model without this attribute, as a
-      recurrent one, need not.
+    * From :obj:`model.initial_state(batch_size)` on, :obj:`model.step(frame, edge_index, state)`
+      gives for each frame the logits of :obj:`model(window, edge_index)` on all frames so far.
+    * From frame :obj:`model.receptive_field` on, these are also the logits on the last
+      :obj:`model.receptive_field` frames: a long stream and a window cut from it are equivalent.
+      This law does not apply to a model without this attribute, such as a recurrent one.
 
     Call :meth:`~torch.nn.Module.eval` first. The second law is checked if there are more frames
     than :obj:`receptive_field`.
@@ -32,12 +31,12 @@ def assert_streaming_equals_window(
         model (torch.nn.Module): The model.
         x (torch.Tensor): Windows :math:`(B, N, C \cdot T)`.
         num_frames (int): Number of frames :math:`T`.
-        edge_index (torch.Tensor, optional): Edges, handed on.
-        atol (float): The difference that is allowed.
+        edge_index (torch.Tensor, optional): Edges, passed to the model.
+        atol (float): The largest allowed difference.
 
     Raises:
         AssertionError: If the numbers differ.
-        ValueError: If :obj:`x` is no batch of windows of so many frames.
+        ValueError: If :obj:`x` is not a batch of windows of :obj:`num_frames` frames.
 
     Examples:
         >>> from torch_geometric_tactile.nn import TemporalTaxelNet
@@ -50,14 +49,18 @@ def assert_streaming_equals_window(
             f"one window (got {tuple(x.shape)})"
         )
     frames = split_frames(x, num_frames)
-    field = getattr(model, "receptive_field", None) or num_frames
+    receptive_field = getattr(model, "receptive_field", None) or num_frames
     name = type(model).__name__
     with torch.no_grad():
         state = model.initial_state(len(x), device=x.device, dtype=x.dtype)
         for t in range(num_frames):
             out, state = model.step(frames[:, :, t], edge_index, state)
-            firsts = {0, max(0, t + 1 - field)}
-            for first in sorted(firsts):
-                expected = model(join_frames(frames[:, :, first : t + 1]), edge_index)
-                law = f"{name} must give after frame {t} what it gives on frames {first} to {t}"
+            # The window of all frames so far, and the window of the receptive field.
+            first_frames = {0, max(0, t + 1 - receptive_field)}
+            for first_frame in sorted(first_frames):
+                expected = model(join_frames(frames[:, :, first_frame : t + 1]), edge_index)
+                law = (
+                    f"{name} must give the same output after frame {t} as on frames "
+                    f"{first_frame} to {t}"
+                )
                 assert_equal_numbers(law, out, expected, atol)

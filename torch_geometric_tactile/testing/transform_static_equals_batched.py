@@ -1,4 +1,4 @@
-r"""A transform on many samples at once is the transform of each."""
+r"""The assertion that a transform gives the same attributes for static and single samples."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,15 +16,15 @@ def assert_transform_static_equals_batched(
 ) -> None:
     r"""Asserts that a transform gives the same attributes on
     :class:`~torch_geometric_tactile.data.StaticData`, sample by sample, and on PyG's block-diagonal
-    batch. What declares :obj:`supports_static = True` must keep this law.
+    batch. A transform with :obj:`supports_static = True` must satisfy this law.
 
     Args:
-        transform (callable): The transform, fitted.
+        transform (callable): The fitted transform.
         data (StaticData): The samples.
-        atol (float): The difference that is allowed.
+        atol (float): The largest allowed difference.
 
     Raises:
-        AssertionError: If an attribute is missing, superfluous or has other numbers.
+        AssertionError: If an attribute is missing, superfluous or differs.
         ValueError: If :obj:`data` holds no sample.
 
     Examples:
@@ -38,26 +38,32 @@ def assert_transform_static_equals_batched(
     name = type(transform).__name__
     static = transform(data).to_data_list()
     for i, expected in enumerate(static):
-        law = f"{name} must give on StaticData what it gives on sample {i}"
+        law = f"{name} must give the same attributes on StaticData as on sample {i}"
         _assert_same_attributes(law, transform(data.sample(i)), expected, atol)
-    law = f"{name} must give on PyG's batch what it gives on StaticData"
+    law = f"{name} must give the same attributes on PyG's batch as on StaticData"
     batch = transform(Batch.from_data_list(data.to_data_list()))
     _assert_same_attributes(law, batch, Batch.from_data_list(static), atol)
 
 
-def _assert_same_attributes(law: str, found: Data, expected: Data, atol: float) -> None:
-    # PyG's empty slots (`edge_attr=None`) are no attributes.
-    found_keys, expected_keys = (
-        {key for key, value in data.to_dict().items() if value is not None}
-        for data in (found, expected)
+def _assert_same_attributes(law: str, actual: Data, expected: Data, atol: float) -> None:
+    # PyG's empty attributes (`edge_attr=None`) are ignored.
+    actual_keys, expected_keys = (
+        {key for key, actual_value in data.to_dict().items() if actual_value is not None}
+        for data in (actual, expected)
     )
-    if found_keys != expected_keys:
+    if actual_keys != expected_keys:
         raise AssertionError(
-            f"{law}: the attributes differ, {sorted(found_keys)} and {sorted(expected_keys)}"
+            f"{law}: the attributes differ, {sorted(actual_keys)} and {sorted(expected_keys)}"
         )
-    for key in sorted(found_keys):
-        value, other = found[key], expected[key]
-        if isinstance(value, Tensor) and isinstance(other, Tensor):
-            assert_equal_numbers(f"{law}, in '{key}'", value, other, atol)
-        elif isinstance(value, Tensor) or isinstance(other, Tensor) or value != other:
-            raise AssertionError(f"{law}, in '{key}': {value!r} and {other!r} differ")
+    for key in sorted(actual_keys):
+        actual_value, expected_value = actual[key], expected[key]
+        if isinstance(actual_value, Tensor) and isinstance(expected_value, Tensor):
+            assert_equal_numbers(f"{law}, in '{key}'", actual_value, expected_value, atol)
+        elif (
+            isinstance(actual_value, Tensor)
+            or isinstance(expected_value, Tensor)
+            or actual_value != expected_value
+        ):
+            raise AssertionError(
+                f"{law}, in '{key}': {actual_value!r} and {expected_value!r} differ"
+            )

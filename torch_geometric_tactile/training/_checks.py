@@ -18,7 +18,7 @@ from torch_geometric.nn.norm import (
 )
 
 from torch_geometric_tactile.data._graph_samples import GraphSamples
-from torch_geometric_tactile.loader._random_states import kept_rng
+from torch_geometric_tactile.loader._random_states import preserve_random_states
 from torch_geometric_tactile.nn.models._calls import takes_batch
 from torch_geometric_tactile.training._collected_metrics import Task
 from torch_geometric_tactile.training._finite import check_part
@@ -205,7 +205,7 @@ def _check_outputs(module: Any, batch: Data) -> None:
         if isinstance(part, _MIXING) and getattr(part, "mode", "graph") == "graph"
     ]
     try:
-        with torch.no_grad(), kept_rng():
+        with torch.no_grad(), preserve_random_states():
             # Lightning names the device of the module before it moves the weights there.
             batch = batch.to(next(module.parameters(), torch.empty(0)).device)
             module.inputs(batch)  # which tells itself what is missing

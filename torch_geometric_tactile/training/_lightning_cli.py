@@ -24,7 +24,7 @@ from lightning.pytorch.cli import (
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from tabulate import tabulate
 
-from torch_geometric_tactile._own_modules import find_own_modules
+from torch_geometric_tactile._user_modules import add_working_directory
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._checkpoint_file import compare_settings
 from torch_geometric_tactile.training._config_files import merged, scratch_folder
@@ -108,7 +108,7 @@ class TactileCLI(LightningCLI):
 
     def parse_arguments(self, parser: LightningArgumentParser, args: ArgsType) -> None:
         r"""Builds the data, fills in the sizes of the model, and parses the arguments."""
-        find_own_modules()
+        add_working_directory()
         args = sys.argv[1:] if args is None else args
         with _explained("the configuration cannot be used"):
             if isinstance(args, list):
@@ -262,7 +262,7 @@ def _build_data(given: GivenArguments) -> TactileDataModule:
 
 def run_lightning(args: Sequence[str]) -> None:
     r"""Runs a subcommand."""
-    find_own_modules()
+    add_working_directory()
     args, folder = _output_folder(args)
     args, name = resolve_config_names(args)
     with warnings.catch_warnings(), _no_adverts():

@@ -18,7 +18,7 @@ from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet,
 from torch_geometric_tactile.data._shared_samples import warn_of_shared
 from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.loader import StaticLoader
-from torch_geometric_tactile.loader._random_states import kept_rng
+from torch_geometric_tactile.loader._random_states import preserve_random_states
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
 
@@ -205,7 +205,7 @@ class TactileDataModule(L.LightningDataModule):
         index = count if isinstance(count, Tensor) else _spread(len(part), count)
         steps = [step for step in flat(self.transform) if scaled or not _is_fitted(step)]
         part = copy.copy(part)
-        with kept_rng():  # a copy, since a transform may have a generator of its own
+        with preserve_random_states():  # a copy, since a transform may have a generator of its own
             part.transform = copy.deepcopy(Compose([*flat(part.transform), *steps]))
             return part.batch(index)
 

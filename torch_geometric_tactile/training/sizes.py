@@ -10,7 +10,7 @@ from jsonargparse.typing import register_type
 from torch import Tensor
 from torch.nn import Module
 
-from torch_geometric_tactile._own_modules import import_own
+from torch_geometric_tactile._user_modules import import_user_module
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._checks import check_labels, num_outputs
 from torch_geometric_tactile.training._collected_metrics import Task, check_task
@@ -327,7 +327,7 @@ def _accepts(annotation: Any, *kinds: type) -> bool:
 def _find(class_path: str) -> Any:
     module, _, name = class_path.rpartition(".")
     try:
-        return getattr(import_own(module or _MODELS), name)
+        return getattr(import_user_module(module or _MODELS), name)
     except (ImportError, AttributeError):
         return None
 

@@ -1,1 +1,1 @@
-r"""Decoders of what serial sensors send."""
+r"""Decoders of the bytes of serial sensors."""

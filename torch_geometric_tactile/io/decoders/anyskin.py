@@ -1,4 +1,4 @@
-r"""Bytes of ReSkin and AnySkin boards."""
+r"""Decoder of ReSkin and AnySkin boards."""
 
 from typing import ClassVar
 
@@ -7,13 +7,14 @@ import numpy as np
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io.decoders.decoder import Decoder
 
-_END = b"\r\n"
-_LOOK_AHEAD = 4  # frames in a row that may be damaged before their places are forgotten
-# What a MLX90393 can say at any gain: 16 bits of 1/45.2 °C around 25 °C, or of up to 12.6 µT.
-# Compared as integers, which order as the sizes of floats do, and NaN and infinity come last.
-_LIMIT = np.array([1000.0, 5e5, 5e5, 5e5], dtype=np.float32).view(np.uint32)
-_SMALLEST = np.array([1e-6], dtype=np.float32).view(np.uint32)  # nearer to zero is only zero
-_MOST_AT_ONCE = 64  # so that a large piece with damage everywhere is read once, not many times
+_TERMINATOR = b"\r\n"
+_MAX_DAMAGED_FRAMES = 4  # consecutive ones, before the alignment of frames is given up
+# The range of an MLX90393 at any gain: 16 bits of 1/45.2 °C around 25 °C, or of up to 12.6 µT.
+# Compared as integers: they have the order of the absolute floats, with infinity and NaN last.
+_MAX_SIZES = np.array([1000.0, 5e5, 5e5, 5e5], dtype=np.float32).view(np.uint32)
+# Smaller numbers, except zero, are damaged.
+_MIN_SIZE = np.array([1e-6], dtype=np.float32).view(np.uint32)
+_MAX_FRAMES_PER_STEP = 64  # limits the repeated parsing of large pieces with much damage
 _SIZE_BITS = np.uint32(0x7FFFFFFF)
 
 
@@ -21,19 +22,18 @@ class AnySkinDecoder(Decoder):
     r"""Decoder of `ReSkin and AnySkin <https://any-skin.github.io>`_ boards.
 
     A frame is :obj:`t, x, y, z` of each magnetometer as little-endian float32, then CR LF. There is
-    neither header nor checksum, and CR LF is also found inside of floats. A frame is taken if it
-    ends with CR LF, all its numbers are some that the chip can say, and it begins where the frame
-    before has ended, at a multiple of the length after it, or behind a CR LF: at once, with no
-    frame of delay. Everything else is skipped, and frames lost are estimated from the bytes
-    skipped.
+    no header and no checksum, and CR LF also occurs within floats. A frame is accepted if it ends
+    with CR LF, all its numbers are in the range of the chip, and it begins at the end of the
+    previous frame, a multiple of the frame length later, or after a CR LF. It is returned without
+    delay. Other bytes are skipped, and the number of lost frames is estimated from them.
 
-    Of the damage that is left, most cannot be seen: with 1 % of all *bytes* replaced at random
-    (which damages 56 % of the packets), every intact packet is delivered, and of the damaged ones
-    about 7 in 10 pass as wrong readings (``tests/io/test_anyskin.py`` counts them). On a cable that
-    damages bytes, use packets with a checksum (:class:`CobsDecoder`).
+    Most of the remaining damage cannot be detected: with 1 % of all *bytes* replaced at random
+    (which damages 56 % of the packets), every intact packet is returned, and about 7 in 10 damaged
+    ones give wrong readings (measured in ``tests/io/test_anyskin.py``). On a cable that damages
+    bytes, use packets with a checksum (:class:`CobsDecoder`).
 
-    Readings are :math:`(M, 3)` in microtesla; :obj:`extra` has the temperatures in degrees Celsius
-    as :obj:`"temp"` :math:`(M,)`, as far as the chip is calibrated.
+    Readings are :math:`(M, 3)` in microtesla. :obj:`extra` has the temperatures in degrees Celsius
+    as :obj:`"temp"` :math:`(M,)`, with the accuracy of the chip's calibration.
 
     Args:
         num_magnetometers (int): Number of magnetometers :math:`M`.
@@ -60,94 +60,100 @@ class AnySkinDecoder(Decoder):
                 f"'num_magnetometers' must be between 1 and 1024 (got {num_magnetometers})"
             )
         self.num_magnetometers = num_magnetometers
-        self.stride = 16 * num_magnetometers + len(_END)
-        self._buffer, self._begin = b"", 0
-        self._looked = 0  # up to where terminators were looked for
-        self._in_place = True  # whether the next frame is expected where the buffer begins
+        self.stride = 16 * num_magnetometers + len(_TERMINATOR)
+        self._buffer, self._start = b"", 0
+        self._searched = 0  # position up to which terminators were searched
+        self._is_aligned = True  # whether the next frame is expected at the start
 
     @property
     def layout(self) -> str | None:
-        r"""Name of the layout of boards with five magnetometers."""
+        r"""Name of the layout of boards with five magnetometers, or else :obj:`None`."""
         return "anyskin" if self.num_magnetometers == 5 else None
 
     def feed(self, data: bytes, now: int) -> list[LiveFrame]:
-        r"""Takes bytes, and returns the frames that they complete."""
+        r"""Decodes bytes, and returns the frames that they complete."""
         self._buffer += data
         frames: list[LiveFrame] = []
-        while len(self._buffer) - self._begin >= self.stride:
-            run = self._run()
-            frames += [self._frame(values, now) for values in run]
-            self._begin += len(run) * self.stride
-            if len(run) == 0 and not self._found():
+        while len(self._buffer) - self._start >= self.stride:
+            aligned = self._aligned_frames()
+            frames += [self._frame(values, now) for values in aligned]
+            self._start += len(aligned) * self.stride
+            if len(aligned) == 0 and not self._skip_to_frame():
                 break
-        left = len(self._buffer) - self._begin
-        self._in_place = self._in_place and left <= _LOOK_AHEAD * self.stride
-        if not self._in_place and left > self.stride + 1:
-            self._skip(left - self.stride - 1)
-        self._buffer = self._buffer[self._begin :]
-        self._looked, self._begin = max(0, self._looked - self._begin), 0
+        num_left = len(self._buffer) - self._start
+        self._is_aligned = self._is_aligned and num_left <= _MAX_DAMAGED_FRAMES * self.stride
+        if not self._is_aligned and num_left > self.stride + 1:
+            self._skip(num_left - self.stride - 1)
+        self._buffer = self._buffer[self._start :]
+        self._searched, self._start = max(0, self._searched - self._start), 0
         return frames
 
     def reset(self) -> None:
-        r"""Forgets a half frame."""
+        r"""Discards an incomplete frame."""
         self._skip(len(self._buffer))
-        self._buffer, self._begin = b"", 0
-        self._looked, self._in_place = 0, True
+        self._buffer, self._start = b"", 0
+        self._searched, self._is_aligned = 0, True
 
-    def _run(self) -> np.ndarray:
-        """Whole frames where they are expected, one after another."""
-        number = (len(self._buffer) - self._begin) // self.stride if self._in_place else 0
-        number = min(number, _MOST_AT_ONCE)
-        rows = np.frombuffer(self._buffer, np.uint8, number * self.stride, self._begin)
-        rows = rows.reshape(number, self.stride)
+    def _aligned_frames(self) -> np.ndarray:
+        r"""Returns the values of consecutive plausible frames at the expected position."""
+        num_frames = (len(self._buffer) - self._start) // self.stride if self._is_aligned else 0
+        num_frames = min(num_frames, _MAX_FRAMES_PER_STEP)
+        rows = np.frombuffer(self._buffer, np.uint8, num_frames * self.stride, self._start)
+        rows = rows.reshape(num_frames, self.stride)
         values = np.ascontiguousarray(rows[:, :-2]).view("<f4")
-        values = values.reshape(number, self.num_magnetometers, 4)
-        good = (rows[:, -2] == _END[0]) & (rows[:, -1] == _END[1]) & _are_plausible(values)
-        return values if good.all() else values[: int(good.argmin())]
+        values = values.reshape(num_frames, self.num_magnetometers, 4)
+        is_plausible = (
+            (rows[:, -2] == _TERMINATOR[0])
+            & (rows[:, -1] == _TERMINATOR[1])
+            & _are_plausible(values)
+        )
+        return values if is_plausible.all() else values[: int(is_plausible.argmin())]
 
-    def _found(self) -> bool:
-        """Whether a frame is there, after what is damaged was skipped."""
+    def _skip_to_frame(self) -> bool:
+        r"""Skips to the next plausible frame, and returns whether there is one."""
         while True:
-            place = self._buffer.find(_END, max(self._looked, self._begin))
-            if place < 0:
-                self._looked = max(self._looked, len(self._buffer) - 1)
+            terminator = self._buffer.find(_TERMINATOR, max(self._searched, self._start))
+            if terminator < 0:
+                self._searched = max(self._searched, len(self._buffer) - 1)
                 return False
-            self._looked = place + 1
-            start = place + len(_END) - self.stride
-            ahead = start - self._begin
-            if ahead < 0:
+            self._searched = terminator + 1
+            start = terminator + len(_TERMINATOR) - self.stride
+            num_skipped = start - self._start
+            if num_skipped < 0:
                 continue
-            in_place = self._in_place and ahead % self.stride == 0
-            in_place = in_place and ahead < _LOOK_AHEAD * self.stride
-            behind_end = ahead >= len(_END) and self._buffer.startswith(_END, start - len(_END))
-            if not (in_place or behind_end):
+            is_aligned = self._is_aligned and num_skipped % self.stride == 0
+            is_aligned = is_aligned and num_skipped < _MAX_DAMAGED_FRAMES * self.stride
+            follows_terminator = num_skipped >= len(_TERMINATOR) and self._buffer.startswith(
+                _TERMINATOR, start - len(_TERMINATOR)
+            )
+            if not (is_aligned or follows_terminator):
                 continue
             values = np.frombuffer(self._buffer, "<f4", 4 * self.num_magnetometers, start)
             if not _are_plausible(values.reshape(1, -1, 4)).all():
                 continue
-            if in_place and self._sequence >= 0:
-                self.counts.corrupt += ahead // self.stride
-            self._skip(ahead)
-            self._in_place = True
+            if is_aligned and self._sequence >= 0:
+                self.counts.corrupt += num_skipped // self.stride
+            self._skip(num_skipped)
+            self._is_aligned = True
             return True
 
     def _frame(self, values: np.ndarray, now: int) -> LiveFrame:
         temp, tactile = values[:, 0].astype(np.float32), values[:, 1:].astype(np.float32)
-        return self._good_frame(now, tactile, self.stride, temp=temp)
+        return self._count_frame(now, tactile, self.stride, temp=temp)
 
     def _skip(self, size: int) -> None:
-        self._begin += size
+        self._start += size
         self._missing += size
         self.counts.skipped += size
         if size:
             self.counts.refuse(
-                f"CR LF does not follow on {self.stride - 2} plausible bytes, as with "
+                f"CR LF does not follow {self.stride - 2} plausible bytes, as expected for "
                 f"num_magnetometers={self.num_magnetometers}"
             )
 
 
 def _are_plausible(values: np.ndarray) -> np.ndarray:
     bits = values.view("<u4") & _SIZE_BITS
-    # Zero less one is the largest of all.
-    possible = (bits < _LIMIT) & (bits - np.uint32(1) >= _SMALLEST)
-    return np.asarray(possible.all(axis=(1, 2)))
+    # For zero, the subtraction wraps to the largest integer, so that zero is plausible.
+    is_plausible = (bits < _MAX_SIZES) & (bits - np.uint32(1) >= _MIN_SIZE)
+    return np.asarray(is_plausible.all(axis=(1, 2)))

@@ -1,4 +1,4 @@
-r"""From bytes on a wire to frames."""
+r"""The base class of the decoders, and the counts of a decoder."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -14,11 +14,11 @@ class DecoderCounts:
     r"""The numbers of good, corrupt and lost frames and of skipped bytes of a decoder.
 
     Args:
-        good (int): Frames that were whole, and passed the check if the format has one.
-        corrupt (int): Packets that were found and failed their check.
+        good (int): Complete frames that passed the check of the format, if it has one.
+        corrupt (int): Packets that failed their check.
         skipped (int): Bytes that belong to no frame.
-        lost (int): Frames that the numbers or times of the others say are missing.
-        reason (str): The first reason why bytes made no frame; empty if none was told.
+        lost (int): Missing frames, from the numbers or times of the other frames.
+        reason (str): The first reason why bytes were skipped, or an empty text.
 
     Examples:
         >>> from torch_geometric_tactile.io import decoder_of
@@ -37,7 +37,7 @@ class DecoderCounts:
     reason: str = field(default="", compare=False, repr=False)
 
     def refuse(self, reason: str) -> None:
-        r"""Keeps the first reason why bytes made no frame.
+        r"""Stores the reason why bytes were skipped, unless there is an earlier one.
 
         Args:
             reason (str): The reason.
@@ -46,18 +46,18 @@ class DecoderCounts:
 
 
 class Decoder(ABC):
-    r"""Base class of decoders, which turn bytes into frames. A decoder has no port, no thread and
-    no clock.
+    r"""Base class of decoders, which convert bytes to frames. A decoder has no port, thread or
+    clock.
 
     Attributes:
-        counts (DecoderCounts): What it has seen.
-        checksum (str): What guards a frame, such as :obj:`"crc32"`; :obj:`"none"` if a damaged
-            reading may pass.
+        counts (DecoderCounts): The counts of frames and bytes.
+        checksum (str): The checksum of a frame, such as :obj:`"crc32"`, or :obj:`"none"` if damaged
+            readings cannot be detected.
         baudrate (int): Speed of the serial line in bits per second.
-        unit (str): Unit of the readings; :obj:`"count"` if they are raw, or
-            :obj:`"newton"`, :obj:`"microtesla"`.
-        clock_period (float, optional): After how many seconds the clock of the device starts
-            over; :obj:`None` if it has no clock or never does.
+        unit (str): Unit of the readings: :obj:`"count"` for raw readings, :obj:`"newton"` or
+            :obj:`"microtesla"`.
+        clock_period (float, optional): Seconds after which the clock of the device wraps around, or
+            :obj:`None` if the device has no clock or the clock does not wrap.
 
     Examples:
         >>> import numpy as np
@@ -83,34 +83,34 @@ class Decoder(ABC):
     def __init__(self) -> None:
         self.counts = DecoderCounts()
         self._sequence = -1
-        self._missing = 0  # bytes, or rows of text, since the last good frame
+        self._missing = 0  # skipped bytes or rows of text since the last intact frame
 
     @abstractmethod
     def feed(self, data: bytes, now: int) -> list[LiveFrame]:
-        r"""Takes bytes, in pieces of any size, and returns the frames that they complete.
+        r"""Decodes bytes, in pieces of any size, and returns the frames that they complete.
 
-        It never raises, whatever the bytes are: why they make no frame is told to
-        :meth:`DecoderCounts.refuse`, so that a user with other settings sees it.
+        This method never raises an error. The reason why bytes are skipped goes to
+        :meth:`DecoderCounts.refuse`, which helps users with wrong settings.
 
         Args:
-            data (bytes): The bytes that were read.
-            now (int): When, on the monotonic clock in nanoseconds.
+            data (bytes): The next bytes.
+            now (int): Time of arrival on the monotonic clock in nanoseconds.
         """
 
     @abstractmethod
     def reset(self) -> None:
-        r"""Forgets a half frame, as after the port was opened again; the counts stay."""
+        r"""Discards an incomplete frame, such as after the port was reopened. The counts stay."""
 
     @property
     def layout(self) -> str | None:
-        r"""Name of the layout of the sensor, if one comes with the package."""
+        r"""Name of the layout of the sensor, or :obj:`None` if the package has none."""
         return None
 
     def start(self) -> bytes:
-        r"""Returns what has to be written to the device before it sends, if anything."""
+        r"""Returns the command that makes the device send. It is empty if none is needed."""
         return b""
 
-    def _good_frame(
+    def _count_frame(
         self,
         now: int,
         tactile: np.ndarray,
@@ -118,13 +118,13 @@ class Decoder(ABC):
         device_time: float | None = None,
         **extra: np.ndarray,
     ) -> LiveFrame:
-        """Counts a frame of a device that gives no numbers, and as many lost before it as fit into
-        what is missing, if a frame has a size; returns it.
+        r"""Counts and returns a frame of a device without frame numbers. The number of lost frames
+        is estimated from the skipped bytes, if the frame has a fixed size.
         """
-        lost = round(self._missing / size) if size is not None and self._sequence >= 0 else 0
+        num_lost = round(self._missing / size) if size is not None and self._sequence >= 0 else 0
         self._missing = 0
-        self._sequence += 1 + lost
-        self.counts.lost += lost
+        self._sequence += 1 + num_lost
+        self.counts.lost += num_lost
         self.counts.good += 1
         return LiveFrame(self._sequence, now / 1e9, now, device_time, tactile, None, extra)
 

@@ -1,4 +1,4 @@
-r"""Bytes of FlexiTac boards."""
+r"""Decoder of FlexiTac boards."""
 
 from typing import ClassVar
 
@@ -6,23 +6,24 @@ import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io.decoders._header_decoder import (
-    NONE,
-    WAIT,
+    INCOMPLETE,
+    NO_PACKET,
     HeaderDecoder,
-    checked_shape,
+    check_shape,
 )
 
 
 class FlexiTacDecoder(HeaderDecoder):
     r"""Decoder of `FlexiTac <https://flexitac.github.io>`_ boards with the maker's firmware of
-    March 2026, as the package :obj:`flexitac` 0.3.1 flashes and reads it.
+    March 2026, as flashed and read by the package :obj:`flexitac` 0.3.1.
 
-    A frame is AA 55, then one byte for each taxel, row by row. There is no checksum, and AA 55 may
-    be among the readings, so headers are known by their distance: a frame is taken at once if it
-    begins where the one before has ended and has no header inside; otherwise when another header
-    follows it. A frame that lost bytes is found out, a damaged reading is not. Frames lost are
-    estimated from the bytes skipped. Two neighbours that read 170 and 85 in every frame from the
-    opening of the port on may be taken for the header, until one of them changes.
+    A frame is AA 55, then one byte for each taxel, row by row. There is no checksum, and readings
+    may contain AA 55, so headers are recognized by their distance. A frame is returned at once if
+    it begins at the end of the previous frame and contains no header, and otherwise when another
+    header follows it. Frames with missing bytes are detected, damaged readings are not. The number
+    of lost frames is estimated from the skipped bytes. Two neighbouring taxels that read 170 and 85
+    in every frame after the port was opened may be mistaken for the header until one of them
+    changes.
 
     Readings are counts :math:`(R \cdot C, 1)`, row by row.
 
@@ -45,23 +46,23 @@ class FlexiTacDecoder(HeaderDecoder):
 
     def __init__(self, shape: tuple[int, int] = (12, 32)) -> None:
         super().__init__()
-        self.shape = checked_shape(shape)
+        self.shape = check_shape(shape)
         self._length = len(self.header) + self.shape[0] * self.shape[1]
 
     def _size(self, buffer: bytes, start: int) -> int:
         end = start + self._length
         if len(buffer) < end:
-            return WAIT
-        inside = buffer.find(self.header, start + 1, end + 1)
-        # Half a header at the end, whose other half may come: a byte of this frame was lost.
-        unclear = len(buffer) == end and buffer[end - 1] == self.header[0]
-        if self._in_place and inside < 0 and not unclear:
+            return INCOMPLETE
+        inner_header = buffer.find(self.header, start + 1, end + 1)
+        # If the last byte is half a header and the other half follows, this frame has lost a byte.
+        is_ambiguous = len(buffer) == end and buffer[end - 1] == self.header[0]
+        if self._is_aligned and inner_header < 0 and not is_ambiguous:
             return self._length
-        told = buffer[end : end + len(self.header)]
-        if told == self.header:
+        next_bytes = buffer[end : end + len(self.header)]
+        if next_bytes == self.header:
             return self._length
-        return WAIT if self.header.startswith(told) else NONE
+        return INCOMPLETE if self.header.startswith(next_bytes) else NO_PACKET
 
     def _read(self, packet: bytes, now: int) -> list[LiveFrame] | None:
         counts = np.frombuffer(packet, np.uint8, offset=len(self.header)).astype(np.float32)
-        return [self._good_frame(now, counts.reshape(-1, 1), self._length)]
+        return [self._count_frame(now, counts.reshape(-1, 1), self._length)]

@@ -1,24 +1,24 @@
-r"""Bytes of the 16 x 16 piezoresistive array M1616."""
+r"""Decoder of the 16 x 16 piezoresistive array M1616."""
 
 from typing import ClassVar
 
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io.decoders._header_decoder import WAIT, HeaderDecoder
+from torch_geometric_tactile.io.decoders._header_decoder import INCOMPLETE, HeaderDecoder
 
-_TAXELS = 256
-_SIZE = 3 + 2 * _TAXELS + 4
+_NUM_TAXELS = 256
+_PACKET_BYTES = 3 + 2 * _NUM_TAXELS + 4
 
 
 class M1616Decoder(HeaderDecoder):
     r"""Decoder of the 16 x 16 piezoresistive array M1616.
 
-    A packet is AA AB AC, 256 big-endian uint16 row by row, and 4 bytes that nobody has published;
-    they are not read. There is no checksum: a packet that lost bytes is found out, since the next
-    header is inside of it, but a damaged reading is not. Frames lost are estimated from the
-    bytes skipped. A reading of AAAB or more, which a converter of 12 bits never has, may look like
-    a header, and costs its packet.
+    A packet is AA AB AC, 256 big-endian uint16 row by row, and 4 bytes of unpublished meaning,
+    which are ignored. There is no checksum: a packet with missing bytes is detected, since it
+    contains the next header, but damaged readings are not. The number of lost frames is estimated
+    from the skipped bytes. A reading of AAAB or more, which a converter of 12 bits never gives, may
+    look like a header, and its packet is lost.
 
     Readings are counts :math:`(256, 1)`.
 
@@ -35,18 +35,20 @@ class M1616Decoder(HeaderDecoder):
     header: ClassVar[bytes] = b"\xaa\xab\xac"
 
     def _size(self, buffer: bytes, start: int) -> int:
-        # A header inside, or over the end, belongs to the next packet: this one lost bytes.
-        inside = buffer.find(self.header, start + 1, start + _SIZE + 2)
-        if inside >= 0:
-            return inside - start
-        half = self._half_header(buffer[start + 1 : start + _SIZE])
-        told = buffer[start + _SIZE : start + _SIZE + len(self.header) - half]
-        unclear = half and self.header[half:].startswith(told)
-        return WAIT if len(buffer) - start < _SIZE or unclear else _SIZE
+        # A header within the packet or across its end is that of the next one: bytes are missing.
+        inner_header = buffer.find(self.header, start + 1, start + _PACKET_BYTES + 2)
+        if inner_header >= 0:
+            return inner_header - start
+        partial_size = self._partial_header_size(buffer[start + 1 : start + _PACKET_BYTES])
+        next_bytes = buffer[
+            start + _PACKET_BYTES : start + _PACKET_BYTES + len(self.header) - partial_size
+        ]
+        is_ambiguous = partial_size and self.header[partial_size:].startswith(next_bytes)
+        return INCOMPLETE if len(buffer) - start < _PACKET_BYTES or is_ambiguous else _PACKET_BYTES
 
     def _read(self, packet: bytes, now: int) -> list[LiveFrame] | None:
-        if len(packet) != _SIZE:
+        if len(packet) != _PACKET_BYTES:
             return None
-        counts = np.frombuffer(packet, ">u2", _TAXELS, len(self.header))
+        counts = np.frombuffer(packet, ">u2", _NUM_TAXELS, len(self.header))
         tactile = counts.astype(np.float32).reshape(-1, 1)
-        return [self._good_frame(now, tactile, _SIZE)]
+        return [self._count_frame(now, tactile, _PACKET_BYTES)]

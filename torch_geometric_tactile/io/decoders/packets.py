@@ -1,4 +1,4 @@
-r"""Our own packet for microcontrollers: COBS between zeros, a sequence number and a CRC32."""
+r"""A packet format for microcontrollers: COBS between zeros, a sequence number and a CRC32."""
 
 import struct
 import zlib
@@ -13,12 +13,13 @@ from torch_geometric_tactile.io.decoders.decoder import Decoder
 
 _PACKET_VERSION = 1
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
-_HEAD = struct.Struct("<BBBBHI")  # version, flags, sample type, channels, taxels, sequence number
-_WORD = struct.Struct("<I")
+# Version, flags, sample dtype, channels, taxels, sequence number.
+_HEADER = struct.Struct("<BBBBHI")
+_UINT32 = struct.Struct("<I")
 _WRAP = 2**32
 _HAS_TIME, _HAS_JOINT = 1, 2
-_SAMPLES = tuple(np.dtype(name) for name in ("<i2", "<u2", "<f4"))
-_SHORTEST = _HEAD.size + _WORD.size
+_SAMPLE_DTYPES = tuple(np.dtype(name) for name in ("<i2", "<u2", "<f4"))
+_MIN_CONTENT_BYTES = _HEADER.size + _UINT32.size
 
 
 def encode_packet(
@@ -27,19 +28,19 @@ def encode_packet(
     device_time: float | None = None,
     joint: np.ndarray | None = None,
 ) -> bytes:
-    r"""Encodes one packet, as a device sends it and :class:`CobsDecoder` reads it.
+    r"""Encodes a packet for :class:`CobsDecoder`, as sent by a device.
 
     Args:
-        sequence (int): Number of the frame; 32 bits of it are sent.
-        tactile (numpy.ndarray): Readings :math:`(N, C)` of int16, uint16 or floats, which are sent
-            as float32.
-        device_time (float, optional): Time on the clock of the device in seconds; microseconds
-            are sent, in 32 bits.
+        sequence (int): Number of the frame, of which the lower 32 bits are sent.
+        tactile (numpy.ndarray): Readings :math:`(N, C)` of type int16, uint16 or float, which is
+            sent as float32.
+        device_time (float, optional): Time on the clock of the device in seconds. It is sent in
+            microseconds with 32 bits.
         joint (numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
 
     Raises:
-        ValueError: If a shape, a type or a number does not fit.
-        ImportError: If the library of COBS is missing.
+        ValueError: If a shape or a type is invalid, or a number is out of range.
+        ImportError: If the package :obj:`cobs` is missing.
 
     Examples:
         >>> encode_packet(7, np.uint16([[1, 2, 3]])).hex(" ")
@@ -48,52 +49,56 @@ def encode_packet(
     tactile = np.asarray(tactile)
     if tactile.ndim != 2 or not (1 <= len(tactile) < 2**16 and 1 <= tactile.shape[1] < 2**8):
         raise ValueError(
-            "'tactile' must have shape (taxels, channels), up to 65535 and 255 (got "
+            "'tactile' must have shape (num_taxels, num_channels), at most (65535, 255) (got "
             f"{tactile.shape})"
         )
-    kind = np.dtype("<f4") if tactile.dtype.kind == "f" else tactile.dtype.newbyteorder("<")
-    need(kind in _SAMPLES, "'tactile' must be int16, uint16 or floats", tactile.dtype)
+    dtype = np.dtype("<f4") if tactile.dtype.kind == "f" else tactile.dtype.newbyteorder("<")
+    need(dtype in _SAMPLE_DTYPES, "'tactile' must be int16, uint16 or floats", tactile.dtype)
     need(sequence >= 0, "'sequence' must be at least 0", sequence)
-    flags, more = 0, b""
+    flags, optional_fields = 0, b""
     if device_time is not None:
         flags |= _HAS_TIME
-        more += _WORD.pack(round(device_time * 1e6) % _WRAP)
+        optional_fields += _UINT32.pack(round(device_time * 1e6) % _WRAP)
     if joint is not None:
         joint = np.asarray(joint, dtype="<f4")
         if joint.ndim != 1 or not 1 <= len(joint) < 2**8:
-            raise ValueError(f"'joint' must have shape (joints,), up to 255 (got {joint.shape})")
+            raise ValueError(
+                f"'joint' must have shape (num_joints,), at most (255,) (got {joint.shape})"
+            )
         flags |= _HAS_JOINT
-        more += bytes([len(joint)]) + joint.tobytes()
+        optional_fields += bytes([len(joint)]) + joint.tobytes()
     channels, number = tactile.shape[1], sequence % _WRAP
-    head = _HEAD.pack(_PACKET_VERSION, flags, _SAMPLES.index(kind), channels, len(tactile), number)
-    content = head + more + tactile.astype(kind).tobytes()
-    return b"\0" + _require_cobs().encode(content + _WORD.pack(zlib.crc32(content))) + b"\0"
+    header = _HEADER.pack(
+        _PACKET_VERSION, flags, _SAMPLE_DTYPES.index(dtype), channels, len(tactile), number
+    )
+    content = header + optional_fields + tactile.astype(dtype).tobytes()
+    return b"\0" + _require_cobs().encode(content + _UINT32.pack(zlib.crc32(content))) + b"\0"
 
 
 def _require_cobs() -> Any:
     try:
         from cobs import cobs
     except ImportError as error:
-        raise ImportError(f"our packets need cobs: {_INSTALL}") from error
+        raise ImportError(f"CobsDecoder and encode_packet need cobs: {_INSTALL}") from error
     return cobs
 
 
 class CobsDecoder(Decoder):
-    r"""Decoder of this package's own packets: COBS with a zero byte at both ends, a sequence number
-    and a CRC32.
+    r"""Decoder of the packet format of this package: COBS with a zero byte at both ends, a sequence
+    number and a CRC32.
 
-    The bytes are in ``docs/serial_formats.md``, with a sender in C. A damaged packet never passes
-    but by the chance of its CRC32 (:math:`2^{-32}`), and never takes an intact neighbour with it.
-    A gap in the 32-bit numbers is a loss, over the wrap as well. A step back, or a long one to a
-    number near zero, is a device that has started over: the numbers of the frames go on, and no
-    loss is counted, since nobody knows it. Infinite readings become NaN.
+    ``docs/serial_formats.md`` describes the bytes, with a sender in C. A damaged packet is accepted
+    only with the probability of its CRC32 (:math:`2^{-32}`), and never affects an intact neighbour.
+    A gap in the 32-bit numbers is counted as lost frames, also across the wrap. A step back, or a
+    large step to a number near zero, means that the device has restarted: the numbers of the frames
+    continue, and no loss is counted, since it is unknown. Infinite readings become NaN.
 
     Args:
-        max_size (int): Longest packet in bytes; what is longer is garbage, and not kept.
+        max_size (int): Maximum size of a packet in bytes. Longer packets are skipped.
 
     Raises:
         ValueError: If :obj:`max_size` is too small for any packet.
-        ImportError: If the library of COBS is missing.
+        ImportError: If the package :obj:`cobs` is missing.
 
     Examples:
         >>> decoder = CobsDecoder()
@@ -107,17 +112,23 @@ class CobsDecoder(Decoder):
 
     def __init__(self, max_size: int = 2**17) -> None:
         super().__init__()
-        need(max_size >= _SHORTEST, f"'max_size' must be at least {_SHORTEST} bytes", max_size)
+        need(
+            max_size >= _MIN_CONTENT_BYTES,
+            f"'max_size' must be at least {_MIN_CONTENT_BYTES} bytes",
+            max_size,
+        )
         self.max_size = max_size
         self._cobs = _require_cobs()
         self._buffer = b""
-        self._inside = False  # whether a zero came before what is in the buffer
+        self._inside = False  # whether the content of the buffer follows a zero byte
         self._too_long = False
         self._numbers = SequenceNumbers()
 
     def feed(self, data: bytes, now: int) -> list[LiveFrame]:
-        r"""Takes bytes, and returns the frames that they complete."""
-        *pieces, rest = (self._buffer + data).split(b"\0") if self._buffer else data.split(b"\0")
+        r"""Decodes bytes, and returns the frames that they complete."""
+        *pieces, incomplete = (
+            (self._buffer + data).split(b"\0") if self._buffer else data.split(b"\0")
+        )
         frames = []
         for piece in pieces:
             if piece or self._too_long:
@@ -125,72 +136,76 @@ class CobsDecoder(Decoder):
                 if frame is not None:
                     frames.append(frame)
             self._inside, self._too_long = True, False
-        if len(rest) > self.max_size or self._too_long:
-            self.counts.skipped += len(rest)
+        if len(incomplete) > self.max_size or self._too_long:
+            self.counts.skipped += len(incomplete)
             self.counts.refuse(f"no zero byte ends a packet of up to {self.max_size} bytes")
-            rest, self._too_long = b"", True
-        self._buffer = rest
+            incomplete, self._too_long = b"", True
+        self._buffer = incomplete
         return frames
 
     def reset(self) -> None:
-        r"""Forgets a half packet."""
+        r"""Discards an incomplete packet."""
         self.counts.skipped += len(self._buffer)
         self._buffer, self._inside, self._too_long = b"", False, False
 
     def _frame(self, piece: bytes, now: int) -> LiveFrame | None:
-        content = b"" if self._too_long else self._checked(piece)
-        found = _read_content(content) if content else None
-        if found is None:
-            # What comes before the first zero is the end of a packet that nobody damaged.
+        content = b"" if self._too_long else self._decode_checked(piece)
+        fields = _parse_content(content) if content else None
+        if fields is None:
+            # Bytes before the first zero are the end of a packet, not a corrupt one.
             self.counts.corrupt += self._inside
             self.counts.skipped += len(piece)
-            self.counts.refuse("what is between two zero bytes is no packet with a good CRC32")
+            self.counts.refuse(
+                "the bytes between two zero bytes are not a packet with a correct CRC32"
+            )
             return None
-        number, device_time, joint, tactile = found
+        number, device_time, joint, tactile = fields
         self.counts.good += 1
-        sequence, lost = self._numbers.unwrapped(number)
-        self.counts.lost += lost
+        sequence, num_lost = self._numbers.unwrap(number)
+        self.counts.lost += num_lost
         return LiveFrame(sequence, now / 1e9, now, device_time, tactile, joint)
 
-    def _checked(self, piece: bytes) -> bytes:
+    def _decode_checked(self, piece: bytes) -> bytes:
         try:
             content: bytes = self._cobs.decode(piece)
         except self._cobs.DecodeError:
             return b""
-        if len(content) < _SHORTEST or len(piece) > self.max_size:
+        if len(content) < _MIN_CONTENT_BYTES or len(piece) > self.max_size:
             return b""
         body, check = content[:-4], content[-4:]
-        return body if _WORD.unpack(check)[0] == zlib.crc32(body) else b""
+        return body if _UINT32.unpack(check)[0] == zlib.crc32(body) else b""
 
 
-def _read_content(
+def _parse_content(
     content: bytes,
 ) -> tuple[int, float | None, np.ndarray | None, np.ndarray] | None:
-    version, flags, kind, channels, taxels, number = _HEAD.unpack_from(content)
-    if version != _PACKET_VERSION or flags & ~3 or kind >= len(_SAMPLES):
+    version, flags, dtype_index, num_channels, num_taxels, number = _HEADER.unpack_from(content)
+    if version != _PACKET_VERSION or flags & ~3 or dtype_index >= len(_SAMPLE_DTYPES):
         return None
-    place, device_time, joint = _HEAD.size, None, None
+    position, device_time, joint = _HEADER.size, None, None
     if flags & _HAS_TIME:
-        if len(content) < place + 4:
+        if len(content) < position + 4:
             return None
-        device_time = _WORD.unpack_from(content, place)[0] / 1e6
-        place += 4
+        device_time = _UINT32.unpack_from(content, position)[0] / 1e6
+        position += 4
     if flags & _HAS_JOINT:
-        joints = content[place] if len(content) > place else 0
-        place += 1
-        if not joints or len(content) < place + 4 * joints:
+        num_joints = content[position] if len(content) > position else 0
+        position += 1
+        if not num_joints or len(content) < position + 4 * num_joints:
             return None
-        joint = _finite(np.frombuffer(content, "<f4", joints, place).astype(np.float32))
-        place += 4 * joints
-    size = _SAMPLES[kind].itemsize * taxels * channels
-    if size == 0 or len(content) != place + size:
+        joint = _replace_infinite(
+            np.frombuffer(content, "<f4", num_joints, position).astype(np.float32)
+        )
+        position += 4 * num_joints
+    size = _SAMPLE_DTYPES[dtype_index].itemsize * num_taxels * num_channels
+    if size == 0 or len(content) != position + size:
         return None
-    values = np.frombuffer(content, _SAMPLES[kind], offset=place).astype(np.float32)
-    if _SAMPLES[kind].kind == "f":
-        values = _finite(values)
-    return number, device_time, joint, values.reshape(taxels, channels)
+    values = np.frombuffer(content, _SAMPLE_DTYPES[dtype_index], offset=position).astype(np.float32)
+    if _SAMPLE_DTYPES[dtype_index].kind == "f":
+        values = _replace_infinite(values)
+    return number, device_time, joint, values.reshape(num_taxels, num_channels)
 
 
-def _finite(values: np.ndarray) -> np.ndarray:
+def _replace_infinite(values: np.ndarray) -> np.ndarray:
     values[np.isinf(values)] = np.nan
     return values

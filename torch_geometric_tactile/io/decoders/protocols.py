@@ -1,4 +1,4 @@
-r"""Decoders by the names of their protocols."""
+r"""The decoders by the names of their protocols."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -35,11 +35,11 @@ def decoder_of(protocol: str, **settings: Any) -> Decoder:
 
     Args:
         protocol (str): A name of :obj:`PROTOCOLS`.
-        **settings (optional): Arguments of the decoder, or their texts, as in a URL: numbers, and
+        **settings (optional): Arguments of the decoder, or their texts as in a URL, such as
             :obj:`"12x32"` for a shape.
 
     Raises:
-        ValueError: If the protocol or a setting is unknown, or a value cannot be.
+        ValueError: If the protocol or a setting is unknown, or a value is invalid.
 
     Examples:
         >>> decoder_of("text", shape="12x32").shape
@@ -47,30 +47,34 @@ def decoder_of(protocol: str, **settings: Any) -> Decoder:
     """
     if protocol not in PROTOCOLS:
         raise ValueError(f"'protocol' must be one of {', '.join(PROTOCOLS)} (got '{protocol}')")
-    kind = PROTOCOLS[protocol]
-    known = inspect.signature(kind).parameters
+    decoder_class = PROTOCOLS[protocol]
+    parameters = inspect.signature(decoder_class).parameters
     for name in settings:
-        if name not in known:
+        if name not in parameters:
             raise ValueError(
-                f"protocol '{protocol}' must have settings among {', '.join(known) or 'none'} "
+                f"protocol '{protocol}' must have settings among {', '.join(parameters) or 'none'} "
                 f"(got '{name}')"
             )
-    return kind(**{name: _value(name, value, known[name]) for name, value in settings.items()})
+    return decoder_class(
+        **{name: _parse_setting(name, value, parameters[name]) for name, value in settings.items()}
+    )
 
 
-def _value(name: str, value: Any, parameter: inspect.Parameter) -> Any:
+def _parse_setting(name: str, value: Any, parameter: inspect.Parameter) -> Any:
     if not isinstance(value, str):
         return value
-    read = _READERS[type(parameter.default)]
+    parse = _PARSERS[type(parameter.default)]
     try:
-        return read(value)
+        return parse(value)
     except ValueError as error:
-        example = "x".join(map(str, parameter.default)) if read is _shape else parameter.default
-        raise ValueError(f"'{name}' must be like {example} (got '{value}')") from error
+        example = (
+            "x".join(map(str, parameter.default)) if parse is _parse_shape else parameter.default
+        )
+        raise ValueError(f"'{name}' must have a value like {example} (got '{value}')") from error
 
 
-def _shape(text: str) -> tuple[int, ...]:
+def _parse_shape(text: str) -> tuple[int, ...]:
     return tuple(int(size) for size in text.split("x"))
 
 
-_READERS: dict[type, Callable[[str], Any]] = {int: int, float: float, tuple: _shape}
+_PARSERS: dict[type, Callable[[str], Any]] = {int: int, float: float, tuple: _parse_shape}

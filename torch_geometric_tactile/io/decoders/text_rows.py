@@ -1,4 +1,4 @@
-r"""Rows of numbers as text, as 3D-ViTac boards send them."""
+r"""Decoder of rows of numbers as text, as sent by 3D-ViTac boards."""
 
 import re
 from typing import ClassVar
@@ -6,23 +6,23 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io.decoders._header_decoder import checked_shape
+from torch_geometric_tactile.io.decoders._header_decoder import check_shape
 from torch_geometric_tactile.io.decoders.decoder import Decoder
 
-_TEXT = b"0123456789 \t\r\n"
-_LEADING = re.compile(rb"[\r\n]*")
+_VALID_BYTES = b"0123456789 \t\r\n"
+_LEADING_BREAKS = re.compile(rb"[\r\n]*")
 _EMPTY_ROW = re.compile(rb"\n\r?\n")
-_HIGHEST = 255
+_MAX_COUNT = 255
 
 
 class TextRowsDecoder(Decoder):
     r"""Decoder of `3D-ViTac <https://binghao-huang.github.io/3D-ViTac/>`_ boards.
 
-    A frame is rows of numbers from 0 to 255 in ASCII with blanks between them, each row with CR LF
-    at its end, and an empty row after the last. A frame with another number of rows or columns,
-    or with anything but numbers, is corrupt. There is no checksum: a digit that is damaged or lost
-    reads as another number. The first frame after the port was opened is left out, since the
-    beginning of its first number may be missing.
+    A frame consists of rows of numbers from 0 to 255 in ASCII, separated by blanks. Each row ends
+    with CR LF, and an empty row ends the frame. A frame with another number of rows or columns, or
+    with other characters, is corrupt. There is no checksum: a damaged or missing digit gives
+    another number. The first frame after the port was opened is left out, since the beginning of
+    its first number may be missing.
 
     Readings are counts :math:`(R \cdot C, 1)`, row by row.
 
@@ -44,60 +44,62 @@ class TextRowsDecoder(Decoder):
 
     def __init__(self, shape: tuple[int, int] = (16, 16)) -> None:
         super().__init__()
-        self.shape = checked_shape(shape)
-        self._longest = self.shape[0] * (5 * self.shape[1] + 2)  # of a frame, with some blanks
+        self.shape = check_shape(shape)
+        # Size of a frame, with up to two blanks per number.
+        self._max_bytes = self.shape[0] * (5 * self.shape[1] + 2)
         self._buffer = b""
-        self._whole = False  # whether an empty row came before what is in the buffer
+        self._has_start = False  # whether the content of the buffer follows an empty row
         self._too_long = False
 
     def feed(self, data: bytes, now: int) -> list[LiveFrame]:
-        r"""Takes bytes, and returns the frames that they complete."""
+        r"""Decodes bytes, and returns the frames that they complete."""
         buffer = self._buffer + data
         frames = []
-        start = self._passed(buffer, 0)
+        start = self._skip_empty_rows(buffer, 0)
         while (end := _EMPTY_ROW.search(buffer, start)) is not None:
             frame = self._frame(buffer[start : end.start() + 1], now)
             if frame is not None:
                 frames.append(frame)
-            self._whole, self._too_long = True, False
-            start = self._passed(buffer, end.end())
+            self._has_start, self._too_long = True, False
+            start = self._skip_empty_rows(buffer, end.end())
         self._buffer = buffer[start:]
-        if len(self._buffer) > self._longest + 2 or self._too_long:
+        if len(self._buffer) > self._max_bytes + 2 or self._too_long:
             self._skip(self._buffer[:-2])
-            self.counts.refuse(f"no empty row ends a frame of up to {self._longest} bytes")
-            self._buffer, self._too_long = self._buffer[-2:], True  # half an empty row, perhaps
+            self.counts.refuse(f"no empty row ends a frame of up to {self._max_bytes} bytes")
+            # The last two bytes may be the start of an empty row.
+            self._buffer, self._too_long = self._buffer[-2:], True
         return frames
 
-    def _passed(self, buffer: bytes, start: int) -> int:
-        """Where the next frame begins, after empty rows."""
+    def _skip_empty_rows(self, buffer: bytes, start: int) -> int:
+        r"""Returns the position of the next frame, after empty rows."""
         if self._too_long:
             return start
-        empty = _LEADING.match(buffer, start)
+        empty = _LEADING_BREAKS.match(buffer, start)
         end = empty.end() if empty else start
-        self._whole = self._whole or b"\n" in buffer[start:end]
+        self._has_start = self._has_start or b"\n" in buffer[start:end]
         return end
 
     def reset(self) -> None:
-        r"""Forgets a half frame."""
+        r"""Discards an incomplete frame."""
         self._skip(self._buffer)
-        self._buffer, self._whole, self._too_long = b"", False, False
+        self._buffer, self._has_start, self._too_long = b"", False, False
 
     def _frame(self, block: bytes, now: int) -> LiveFrame | None:
-        counts = self._counts(block) if self._whole and not self._too_long else None
+        counts = self._parse_counts(block) if self._has_start and not self._too_long else None
         if counts is None:
-            self.counts.corrupt += self._whole
-            if self._whole:
+            self.counts.corrupt += self._has_start
+            if self._has_start:
                 rows = block.rstrip(b"\r\n").split(b"\n")
                 self.counts.refuse(
                     f"a frame of {len(rows)} rows of {len(rows[0].split())} must have 'shape' "
-                    f"{self.shape[0]}x{self.shape[1]} and numbers from 0 to {_HIGHEST}"
+                    f"{self.shape[0]}x{self.shape[1]} and numbers from 0 to {_MAX_COUNT}"
                 )
             self._skip(block)
             return None
-        return self._good_frame(now, counts, self.shape[0])
+        return self._count_frame(now, counts, self.shape[0])
 
-    def _counts(self, block: bytes) -> np.ndarray | None:
-        if len(block) > self._longest or block.translate(None, _TEXT):
+    def _parse_counts(self, block: bytes) -> np.ndarray | None:
+        if len(block) > self._max_bytes or block.translate(None, _VALID_BYTES):
             return None
         rows = [row.split() for row in block.rstrip(b"\r\n").split(b"\n")]
         if len(rows) != self.shape[0] or any(len(row) != self.shape[1] for row in rows):
@@ -106,7 +108,7 @@ class TextRowsDecoder(Decoder):
         if max(map(len, cells)) > 3:
             return None
         counts = np.array(list(map(int, cells)), dtype=np.float32)
-        return counts.reshape(-1, 1) if counts.max() <= _HIGHEST else None
+        return counts.reshape(-1, 1) if counts.max() <= _MAX_COUNT else None
 
     def _skip(self, data: bytes) -> None:
         self.counts.skipped += len(data)

@@ -32,11 +32,11 @@ def test_own_module_is_found_behind_all_others(folder):
     for name in ("tabulate", "yaml"):
         pytest.importorskip(name, reason="needs the extra 'train'")
     code = (
-        "import sys; from torch_geometric_tactile._own_modules import import_own\n"
-        "before = list(sys.path); import_own('json'); assert sys.path == before\n"
-        "print(import_own('my_things').NUMBER, sys.path[-1], sys.path[:-1] == before)\n"
+        "import sys; from torch_geometric_tactile._user_modules import import_user_module\n"
+        "before = list(sys.path); import_user_module('json'); assert sys.path == before\n"
+        "print(import_user_module('my_things').NUMBER, sys.path[-1], sys.path[:-1] == before)\n"
         "import tabulate, yaml, scipy\n"
-        "try: import_own('my_other_things')\n"
+        "try: import_user_module('my_other_things')\n"
         "except ModuleNotFoundError as error: print(error)"
     )
     assert run(folder, code).splitlines() == [

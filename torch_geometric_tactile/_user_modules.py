@@ -1,4 +1,4 @@
-r"""Modules of the user that are named by an import path."""
+r"""Imports of the user's modules, including those in the working directory."""
 
 import importlib
 import sys
@@ -7,11 +7,11 @@ from pathlib import Path
 from types import ModuleType
 
 
-def import_own(name: str) -> ModuleType:
-    r"""Imports a module by its name: an installed one, or one of the working directory.
+def import_user_module(name: str) -> ModuleType:
+    r"""Imports a module by its name: an installed one, or one in the working directory.
 
-    The working directory is searched last, and only after the name was not found elsewhere, so that
-    a file in it never takes the place of an installed module.
+    The working directory is searched last, and only if the name was not found elsewhere, so that a
+    file in it never shadows an installed module.
 
     Args:
         name (str): Name of the module, such as :obj:`"my_nets"`.
@@ -24,16 +24,16 @@ def import_own(name: str) -> ModuleType:
     except ModuleNotFoundError as error:
         if error.name != name.partition(".")[0]:
             raise
-    find_own_modules()
+    add_working_directory()
     return importlib.import_module(name)
 
 
-def find_own_modules() -> None:
-    r"""Lets modules of the working directory be imported, behind all others."""
+def add_working_directory() -> None:
+    r"""Appends the working directory to the search path of modules."""
     append_to_search_path([str(Path.cwd())])
 
 
 def append_to_search_path(folders: Iterable[str]) -> None:
-    r"""Appends folders to the search path of modules."""
+    r"""Appends missing folders to the search path of modules."""
     sys.path += [folder for folder in folders if folder not in sys.path]
     importlib.invalidate_caches()
