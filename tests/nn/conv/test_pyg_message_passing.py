@@ -221,9 +221,9 @@ def test_explain_message_of_subclasses():
         assert conv(x, STAR).abs().sum() != 0
         conv.explain, conv._edge_mask, conv._apply_sigmoid = True, torch.zeros(6), False
         assert conv(x, STAR).abs().sum() == 0
-    assert not Child._has_own_messages
-    assert not GrandChild._has_own_messages
-    assert Doubled._has_own_messages
+    assert not Child._overrides_messages
+    assert not GrandChild._overrides_messages
+    assert Doubled._overrides_messages
 
 
 @pytest.mark.parametrize(

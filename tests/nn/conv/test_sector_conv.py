@@ -112,7 +112,7 @@ def test_sector_conv_equals_rgcn_conv():
 @pytest.mark.parametrize("block_bytes", [0, 1, 2**12, 2**19])
 def test_sector_conv_gradients(block_bytes, monkeypatch):
     monkeypatch.setattr(sector_product, "_BLOCK_BYTES", block_bytes)
-    for name in ("_COPY_BYTES", "_COPY_BYTES_OF_FEW"):
+    for name in ("_COPY_BYTES", "_NARROW_COPY_BYTES"):
         monkeypatch.setattr(sector_product, name, 0 if block_bytes else 2**22)
     fast, slow = (conv(dtype=torch.double, fast=fast) for fast in (True, False))
     x = samples(9, 24, 3, dtype=torch.double)
@@ -171,7 +171,7 @@ def test_sector_conv_fast_for_few_samples_of_few_taxels(count_fast, monkeypatch)
     for size in (1, 7):
         assert torch.allclose(layer(x[:size], EDGES, SECTOR), expected[:size], atol=1e-6)
     assert len(count_fast) == 3
-    monkeypatch.setattr(sector_product, "_COPY_BYTES_OF_FEW", 0)  # as if there were many taxels
+    monkeypatch.setattr(sector_product, "_NARROW_COPY_BYTES", 0)  # as if there were many taxels
     assert torch.allclose(layer(x[:7], EDGES, SECTOR), expected[:7], atol=1e-6)
     assert len(count_fast) == 3
     layer(x, EDGES, SECTOR)

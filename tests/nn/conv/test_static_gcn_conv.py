@@ -130,8 +130,8 @@ def test_static_gcn_conv_many_nodes():
     ours, theirs = pair(3, 5)
     x = samples(2, 1100, 3)
     assert torch.allclose(ours(x, edge_index), theirs(x, edge_index), atol=1e-5)
-    assert ours._kept.current is not None
-    assert ours._kept.current._dense is None  # 4.8 MB
+    assert ours._edge_cache.current is not None
+    assert ours._edge_cache.current._dense is None  # 4.8 MB
 
 
 def test_static_gcn_conv_empty_and_single():
@@ -213,12 +213,12 @@ def test_static_gcn_conv_explained():
 def test_static_gcn_conv_copies():
     conv, x, edge_index = StaticGCNConv(3, 5), samples(6, 4, 3), EDGES["one_way"]
     expected = conv(x, edge_index)
-    assert conv._kept.current is not None
+    assert conv._edge_cache.current is not None
     file = io.BytesIO()
     torch.save(conv, file)
     file.seek(0)
     for other in (copy.deepcopy(conv), torch.load(file, weights_only=False)):
-        assert other._kept.current is None  # copies carry no edges along
+        assert other._edge_cache.current is None  # copies carry no edges along
         assert torch.equal(other(x, edge_index), expected)
     conv.reset_parameters()
     assert not torch.allclose(conv(x, edge_index), expected)

@@ -1,4 +1,4 @@
-r"""Message passing of PyG whose uncompiled form stays at hand."""
+r"""Layers that keep the uncompiled form of PyG's :meth:`propagate` for explainers."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -7,72 +7,83 @@ from torch.nn import Module
 from torch_geometric.nn import MessagePassing
 
 
-class OwnPropagate:
-    r"""Gives each class of layers a compiled :meth:`propagate` of its own, and keeps the uncompiled
-    one, which can be explained: a base class before :class:`~torch_geometric.nn.MessagePassing`.
+class ExplainablePropagate:
+    r"""Compiles :meth:`propagate` for each class of layers separately, and keeps the uncompiled
+    form, which explainers need. It is a base class before
+    :class:`~torch_geometric.nn.MessagePassing`.
 
-    PyG compiles :meth:`propagate` into the class of the first layer that is made, and its
-    subclasses inherit that form. If that layer is a bare :obj:`MessagePassing()`, all layers of all
-    packages that are made afterwards lose the form that an explainer needs. The private names are
-    tested on the oldest and the newest release of PyG.
+    PyG replaces :meth:`propagate` in the class of the first layer that is created, and subclasses
+    inherit the compiled form. If that layer is a bare :obj:`MessagePassing()`, layers of all
+    packages lose the uncompiled form. The private names of PyG used here are tested with the oldest
+    and the newest supported release.
     """
 
     def _set_jittable_templates(self, raise_on_error: bool = False) -> None:
         cls: Any = type(self)
         is_custom = _has_custom_propagate(cls)
         if not is_custom and "_jinja_propagate" not in vars(cls):
-            cls.propagate = MessagePassing.propagate  # PyG compiles no other
+            cls.propagate = MessagePassing.propagate  # PyG compiles no other function
         super()._set_jittable_templates(raise_on_error)  # type: ignore[misc]
         if is_custom:
             return
-        original = original_propagate()
-        cls._orig_propagate = original
+        uncompiled = original_propagate()
+        cls._orig_propagate = uncompiled
         if cls._jinja_propagate is MessagePassing.propagate:  # it could not be compiled
-            cls._jinja_propagate = cls.propagate = original
+            cls._jinja_propagate = cls.propagate = uncompiled
 
 
-def note_own_methods(cls: Any, layer: type, **methods: Iterable[str]) -> None:
-    r"""Notes in a new subclass of a layer what it defines itself, and gives it a
-    :meth:`propagate` of its own unless it has one.
+def mark_overridden_methods(cls: Any, layer: type, **methods: Iterable[str]) -> None:
+    r"""Sets attributes of a new subclass that say whether it overrides methods of a layer, and
+    resets its :meth:`propagate` to the uncompiled form unless it overrides that.
 
-    PyG puts compiled methods into the class of a layer that was made, so that the methods of a
-    class tell nothing about it afterwards; what was there when the class was defined does.
+    PyG later writes compiled methods into the classes of layers, so that overridden methods can be
+    recognised only when the class is defined.
 
     Args:
         cls (type): The subclass.
         layer (type): The layer.
-        **methods: For each attribute that is set, the methods of which one has to be its own.
+        **methods: Names of methods for each attribute. The attribute is :obj:`True` if one of them
+            is overridden.
     """
-    before = cls.__mro__[1 : cls.__mro__.index(layer)]
-    parents = [base for base in before if issubclass(base, layer)]
-    own = set(vars(cls)).union(*(vars(base) for base in before if base not in parents))
-    for name, group in methods.items():
-        has_own = not own.isdisjoint(group) or any(getattr(base, name) for base in parents)
-        setattr(cls, name, has_own)
-    if "propagate" not in own and not any(base._has_own_propagate for base in parents):
+    bases = cls.__mro__[1 : cls.__mro__.index(layer)]
+    layer_subclasses = [base for base in bases if issubclass(base, layer)]
+    defined_names = set(vars(cls)).union(
+        *(vars(base) for base in bases if base not in layer_subclasses)
+    )
+    for attribute, names in methods.items():
+        is_overridden = not defined_names.isdisjoint(names) or any(
+            getattr(base, attribute) for base in layer_subclasses
+        )
+        setattr(cls, attribute, is_overridden)
+    if "propagate" not in defined_names and not any(
+        base._overrides_propagate for base in layer_subclasses
+    ):
         cls.propagate = original_propagate()
 
 
 def original_propagate() -> Any:
-    r"""Returns PyG's :meth:`~torch_geometric.nn.MessagePassing.propagate`, uncompiled."""
+    r"""Returns the uncompiled form of PyG's
+    :meth:`~torch_geometric.nn.MessagePassing.propagate`.
+    """
     return vars(MessagePassing).get("_orig_propagate", MessagePassing.propagate)
 
 
 def restore_propagate(model: Module) -> None:
-    r"""Gives the layers of a model, also those of PyG and of users, the uncompiled
-    :meth:`propagate` for an explainer, where a bare :obj:`MessagePassing()` took it from them.
+    r"""Restores the uncompiled :meth:`propagate` of all layers of a model, including those of PyG
+    and of users, for an explainer. Layers lack it if a bare :obj:`MessagePassing()` was created
+    before them.
     """
     compiled = vars(MessagePassing).get("_jinja_propagate")
     for layer in model.modules():
-        kind: Any = type(layer)
-        if compiled is not None and getattr(kind, "_orig_propagate", None) is compiled:
-            kind._orig_propagate = original_propagate()
+        cls: Any = type(layer)
+        if compiled is not None and getattr(cls, "_orig_propagate", None) is compiled:
+            cls._orig_propagate = original_propagate()
 
 
 def _has_custom_propagate(cls: type) -> bool:
-    known = (original_propagate(), MessagePassing.propagate)
+    pyg_methods = (original_propagate(), MessagePassing.propagate)
     return any(
-        vars(base)["propagate"] not in (*known, vars(base).get("_jinja_propagate"))
+        vars(base)["propagate"] not in (*pyg_methods, vars(base).get("_jinja_propagate"))
         for base in cls.__mro__
         if base is not MessagePassing and "propagate" in vars(base)
     )

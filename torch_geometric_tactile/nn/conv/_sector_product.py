@@ -1,7 +1,7 @@
-r"""The sum over sectors on one topology with many samples, made for training on processors.
+r"""The sum over sectors for many samples on one topology, for training on processors.
 
-Activations lie as :math:`(N, B, F)`, taxel by taxel. The rows of all samples of a neighbour are
-then contiguous: they are copied as they are, and the linear map of a sector is one product for many
+Activations are stored as :math:`(N, B, F)`. The features of a neighbour in all samples are then
+contiguous, so that they are copied quickly, and the linear map of a sector is one product for many
 taxels and samples.
 """
 
@@ -15,39 +15,43 @@ from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, may_be_kept
+from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, is_cacheable
 from torch_geometric_tactile.nn.conv._edge_checks import TensorCheck, check_edge_index, is_traced
 from torch_geometric_tactile.nn.conv._static_adjacency import all_finite
 
-# What is copied of the neighbours at a time stays in a processor's second-level cache.
+# Size of a block of copied neighbours, which stays in a processor's second-level cache.
 _BLOCK_BYTES = 2**19
-# Up to this size, all neighbours are copied at once: fewer and larger products. Readings of a few
-# channels make products so small that it pays far longer.
+# Up to this size, all neighbours are copied at once, for fewer and larger products. With few
+# channels, products of blocks are so small that one large copy is faster up to a higher limit.
 _COPY_BYTES = 2**22
-_COPY_BYTES_OF_FEW = 2**25
-_FEW_CHANNELS = 4
-# From this number of samples on, the layout of this module pays.
+_NARROW_COPY_BYTES = 2**25
+_MAX_NARROW_CHANNELS = 4
+# Smallest batch for which the memory layout of this module is faster than messages.
 _MIN_SAMPLES = 8
-# Several batch sizes and widths.
-_MAX_SIZES = 16
+# Cached block sizes per topology, for several batch sizes and widths.
+_MAX_BLOCK_SIZES = 16
 
 
 class SectorImage(NamedTuple):
-    r"""Nodes that are the pixels of an image, row by row, and sectors that are its directions: a
-    convolution over sectors is then one of images, which PyTorch has been made fast for.
+    r"""An image whose pixels, row by row, are the nodes, and whose directions are the sectors. The
+    sum over sectors is then a convolution of images, for which PyTorch has fast kernels.
     """
 
     rows: int
     cols: int
     sectors: tuple[int, ...]
-    places: tuple[int, ...]
+    kernel_indices: tuple[int, ...]  # position of each sector in a flattened 3 x 3 kernel
 
     @classmethod
-    def of(
+    def from_edges(
         cls, source: Tensor, target: Tensor, sector: Tensor, num_nodes: int
     ) -> Optional["SectorImage"]:
-        r"""Returns the image that nodes are, or :obj:`None` if they are none: if an edge runs to no
-        direct neighbour, one is missing, or a sector holds two directions.
+        r"""Returns the image that edges describe, or :obj:`None` if there is none. In an image,
+        edges join all pairs of direct neighbours and no others, and each sector is one direction.
+
+        Shapes:
+            - **source, target, sector:** Ends and sectors of the edges :math:`(|\mathcal{E}|,)`.
+            - **num_nodes:** Number of nodes :math:`N`.
         """
         steps, sectors = {}, sector.unique().tolist()
         for number in sectors:
@@ -57,67 +61,76 @@ class SectorImage(NamedTuple):
                 return None
         if not steps:
             return None
-        widths = {abs(step) + near for step in steps.values() for near in (-1, 0, 1)}
-        for cols in sorted({*widths, num_nodes}):  # a single row tells nothing of its length
+        # A step to the next row changes the index by the width of the image, plus or minus one for
+        # diagonal steps. Steps within a single row leave the width open, so all nodes are tried.
+        widths = {abs(step) + diagonal for step in steps.values() for diagonal in (-1, 0, 1)}
+        for cols in sorted({*widths, num_nodes}):
             if cols > 2 and num_nodes % cols == 0:
-                found = cls._of_width(steps, target, sector, num_nodes // cols, cols)
-                if found is not None:
-                    return found
+                image = cls._with_width(steps, target, sector, num_nodes // cols, cols)
+                if image is not None:
+                    return image
         return None
 
     @classmethod
-    def _of_width(
+    def _with_width(
         cls, steps: dict[int, int], target: Tensor, sector: Tensor, rows: int, cols: int
     ) -> Optional["SectorImage"]:
-        places = []
+        # The image of this size, or None if the edges are not those of its pixels.
+        kernel_indices = []
         for number, step in steps.items():
-            down = round(step / cols)
-            right = step - down * cols
-            if abs(down) > 1 or abs(right) > 1:
+            row_step = round(step / cols)
+            col_step = step - row_step * cols
+            if abs(row_step) > 1 or abs(col_step) > 1:
                 return None
-            at = target[sector == number]
-            col = at % cols + right
-            inside = (col >= 0) & (col < cols)  # and then so is the row
-            whole = (rows - abs(down)) * (cols - abs(right))
-            if not bool(inside.all()) or len(at) != whole or len(at.unique()) != whole:
+            targets = target[sector == number]
+            source_cols = targets % cols + col_step
+            is_inside = (source_cols >= 0) & (source_cols < cols)  # implies a row inside as well
+            num_pairs = (rows - abs(row_step)) * (cols - abs(col_step))
+            if (
+                not bool(is_inside.all())
+                or len(targets) != num_pairs
+                or len(targets.unique()) != num_pairs
+            ):
                 return None
-            places.append(3 * (down + 1) + right + 1)
-        return cls(rows, cols, tuple(steps), tuple(places))
+            kernel_indices.append(3 * (row_step + 1) + col_step + 1)
+        return cls(rows, cols, tuple(steps), tuple(kernel_indices))
 
     def product(self, x: Tensor, weight: Tensor, bias: OptTensor) -> Tensor:
-        r"""Maps each node by the first matrix and each of its neighbours by that of its sector, and
-        adds up.
+        r"""Returns the sum of each node's features and those of its neighbours, each multiplied by
+        the matrix of its sector :math:`(B, N, O)`.
 
         Shapes:
             - **x:** Node features :math:`(B, N, F)`.
-            - **weight:** The matrices :math:`(1 + S, F, O)`, of the node itself first.
-            - **bias:** The biases :math:`(O,)`.
+            - **weight:** Matrices :math:`(1 + S, F, O)`, first that of the node itself.
+            - **bias:** Biases :math:`(O,)`.
         """
         kernel = weight.new_zeros(9, *weight.shape[1:])
-        used = torch.tensor([0, *(1 + sector for sector in self.sectors)])
-        kernel = kernel.index_add(0, torch.tensor([4, *self.places]), weight[used])
+        used_weights = torch.tensor([0, *(1 + sector for sector in self.sectors)])
+        # The centre of the kernel is at index 4.
+        kernel = kernel.index_add(0, torch.tensor([4, *self.kernel_indices]), weight[used_weights])
         kernel = kernel.view(3, 3, *weight.shape[1:]).permute(3, 2, 0, 1)
-        # Channels last: pixel by pixel, as nodes lie, so that nothing is copied.
+        # Nodes are stored pixel by pixel, so that channels-last images are views without a copy.
         image = x.contiguous().view(len(x), self.rows, self.cols, -1).permute(0, 3, 1, 2)
         out = F.conv2d(image, kernel, bias, padding=1)
         return out.permute(0, 2, 3, 1).reshape(len(x), self.rows * self.cols, -1)
 
 
 class SectorBlock(NamedTuple):
-    r"""The edges of some taxels that lie in one sector."""
+    r"""The edges of a block of taxels in one sector."""
 
     sector: int
-    source: Tensor
-    target: Tensor
+    source: Tensor  # taxel indices
+    target: Tensor  # indices within the block
 
 
 class SectorTable:
-    r"""The edges of one topology, some taxels at a time and sector by sector.
+    r"""The edges of one topology, grouped by blocks of taxels and by sector.
 
-    Shapes:
-        - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`.
-        - **edge_sector:** Their sectors :math:`(|\mathcal{E}|,)`.
-        - **num_nodes:** Number of taxels :math:`N`.
+    Args:
+        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
+        edge_sector (torch.Tensor): Sectors of the edges :math:`(|\mathcal{E}|,)`.
+        num_nodes (int): Number of taxels :math:`N`.
+        num_sectors (int): Number of sectors :math:`S`.
     """
 
     def __init__(
@@ -127,17 +140,19 @@ class SectorTable:
         self.source, self.target = edge_index.long()[:, order]
         self.sector = edge_sector.long()[order]
         self.num_nodes = num_nodes
-        self.image = SectorImage.of(self.source, self.target, self.sector, num_nodes)
-        self.near = self._near(num_sectors)
+        self.image = SectorImage.from_edges(self.source, self.target, self.sector, num_nodes)
+        self.neighbors = self._neighbors(num_sectors)
         self._blocks: dict[int, list[tuple[int, int, list[SectorBlock]]]] = {}
 
     def blocks(self, size: int) -> list[tuple[int, int, list[SectorBlock]]]:
-        r"""Returns the first taxel of each block, the one behind its last, and its edges, computed
-        once.
+        r"""Returns the cached start, end and edges of each block.
+
+        Args:
+            size (int): Number of taxels in a block.
         """
         blocks = self._blocks.get(size)
         if blocks is None:
-            if len(self._blocks) >= _MAX_SIZES:
+            if len(self._blocks) >= _MAX_BLOCK_SIZES:
                 self._blocks = {}  # not cleared in place: another thread may be reading it
             with torch.inference_mode(False):
                 starts = range(0, self.num_nodes, size)
@@ -145,29 +160,31 @@ class SectorTable:
             self._blocks[size] = blocks
         return blocks
 
-    def _near(self, num_sectors: int) -> Optional[Tensor]:
-        # Each taxel and its neighbours by sector, the number of taxels for none; None if there are
-        # several in one.
-        place = self.target * (1 + num_sectors) + 1 + self.sector
-        if len(place.unique()) < len(place):
+    def _neighbors(self, num_sectors: int) -> Optional[Tensor]:
+        # Indices (N * (1 + S),) of each taxel and of its neighbour in each sector. N stands for no
+        # neighbour. Returns None if a sector of a taxel has several neighbours.
+        index = self.target * (1 + num_sectors) + 1 + self.sector
+        if len(index.unique()) < len(index):
             return None
-        near = torch.full((self.num_nodes, 1 + num_sectors), self.num_nodes)
-        near[:, 0] = torch.arange(self.num_nodes)
-        near.view(-1)[place] = self.source
-        return near.view(-1)
+        neighbors = torch.full((self.num_nodes, 1 + num_sectors), self.num_nodes)
+        neighbors[:, 0] = torch.arange(self.num_nodes)
+        neighbors.view(-1)[index] = self.source
+        return neighbors.view(-1)
 
     def _block(self, start: int, stop: int) -> tuple[int, int, list[SectorBlock]]:
         first, last = torch.searchsorted(self.target, torch.tensor([start, stop])).tolist()
         sector = self.sector[first:last]
-        parts = []
+        sector_blocks = []
         for number in sector.unique().tolist():
             edges = first + (sector == number).nonzero().view(-1)
-            parts.append(SectorBlock(number, self.source[edges], self.target[edges] - start))
-        return start, stop, parts
+            sector_blocks.append(
+                SectorBlock(number, self.source[edges], self.target[edges] - start)
+            )
+        return start, stop, sector_blocks
 
 
 class SectorCache(EdgeCache[SectorTable]):
-    r"""Keeps the table of the last topology."""
+    r"""A cache of the table of the last topology."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -176,50 +193,56 @@ class SectorCache(EdgeCache[SectorTable]):
     def get(
         self, edge_index: Tensor, edge_sector: Tensor, num_nodes: int, num_sectors: int
     ) -> Optional[SectorTable]:
-        r"""Returns the table of a topology, or :obj:`None` where it must not be kept.
+        r"""Returns the table of a topology, or :obj:`None` if it may not be cached.
 
-        Shapes:
-            - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`.
-            - **edge_sector:** Their sectors :math:`(|\mathcal{E}|,)`.
-            - **num_nodes:** Number of taxels :math:`N`.
+        Args:
+            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
+            edge_sector (torch.Tensor): Sectors of the edges :math:`(|\mathcal{E}|,)`.
+            num_nodes (int): Number of taxels :math:`N`.
+            num_sectors (int): Number of sectors :math:`S`.
+
+        Raises:
+            ValueError: If an edge or a sector is invalid.
         """
         key, tensors = (num_nodes,), (edge_index, edge_sector)
-        found = self._found(key, tensors)
-        if found is not None:
-            return found
+        cached_table = self._lookup(key, tensors)
+        if cached_table is not None:
+            return cached_table
         check_edge_index(edge_index, num_nodes)
         self.check(edge_index, edge_sector, num_sectors)
-        if not may_be_kept(edge_index, edge_sector):
+        if not is_cacheable(edge_index, edge_sector):
             return None
 
-        def table() -> SectorTable:
+        def group_edges() -> SectorTable:
             return SectorTable(edge_index, edge_sector, num_nodes, num_sectors)
 
-        return self._keep(key, tensors, table)
+        return self._store(key, tensors, group_edges)
 
 
 class SectorCheck(TensorCheck):
-    r"""Checks the sectors of edges: their number and type at each call, and their values, on a GPU
-    once and again only if they change.
+    r"""A check of the sectors of edges. Shape and type are checked at each call. On a GPU, values
+    are checked only if the tensor has changed.
     """
 
     def __call__(self, edge_index: Tensor, edge_sector: Tensor, num_sectors: int) -> None:
         r"""Checks sectors.
 
-        Shapes:
-            - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`.
-            - **edge_sector:** Their sectors :math:`(|\mathcal{E}|,)`.
+        Args:
+            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
+            edge_sector (torch.Tensor): Sectors of the edges :math:`(|\mathcal{E}|,)`.
+            num_sectors (int): Number of sectors :math:`S`.
         """
         num_edges = edge_index.size(1)
-        kind = edge_sector.dtype
+        dtype = edge_sector.dtype
         if edge_sector.dim() != 1 or edge_sector.size(0) != num_edges:
             raise ValueError(
-                f"'edge_sector' must have shape ({num_edges},), a sector for each edge "
+                f"'edge_sector' must have shape ({num_edges},), one sector per edge "
                 f"(got {tuple(edge_sector.shape)})"
             )
-        if kind.is_floating_point or kind.is_complex or kind == torch.bool:
-            raise ValueError(f"'edge_sector' must hold integers (got {kind})")
-        if edge_sector.is_cpu:  # at each call: a NumPy array may share the memory
+        if dtype.is_floating_point or dtype.is_complex or dtype == torch.bool:
+            raise ValueError(f"'edge_sector' must hold integers (got {dtype})")
+        # On a processor, the check is cheap, and a NumPy array may write to the memory unnoticed.
+        if edge_sector.is_cpu:
             _check_sector_values(edge_sector, num_sectors)
         else:
             self._check(edge_sector, num_sectors, _check_sector_values)
@@ -235,37 +258,38 @@ def _check_sector_values(edge_sector: Tensor, num_sectors: int) -> None:
         )
 
 
-def pays(x: Tensor, table: SectorTable) -> bool:
-    r"""Tells whether :func:`sector_product` pays for features: those of many samples, and those of
-    which all neighbours may be copied at once.
+def is_product_faster(x: Tensor, table: SectorTable) -> bool:
+    r"""Returns whether :func:`sector_product` is faster than messages, which is the case for many
+    samples, for images, and if all neighbours may be copied at once.
 
     Shapes:
         - **x:** Node features :math:`(B, N, F)`.
     """
-    return x.size(0) >= _MIN_SAMPLES or table.image is not None or _is_small(x, table)
+    return x.size(0) >= _MIN_SAMPLES or table.image is not None or _is_copy_small(x, table)
 
 
 def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTensor) -> Tensor:
-    r"""Maps each taxel by the first matrix and each of its neighbours by that of its sector, and
-    adds up.
+    r"""Returns the sum of each taxel's features and those of its neighbours, each multiplied by the
+    matrix of its sector.
 
-    Where the taxels are the pixels of an image, it is a convolution of images; where the copies of
-    all neighbours are small, it is a single product. Elsewhere, it works block by block of edges,
-    so that the copies are never written to memory; the backward pass makes them again, and there is
-    no second derivative.
+    The sum is a convolution of images if the taxels are the pixels of an image, and a single
+    product if a copy of all neighbours is small. Otherwise, neighbours are copied block by block,
+    so that the copies stay in the cache. The backward pass then copies them again, and there is no
+    second derivative.
 
     Shapes:
         - **input:** features :math:`(B, N, F)`, weights :math:`(1 + S, F, O)`, biases :math:`(O,)`
         - **output:** :math:`(B, N, O)`, or a view of :math:`(N, B, O)`
     """
     with torch.autocast(x.device.type, enabled=False):  # in full precision
-        # A kernel of an image has a weight for each of its nine places, and zero times infinity is
-        # NaN; of the neighbours that there are, infinite readings go no further.
+        # The kernel of an image has zeros for missing sectors, and zero times infinity is NaN. So
+        # images with infinite or missing readings are not convolved.
         if table.image is not None and all_finite(x):
             return table.image.product(x, weight, bias)
-        if _is_small(x, table):
-            assert table.near is not None
-            rows = F.pad(x, (0, 0, 0, 1)).index_select(1, table.near)
+        if _is_copy_small(x, table):
+            assert table.neighbors is not None
+            # The appended row of zeros stands for missing neighbours.
+            rows = F.pad(x, (0, 0, 0, 1)).index_select(1, table.neighbors)
             rows = rows.view(*x.shape[:2], weight.size(0) * x.size(2))
             return F.linear(rows, weight.flatten(0, 1).t(), bias)
     if bias is None:
@@ -274,26 +298,26 @@ def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTenso
     return out.transpose(0, 1)
 
 
-def _is_small(x: Tensor, table: SectorTable) -> bool:
-    most = _COPY_BYTES_OF_FEW if x.size(2) <= _FEW_CHANNELS else _COPY_BYTES
-    return table.near is not None and len(table.near) * x[:, 0].nbytes <= most
+def _is_copy_small(x: Tensor, table: SectorTable) -> bool:
+    max_bytes = _NARROW_COPY_BYTES if x.size(2) <= _MAX_NARROW_CHANNELS else _COPY_BYTES
+    return table.neighbors is not None and len(table.neighbors) * x[:, 0].nbytes <= max_bytes
 
 
 class _SectorProduct(Function):
-    # In full precision under autocast as well, which would cast some of the products.
+    # Computes in full precision under autocast as well, which would cast only some of the products.
     @staticmethod
     @custom_fwd(device_type="cpu", cast_inputs=torch.float32)
     def forward(ctx: Any, h: Tensor, weight: Tensor, bias: Tensor, table: SectorTable) -> Tensor:
         num_nodes, num_samples, width = h.shape
         rows = h.view(num_nodes, -1)
         out = h.new_empty(num_nodes, num_samples * weight.size(-1))
-        for start, stop, parts in table.blocks(_block_size(h, weight)):
+        for start, stop, sector_blocks in table.blocks(_block_size(h, weight)):
             block = out[start:stop]
-            flat = rows[start:stop].view(-1, width)
-            torch.addmm(bias, flat, weight[0], out=block.view(len(flat), -1))
-            for sector, source, target in parts:
-                near = rows.index_select(0, source).view(-1, width)
-                block.index_add_(0, target, (near @ weight[1 + sector]).view(len(source), -1))
+            inputs = rows[start:stop].view(-1, width)
+            torch.addmm(bias, inputs, weight[0], out=block.view(len(inputs), -1))
+            for sector, source, target in sector_blocks:
+                neighbors = rows.index_select(0, source).view(-1, width)
+                block.index_add_(0, target, (neighbors @ weight[1 + sector]).view(len(source), -1))
         ctx.save_for_backward(h, weight)
         ctx.table = table
         return out.view(num_nodes, num_samples, -1)
@@ -304,25 +328,25 @@ class _SectorProduct(Function):
     def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:  # type: ignore[override]
         h, weight = ctx.saved_tensors
         num_nodes, _, width = h.shape
-        flat = grad.contiguous().view(-1, weight.size(-1))
-        rows, grads = h.view(num_nodes, -1), flat.view(num_nodes, -1)
+        flat_grads = grad.contiguous().view(-1, weight.size(-1))
+        rows, grads = h.view(num_nodes, -1), flat_grads.view(num_nodes, -1)
         grad_weight = torch.zeros_like(weight)
-        torch.mm(h.view(-1, width).t(), flat, out=grad_weight[0])
-        grad_h = (flat @ weight[0].t()).view_as(rows) if ctx.needs_input_grad[0] else None
-        for start, stop, parts in ctx.table.blocks(_block_size(h, weight)):
+        torch.mm(h.view(-1, width).t(), flat_grads, out=grad_weight[0])
+        grad_h = (flat_grads @ weight[0].t()).view_as(rows) if ctx.needs_input_grad[0] else None
+        for start, stop, sector_blocks in ctx.table.blocks(_block_size(h, weight)):
             block = grads[start:stop]
-            for sector, source, target in parts:
-                near = rows.index_select(0, source).view(-1, width)
-                part = block.index_select(0, target).view(len(near), -1)
-                grad_weight[1 + sector].addmm_(near.t(), part)
+            for sector, source, target in sector_blocks:
+                neighbors = rows.index_select(0, source).view(-1, width)
+                output_grads = block.index_select(0, target).view(len(neighbors), -1)
+                grad_weight[1 + sector].addmm_(neighbors.t(), output_grads)
                 if grad_h is not None:
-                    back = part @ weight[1 + sector].t()
-                    grad_h.index_add_(0, source, back.view(len(source), -1))
+                    input_grads = output_grads @ weight[1 + sector].t()
+                    grad_h.index_add_(0, source, input_grads.view(len(source), -1))
         grad_h = None if grad_h is None else grad_h.view_as(h)
-        return grad_h, grad_weight, flat.sum(dim=0), None
+        return grad_h, grad_weight, flat_grads.sum(dim=0), None
 
 
 def _block_size(h: Tensor, weight: Tensor) -> int:
-    # How many taxels at a time.
+    # Returns the number of taxels in a block.
     width = max(weight.shape[1:])
     return max(1, _BLOCK_BYTES // max(1, h.size(1) * width * h.element_size()))

@@ -1,4 +1,4 @@
-r"""A graph convolution that knows directions."""
+r"""A graph convolution with a weight for each direction."""
 
 from typing import Any
 
@@ -16,41 +16,41 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     compute_on_edges,
 )
 from torch_geometric_tactile.nn.conv._lazy_weight import LazyWeight
-from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
+from torch_geometric_tactile.nn.conv._own_propagate import ExplainablePropagate
 from torch_geometric_tactile.nn.conv._plain import is_static_batch, sums_messages
 from torch_geometric_tactile.nn.conv._sector_product import (
     SectorCache,
-    pays,
+    is_product_faster,
     sector_product,
 )
 
 
-class SectorConv(LazyWeight, OwnPropagate, MessagePassing):
+class SectorConv(LazyWeight, ExplainablePropagate, MessagePassing):
     r"""A graph convolution with separate weights for the taxel itself and for the neighbour in each
-    direction, the counterpart of an image's :math:`3 \times 3` convolution on any layout.
+    direction. It corresponds to a :math:`3 \times 3` convolution of images, on any layout.
 
     .. math::
         \mathbf{x}'_i = \mathbf{W}_{\mathrm{self}} \mathbf{x}_i + \mathbf{b} +
         \sum_{s=0}^{S-1} \mathbf{W}_s \mathbf{x}_{n(i,s)}
 
-    with the neighbour :math:`n(i, s)` of taxel :math:`i` in sector :math:`s` of its tangent plane,
-    as :func:`~torch_geometric_tactile.sensors.sector_edges` finds it; an empty sector adds nothing,
-    and several neighbours in one are added up. On a grid whose pitches differ by a factor of two at
-    most, eight sectors give the numbers of :class:`torch.nn.Conv2d` with a :math:`3 \times 3`
-    kernel and zero padding, at the borders as well.
+    where :math:`n(i, s)` is the neighbour of taxel :math:`i` in sector :math:`s` of its tangent
+    plane, as computed by :func:`~torch_geometric_tactile.sensors.sector_edges`. An empty sector
+    contributes zero, and several neighbours in one sector are added up. On a grid whose pitches
+    differ by at most a factor of two, eight sectors give the same results as
+    :class:`torch.nn.Conv2d` with a :math:`3 \times 3` kernel and zero padding.
 
-    For samples on one topology :math:`(B, N, F)` on a processor it multiplies the neighbours sector
-    by sector, and keeps the table of them for as long as the same edges come in; on a grid it
-    convolves images, twice as fast again. It passes messages for :math:`(N, F)`, a single sample or
-    a PyG batch, for fewer than eight samples of many taxels, on other devices, if
-    :obj:`fast=False`, and wherever something has to see the messages.
+    For samples on one topology :math:`(B, N, F)` on a processor, the features of neighbours are
+    multiplied sector by sector, and the sorted edges are cached while they stay the same. On a
+    grid, images are convolved, which is twice as fast again. Messages are passed along edges for a
+    single sample or a PyG batch :math:`(N, F)`, for fewer than eight samples of many taxels, on
+    other devices, with :obj:`fast=False`, and if an explainer, a hook or a subclass needs them.
 
     Args:
-        in_channels (int): Size of each input feature, or -1 to take it from the first input.
+        in_channels (int): Size of each input feature, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
         num_sectors (int): Number of sectors :math:`S`.
         bias (bool): Whether to add a learnable bias.
-        fast (bool): Whether to multiply sector by sector where it pays, which has no second
+        fast (bool): Whether to multiply sector by sector if it is faster. This has no second
             derivative.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`, except for
             :obj:`flow`.
@@ -62,9 +62,9 @@ class SectorConv(LazyWeight, OwnPropagate, MessagePassing):
         - **output:** node features of the same leading shape, :math:`F_{out}` wide
 
     Raises:
-        ValueError: If a size is below one, :obj:`x` has other features, :obj:`edge_index` has
-            another shape, holds no integers or joins other taxels, or :obj:`edge_sector` does not
-            hold a sector for each edge.
+        ValueError: If a size is below one, :obj:`x` has another number of features,
+            :obj:`edge_index` has another shape, no integers or indices out of range, or
+            :obj:`edge_sector` does not hold a sector for each edge.
 
     Examples:
         >>> conv = SectorConv(3, 8, num_sectors=4)
@@ -91,8 +91,8 @@ class SectorConv(LazyWeight, OwnPropagate, MessagePassing):
             )
         if kwargs.get("decomposed_layers", 1) != 1:
             raise ValueError(
-                "'decomposed_layers' must be 1: a message goes to one sector, with all of it "
-                f"(got {kwargs['decomposed_layers']})"
+                "'decomposed_layers' must be 1, since features of a sector cannot be split (got "
+                f"{kwargs['decomposed_layers']})"
             )
         super().__init__(**{"aggr": "add", **kwargs})
         check_conv_sizes(
@@ -101,33 +101,37 @@ class SectorConv(LazyWeight, OwnPropagate, MessagePassing):
         self.out_channels = out_channels
         self.num_sectors = num_sectors
         self.fast = fast
-        # That of the taxel itself first.
+        # The weight of the taxel itself is the first.
         self._add_weight(in_channels)
         if bias:
             self.bias = Parameter(torch.empty(out_channels))
         else:
             self.register_parameter("bias", None)
-        self._kept = SectorCache()
+        self._edge_cache = SectorCache()
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
-        r"""Draws the weights anew and sets the bias to zero."""
+        r"""Resets all learnable parameters."""
         super().reset_parameters()
         if not self._is_lazy():
             glorot(self.weight.flatten(0, 1))
         zeros(self.bias)
 
     def weight_size(self, in_channels: int) -> tuple[int, ...]:
-        r"""Returns the shape of the weight."""
+        r"""Returns the shape of the weight.
+
+        Args:
+            in_channels (int): Size of each input feature.
+        """
         return 1 + self.num_sectors, in_channels, self.out_channels
 
     def forward(self, x: Tensor, edge_index: Adj, edge_sector: Tensor) -> Tensor:
-        r"""Convolves node features.
+        r"""Returns the convolved node features.
 
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges from the neighbour to the taxel.
-            edge_sector (torch.Tensor): The sector of the taxel in which each neighbour lies.
+            edge_sector (torch.Tensor): Sector of the taxel in which the neighbour of each edge is.
         """
         check_tensor(x)
         self._initialize_weight(x)
@@ -138,23 +142,23 @@ class SectorConv(LazyWeight, OwnPropagate, MessagePassing):
             )
         check_edge_form(edge_index, x.size(-2))
         if self._is_fast(x):
-            table = self._kept.get(edge_index, edge_sector, x.size(1), self.num_sectors)
-            if table is not None and pays(x, table):
+            table = self._edge_cache.get(edge_index, edge_sector, x.size(1), self.num_sectors)
+            if table is not None and is_product_faster(x, table):
                 return sector_product(x, table, self.weight, self.bias)
-        self._kept.check(edge_index, edge_sector, self.num_sectors)
-        return compute_on_edges(self._gather, x.size(-2), x, edge_index, edge_sector)
+        self._edge_cache.check(edge_index, edge_sector, self.num_sectors)
+        return compute_on_edges(self._convolve_edges, x.size(-2), x, edge_index, edge_sector)
 
     def _is_fast(self, x: Tensor) -> bool:
         return self.fast and is_static_batch(x) and type(self) is SectorConv and sums_messages(self)
 
-    def _gather(self, x: Tensor, edge_index: Adj, edge_sector: Tensor) -> Tensor:
-        # Messages go to one place for each sector of each taxel.
-        num_nodes, num_places = x.size(-2), x.size(-2) * self.num_sectors
+    def _convolve_edges(self, x: Tensor, edge_index: Adj, edge_sector: Tensor) -> Tensor:
+        # Passes messages on a bipartite graph, whose targets are the sectors of all taxels.
+        num_nodes, num_targets = x.size(-2), x.size(-2) * self.num_sectors
         source, target = edge_index.long()
-        places = torch.stack([source, target * self.num_sectors + edge_sector.long()])
-        near = self.propagate(places, x=(x, None), size=(num_nodes, num_places))
-        near = near.reshape(*x.shape[:-1], self.num_sectors * self.in_channels)
-        out = x @ self.weight[0] + near @ self.weight[1:].flatten(0, 1)
+        sector_edges = torch.stack([source, target * self.num_sectors + edge_sector.long()])
+        sums = self.propagate(sector_edges, x=(x, None), size=(num_nodes, num_targets))
+        sums = sums.reshape(*x.shape[:-1], self.num_sectors * self.in_channels)
+        out = x @ self.weight[0] + sums @ self.weight[1:].flatten(0, 1)
         return out if self.bias is None else out + self.bias
 
     def message(self, x_j: Tensor) -> Tensor:

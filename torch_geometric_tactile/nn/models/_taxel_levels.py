@@ -11,7 +11,7 @@ from torch.nn import BatchNorm1d, Dropout, Module
 from torch.nn.functional import batch_norm
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn._sizes import given_widths
+from torch_geometric_tactile.nn._sizes import checked_layer_widths
 from torch_geometric_tactile.nn.conv import SectorConv, SelfGCNConv
 from torch_geometric_tactile.nn.pool import TaxelPool
 from torch_geometric_tactile.sensors import TaxelLayout, layout_sectors
@@ -202,7 +202,7 @@ def level_widths(widths: Sequence[int] | None, num_levels: int) -> tuple[int, ..
     r"""Returns the width of each level."""
     if widths is None:
         widths = (32,) if num_levels == 1 else (16, 32, 64)
-    widths = given_widths(widths)
+    widths = checked_layer_widths(widths)
     return (*widths, *[widths[-1]] * num_levels)[:num_levels]
 
 

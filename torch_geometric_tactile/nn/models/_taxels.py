@@ -9,7 +9,7 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.nn._sizes import is_of_taxels
+from torch_geometric_tactile.nn._sizes import has_taxels
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_names
 
 # What models call the features whose number is their argument `in_channels`.
@@ -67,7 +67,7 @@ def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, what: str) -
 
 def count_samples(x: Tensor, num_taxels: int) -> int:
     r"""Returns the number of samples in readings of any form."""
-    if not is_of_taxels(x, num_taxels):
+    if not has_taxels(x, num_taxels):
         raise ValueError(
             f"'x' must have {num_taxels} taxels in each sample (got shape {tuple(x.shape)})"
         )

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Optional
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.nn._sizes import check_sizes, given_widths
+from torch_geometric_tactile.nn._sizes import check_sizes, checked_layer_widths
 
 # The thread of the paper for readings.
 WIDTHS = (14, 28, 56, 112, 112)
@@ -18,7 +18,7 @@ def checked_widths(
     layer and after the last.
     """
     check_sizes(in_channels=in_channels)
-    widths, pools = given_widths(widths), tuple(pools)
+    widths, pools = checked_layer_widths(widths), tuple(pools)
     need(
         len(pools) == len(widths),
         f"'pools' must have a size for each of {len(widths)} widths",

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn._pooled_gcn import may_merge, may_run_fast, pooled_thread
+from torch_geometric_tactile.nn._pooled_gcn import is_pooled_gcn_faster, may_merge, pooled_thread
 from torch_geometric_tactile.nn.conv import StaticGCNConv
 from torch_geometric_tactile.nn.conv._static_adjacency import AdjacencyCache
 from torch_geometric_tactile.nn.models._inputs import given_edges, weight_like
@@ -61,7 +61,7 @@ class GCNThread(Thread):
         fast: bool = True,
     ) -> None:
         super().__init__(in_channels, widths, pools, StaticGCNConv, fast=fast)
-        self._kept = AdjacencyCache()
+        self._edge_cache = AdjacencyCache()
 
     def forward(
         self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
@@ -79,8 +79,8 @@ class GCNThread(Thread):
                 f"{self.in_channels}) (got {tuple(x.shape)})"
             )
         edge_index, edge_weight = given_edges(edge_index), weight_like(edge_weight, x)
-        if self.fast and may_run_fast(x) and may_merge(self.layers()):
-            kept = self._kept.get(edge_index, edge_weight, x.size(1), x.dtype)
+        if self.fast and is_pooled_gcn_faster(x) and may_merge(self.layers()):
+            kept = self._edge_cache.get(edge_index, edge_weight, x.size(1), x.dtype)
             if kept is not None:
                 return pooled_thread(x, self.layers(), kept)
         return self._by_layers(x, edge_index, edge_weight)

@@ -9,7 +9,7 @@ from torch.nn import Dropout, Linear, ModuleList
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.nn._sizes import check_sizes, given_widths
+from torch_geometric_tactile.nn._sizes import check_sizes, checked_layer_widths
 from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxel_levels import ReadingNorm, TaxelNorm
 from torch_geometric_tactile.nn.models._taxels import (
@@ -121,7 +121,7 @@ class PosedTaxelNet(BaseModel):
         self.norm = ReadingNorm(size)
         self.lins = ModuleList()
         self.norms = ModuleList()
-        for width in given_widths(widths):
+        for width in checked_layer_widths(widths):
             self.lins.append(Linear(size, width, bias=False))
             self.norms.append(TaxelNorm(width))
             size = width

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn._pooled_gcn import may_merge, may_run_fast, pooled_thread
+from torch_geometric_tactile.nn._pooled_gcn import is_pooled_gcn_faster, may_merge, pooled_thread
 from torch_geometric_tactile.nn.conv import SegmentedGCNConv
 from torch_geometric_tactile.nn.conv._static_adjacency import (
     AdjacencyCache,
@@ -77,7 +77,7 @@ class SegmentedThread(Thread):
         super().__init__(in_channels, widths, pools, conv, fast=fast)
         first, _ = self.layers()[0]
         self.num_segments = first.num_segments
-        self._kept = AdjacencyCache()
+        self._edge_cache = AdjacencyCache()
         self._add_groups(first.segment)
 
     def _add_groups(self, segment: Tensor) -> None:
@@ -110,8 +110,8 @@ class SegmentedThread(Thread):
             return self._by_layers(x, edge_index, edge_weight)
         if x.size(-1) != self.in_channels:
             raise ValueError(f"'x' must have {self.in_channels} features (got {x.size(-1)})")
-        kept = self._kept.get(edge_index, edge_weight, len(segment), x.dtype, segment)
-        if kept is not None and self.fast and may_run_fast(x):
+        kept = self._edge_cache.get(edge_index, edge_weight, len(segment), x.dtype, segment)
+        if kept is not None and self.fast and is_pooled_gcn_faster(x):
             return pooled_thread(x, layers, kept, segment)
         finite = all_finite(x)
         if finite is False:  # zero times infinity would be in every sum of a segment

@@ -9,7 +9,7 @@ from torch.nn import functional as F
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.nn._sizes import check_sizes, is_of_taxels
+from torch_geometric_tactile.nn._sizes import check_sizes, has_taxels
 from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxel_image import TaxelImage
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
@@ -97,7 +97,7 @@ class SmallCNN(BaseModel):
         self.lin2 = Linear(hidden_channels, out_channels)
 
     def _logits(self, x: Tensor, **unused: OptTensor) -> Tensor:
-        if not is_of_taxels(x, self.num_nodes, self.in_channels):
+        if not has_taxels(x, self.num_nodes, self.in_channels):
             raise ValueError(
                 f"'x' must have {self.num_nodes} taxels and {self.in_channels} channels (got shape "
                 f"{tuple(x.shape)})"

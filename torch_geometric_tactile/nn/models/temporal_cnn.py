@@ -11,7 +11,7 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import split_frames
-from torch_geometric_tactile.nn._sizes import check_sizes, given_widths
+from torch_geometric_tactile.nn._sizes import check_sizes, checked_layer_widths
 from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels, stacked_readings
 
@@ -99,7 +99,7 @@ class TemporalCNN(BaseModel):
         check_sizes(out_channels=out_channels, in_channels=in_channels)
         self.out_channels = out_channels
         self.in_channels = in_channels
-        self.widths = given_widths(widths)
+        self.widths = checked_layer_widths(widths)
         self.kernel_sizes = tuple(kernel_sizes)
         are_odd = all(isinstance(s, Integral) and s >= 1 and s % 2 for s in self.kernel_sizes)
         need(
