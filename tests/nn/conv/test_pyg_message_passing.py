@@ -38,7 +38,7 @@ def test_my_conv_basic():
 @pytest.mark.parametrize("edges", [[[-1, 1, 2, 2], [0, 0, 1, 1]], [[0, 1, 2, 3], [0, 0, 1, 1]]])
 def test_my_conv_out_of_bounds(lead, edges):
     # PyG raises IndexError from `propagate`, here it is a ValueError of the same meaning.
-    with pytest.raises(ValueError, match=r"'edge_index' must hold node numbers from 0 to 2, .*got"):
+    with pytest.raises(ValueError, match=r"'edge_index' must hold node indices from 0 to 2, .*got"):
         StaticGCNConv(8, 32)(samples(*lead, 3, 8), torch.tensor(edges), samples(4))
 
 

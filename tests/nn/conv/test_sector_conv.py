@@ -276,8 +276,8 @@ def test_sector_conv_bad_input(batch_size):
         ((x[0, 0], EDGES, SECTOR), r"'x' must have shape .*\(got \(3,\)\)"),
         ((x, EDGES[0], SECTOR), r"'edge_index' must have shape \(2, num_edges\) \(got"),
         ((x, EDGES.float(), SECTOR), r"'edge_index' must hold integers \(got torch.float32\)"),
-        ((x, EDGES + 1, SECTOR), r"'edge_index' must hold node numbers from 0 to 23.*1 to 24"),
-        ((x, EDGES - 1, SECTOR), r"'edge_index' must hold node numbers .*\(got -1 to 22\)"),
+        ((x, EDGES + 1, SECTOR), r"'edge_index' must hold node indices from 0 to 23.*1 to 24"),
+        ((x, EDGES - 1, SECTOR), r"'edge_index' must hold node indices .*\(got -1 to 22\)"),
         ((x, EDGES, SECTOR[:-1]), r"'edge_sector' must have shape \(\d+,\), a sector for each"),
         ((x, EDGES, SECTOR.float()), r"'edge_sector' must hold integers \(got torch.float32\)"),
         ((x, EDGES, SECTOR + 1), r"'edge_sector' must hold sectors from 0 to 7 \(got 1 to 8\)"),
@@ -299,7 +299,7 @@ def test_sector_conv_batch_of_sensors():
 
 
 def test_sector_conv_refuses_what_it_cannot_do():
-    with pytest.raises(ValueError, match=r"'decomposed_layers' must be 1: .* \(got 2\)"):
+    with pytest.raises(ValueError, match=r"'decomposed_layers' must be 1, since .* \(got 2\)"):
         SectorConv(2, 4, decomposed_layers=2)
     assert SectorConv(2, 4, decomposed_layers=1).decomposed_layers == 1
     with pytest.raises(ValueError, match=r"'in_channels' must be at least 1 \(got 0\), or -1"):

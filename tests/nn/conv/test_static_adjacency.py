@@ -179,7 +179,7 @@ def test_kept_tensor_on_other_devices(device, monkeypatch):
         def is_cpu(self):
             return device == "cpu"
 
-    monkeypatch.setattr(edge_cache, "_PLAIN", (Other,))
+    monkeypatch.setattr(edge_cache, "_TENSOR_TYPES", (Other,))
     compared, equal = [], torch.equal
     monkeypatch.setattr(torch, "equal", lambda a, b: compared.append(1) or equal(a, b))
     tensor = EDGES.clone().as_subclass(Other)

@@ -485,8 +485,8 @@ def test_attention_edge_index_of_pyg(kind, products):
     [
         (torch.zeros(7, 2, dtype=torch.long), r"shape \(2, num_edges\) \(got \(7, 2\)\)"),
         (torch.zeros(2, 3), r"hold integers \(got torch.float32\)"),
-        (torch.tensor([[5], [0]]), r"node numbers from 0 to 4, those of 'x' \(got 0 to 5\)"),
-        (torch.tensor([[0], [-1]]), r"node numbers from 0 to 4, those of 'x' \(got -1 to 0\)"),
+        (torch.tensor([[5], [0]]), r"node indices from 0 to 4, the rows of 'x' \(got 0 to 5\)"),
+        (torch.tensor([[0], [-1]]), r"node indices from 0 to 4, the rows of 'x' \(got -1 to 0\)"),
         (torch.eye(6).to_sparse(), r"shape \(5, 5\) if it is sparse.*\(got \(6, 6\)\)"),
     ],
 )

@@ -15,7 +15,7 @@ from torch_geometric_tactile.nn.models._taxel_levels import (
     pitch,
     pooled_layouts,
 )
-from torch_geometric_tactile.nn.models._taxels import seen_taxels
+from torch_geometric_tactile.nn.models._taxels import taxel_mask
 from torch_geometric_tactile.sensors import (
     TaxelLayout,
     allegro_uskin,
@@ -350,7 +350,7 @@ def test_taxel_net_does_not_see_dropped_taxels(name):
     torch.manual_seed(0)
     model(**data).square().sum().backward()
     torch.manual_seed(0)
-    seen = seen_taxels(data["x"], 0.5)
+    seen = taxel_mask(data["x"], 0.5)
     found = data["x"].grad.abs().sum(dim=-1)
     assert float(found[~seen].abs().max()) == 0
     assert float((found[seen] > 0).double().mean()) > 0.9

@@ -275,7 +275,7 @@ def _checked_segment(segment: Union[Sequence[int], Tensor]) -> Tensor:
     has_integers = not numbers.is_floating_point() and numbers.dtype != torch.bool
     if numbers.dim() != 1 or len(numbers) == 0 or not has_integers:
         raise ValueError(
-            "'segment' must be an integer for each taxel "
+            "'segment' must be a whole number for each taxel "
             f"(got shape {tuple(numbers.shape)}, {numbers.dtype})"
         )
     unique_numbers = numbers.unique().tolist()
