@@ -2,12 +2,12 @@ import pytest
 import torch
 
 from torch_geometric_tactile.nn.conv import SectorConv
-from torch_geometric_tactile.nn.conv._sector_product import SectorImage
+from torch_geometric_tactile.nn.conv.sector_conv import _SectorImage
 from torch_geometric_tactile.sensors import biotac_sp, grid, layout_sectors
 
 
 def _image(edge_index, sector, num_nodes):
-    return SectorImage.from_edges(*edge_index, sector, num_nodes)
+    return _SectorImage.from_edges(*edge_index, sector, num_nodes)
 
 
 @pytest.mark.parametrize("size", [(3, 3), (4, 7), (1, 5), (2, 3), (6, 3)])

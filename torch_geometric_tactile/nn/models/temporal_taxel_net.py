@@ -5,19 +5,23 @@ from typing import Literal, Optional, Union
 
 import torch
 from torch import Tensor
-from torch.nn import ModuleList
+from torch.nn import Linear, Module, ModuleList
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import split_frames
 from torch_geometric_tactile.nn._sizes import check_sizes
+from torch_geometric_tactile.nn.conv import CausalTemporalConv
 from torch_geometric_tactile.nn.models._base_model import BaseModel
+from torch_geometric_tactile.nn.models._inputs import with_joints
 from torch_geometric_tactile.nn.models._taxel_levels import (
     CONVS,
+    ByteDropout,
     ConvName,
     ReadingNorm,
     TaxelLevel,
+    TaxelNorm,
     layout_pools,
     level_widths,
 )
@@ -26,12 +30,6 @@ from torch_geometric_tactile.nn.models._taxels import (
     load_layout,
     stacked_readings,
     taxel_mask,
-)
-from torch_geometric_tactile.nn.models._temporal_blocks import (
-    FrameFilters,
-    FrameHead,
-    TemporalBlock,
-    apply_to_frames,
 )
 from torch_geometric_tactile.sensors import TaxelLayout
 
@@ -188,9 +186,9 @@ class TemporalTaxelNet(BaseModel):
         self.widths = level_widths(widths, 1 + len(pools))
         self.taxels = (self.num_nodes, *(pool.num_clusters for pool in pools))
         self.norm = ReadingNorm(in_channels)
-        self.filters: Optional[FrameFilters] = None
+        self.filters: Optional[_FrameFilters] = None
         if num_filters is not None:
-            self.filters = FrameFilters(in_channels, num_filters, filter_size)
+            self.filters = _FrameFilters(in_channels, num_filters, filter_size)
             self.receptive_field += filter_size - 1
         layouts = [layout, *(pool.coarse for pool in pools)]
         input_widths = [num_filters or in_channels, *self.widths]
@@ -202,17 +200,17 @@ class TemporalTaxelNet(BaseModel):
                 TaxelLevel(layouts[i], level_pool, block_widths, conv, num_sectors, fast)
             )
         width, num_nodes = self.widths[-1], self.taxels[-1]
-        self.mixer: Optional[FrameFilters] = None
+        self.mixer: Optional[_FrameFilters] = None
         if mixed_channels:
-            self.mixer = FrameFilters(num_nodes * width, mixed_channels, kernel_size)
+            self.mixer = _FrameFilters(num_nodes * width, mixed_channels, kernel_size)
             self.receptive_field += kernel_size - 1
             width, num_nodes = mixed_channels, 1
         self.blocks = ModuleList(
-            TemporalBlock(width, kernel_size, dilation * 2**i, dropout / 2)
+            _TemporalBlock(width, kernel_size, dilation * 2**i, dropout / 2)
             for i in range(num_blocks)
         )
         width *= 2 if pool == "mean_max" else 1
-        self.head = FrameHead(
+        self.head = _FrameHead(
             *(num_nodes, width, out_channels, hidden_channels, dropout, num_joints),
             are_mixed=bool(mixed_channels),
         )
@@ -256,7 +254,7 @@ class TemporalTaxelNet(BaseModel):
         else:
             h = self.filters(x, first_stride)
         for level in self.levels:
-            h = apply_to_frames(level, h)
+            h = _apply_to_frames(level, h)
         if self.mixer is not None:
             h = self.mixer(h.transpose(1, 2).flatten(2).unsqueeze(1), stride)
         for block in _temporal_blocks(self.blocks):
@@ -353,9 +351,154 @@ class TemporalTaxelNet(BaseModel):
         )
 
 
-def _temporal_blocks(blocks: ModuleList) -> list[TemporalBlock]:
+class _FrameFilters(Module):
+    r"""Causal filters of the readings of each taxel, followed by normalisation and ReLU. All taxels
+    share the filters.
+
+    Args:
+        in_channels (int): Number of channels :math:`C`.
+        out_channels (int): Number of filters.
+        kernel_size (int): Length of the filters in frames.
+    """
+
+    def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
+        super().__init__()
+        self.conv = CausalTemporalConv(in_channels, out_channels, kernel_size, bias=False)
+        self.norm = TaxelNorm(out_channels)
+
+    def forward(self, x: Tensor, stride: int = 1) -> Tensor:
+        r"""Returns the filtered readings.
+
+        Args:
+            x (torch.Tensor): Readings :math:`(B, N, T, C)`.
+            stride (int): Distance between the output frames.
+        """
+        return self._normalize(self.conv(x, stride=stride))
+
+    def step(self, x: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+        r"""Returns the filtered readings of the next frame, and the next state.
+
+        Args:
+            x (torch.Tensor): Readings of the frame :math:`(B, N, C)`.
+            state (torch.Tensor): State before the frame.
+        """
+        out, state = self.conv.step(x, state)
+        return self._normalize(out), state
+
+    def _normalize(self, h: Tensor) -> Tensor:
+        return self.norm(h.flatten(0, -2)).relu().view(h.shape)
+
+
+class _TemporalBlock(Module):
+    r"""A causal convolution over the features of each taxel, normalisation, ReLU and dropout, with
+    a residual connection.
+
+    Args:
+        channels (int): Size of each input and output feature.
+        kernel_size (int): Number of frames in the kernel.
+        dilation (int): Distance between the kernel's frames.
+        dropout (float): Probability of dropping a feature in training.
+    """
+
+    def __init__(self, channels: int, kernel_size: int, dilation: int, dropout: float) -> None:
+        super().__init__()
+        self.conv = CausalTemporalConv(channels, channels, kernel_size, dilation, bias=False)
+        self.norm = TaxelNorm(channels)
+        self.dropout = ByteDropout(dropout)
+
+    def forward(self, h: Tensor, spacing: int = 1, stride: int = 1) -> Tensor:
+        r"""Returns the output for features :math:`(B, M, T, F)`. The arguments are those of
+        :meth:`CausalTemporalConv.forward`.
+        """
+        out = self.conv(h, spacing=spacing, stride=stride)
+        h = h[:, :, (h.size(2) - 1) % stride :: stride]
+        return self._add_residual(h, out)
+
+    def step(self, h: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+        r"""Returns the output for the features of the next frame, and the next state.
+
+        Args:
+            h (torch.Tensor): Features of the frame :math:`(B, M, F)`.
+            state (torch.Tensor): State before the frame.
+        """
+        out, state = self.conv.step(h, state)
+        return self._add_residual(h, out), state
+
+    def _add_residual(self, h: Tensor, out: Tensor) -> Tensor:
+        return h + self.dropout(self.norm(out.flatten(0, -2)).relu()).view(out.shape)
+
+
+class _FrameHead(Module):
+    r"""Computes the logits of a frame from the features of all taxels, their mean and their
+    maximum, with an optional hidden layer. Mixed features are used without mean and maximum.
+
+    Args:
+        num_nodes (int): Number of taxels :math:`M`.
+        width (int): Size of each taxel's features :math:`F`.
+        out_channels (int): Number of labels or classes :math:`O`.
+        hidden_channels (int, optional): Width of the hidden layer, or :obj:`None` for none.
+        dropout (float): Probability of dropping a feature in training.
+        num_joints (int): Number of joint angles.
+        are_mixed (bool): Whether the features are those of all taxels together.
+    """
+
+    def __init__(
+        self,
+        num_nodes: int,
+        width: int,
+        out_channels: int,
+        hidden_channels: int | None,
+        dropout: float,
+        num_joints: int,
+        are_mixed: bool = False,
+    ) -> None:
+        super().__init__()
+        self.num_joints = num_joints
+        self.are_mixed = are_mixed
+        in_channels = width if are_mixed else (num_nodes + 2) * width
+        self.dropout = ByteDropout(dropout)
+        width = in_channels + num_joints
+        self.lin: Linear | None = None
+        if hidden_channels is not None:
+            self.lin = Linear(width, hidden_channels, bias=False)
+            self.norm = TaxelNorm(hidden_channels)
+            width = hidden_channels
+        self.lin_out = Linear(width, out_channels)
+
+    def forward(self, h: Tensor, joint: OptTensor) -> Tensor:
+        r"""Returns the logits of one frame :math:`(B, O)`, or of all frames :math:`(B, T, O)`.
+
+        Args:
+            h (torch.Tensor): Features of one frame :math:`(B, M, F)`, or of all frames
+                :math:`(B, M, T, F)`.
+            joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`, or
+                :math:`(B, T, J)` for all frames.
+        """
+        rows = h if h.dim() == 3 else h.transpose(1, 2).flatten(0, 1)
+        features = rows.flatten(1)
+        if not self.are_mixed:
+            features = torch.cat([features, rows.mean(dim=1), rows.amax(dim=1)], dim=1)
+        features = with_joints(self.dropout(features), joint, self.num_joints)
+        if self.lin is not None:
+            features = self.dropout(self.norm(self.lin(features)).relu())
+        out: Tensor = self.lin_out(features)
+        return out if h.dim() == 3 else out.unflatten(0, (h.size(0), h.size(2)))
+
+
+def _apply_to_frames(layer: Module, h: Tensor) -> Tensor:
+    r"""Returns the output of a layer for each frame :math:`(B, M, T, O)`.
+
+    Args:
+        layer (torch.nn.Module): A layer from :math:`(S, N, F)` to :math:`(S, M, O)`.
+        h (torch.Tensor): Features :math:`(B, N, T, F)`.
+    """
+    out: Tensor = layer(h.transpose(1, 2).flatten(0, 1))
+    return out.unflatten(0, (h.size(0), h.size(2))).transpose(1, 2)
+
+
+def _temporal_blocks(blocks: ModuleList) -> list[_TemporalBlock]:
     # Iterating over a ModuleList gives plain modules to type checkers.
-    return [block for block in blocks if isinstance(block, TemporalBlock)]
+    return [block for block in blocks if isinstance(block, _TemporalBlock)]
 
 
 def _check_state(state: _TemporalState, num_tensors: int) -> None:
