@@ -17,8 +17,8 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_edge_features,
     check_edge_form,
 )
+from torch_geometric_tactile.nn.conv._explainable_propagate import ExplainablePropagate
 from torch_geometric_tactile.nn.conv._lazy_weight import lazy_linear
-from torch_geometric_tactile.nn.conv._own_propagate import ExplainablePropagate
 
 
 class EdgeMessageEncoder(ExplainablePropagate, MessagePassing):

@@ -23,8 +23,8 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     compute_on_edges,
     is_traced,
 )
+from torch_geometric_tactile.nn.conv._explainable_propagate import ExplainablePropagate
 from torch_geometric_tactile.nn.conv._lazy_weight import LazyWeight
-from torch_geometric_tactile.nn.conv._own_propagate import ExplainablePropagate
 from torch_geometric_tactile.nn.conv._plain import is_static_batch, sums_messages
 from torch_geometric_tactile.nn.conv._static_adjacency import all_finite
 

@@ -20,8 +20,8 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_tensor,
     compute_on_edges,
 )
+from torch_geometric_tactile.nn.conv._explainable_propagate import ExplainablePropagate
 from torch_geometric_tactile.nn.conv._lazy_weight import LazyWeight
-from torch_geometric_tactile.nn.conv._own_propagate import ExplainablePropagate
 from torch_geometric_tactile.nn.conv._plain import is_hooked, sums_messages
 from torch_geometric_tactile.nn.conv._static_adjacency import (
     GCN_NORM,

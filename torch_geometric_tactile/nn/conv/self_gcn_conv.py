@@ -20,7 +20,7 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     compute_on_edges,
     is_traced,
 )
-from torch_geometric_tactile.nn.conv._own_propagate import ExplainablePropagate
+from torch_geometric_tactile.nn.conv._explainable_propagate import ExplainablePropagate
 from torch_geometric_tactile.nn.conv._plain import is_plain_linear, sums_messages
 from torch_geometric_tactile.nn.conv._sparse_gcn import sparse_gcn
 from torch_geometric_tactile.nn.conv._static_adjacency import (

@@ -23,7 +23,7 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     is_traced,
     sorted_form,
 )
-from torch_geometric_tactile.nn.conv._own_propagate import (
+from torch_geometric_tactile.nn.conv._explainable_propagate import (
     ExplainablePropagate,
     mark_overridden_methods,
     original_propagate,
