@@ -210,9 +210,9 @@ class _SectorImage(NamedTuple):
             - **num_nodes:** Number of nodes :math:`N`.
         """
         steps, sectors = {}, sector.unique().tolist()
-        for number in sectors:
-            step = (source - target)[sector == number]
-            steps[number] = int(step[0])
+        for sector_index in sectors:
+            step = (source - target)[sector == sector_index]
+            steps[sector_index] = int(step[0])
             if bool((step != step[0]).any()):
                 return None
         if not steps:
@@ -233,12 +233,12 @@ class _SectorImage(NamedTuple):
     ) -> Optional["_SectorImage"]:
         # The image of this size, or None if the edges are not those of its pixels.
         kernel_indices = []
-        for number, step in steps.items():
+        for sector_index, step in steps.items():
             row_step = round(step / cols)
             col_step = step - row_step * cols
             if abs(row_step) > 1 or abs(col_step) > 1:
                 return None
-            targets = target[sector == number]
+            targets = target[sector == sector_index]
             source_cols = targets % cols + col_step
             is_inside = (source_cols >= 0) & (source_cols < cols)  # implies a row inside as well
             num_pairs = (rows - abs(row_step)) * (cols - abs(col_step))
@@ -331,10 +331,10 @@ class _SectorTable:
         first, last = torch.searchsorted(self.target, torch.tensor([start, stop])).tolist()
         sector = self.sector[first:last]
         sector_blocks = []
-        for number in sector.unique().tolist():
-            edges = first + (sector == number).nonzero().view(-1)
+        for sector_index in sector.unique().tolist():
+            edges = first + (sector == sector_index).nonzero().view(-1)
             sector_blocks.append(
-                _SectorBlock(number, self.source[edges], self.target[edges] - start)
+                _SectorBlock(sector_index, self.source[edges], self.target[edges] - start)
             )
         return start, stop, sector_blocks
 

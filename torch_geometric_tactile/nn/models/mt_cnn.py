@@ -84,4 +84,6 @@ class MTCNN(TactileModel):
         r"""Returns the features of each taxel before the fully connected layers
         :math:`(B, N, F)`.
         """
-        return concatenate_inputs({name: self.threads[name](part) for name, part in parts.items()})
+        return concatenate_inputs(
+            {name: self.threads[name](features) for name, features in parts.items()}
+        )

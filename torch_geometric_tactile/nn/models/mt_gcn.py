@@ -115,11 +115,11 @@ class MTGCN(TactileModel):
         :math:`(B, N, F)`.
         """
         outs = {}
-        for name, part in parts.items():
+        for name, features in parts.items():
             thread, thread_edges = self.threads[name], getattr(self, f"{name}_edge_index")
             assert isinstance(thread, GCNThread)
             edges = edge_index if thread_edges is None else thread_edges
-            outs[name] = self.convolve(thread, part, x, edges, thread_edges is not None)
+            outs[name] = self.convolve(thread, features, x, edges, thread_edges is not None)
         return concatenate_inputs(outs)
 
 
