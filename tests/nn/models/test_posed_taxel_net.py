@@ -228,7 +228,7 @@ def test_posed_taxel_net_few_taxels():
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"layout": 24}, r"'layout' must be a layout, .* places of its taxels \(got the number"),
+        ({"layout": 24}, r"'layout' must be a layout, .* poses of its taxels \(got the number"),
         ({"widths": ()}, r"'widths' must be at least one width of at least 1 \(got \(\)\)"),
         ({"taxel_dropout": 1.0}, r"'taxel_dropout' must be at least 0 and below 1 \(got 1.0\)"),
     ],
@@ -252,7 +252,7 @@ def test_posed_taxel_net_bad_input():
     bad = [
         ({"x": data["x"][..., :2]}, r"'x' must have 3 channels \(got shape \(5, 20, 2\)\)"),
         ({"x": data["x"][:, :19]}, r"'x' must have 20 taxels in each sample \(got shape"),
-        ({"pos": None}, r"'pos' must be given if 'posed' is True, as TaxelPose sets it"),
+        ({"pos": None}, r"'pos' must be given if 'posed' is True .*: add TaxelPose\(\)"),
         ({"normal": data["normal"][:4]}, r"'normal' must be of 5 samples of 20 taxels.*\(4, 20, 3"),
         ({"pos": data["pos"][..., :2]}, r"'pos' must be of 5 samples .*\(3,\) wide"),
         ({"tangent": data["normal"]}, r"'tangent' must be of 5 samples .*\(2, 3\) wide"),
