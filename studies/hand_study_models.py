@@ -13,7 +13,7 @@ from torch.nn.functional import cross_entropy, huber_loss
 from torch_geometric_tactile.baselines import flat_forest, posed_forest, posed_ridge
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import PosedTaxelNet, TactileFNN, TaxelNet
-from torch_geometric_tactile.nn.models._taxels import seen_taxels
+from torch_geometric_tactile.nn.models._taxels import taxel_mask
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training import training_recipe
 from torch_geometric_tactile.transforms import ZScore
@@ -55,7 +55,7 @@ class Network:
             for rows in torch.randperm(len(y)).split(recipe.batch_size)[:steps]:
                 optimizer.zero_grad()
                 batch = {key: value[rows] for key, value in inputs.items()}
-                seen = seen_taxels(batch["x"], self.dropped)
+                seen = taxel_mask(batch["x"], self.dropped)
                 if seen is not None:
                     batch["x"] = batch["x"] * seen.unsqueeze(-1)
                 out = self.model(**batch)

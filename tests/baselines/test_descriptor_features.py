@@ -19,7 +19,7 @@ def test_rows_are_the_descriptors_in_pieces_of_any_size(monkeypatch):
     expected = taxel_descriptors(X, PAD).numpy()
     module = sys.modules[DescriptorFeatures.__module__]
     for at_once in (1, 48, 1 << 18):
-        monkeypatch.setattr(module, "_AT_ONCE", at_once)
+        monkeypatch.setattr(module, "_BLOCK_READINGS", at_once)
         found = DescriptorFeatures(PAD).fit_transform(X.numpy())
         np.testing.assert_allclose(found, expected, atol=1e-5)
     assert DescriptorFeatures(PAD).transform(X[:0].numpy()).shape == (0, expected.shape[1])

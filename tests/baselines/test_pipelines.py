@@ -73,7 +73,7 @@ def test_minirocket_tells_movements_apart(num_channels):
     assert np.array_equal(again, estimator.predict(x[40:]))
     numbers = baselines.minirocket("regression", num_kernels=84).fit(x, speed[:, 0, 0])
     assert np.abs(numbers.predict(x) - speed[:, 0, 0]).mean() < 0.15
-    with pytest.raises(ValueError, match=r"must have 9 frames \(got 4\)"):
+    with pytest.raises(ValueError, match=r"windows of at least 9 frames \(got 4\)"):
         baselines.minirocket().fit(x[..., :4], Y)
 
 

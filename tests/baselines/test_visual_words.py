@@ -14,7 +14,7 @@ import cv2
 from mahotas.features import surf
 
 from torch_geometric_tactile.baselines import SIFTSVM, SURFSVM
-from torch_geometric_tactile.baselines._visual_words import enlarged
+from torch_geometric_tactile.baselines._visual_words import enlarge
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.experiments._estimators import (
     class_scores,
@@ -188,8 +188,8 @@ def test_numbers_of_threads_are_left_alone(model):
 @MODELS
 def test_more_descriptors_than_needed_are_left_out_of_the_words(model, monkeypatch):
     module = "torch_geometric_tactile.baselines._visual_words"
-    monkeypatch.setattr(f"{module}._BLOCK", 16)
-    monkeypatch.setattr(f"{module}._MOST_DESCRIPTORS", 60)
+    monkeypatch.setattr(f"{module}._IMAGE_BLOCK", 16)
+    monkeypatch.setattr(f"{module}._MAX_DESCRIPTORS", 60)
     few = model(num_words=20, random_state=0, **WIDE[model.__name__]).fit(X, Y)
     assert few.score(X_TEST, Y_TEST) > 0.6
 
@@ -197,7 +197,7 @@ def test_more_descriptors_than_needed_are_left_out_of_the_words(model, monkeypat
 def test_detector_of_surf_finds_nothing_on_images_of_the_array():
     images = SURFSVM().images(X)
     assert sum(len(surf.surf(image, threshold=1e-4)) for image in images) == 0
-    larger = enlarged(images, 3)
+    larger = enlarge(images, 3)
     assert np.mean([len(surf.surf(image)) for image in larger]) < 3
 
 
@@ -213,8 +213,8 @@ def test_points_of_surf_are_those_of_its_dense_raster():
 
 def test_images_are_enlarged_linearly():
     image = np.array([[[0, 90]]], dtype=np.uint8)
-    assert enlarged(image, 3)[0].tolist() == [[0, 0, 30, 60, 90, 90]] * 3
-    assert enlarged(image, 1) is image
+    assert enlarge(image, 3)[0].tolist() == [[0, 0, 30, 60, 90, 90]] * 3
+    assert enlarge(image, 1) is image
 
 
 @MODELS
@@ -247,10 +247,10 @@ def test_bad_arguments_are_refused(model, change, message):
 
 @MODELS
 def test_fewer_descriptors_than_words_are_refused(model):
-    message = r"'num_words' must not be above the descriptors .*got 500 words of \d+ .* 4 images\)"
+    message = r"'num_words' must not exceed the number .*got 500 words and \d+ .* 4 images\)"
     with pytest.raises(ValueError, match=message):
         model(num_words=500, **WIDE[model.__name__]).fit(X[:4], Y[:4])
-    with pytest.raises(ValueError, match="of 0 descriptors in 4 images"):
+    with pytest.raises(ValueError, match="and 0 descriptors of 4 images"):
         model().fit(0 * X[:4], Y[:4])
 
 
@@ -259,7 +259,7 @@ def test_fewer_descriptors_than_words_are_refused(model):
     [
         ({"spacing": 0}, r"'spacing' must be at least 1 \(got 0\)"),
         ({"scale": 0.5}, r"'scale' must be at least 1 \(got 0.5\)"),
-        ({"contrast": -0.1}, r"'contrast' must be a part from 0 to 1 \(got -0.1\)"),
+        ({"contrast": -0.1}, r"'contrast' must be between 0 and 1 \(got -0.1\)"),
         ({"scale": float("nan")}, r"'scale' must be at least 1 \(got nan\)"),
     ],
 )

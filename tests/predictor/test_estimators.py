@@ -224,7 +224,7 @@ def refused(pipeline, text, num_classes=2):
 def test_what_has_no_such_form_is_refused():
     x, y = dataset(2).data.x.numpy(), np.arange(120) % 2
     refused(flat_forest(), "not fitted|is not fitted yet")
-    refused(rbf_svm().fit(x, y), "put TemperatureScaling around _FewerSVC and fit it")
+    refused(rbf_svm().fit(x, y), "put TemperatureScaling around _SubsampledSVC and fit it")
     refused(baselines.GraspSVM(num_fingers=2).fit(x, y), r"must be a pipeline .* \(got GraspSVM\)")
     flat = ("flat", baselines.FlatReadings())
     for parts, text in (

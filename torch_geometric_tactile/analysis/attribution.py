@@ -11,7 +11,7 @@ from torch_geometric.explain.config import MaskType, ModelMode, ModelReturnType
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.nn.conv._own_propagate import restore_propagate
+from torch_geometric_tactile.nn.conv._explainable_propagate import restore_propagate
 from torch_geometric_tactile.nn.models._calls import (
     batch_vector,
     input_names,

@@ -1,5 +1,4 @@
-r"""Baselines as scikit-learn estimators: those of the papers, and simple ones to compare models
-with."""
+r"""Baselines as scikit-learn estimators: those of the papers, and simple ones for comparison."""
 
 from torch_geometric_tactile.baselines.descriptor_features import DescriptorFeatures
 from torch_geometric_tactile.baselines.features import FEATURE_NAMES, statistical_features

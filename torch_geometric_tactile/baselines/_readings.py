@@ -1,4 +1,4 @@
-r"""Readings as arrays, what they must be, and the base of estimators that take them."""
+r"""Conversion and checks of readings, and the base class of estimators that take them."""
 
 from typing import Any
 
@@ -10,9 +10,9 @@ from torch import Tensor
 from torch_geometric_tactile.data import StaticData
 
 
-class TakesReadings(BaseEstimator):
-    r"""The base of estimators whose input has three dimensions, and may lack readings (NaN) if they
-    say so.
+class ReadingsEstimator(BaseEstimator):
+    r"""The base class of estimators with three-dimensional input. A subclass that accepts missing
+    readings (NaN) sets :obj:`_allows_nan`.
     """
 
     _allows_nan = False
@@ -25,9 +25,16 @@ class TakesReadings(BaseEstimator):
 
 
 def readings(x: Any) -> np.ndarray:
-    r"""Returns readings as an array of :math:`(S, N, F)`."""
-    given = x.x if isinstance(x, StaticData) else x
-    values = np.asarray(given.numpy(force=True) if isinstance(given, Tensor) else given)
+    r"""Returns the readings of samples, or of an array-like object, as an array.
+
+    Shapes:
+        - **output:** :math:`(S, N, F)`
+
+    Raises:
+        ValueError: If the readings do not have three dimensions.
+    """
+    array = x.x if isinstance(x, StaticData) else x
+    values = np.asarray(array.numpy(force=True) if isinstance(array, Tensor) else array)
     if values.ndim != 3:
         raise ValueError(
             f"'x' must have shape (num_samples, num_taxels, num_channels) (got {values.shape})"
@@ -38,22 +45,28 @@ def readings(x: Any) -> np.ndarray:
 def check_finite(values: np.ndarray, name: str) -> None:
     r"""Checks that no reading is missing or infinite.
 
-    Shapes:
-        - **values:** The readings :math:`(S, ...)`.
+    Args:
+        values (numpy.ndarray): Readings :math:`(S, ...)`.
+        name (str): Name of the argument in the message.
+
+    Raises:
+        ValueError: If a reading is NaN or infinite.
     """
-    finite = np.isfinite(values)
-    if finite.all():
+    is_finite = np.isfinite(values)
+    if is_finite.all():
         return
-    missing = int(np.isnan(values).sum())
-    rows = np.flatnonzero(~finite.reshape(len(values), -1).all(axis=1))
-    infinite = int((~finite).sum()) - missing
+    num_missing = int(np.isnan(values).sum())
+    rows = np.flatnonzero(~is_finite.reshape(len(values), -1).all(axis=1))
+    num_infinite = int((~is_finite).sum()) - num_missing
     raise ValueError(
-        f"'{name}' must hold finite readings only (got {missing} NaN and {infinite} infinite in "
-        f"{len(rows)} of {len(values)} rows, the first is {rows[0]}); fill missing ones with "
-        "FillMissing() before"
+        f"'{name}' must hold finite readings only (got {num_missing} NaN and {num_infinite} "
+        f"infinite in {len(rows)} of {len(values)} rows, the first is {rows[0]}); fill missing "
+        "readings with FillMissing() first"
     )
 
 
 def num_repeats(num_readings: int, num_descriptors: int) -> int:
-    r"""Returns how often descriptors are repeated to be about as many as the readings."""
+    r"""Returns the number of copies of the descriptors that makes them about as many as the
+    readings.
+    """
     return max(1, round(num_readings / num_descriptors))

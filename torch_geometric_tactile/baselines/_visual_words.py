@@ -1,4 +1,4 @@
-r"""Bags of visual words of pressure images."""
+r"""Support vector machines on bags of visual words of pressure images."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
@@ -15,25 +15,25 @@ from sklearn.utils.validation import check_is_fitted
 from torch.nn.functional import interpolate
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.baselines._readings import TakesReadings, check_finite, readings
+from torch_geometric_tactile.baselines._readings import ReadingsEstimator, check_finite, readings
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, letter_array
 
-_MOST_DESCRIPTORS = 200_000  # that words are made of, and that are kept while a machine is fitted
-_BLOCK = 512  # images enlarged at once
-_BATCH = 2048  # descriptors of a step of k-means
-_MOST_STEPS = 5000
+_MAX_DESCRIPTORS = 200_000  # for k-means; at most about 100 MB of SIFT descriptors stay in memory
+_IMAGE_BLOCK = 512  # enlarged images are large, so that only a block of them is held at a time
+_KMEANS_BATCH = 2048  # descriptors in one step of k-means
+_MAX_SVM_STEPS = 5000  # scikit-learn's default is 1000
 _KERNELS = ("linear", "rbf")
 
 
 @dataclass(repr=False, eq=False)
-class VisualWordsSVM(ClassifierMixin, TakesReadings, ABC):
-    r"""A support vector machine on histograms of visual words, the base of
+class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
+    r"""A support vector machine on histograms of visual words. It is the base class of
     :class:`~torch_geometric_tactile.baselines.SIFTSVM` and
     :class:`~torch_geometric_tactile.baselines.SURFSVM`, which describe points of an image.
 
-    Descriptors of the training images are clustered by mini-batch k-means (of images drawn at
-    random, if there are more than 200,000 descriptors); a cluster is a word. An image is the
-    histogram of the words that its descriptors are nearest to, scaled to unit length.
+    Mini-batch k-means clusters the descriptors of the training images, or of a random part of the
+    images if there are more than 200,000 descriptors. Each cluster is a word. An image is
+    represented by the histogram of the words nearest to its descriptors, scaled to unit length.
     """
 
     layout: TaxelLayout | PathLike | None = None
@@ -47,32 +47,38 @@ class VisualWordsSVM(ClassifierMixin, TakesReadings, ABC):
     random_state: int | None = None
 
     def __post_init__(self) -> None:
-        self._library()
+        # A missing library is reported when the estimator is created, not after loading data.
+        self._import_library()
 
     @staticmethod
     @abstractmethod
-    def _library() -> Any:
-        r"""Returns the library that describes points, or raises an :class:`ImportError` that names
-        its extra.
+    def _import_library() -> Any:
+        r"""Returns the module that computes descriptors.
+
+        Raises:
+            ImportError: If the library is missing; the message names the extra.
         """
 
     @abstractmethod
     def describe(self, images: np.ndarray) -> Iterator[np.ndarray]:
-        r"""Yields the descriptors of each image :math:`(P, D)`, which may be none.
+        r"""Yields the descriptors :math:`(P, D)` of each image. :math:`P` may be zero.
 
         Args:
-            images (numpy.ndarray): Enlarged images of whole grey values
-                :math:`(S, H, W)`, in :obj:`uint8`.
+            images (numpy.ndarray): Enlarged images :math:`(S, H, W)`, in :obj:`uint8`.
         """
 
     def images(self, x: Any) -> np.ndarray:
-        r"""Returns readings as images of whole grey values, 0 to 255, before they are enlarged.
+        r"""Returns readings as images with integer grey values from 0 to 255, not yet enlarged.
 
         Args:
             x (StaticData or array-like): Samples, or grey values :math:`(S, N, 1)`.
 
         Shapes:
             - **output:** :math:`(S, H, W)`, in :obj:`uint8`
+
+        Raises:
+            ValueError: If the layout has no image map, or the grey values are not finite or have
+                another shape.
         """
         layout = letter_array() if self.layout is None else as_layout(self.layout)
         if layout.image_map is None:
@@ -93,34 +99,35 @@ class VisualWordsSVM(ClassifierMixin, TakesReadings, ABC):
         return images
 
     def fit(self, x: Any, y: Any) -> Self:
-        r"""Finds the words, and fits the machine on their histograms.
+        r"""Computes the words, and fits the support vector machine on their histograms.
 
         Args:
             x (StaticData or array-like): Samples, or grey values :math:`(S, N, 1)`.
             y (array-like): Labels :math:`(S,)`.
         """
-        self._check()
+        self._check_arguments()
         images, labels = self.images(x), np.asarray(y)
         if labels.shape != (len(images),):
             raise ValueError(f"'y' must have shape ({len(images)},), as 'x' (got {labels.shape})")
         state = check_random_state(self.random_state)
-        known = self._some(images, state.permutation(len(images)))
-        found = sum(map(len, known.values()))
-        if found < self.num_words:
+        descriptors = self._sample_descriptors(images, state.permutation(len(images)))
+        num_descriptors = sum(map(len, descriptors.values()))
+        if num_descriptors < self.num_words:
             raise ValueError(
-                f"'num_words' must not be above the descriptors of the training part (got "
-                f"{self.num_words} words of {found} descriptors in {len(images)} images)"
+                f"'num_words' must not exceed the number of descriptors in the training set (got "
+                f"{self.num_words} words and {num_descriptors} descriptors of {len(images)} images)"
             )
         self.k_means_ = MiniBatchKMeans(
-            self.num_words, batch_size=_BATCH, n_init=1, random_state=state
-        ).fit(np.concatenate([known[i] for i in sorted(known)]))
+            self.num_words, batch_size=_KMEANS_BATCH, n_init=1, random_state=state
+        ).fit(np.concatenate([descriptors[i] for i in sorted(descriptors)]))
         self.words_ = self.k_means_.cluster_centers_
-        self.svm_ = self._machine(state).fit(self._histograms(images, known), labels)
+        self.svm_ = self._create_svm(state).fit(self._histograms(images, descriptors), labels)
         self.classes_ = self.svm_.classes_
         return self
 
     def transform(self, x: Any) -> np.ndarray:
-        r"""Returns the histograms of words, and sets :obj:`num_without_words_`.
+        r"""Returns the histograms of words, and sets :obj:`num_without_words_` to the number of
+        images without descriptors.
 
         Args:
             x (StaticData or array-like): Samples, or grey values :math:`(S, N, 1)`.
@@ -132,7 +139,8 @@ class VisualWordsSVM(ClassifierMixin, TakesReadings, ABC):
         return self._histograms(self.images(x), {})
 
     def decision_function(self, x: Any) -> np.ndarray:
-        r"""Returns the score of each class :math:`(S, C)`, or of the second of two :math:`(S,)`.
+        r"""Returns the score of each class :math:`(S, C)`. If there are two classes, returns the
+        score of the second one :math:`(S,)`.
 
         Args:
             x (StaticData or array-like): Samples, or grey values :math:`(S, N, 1)`.
@@ -151,66 +159,71 @@ class VisualWordsSVM(ClassifierMixin, TakesReadings, ABC):
             x (StaticData or array-like): Samples, or grey values :math:`(S, N, 1)`.
         """
         scores = self.decision_function(x)
-        chosen = scores > 0 if scores.ndim == 1 else scores.argmax(axis=1)
-        labels: np.ndarray = self.classes_[chosen.astype(int)]
+        class_index = scores > 0 if scores.ndim == 1 else scores.argmax(axis=1)
+        labels: np.ndarray = self.classes_[class_index.astype(int)]
         return labels
 
-    def _check(self) -> None:
+    def _check_arguments(self) -> None:
         for name in ("num_words", "factor"):
             if getattr(self, name) < 1:
                 raise ValueError(f"'{name}' must be at least 1 (got {getattr(self, name)})")
         if self.kernel not in _KERNELS:
             raise ValueError(f"'kernel' must be one of {list(_KERNELS)} (got '{self.kernel}')")
 
-    def _machine(self, state: np.random.RandomState) -> Any:
+    def _create_svm(self, state: np.random.RandomState) -> Any:
         settings = {"C": self.C, "class_weight": self.class_weight, "random_state": state}
         if self.kernel == "linear":
-            return LinearSVC(dual="auto", max_iter=_MOST_STEPS, **settings)
+            return LinearSVC(dual="auto", max_iter=_MAX_SVM_STEPS, **settings)
         return SVC(kernel=self.kernel, **settings)
 
-    def _some(self, images: np.ndarray, order: np.ndarray) -> dict[int, np.ndarray]:
-        # The descriptors of images drawn at random, until there are enough.
-        known: dict[int, np.ndarray] = {}
-        found = 0
-        for start in range(0, len(order), _BLOCK):
-            chosen = order[start : start + _BLOCK]
-            for number, descriptors in zip(chosen, self._described(images[chosen]), strict=True):
-                known[int(number)] = descriptors
-                found += len(descriptors)
-            if found >= _MOST_DESCRIPTORS:
+    def _sample_descriptors(self, images: np.ndarray, order: np.ndarray) -> dict[int, np.ndarray]:
+        # Descriptors by index of the image. Goes through the images in `order`, block by block,
+        # until there are _MAX_DESCRIPTORS.
+        sample: dict[int, np.ndarray] = {}
+        num_descriptors = 0
+        for start in range(0, len(order), _IMAGE_BLOCK):
+            block = order[start : start + _IMAGE_BLOCK]
+            for index, descriptors in zip(block, self._describe_blocks(images[block]), strict=True):
+                sample[int(index)] = descriptors
+                num_descriptors += len(descriptors)
+            if num_descriptors >= _MAX_DESCRIPTORS:
                 break
-        return known
+        return sample
 
-    def _described(self, images: np.ndarray) -> Iterator[np.ndarray]:
-        for start in range(0, len(images), _BLOCK):
-            yield from self.describe(enlarged(images[start : start + _BLOCK], self.factor))
+    def _describe_blocks(self, images: np.ndarray) -> Iterator[np.ndarray]:
+        for start in range(0, len(images), _IMAGE_BLOCK):
+            yield from self.describe(enlarge(images[start : start + _IMAGE_BLOCK], self.factor))
 
-    def _histograms(self, images: np.ndarray, known: dict[int, np.ndarray]) -> np.ndarray:
-        others = np.setdiff1d(np.arange(len(images)), list(known))
+    def _histograms(self, images: np.ndarray, computed: dict[int, np.ndarray]) -> np.ndarray:
+        # Returns the histograms (S, K). `computed` holds descriptors from an earlier step, by index
+        # of the image, so that `fit` does not compute them twice.
+        new_images = np.setdiff1d(np.arange(len(images)), list(computed))
         counts = np.zeros((len(images), self.num_words))
-        described: Iterable[tuple[int, np.ndarray]] = zip(
-            others, self._described(images[others]), strict=True
+        new_descriptors: Iterable[tuple[int, np.ndarray]] = zip(
+            new_images, self._describe_blocks(images[new_images]), strict=True
         )
-        for part in (known.items(), described):
-            for number, descriptors in part:
+        for pairs in (computed.items(), new_descriptors):
+            for index, descriptors in pairs:
                 if len(descriptors):
                     words = self.k_means_.predict(descriptors)
-                    counts[number] = np.bincount(words, minlength=self.num_words)
+                    counts[index] = np.bincount(words, minlength=self.num_words)
         self.num_without_words_ = int((counts.sum(axis=1) == 0).sum())
         counts = np.sqrt(counts) if self.root else counts
+        # The lower bound leaves the histogram of an image without words at zero.
         return counts / np.maximum(np.linalg.norm(counts, axis=1, keepdims=True), 1e-12)
 
 
-def enlarged(images: np.ndarray, factor: int) -> np.ndarray:
-    r"""Returns images with :obj:`factor` times as many rows and columns, by linear interpolation,
-    rounded to whole grey values.
+def enlarge(images: np.ndarray, factor: int) -> np.ndarray:
+    r"""Returns images with :obj:`factor` times as many rows and columns. Grey values are
+    interpolated linearly and rounded to integers.
 
-    Shapes:
-        - **images:** Images :math:`(S, H, W)`, in :obj:`uint8`.
+    Args:
+        images (numpy.ndarray): Images :math:`(S, H, W)`, in :obj:`uint8`.
+        factor (int): Factor of the height and width.
     """
     if factor == 1 or not len(images):
         return images
     values = torch.from_numpy(images).unsqueeze(1).float()
-    larger = interpolate(values, scale_factor=factor, mode="bilinear", align_corners=False)
-    out: np.ndarray = larger.squeeze(1).round().byte().numpy()
-    return out
+    larger_images = interpolate(values, scale_factor=factor, mode="bilinear", align_corners=False)
+    grey_values: np.ndarray = larger_images.squeeze(1).round().byte().numpy()
+    return grey_values

@@ -10,12 +10,25 @@ from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
 
 
 class WindowFeatures(FlatReadings):
-    r"""The features of :class:`GraspSVM` of windows of frames, missing readings as zero."""
+    r"""Computes the features of :class:`GraspSVM` of windows of frames. Missing readings (NaN)
+    count as zero.
+
+    Args:
+        num_channels (int): Number of channels of a taxel, whose frames are concatenated.
+
+    Shapes:
+        - **input:** readings :math:`(S, N, F \cdot T)`
+        - **output:** rows :math:`(S, K)`
+    """
 
     def __init__(self, num_channels: int = 1) -> None:
         self.num_channels = num_channels
 
     def transform(self, x: Any) -> np.ndarray:
-        r"""Returns the rows :math:`(S, K)`."""
+        r"""Returns one row of features for each sample :math:`(S, K)`.
+
+        Args:
+            x (StaticData or array-like): Samples, or readings :math:`(S, N, F \cdot T)`.
+        """
         values = np.nan_to_num(readings(x), nan=0.0)
         return GraspSVM(num_fingers=self.num_channels).features(values)

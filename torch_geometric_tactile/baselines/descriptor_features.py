@@ -1,4 +1,4 @@
-r"""Descriptors of a layout as the features of estimators."""
+r"""Taxel descriptors of samples as the features of estimators."""
 
 from typing import Any
 
@@ -12,28 +12,29 @@ from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.transforms import TaxelDescriptors
 
-_AT_ONCE = 1 << 18  # readings
+_BLOCK_READINGS = 1 << 18  # samples are described in blocks of about this size, to save memory
 
 
 class DescriptorFeatures(FlatReadings):
     r"""Describes samples by :func:`~torch_geometric_tactile.sensors.taxel_descriptors`, as the
-    first step of a scikit-learn pipeline; windows as
-    :class:`~torch_geometric_tactile.transforms.TaxelDescriptors` does. Readings should be scaled
-    before, by one scale a channel. Missing readings (NaN) count as the mean of their neighbours.
+    first step of a scikit-learn pipeline. Windows are described as by
+    :class:`~torch_geometric_tactile.transforms.TaxelDescriptors`. Scale the readings first, with
+    one scale per channel. Missing readings (NaN) are replaced by the mean of their neighbours.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
             with the package, or a layout file.
-        with_readings (bool): Whether the readings follow the descriptors, missing ones as zero.
-        balanced (bool): Whether the descriptors are then repeated until they are about as many as
-            the readings: a forest draws features by their number.
+        with_readings (bool): If :obj:`True`, appends the readings to the descriptors, with zeros
+            for missing ones.
+        balanced (bool): If :obj:`True` and :obj:`with_readings`, repeats the descriptors until they
+            are about as many as the readings, since a forest draws its features uniformly.
 
     Shapes:
         - **input:** readings :math:`(S, N, F)`, or samples, which may be windows
         - **output:** rows :math:`(S, K)`
 
     Raises:
-        ValueError: If the readings are not of the layout's taxels.
+        ValueError: If the number of taxels is not that of the layout.
 
     Examples:
         >>> DescriptorFeatures("biotac_sp").fit_transform(np.zeros((5, 24, 3))).shape
@@ -48,19 +49,21 @@ class DescriptorFeatures(FlatReadings):
         self.balanced = balanced
 
     def transform(self, x: Any) -> np.ndarray:
-        r"""Returns the rows.
+        r"""Returns one row of features for each sample :math:`(S, K)`.
 
         Args:
             x (StaticData or array-like): Samples, or readings :math:`(S, N, F)`.
         """
-        rows = self._rows(x)
+        descriptors = self._descriptors(x)
         if not self.with_readings:
-            return rows
-        flat = super().transform(x)
-        times = num_repeats(flat.shape[1], rows.shape[1]) if self.balanced else 1
-        return np.concatenate([*[rows] * times, flat], axis=1)
+            return descriptors
+        flat_readings = super().transform(x)
+        num_copies = (
+            num_repeats(flat_readings.shape[1], descriptors.shape[1]) if self.balanced else 1
+        )
+        return np.concatenate([*[descriptors] * num_copies, flat_readings], axis=1)
 
-    def _rows(self, x: Any) -> np.ndarray:
+    def _descriptors(self, x: Any) -> np.ndarray:
         values = readings(x)
         data = StaticData(x=torch.from_numpy(values.astype(np.float32)))
         pos = x.get("pos") if isinstance(x, StaticData) else None
@@ -70,7 +73,7 @@ class DescriptorFeatures(FlatReadings):
         if isinstance(x, StaticData) and x.get("num_frames") is not None:
             data.num_frames = x.num_frames
         describe = TaxelDescriptors(as_layout(self.layout), posed=is_posed)
-        at_once = max(1, _AT_ONCE // max(1, values[0].size)) if len(values) else 1
-        parts = [data.index_select(rows) for rows in torch.arange(len(values)).split(at_once)]
-        found = [describe(part).descriptors.numpy() for part in parts or [data]]
-        return np.concatenate(found)
+        block_size = max(1, _BLOCK_READINGS // max(1, values[0].size)) if len(values) else 1
+        blocks = [data.index_select(rows) for rows in torch.arange(len(values)).split(block_size)]
+        descriptors = [describe(block).descriptors.numpy() for block in blocks or [data]]
+        return np.concatenate(descriptors)

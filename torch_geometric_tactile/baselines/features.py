@@ -22,12 +22,14 @@ FEATURE_NAMES = (
 
 
 def statistical_features(signal: np.ndarray) -> np.ndarray:
-    r"""Returns the 12 features of a signal that the "Tactile Grasp Stability Classification Based
-    on Graph Convolutional Networks" paper names, in its order (:obj:`FEATURE_NAMES`).
+    r"""Returns the 12 statistical features of a signal from the "Tactile Grasp Stability
+    Classification Based on Graph Convolutional Networks" paper, in its order
+    (:obj:`FEATURE_NAMES`).
 
     With peak :math:`p = \max |x|`, root mean square :math:`r`, absolute mean :math:`a` and
     :math:`q = (\overline{\sqrt{|x|}})^2`, the last four are :math:`p/r`, :math:`r/a`, :math:`p/a`
-    and :math:`p/q`; the paper gives no formulas, these are the usual ones. A ratio to zero is zero.
+    and :math:`p/q`. The paper gives no formulas; these are the usual ones. A ratio with a
+    denominator of zero is zero.
 
     Args:
         signal (numpy.ndarray): Readings over time :math:`(..., T)`.
@@ -71,5 +73,5 @@ def statistical_features(signal: np.ndarray) -> np.ndarray:
 
 
 def _ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
-    zero = np.zeros_like(numerator)
-    return np.divide(numerator, denominator, out=zero, where=denominator > 0)
+    zeros = np.zeros_like(numerator)
+    return np.divide(numerator, denominator, out=zeros, where=denominator > 0)

@@ -1,4 +1,4 @@
-r"""Readings as rows of numbers."""
+r"""The readings of a sample as one row of features."""
 
 from typing import Any, Self
 
@@ -6,15 +6,16 @@ import numpy as np
 from sklearn.base import TransformerMixin
 from sklearn.utils import Tags
 
-from torch_geometric_tactile.baselines._readings import TakesReadings, readings
+from torch_geometric_tactile.baselines._readings import ReadingsEstimator, readings
 
 
-class FlatReadings(TransformerMixin, TakesReadings):
+class FlatReadings(TransformerMixin, ReadingsEstimator):
     r"""Flattens the readings of all taxels of a sample to one row, as the first step of a
-    scikit-learn pipeline. Missing readings (NaN) become zero, the mean of scaled readings.
+    scikit-learn pipeline. Missing readings (NaN) become zero, which is the mean of standardised
+    readings.
 
     Shapes:
-        - **input:** readings :math:`(S, N, F)`, or samples that have them
+        - **input:** readings :math:`(S, N, F)`, or samples
         - **output:** rows :math:`(S, N \cdot F)`
 
     Examples:
@@ -31,7 +32,7 @@ class FlatReadings(TransformerMixin, TakesReadings):
         return tags
 
     def fit(self, x: Any, y: Any = None) -> Self:
-        r"""Measures nothing.
+        r"""Returns the transformer unchanged, since it has no parameters to fit.
 
         Args:
             x (array-like or StaticData): Readings :math:`(S, N, F)`.
@@ -40,7 +41,7 @@ class FlatReadings(TransformerMixin, TakesReadings):
         return self
 
     def transform(self, x: Any) -> np.ndarray:
-        r"""Returns the rows.
+        r"""Returns one row of readings for each sample :math:`(S, N \cdot F)`.
 
         Args:
             x (array-like or StaticData): Readings :math:`(S, N, F)`.

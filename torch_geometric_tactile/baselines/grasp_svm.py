@@ -1,4 +1,4 @@
-r"""The support vector machine on hand-made features."""
+r"""The support vector machine on statistical features of the electrodes' signals."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -12,36 +12,38 @@ from sklearn.svm import SVC
 from sklearn.utils.validation import check_is_fitted
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.baselines._readings import TakesReadings, check_finite
+from torch_geometric_tactile.baselines._readings import ReadingsEstimator, check_finite
 from torch_geometric_tactile.baselines.signal_features import SignalFeatures
 
 
 @dataclass(repr=False, eq=False)
-class GraspSVM(ClassifierMixin, TakesReadings):
+class GraspSVM(ClassifierMixin, ReadingsEstimator):
     r"""The SVM baseline of the "Tactile Grasp Stability Classification Based on Graph Convolutional
-    Networks" paper: 12 statistical features of every electrode's signal, 228 for 19 electrodes.
+    Networks" paper. It uses 12 statistical features of each electrode's signal, 228 for 19
+    electrodes.
 
-    A static reading has no time series, and its 12 features are all functions of one number; then
-    the readings themselves are the features. The paper names neither kernel nor penalty; ours are
-    scikit-learn's defaults. Features are standardised on the training part. They are ordered
-    electrode by electrode, in each finger by finger, in each as
-    :class:`~torch_geometric_tactile.baselines.SignalFeatures` orders them.
+    For static readings, which have only one frame, the readings themselves are the features. The
+    paper states neither kernel nor penalty; the defaults here are scikit-learn's. Features are
+    standardised on the training set. They are sorted by electrode, then by finger, then in the
+    order of :class:`~torch_geometric_tactile.baselines.SignalFeatures`.
 
     Args:
-        num_fingers (int): Number of fingers :math:`K` whose signals stand side by side.
-        finger (int, optional): The one finger to look at (SVM-L, -M, -R). All if left out (SVM-F).
+        num_fingers (int): Number of fingers :math:`K`, whose signals are concatenated.
+        finger (int, optional): Index of the only finger to use (SVM-L, -M, -R). If left out, all
+            fingers are used (SVM-F).
         C (float): Penalty of an error.
         kernel (str): Kernel of :class:`sklearn.svm.SVC`.
-        class_weight (dict or str, optional): As of :class:`sklearn.svm.SVC`: :obj:`"balanced"`
-            makes rare classes of the training part count as much as common ones.
+        class_weight (dict or str, optional): Weights of the classes, as in
+            :class:`sklearn.svm.SVC`. :obj:`"balanced"` gives rare classes the same total weight as
+            common ones.
 
     Shapes:
         - **input:** readings :math:`(S, N, K \cdot T)` with :math:`T` frames of each finger
         - **output:** predicted labels :math:`(S,)`
 
     Raises:
-        ValueError: If the readings have another shape, are not finite, :obj:`num_fingers` is below
-            one, or :obj:`finger` is out of range.
+        ValueError: If the readings have another shape or are not finite, :obj:`num_fingers` is
+            below one, or :obj:`finger` is out of range.
 
     Examples:
         >>> x = np.array([0.0, 1.0, 9.0, 10.0]).reshape(4, 1, 1)
@@ -56,7 +58,7 @@ class GraspSVM(ClassifierMixin, TakesReadings):
     class_weight: dict[int, float] | str | None = None
 
     def features(self, x: ArrayLike) -> np.ndarray:
-        r"""Returns the features that the machine sees.
+        r"""Returns the features on which the support vector machine is fitted.
 
         Args:
             x (array-like): Readings :math:`(S, N, K \cdot T)`.
@@ -88,7 +90,7 @@ class GraspSVM(ClassifierMixin, TakesReadings):
         return features
 
     def fit(self, x: ArrayLike, y: ArrayLike) -> Self:
-        r"""Fits the machine.
+        r"""Fits the support vector machine.
 
         Args:
             x (array-like): Readings :math:`(S, N, K \cdot T)`.
@@ -113,11 +115,11 @@ class GraspSVM(ClassifierMixin, TakesReadings):
         return labels
 
     def decision_function(self, x: ArrayLike) -> np.ndarray:
-        r"""Returns the signed distance from the boundary, for a ROC.
+        r"""Returns the signed distances from the decision boundary, for example for a ROC curve.
 
         Args:
             x (array-like): Readings :math:`(S, N, K \cdot T)`.
         """
         check_is_fitted(self)
-        score: np.ndarray = self.pipeline_.decision_function(self.features(x))
-        return score
+        scores: np.ndarray = self.pipeline_.decision_function(self.features(x))
+        return scores

@@ -12,7 +12,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.baselines._readings import readings
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 
-_LEAST_FRAMES = 9  # that a kernel spans
+_MIN_FRAMES = 9  # length of a kernel of MiniRocket
 _MODULE = "sktime.transformations.panel.rocket"
 _PENALTIES = np.logspace(-3, 3, 7)
 
@@ -24,21 +24,23 @@ def minirocket(
     num_kernels: int = 10_000,
     class_weight: Literal["balanced"] | None = None,
 ) -> Pipeline:
-    r"""Returns MiniRocket: ridge classification or regression on the features of random
+    r"""Returns a MiniRocket pipeline: ridge classification or regression on the features of random
     convolutions of all signals of a window, from the "MiniRocket: A Very Fast (Almost)
-    Deterministic Transform for Time Series Classification" paper, as sktime has it. Needs the extra
-    ``series``; the first use on a machine compiles for a minute.
+    Deterministic Transform for Time Series Classification" paper, in sktime's implementation.
+    Requires the extra ``series``. The first use on a machine takes about a minute longer to
+    compile.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
-        num_channels (int): Number of channels of a taxel, whose frames stand side by side.
+        num_channels (int): Number of channels of a taxel, whose frames are concatenated.
         num_kernels (int): Number of features.
-        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+        class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
+            common ones.
 
     Raises:
-        ImportError: If sktime is missing, when it is fitted.
-        ValueError: If :obj:`task` is unknown; when it is fitted, if windows have less than nine
-            frames.
+        ImportError: If sktime is missing. Raised by :meth:`fit`.
+        ValueError: If :obj:`task` is unknown, or, raised by :meth:`fit`, if windows have fewer than
+            nine frames.
 
     Examples:
         >>> minirocket(num_kernels=84).steps[-1][0]
@@ -54,6 +56,7 @@ def minirocket(
 
 
 class _RandomConvolutions(FlatReadings):
+    # Wraps sktime's transform. sktime is imported in `fit`, since it is an optional dependency.
     def __init__(
         self, num_channels: int = 1, num_kernels: int = 10_000, random_state: Any = None
     ) -> None:
@@ -78,5 +81,9 @@ class _RandomConvolutions(FlatReadings):
     def _signals(self, x: Any) -> np.ndarray:
         values = np.nan_to_num(readings(x), nan=0.0)
         num_frames = values.shape[2] // self.num_channels
-        need(num_frames >= _LEAST_FRAMES, f"windows must have {_LEAST_FRAMES} frames", num_frames)
+        need(
+            num_frames >= _MIN_FRAMES,
+            f"'x' must hold windows of at least {_MIN_FRAMES} frames",
+            num_frames,
+        )
         return values.reshape(len(values), -1, num_frames).astype(np.float32)

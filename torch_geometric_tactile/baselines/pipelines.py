@@ -1,4 +1,4 @@
-r"""Plain models to compare with, as scikit-learn pipelines that one call makes."""
+r"""Functions that return scikit-learn pipelines for comparison with the networks."""
 
 from typing import Any, Literal, Self, get_args
 
@@ -26,7 +26,7 @@ from torch_geometric_tactile.baselines.posed_summary import PosedSummary
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _Task = Literal["multiclass", "regression"]
-_Weight = Literal["balanced"] | None
+_ClassWeight = Literal["balanced"] | None
 _TASKS = get_args(_Task)
 
 
@@ -35,15 +35,16 @@ def flat_forest(
     *,
     num_trees: int = 300,
     min_samples_leaf: int = 1,
-    class_weight: _Weight = None,
+    class_weight: _ClassWeight = None,
 ) -> Pipeline:
-    r"""Returns a random forest on all readings side by side.
+    r"""Returns a random forest on the flattened readings of all taxels.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         num_trees (int): Number of trees.
-        min_samples_leaf (int): The fewest samples of a leaf.
-        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+        min_samples_leaf (int): Minimum number of samples in a leaf.
+        class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
+            common ones.
 
     Examples:
         >>> x = np.array([0.0, 1.0, 2.0, 3.0, 20.0, 21.0, 22.0, 23.0]).reshape(8, 1, 1)
@@ -51,7 +52,7 @@ def flat_forest(
         >>> flat_forest(num_trees=10).fit(x, y).predict(x).tolist()
         [0, 0, 0, 0, 1, 1, 1, 1]
     """
-    forest = _forest(task, num_trees, min_samples_leaf, class_weight)
+    forest = _random_forest(task, num_trees, min_samples_leaf, class_weight)
     return make_pipeline(FlatReadings(), forest)
 
 
@@ -62,20 +63,21 @@ def descriptor_forest(
     num_trees: int = 300,
     min_samples_leaf: int = 1,
     balanced: bool = True,
-    class_weight: _Weight = None,
+    class_weight: _ClassWeight = None,
 ) -> Pipeline:
     r"""Returns extremely randomised trees (Geurts et al. 2006) on the features of
-    :class:`DescriptorFeatures` and on the readings, of which they take what helps. A split of
-    classes looks at a tenth of the features, and one of numbers at a third.
+    :class:`DescriptorFeatures` and on the readings. Each split considers a tenth of the features
+    in classification, and a third in regression.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels.
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         num_trees (int): Number of trees.
-        min_samples_leaf (int): The fewest samples of a leaf.
-        balanced (bool): Whether a split looks at descriptors as often as at readings, of which a
-            large layout has more.
-        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+        min_samples_leaf (int): Minimum number of samples in a leaf.
+        balanced (bool): If :obj:`True`, a split considers descriptors as often as readings, which
+            are more numerous on a large layout.
+        class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
+            common ones.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -85,9 +87,10 @@ def descriptor_forest(
         (4,)
     """
     forest: Any = ExtraTreesRegressor(max_features=1 / 3)
-    if _is_classes(task):
-        # A tenth of the features, where their root is usual: of a large layout most are of no use.
-        # 64 of 2,074 features took half the time, and lost 8 points on simulated letters.
+    if _is_classification(task):
+        # The usual square root of the number of features is too few, since most features of a
+        # large layout are not informative: 64 of 2,074 features took half the time, but lost
+        # 8 points on simulated letters.
         forest = ExtraTreesClassifier(max_features=0.1, class_weight=class_weight)
     forest.set_params(n_estimators=num_trees, min_samples_leaf=min_samples_leaf)
     features = DescriptorFeatures(layout, with_readings=True, balanced=balanced)
@@ -101,21 +104,21 @@ def descriptor_svm(
     C: float = 10.0,  # noqa: N803 - scikit-learn's name
     width: float = 1.0,
     with_readings: bool = False,
-    class_weight: _Weight = None,
+    class_weight: _ClassWeight = None,
     most_samples: int | None = None,
 ) -> Pipeline:
-    r"""Returns a support vector machine with a radial kernel on the features of
-    :class:`DescriptorFeatures`, which are scaled here. With few labels,
-    :func:`descriptor_forest` is better on average.
+    r"""Returns a support vector machine with a radial kernel on the standardised features of
+    :class:`DescriptorFeatures`. With few labels, :func:`descriptor_forest` is better on average.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels.
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         C (float): Penalty of an error.
-        width (float): As of :func:`rbf_svm`.
-        with_readings (bool): Whether it is given the readings as well.
-        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
-        most_samples (int, optional): As of :func:`rbf_svm`.
+        width (float): Factor of the kernel coefficient, as in :func:`rbf_svm`.
+        with_readings (bool): If :obj:`True`, the readings are features as well.
+        class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
+            common ones.
+        most_samples (int, optional): Maximum number of training samples, as in :func:`rbf_svm`.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -133,7 +136,7 @@ def posed_forest(
     *,
     num_trees: int = 300,
     min_samples_leaf: int = 1,
-    class_weight: _Weight = None,
+    class_weight: _ClassWeight = None,
 ) -> Pipeline:
     r"""Returns a random forest on the features of :class:`PosedSummary`.
 
@@ -141,8 +144,9 @@ def posed_forest(
         layout (TaxelLayout or str or PathLike): The taxels.
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         num_trees (int): Number of trees.
-        min_samples_leaf (int): The fewest samples of a leaf.
-        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+        min_samples_leaf (int): Minimum number of samples in a leaf.
+        class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
+            common ones.
 
     Examples:
         >>> import numpy as np
@@ -152,7 +156,7 @@ def posed_forest(
         >>> forest.predict(x).shape
         (4,)
     """
-    forest = _forest(task, num_trees, min_samples_leaf, class_weight)
+    forest = _random_forest(task, num_trees, min_samples_leaf, class_weight)
     return make_pipeline(PosedSummary(layout), forest)
 
 
@@ -161,15 +165,17 @@ def posed_ridge(
     task: _Task = "multiclass",
     *,
     alpha: float = 1.0,
-    class_weight: _Weight = None,
+    class_weight: _ClassWeight = None,
 ) -> Pipeline:
-    r"""Returns a ridge classifier or regression on the features of :class:`PosedSummary`.
+    r"""Returns a ridge classifier or a ridge regression on the standardised features of
+    :class:`PosedSummary`.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels.
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         alpha (float): Penalty of large weights.
-        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+        class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
+            common ones.
 
     Examples:
         >>> import numpy as np
@@ -178,26 +184,27 @@ def posed_ridge(
         >>> posed_ridge(grid(1, 2, pitch=0.01)).fit(x, [0, 0, 1, 1]).predict(x)
         array([0, 0, 1, 1])
     """
-    model = RidgeClassifier(alpha=alpha, class_weight=class_weight)
-    last = model if _is_classes(task) else Ridge(alpha=alpha)
-    return make_pipeline(PosedSummary(layout), StandardScaler(), last)
+    classifier = RidgeClassifier(alpha=alpha, class_weight=class_weight)
+    model = classifier if _is_classification(task) else Ridge(alpha=alpha)
+    return make_pipeline(PosedSummary(layout), StandardScaler(), model)
 
 
 def linear_svm(
     task: _Task = "multiclass",
     *,
     C: float = 1.0,  # noqa: N803 - scikit-learn's name
-    class_weight: _Weight = None,
+    class_weight: _ClassWeight = None,
 ) -> Pipeline:
-    r"""Returns a linear support vector machine on all readings side by side, which should be scaled
-    before (see :class:`~torch_geometric_tactile.transforms.ZScore`); regression targets are scaled
-    here. It is solved in the primal, which converges also where there are more readings than
-    samples, with :program:`liblinear`'s own tolerance.
+    r"""Returns a linear support vector machine on the flattened readings of all taxels. Scale the
+    readings first (see :class:`~torch_geometric_tactile.transforms.ZScore`); the pipeline scales
+    regression targets itself. The primal problem is solved with the default tolerance of
+    :program:`liblinear`, which also converges with more readings than samples.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         C (float): Penalty of an error.
-        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+        class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
+            common ones.
 
     Examples:
         >>> import numpy as np
@@ -205,11 +212,11 @@ def linear_svm(
         >>> linear_svm().fit(x, [0, 0, 1, 1]).predict(x[3:])
         array([1])
     """
-    if _is_classes(task):
+    if _is_classification(task):
         model: Any = LinearSVC(C=C, class_weight=class_weight, dual=False, tol=1e-2)
     else:
         loss = "squared_epsilon_insensitive"
-        model = _scaled(LinearSVR(C=C, loss=loss, dual=False, tol=1e-3))
+        model = _with_scaled_targets(LinearSVR(C=C, loss=loss, dual=False, tol=1e-3))
     return make_pipeline(FlatReadings(), model)
 
 
@@ -218,20 +225,21 @@ def rbf_svm(
     *,
     C: float = 1.0,  # noqa: N803 - scikit-learn's name
     width: float = 1.0,
-    class_weight: _Weight = None,
+    class_weight: _ClassWeight = None,
     most_samples: int | None = None,
 ) -> Pipeline:
-    r"""Returns a support vector machine with a radial kernel on all readings side by side, which
-    should be scaled before; regression targets are scaled here.
+    r"""Returns a support vector machine with a radial kernel on the flattened readings of all
+    taxels. Scale the readings first; the pipeline scales regression targets itself.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         C (float): Penalty of an error.
-        width (float): What scikit-learn's :obj:`gamma="scale"`, one over the number and the
-            variance of the readings, is multiplied by.
-        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
-        most_samples (int, optional): Fit on a random part of so many samples if there are more,
-            since the time grows with the square of their number.
+        width (float): Factor of the kernel coefficient of scikit-learn's :obj:`gamma="scale"`,
+            which is :math:`1 / (K \, \mathrm{Var})` for :math:`K` features.
+        class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
+            common ones.
+        most_samples (int, optional): Maximum number of training samples. Of more samples, a random
+            part of this size is used, since the time grows with the square of their number.
 
     Examples:
         >>> import numpy as np
@@ -248,19 +256,20 @@ def signal_svm(
     *,
     num_channels: int = 1,
     C: float = 1.0,  # noqa: N803 - scikit-learn's name
-    class_weight: _Weight = None,
+    class_weight: _ClassWeight = None,
     most_samples: int | None = None,
 ) -> Pipeline:
     r"""Returns a support vector machine with a radial kernel on the 12 statistical features of each
-    signal in windows of frames, as :class:`~torch_geometric_tactile.baselines.GraspSVM`. It also
-    predicts numbers, which are scaled here.
+    signal in windows of frames, as in :class:`~torch_geometric_tactile.baselines.GraspSVM`. It also
+    supports regression; the pipeline scales the targets itself.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
-        num_channels (int): Number of channels of a taxel, whose frames stand side by side.
+        num_channels (int): Number of channels of a taxel, whose frames are concatenated.
         C (float): Penalty of an error.
-        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
-        most_samples (int, optional): As of :func:`rbf_svm`.
+        class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
+            common ones.
+        most_samples (int, optional): Maximum number of training samples, as in :func:`rbf_svm`.
 
     Examples:
         >>> import numpy as np
@@ -274,7 +283,7 @@ def signal_svm(
 
 
 def constant(task: _Task = "multiclass") -> Pipeline:
-    r"""Returns the baseline that every model must beat: the most frequent class, or the mean.
+    r"""Returns the trivial baseline, which predicts the most frequent class or the mean target.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
@@ -284,29 +293,34 @@ def constant(task: _Task = "multiclass") -> Pipeline:
         >>> constant().fit(np.zeros((3, 4, 1)), [1, 1, 0]).predict(np.zeros((1, 4, 1)))
         array([1])
     """
-    model = DummyClassifier(strategy="most_frequent") if _is_classes(task) else DummyRegressor()
+    model = (
+        DummyClassifier(strategy="most_frequent") if _is_classification(task) else DummyRegressor()
+    )
     return make_pipeline(FlatReadings(), model)
 
 
-def _is_classes(task: str) -> bool:
+def _is_classification(task: str) -> bool:
     need(task in _TASKS, f"'task' must be one of {list(_TASKS)} (got '{task}')")
     return task == "multiclass"
 
 
-def _forest(task: _Task, num_trees: int, min_samples_leaf: int, class_weight: _Weight) -> Any:
+def _random_forest(
+    task: _Task, num_trees: int, min_samples_leaf: int, class_weight: _ClassWeight
+) -> Any:
     size = {"n_estimators": num_trees, "min_samples_leaf": min_samples_leaf}
-    if _is_classes(task):
+    if _is_classification(task):
         return RandomForestClassifier(**size, class_weight=class_weight)
     return RandomForestRegressor(**size, max_features=1 / 3)
 
 
-def _scaled(model: Any) -> TransformedTargetRegressor:
-    return TransformedTargetRegressor(_EachNumber(model), transformer=StandardScaler())
+def _with_scaled_targets(model: Any) -> TransformedTargetRegressor:
+    return TransformedTargetRegressor(_MultiOutputRegressor(model), transformer=StandardScaler())
 
 
-class _EachNumber(MultiOutputRegressor):
+class _MultiOutputRegressor(MultiOutputRegressor):
+    # TransformedTargetRegressor passes a single target as (S,), which scikit-learn's class rejects.
     def fit(self, x: np.ndarray, y: np.ndarray) -> Self:
-        super().fit(x, np.asarray(y).reshape(len(y), -1))  # one number comes without a column
+        super().fit(x, np.asarray(y).reshape(len(y), -1))
         return self
 
 
@@ -314,54 +328,56 @@ def _kernel_machine(
     task: str,
     C: float,  # noqa: N803
     width: float,
-    most: int | None,
-    class_weight: _Weight,
+    max_samples: int | None,
+    class_weight: _ClassWeight,
 ) -> Any:
-    if _is_classes(task):
-        return _FewerSVC(C, width, most, class_weight)
-    return _scaled(_FewerSVR(C, width, most))
+    if _is_classification(task):
+        return _SubsampledSVC(C, width, max_samples, class_weight)
+    return _with_scaled_targets(_SubsampledSVR(C, width, max_samples))
 
 
-class _Fewer:
-    # A support vector machine on a part of many samples, whose kernel is as wide as these ask for.
+class _SubsampledFit:
+    # Fits a support vector machine on at most `max_samples` random samples. The kernel's width is
+    # computed from all samples.
     width: float
-    most: int | None
+    max_samples: int | None
     random_state: Any
 
     def fit(self, x: np.ndarray, y: np.ndarray) -> Self:
         variance = float(x.var())
         self.gamma = self.width / (x.shape[1] * variance) if variance > 0 else self.width
         y = np.asarray(y)
-        if self.most is not None and len(x) > self.most:
-            chosen = np.random.default_rng(self.random_state or 0).permutation(len(x))[: self.most]
-            x, y = x[chosen], y[chosen]
+        if self.max_samples is not None and len(x) > self.max_samples:
+            generator = np.random.default_rng(self.random_state or 0)
+            indices = generator.permutation(len(x))[: self.max_samples]
+            x, y = x[indices], y[indices]
         super().fit(x, y)  # type: ignore[misc]
         return self
 
 
-class _FewerSVC(_Fewer, SVC):
+class _SubsampledSVC(_SubsampledFit, SVC):
     def __init__(
         self,
         C: float = 1.0,  # noqa: N803
         width: float = 1.0,
-        most: int | None = None,
-        class_weight: _Weight = None,
+        max_samples: int | None = None,
+        class_weight: _ClassWeight = None,
         random_state: Any = None,
     ) -> None:
         super().__init__(C=C, class_weight=class_weight, random_state=random_state)
         self.width = width
-        self.most = most
+        self.max_samples = max_samples
 
 
-class _FewerSVR(_Fewer, SVR):
+class _SubsampledSVR(_SubsampledFit, SVR):
     def __init__(
         self,
         C: float = 1.0,  # noqa: N803
         width: float = 1.0,
-        most: int | None = None,
+        max_samples: int | None = None,
         random_state: Any = None,
     ) -> None:
         super().__init__(C=C)
         self.width = width
-        self.most = most
+        self.max_samples = max_samples
         self.random_state = random_state

@@ -1,4 +1,4 @@
-r"""What each patch feels, in the frame of the palm."""
+r"""The summary of each patch in the frame of the palm."""
 
 from typing import Any, Self
 
@@ -7,36 +7,36 @@ from sklearn.base import TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.baselines._readings import TakesReadings, readings
+from torch_geometric_tactile.baselines._readings import ReadingsEstimator, readings
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
-_PRESSED = 0.05  # of the strongest reading
-_STRONGEST = 99.9  # percent
+_PRESSED_SHARE = 0.05  # of the strongest reading
+_STRONGEST_PERCENTILE = 99.9  # not the maximum, which may be an outlier
 
 
-class PosedSummary(TransformerMixin, TakesReadings):
-    r"""Summarises each patch in the frame of the palm: its force, the centre of its pressure, its
-    mean normal there, and how many of its taxels are pressed. This is a few numbers per patch,
-    whatever the number of taxels; a forest on them is a strong baseline.
+class PosedSummary(TransformerMixin, ReadingsEstimator):
+    r"""Summarises each patch in the frame of the palm by its force, its centre of pressure, the
+    mean normal there, and the number of its pressed taxels. The number of features does not depend
+    on the number of taxels. A forest on these features is a strong baseline.
 
-    What a taxel feels is its reading less its median over the samples that this was fitted on; its
-    strength :math:`w_i` is the length of that, and it is pressed if :math:`w_i` is above a
-    twentieth of the strongest. With the places :math:`\mathbf{p}_i` and the normals
-    :math:`\mathbf{n}_i` of the pressed taxels :math:`P` of a patch, the features are
+    The signal of a taxel is its reading minus its median over the training samples. Its strength
+    :math:`w_i` is the norm of the signal. The taxel is pressed if :math:`w_i` is above a twentieth
+    of the strongest. With the positions :math:`\mathbf{p}_i` in metres, the normals
+    :math:`\mathbf{n}_i` and the signals :math:`\mathbf{f}_i` of the pressed taxels :math:`P` of a
+    patch, the features are
 
     .. math::
         \sum_{i \in P} \mathbf{f}_i, \quad
         \frac{\sum_P w_i \mathbf{p}_i}{\sum_P w_i}, \quad
         \frac{\sum_P w_i \mathbf{n}_i}{\sum_P w_i}, \quad |P|
 
-    Samples with :obj:`pos` and :obj:`normal` of their own (see
-    :class:`~torch_geometric_tactile.transforms.TaxelPose`) are summed up where their taxels are;
-    others on the layout. The force :math:`\mathbf{f}_i` is in the frame of the palm where samples
-    have three channels and :obj:`tangent` axes (see
-    :class:`~torch_geometric_tactile.transforms.TaxelForce`); otherwise it is what the channels
-    feel. A patch that nothing presses has its own centre and zeros. Missing readings (NaN) are not
-    pressed.
+    Positions and normals are the :obj:`pos` and :obj:`normal` of the samples (see
+    :class:`~torch_geometric_tactile.transforms.TaxelPose`) or, without them, those of the layout.
+    If samples have three channels and :obj:`tangent` axes, :math:`\mathbf{f}_i` is rotated into
+    the frame of the palm (see :class:`~torch_geometric_tactile.transforms.TaxelForce`). The
+    features of a patch without pressed taxels are its centre and zeros. Taxels with missing
+    readings (NaN) are not pressed.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
@@ -47,7 +47,7 @@ class PosedSummary(TransformerMixin, TakesReadings):
         - **output:** features :math:`(S, K \cdot (F + 7))` of :math:`K` patches
 
     Raises:
-        ValueError: If the readings are not of the layout's taxels.
+        ValueError: If the number of taxels is not that of the layout.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -63,16 +63,16 @@ class PosedSummary(TransformerMixin, TakesReadings):
         self.layout = layout
 
     def fit(self, x: Any, y: Any = None) -> Self:
-        r"""Measures the rest reading of each taxel, and the strongest reading.
+        r"""Computes the median reading of each taxel and the threshold of pressed taxels.
 
         Args:
             x (StaticData or array-like): Samples, or readings :math:`(S, N, F)`.
             y (array-like, optional): Not used.
         """
-        values = self._values(x)
+        values = self._checked_readings(x)
         self.rest_ = np.nan_to_num(_nanmedian(values), nan=0.0)
         strength = np.linalg.norm(np.nan_to_num(values - self.rest_), axis=2)
-        self.threshold_ = _PRESSED * float(np.percentile(strength, _STRONGEST))
+        self.threshold_ = _PRESSED_SHARE * float(np.percentile(strength, _STRONGEST_PERCENTILE))
         return self
 
     def transform(self, x: Any) -> np.ndarray:
@@ -83,20 +83,22 @@ class PosedSummary(TransformerMixin, TakesReadings):
         """
         check_is_fitted(self)
         layout = as_layout(self.layout)
-        felt = np.nan_to_num(self._values(x) - self.rest_)
-        weight = np.linalg.norm(felt, axis=2)
-        pressed = weight > self.threshold_
-        pos, normal = _places(x, layout)
-        if felt.shape[2] == 3 and isinstance(x, StaticData) and x.get("tangent") is not None:
-            felt = _turned(felt, x["tangent"].numpy(force=True), normal)
+        signal = np.nan_to_num(self._checked_readings(x) - self.rest_)
+        strength = np.linalg.norm(signal, axis=2)
+        is_pressed = strength > self.threshold_
+        pos, normal = _positions_and_normals(x, layout)
+        if signal.shape[2] == 3 and isinstance(x, StaticData) and x.get("tangent") is not None:
+            signal = _rotate_to_palm(signal, x["tangent"].numpy(force=True), normal)
         patch = np.asarray(layout.patch)
-        rows = [
-            _patch(*(values[:, patch == i] for values in (felt, weight, pressed, pos, normal)))
+        features = [
+            _patch_features(
+                *(array[:, patch == i] for array in (signal, strength, is_pressed, pos, normal))
+            )
             for i in np.unique(patch)
         ]
-        return np.concatenate(rows, axis=1)
+        return np.concatenate(features, axis=1)
 
-    def _values(self, x: Any) -> np.ndarray:
+    def _checked_readings(self, x: Any) -> np.ndarray:
         values = readings(x).astype(np.float64)
         layout = as_layout(self.layout)
         if values.shape[1] != layout.num_taxels:
@@ -124,40 +126,47 @@ def posed_summary(x: Any, layout: TaxelLayout | PathLike) -> np.ndarray:
     return features
 
 
-def _patch(
-    felt: np.ndarray, weight: np.ndarray, pressed: np.ndarray, pos: np.ndarray, normal: np.ndarray
+def _patch_features(
+    signal: np.ndarray,
+    strength: np.ndarray,
+    is_pressed: np.ndarray,
+    pos: np.ndarray,
+    normal: np.ndarray,
 ) -> np.ndarray:
-    weight = weight * pressed
+    # Returns the features (S, F + 7) of one patch.
+    weight = strength * is_pressed
     total = weight.sum(axis=1)
     is_touched = total > 0
     share = weight / np.where(is_touched, total, 1.0)[:, None]
-    centre = np.einsum("sn,snd->sd", share, np.broadcast_to(pos, (len(felt), *pos.shape[1:])))
-    direction = np.einsum("sn,snd->sd", share, np.broadcast_to(normal, (len(felt), *pos.shape[1:])))
+    centre = np.einsum("sn,snd->sd", share, np.broadcast_to(pos, (len(signal), *pos.shape[1:])))
+    direction = np.einsum(
+        "sn,snd->sd", share, np.broadcast_to(normal, (len(signal), *pos.shape[1:]))
+    )
     centre = np.where(is_touched[:, None], centre, pos.mean(axis=1))
-    force = (felt * pressed[:, :, None]).sum(axis=1)
-    return np.concatenate([force, centre, direction, pressed.sum(axis=1)[:, None]], axis=1)
+    force = (signal * is_pressed[:, :, None]).sum(axis=1)
+    return np.concatenate([force, centre, direction, is_pressed.sum(axis=1)[:, None]], axis=1)
 
 
-def _places(x: Any, layout: TaxelLayout) -> tuple[np.ndarray, np.ndarray]:
-    # Positions and normals (S, N, 3), or (1, N, 3) where all samples share them.
-    found = []
+def _positions_and_normals(x: Any, layout: TaxelLayout) -> tuple[np.ndarray, np.ndarray]:
+    # Arrays of shape (S, N, 3), or (1, N, 3) if all samples have the same. Without normals, zeros.
+    arrays = []
     for key in ("pos", "normal"):
-        value = x[key] if isinstance(x, StaticData) and key in x else None
-        value = getattr(layout, key) if value is None else value
-        array = np.zeros(layout.pos.shape) if value is None else value.numpy(force=True)
-        found.append(np.asarray(array, dtype=np.float64).reshape(-1, layout.num_taxels, 3))
-    return found[0], found[1]
+        tensor = x[key] if isinstance(x, StaticData) and key in x else None
+        tensor = getattr(layout, key) if tensor is None else tensor
+        array = np.zeros(layout.pos.shape) if tensor is None else tensor.numpy(force=True)
+        arrays.append(np.asarray(array, dtype=np.float64).reshape(-1, layout.num_taxels, 3))
+    return arrays[0], arrays[1]
 
 
-def _turned(felt: np.ndarray, tangent: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    # As TaxelForce: pressure is positive into the skin.
-    along_x, along_y = tangent[..., 0, :], tangent[..., 1, :]
-    return felt[..., :1] * along_x + felt[..., 1:2] * along_y - felt[..., 2:] * normal
+def _rotate_to_palm(signal: np.ndarray, tangent: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    # As in TaxelForce, the third channel is positive into the skin, so against the normal.
+    x_axis, y_axis = tangent[..., 0, :], tangent[..., 1, :]
+    return signal[..., :1] * x_axis + signal[..., 1:2] * y_axis - signal[..., 2:] * normal
 
 
 def _nanmedian(values: np.ndarray) -> np.ndarray:
-    # Without a warning for taxels that have no reading at all.
-    empty = np.isnan(values).all(axis=0)
-    filled = np.where(empty, 0.0, values)
+    # NumPy warns of taxels without any reading; they get a median of zero without a warning.
+    is_empty = np.isnan(values).all(axis=0)
+    filled = np.where(is_empty, 0.0, values)
     median: np.ndarray = np.nanmedian(filled, axis=0)
     return median

@@ -1,4 +1,4 @@
-r"""Words of SIFT."""
+r"""The support vector machine on visual words of SIFT."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,35 +8,38 @@ import numpy as np
 
 from torch_geometric_tactile.baselines._visual_words import VisualWordsSVM
 
-_NONE = np.empty((0, 128), dtype=np.float32)
+_NO_DESCRIPTORS = np.empty((0, 128), dtype=np.float32)
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
 class SIFTSVM(VisualWordsSVM):
-    r"""A support vector machine on words of SIFT, with which the "A Novel Bilinear Feature and
-    Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors
-    2020, 20, 5822) compares. It says no more than that; everything below is ours, chosen on images
-    of drawn letters.
+    r"""A support vector machine on visual words of SIFT, a baseline of the "A Novel Bilinear
+    Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper
+    (Sensors 2020, 20, 5822). The paper gives no details; the defaults here were chosen on images of
+    drawn letters.
 
-    Readings are grey values in :math:`[0, 1]` on the image map of the layout. Lower ones count as
-    0, higher ones as 1, and cells without a taxel are 0; do not scale them before by their mean.
-    OpenCV finds keypoints and describes each by 128 numbers. Their words are counted without their
-    places. An image without keypoints has a histogram of zeros; :obj:`num_without_words_` counts
-    such images of the last call of :meth:`fit`, :meth:`transform` or :meth:`predict`.
+    Readings are grey values in :math:`[0, 1]` on the image map of the layout. They are clipped to
+    this range, so do not standardise them first. Cells without a taxel are 0. OpenCV detects
+    keypoints and computes a descriptor of 128 numbers for each. The histogram of words ignores the
+    positions of the keypoints. An image without keypoints has a histogram of zeros;
+    :obj:`num_without_words_` is the number of such images in the last call of :meth:`fit`,
+    :meth:`transform` or :meth:`predict`.
 
     Args:
         layout (TaxelLayout or str or PathLike, optional): The taxels, on an image map;
             :func:`~torch_geometric_tactile.sensors.letter_array` if left out.
-        num_words (int): Number of words :math:`K`. 1,000 are a little better (by 0.4 points on
-            validation letters) and take longer.
-        factor (int): How much an image is enlarged before. SIFT doubles it once more by itself.
-        contrast_threshold (float): Contrast that a keypoint must have. OpenCV's own default is
-            0.04, for sharp images.
-        root (bool): Whether the histograms are those of the Hellinger kernel, roots of the counts.
+        num_words (int): Number of words :math:`K`. With 1,000 words, scores on validation letters
+            are 0.4 points higher, and fitting takes longer.
+        factor (int): Factor by which images are enlarged first. SIFT itself doubles them again.
+        contrast_threshold (float): Minimum contrast of a keypoint. OpenCV's default, 0.04, suits
+            sharper images.
+        root (bool): If :obj:`True`, uses the square roots of the counts, as in the Hellinger
+            kernel.
         kernel (str): :obj:`"linear"` or :obj:`"rbf"`.
         C (float): Penalty of an error.
-        class_weight (dict or str, optional): :obj:`"balanced"` makes rare classes count as much.
-        random_state (int, optional): Seed of the words and of the machine.
+        class_weight (dict or str, optional): :obj:`"balanced"` gives rare classes the same total
+            weight as common ones.
+        random_state (int, optional): Seed of k-means and of the support vector machine.
 
     Shapes:
         - **input:** grey values :math:`(S, N, 1)`
@@ -55,7 +58,7 @@ class SIFTSVM(VisualWordsSVM):
     contrast_threshold: float = 0.01
 
     @staticmethod
-    def _library() -> Any:
+    def _import_library() -> Any:
         try:
             import cv2
         except ImportError as error:
@@ -64,8 +67,8 @@ class SIFTSVM(VisualWordsSVM):
             ) from error
         return cv2
 
-    def _check(self) -> None:
-        super()._check()
+    def _check_arguments(self) -> None:
+        super()._check_arguments()
         if not self.contrast_threshold >= 0:
             raise ValueError(
                 f"'contrast_threshold' must not be negative (got {self.contrast_threshold})"
@@ -77,7 +80,7 @@ class SIFTSVM(VisualWordsSVM):
         Args:
             images (numpy.ndarray): Enlarged images :math:`(S, H, W)`, in :obj:`uint8`.
         """
-        sift = self._library().SIFT_create(contrastThreshold=self.contrast_threshold)
+        sift = self._import_library().SIFT_create(contrastThreshold=self.contrast_threshold)
         for image in images:
-            found = sift.detectAndCompute(image, None)[1]
-            yield _NONE if found is None else found
+            descriptors = sift.detectAndCompute(image, None)[1]
+            yield _NO_DESCRIPTORS if descriptors is None else descriptors

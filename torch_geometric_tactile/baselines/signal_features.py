@@ -1,4 +1,4 @@
-r"""The statistical features of many signals."""
+r"""The statistical features of time series as a step of a pipeline."""
 
 from collections.abc import Sequence
 from typing import Any, Self
@@ -8,26 +8,26 @@ from numpy.typing import ArrayLike
 from sklearn.base import TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from torch_geometric_tactile.baselines._readings import TakesReadings, check_finite
+from torch_geometric_tactile.baselines._readings import ReadingsEstimator, check_finite
 from torch_geometric_tactile.baselines.features import FEATURE_NAMES, statistical_features
 
 
-class SignalFeatures(TransformerMixin, TakesReadings):
-    r"""Turns time series into the 12 features of each electrode's signal
+class SignalFeatures(TransformerMixin, ReadingsEstimator):
+    r"""Converts time series to the 12 features of each electrode's signal
     (:func:`~torch_geometric_tactile.baselines.statistical_features`), 228 for 19 electrodes, as a
     step of a scikit-learn pipeline.
 
-    Features are ordered electrode by electrode, in each in the order of :obj:`FEATURE_NAMES`;
-    :meth:`get_feature_names_out` names them. Nothing is measured but the number of electrodes, so
-    that time series may be of any length.
+    Features are sorted by electrode, then in the order of :obj:`FEATURE_NAMES`.
+    :meth:`get_feature_names_out` returns their names. Only the number of electrodes is fixed by
+    :meth:`fit`; time series may have any length.
 
     Shapes:
         - **input:** time series :math:`(S, T, E)`
         - **output:** features :math:`(S, 12 E)`
 
     Raises:
-        ValueError: If the series have another shape, no frame, or other electrodes than those that
-            this was fitted on, or a reading is not finite.
+        ValueError: If the time series have another shape, no frame or another number of electrodes
+            than in :meth:`fit`, or a reading is not finite.
 
     Examples:
         >>> series = np.array([[[3.0, 0.0], [-1.0, 2.0]]])  # 1 sample, 2 frames, 2 electrodes
@@ -37,29 +37,30 @@ class SignalFeatures(TransformerMixin, TakesReadings):
     """
 
     def fit(self, x: ArrayLike, y: Any = None) -> Self:
-        r"""Takes the number of electrodes.
+        r"""Stores the number of electrodes.
 
         Args:
             x (array-like): Time series :math:`(S, T, E)`.
             y (array-like, optional): Not used.
         """
-        self.n_features_in_ = _series(x).shape[2]
+        self.n_features_in_ = _checked_series(x).shape[2]
         return self
 
     def transform(self, x: ArrayLike) -> np.ndarray:
-        r"""Returns the features.
+        r"""Returns the features :math:`(S, 12 E)`.
 
         Args:
             x (array-like): Time series :math:`(S, T, E)`.
         """
         check_is_fitted(self)
-        values = _series(x)
+        values = _checked_series(x)
         if values.shape[2] != self.n_features_in_:
             raise ValueError(
                 f"'x' must have {self.n_features_in_} electrodes, as {type(self).__name__} was "
                 f"fitted on (got shape {values.shape})"
             )
-        # Sums over what is contiguous are rounded alike, however the series came.
+        # The order of summation depends on the memory layout. A contiguous copy makes the rounding,
+        # and so the features, independent of the input's strides.
         features = statistical_features(np.ascontiguousarray(values.transpose(0, 2, 1)))
         return features.reshape(len(values), features.shape[1] * features.shape[2])
 
@@ -70,7 +71,7 @@ class SignalFeatures(TransformerMixin, TakesReadings):
             input_features (sequence of str, optional): Names of the electrodes :math:`(E,)`.
 
         Raises:
-            ValueError: If there are other than :math:`E` names.
+            ValueError: If the number of names is not :math:`E`.
         """
         check_is_fitted(self)
         electrodes = input_features
@@ -78,14 +79,14 @@ class SignalFeatures(TransformerMixin, TakesReadings):
             electrodes = [f"electrode{i}" for i in range(self.n_features_in_)]
         if len(electrodes) != self.n_features_in_:
             raise ValueError(
-                f"'input_features' must have {self.n_features_in_} names, one an electrode (got "
+                f"'input_features' must have {self.n_features_in_} names, one per electrode (got "
                 f"{len(electrodes)})"
             )
         names = [f"{electrode}_{name}" for electrode in electrodes for name in FEATURE_NAMES]
         return np.asarray(names, dtype=object)
 
 
-def _series(x: ArrayLike) -> np.ndarray:
+def _checked_series(x: ArrayLike) -> np.ndarray:
     values = np.asarray(x, dtype=np.float64)
     if values.ndim != 3 or 0 in values.shape[1:]:
         raise ValueError(

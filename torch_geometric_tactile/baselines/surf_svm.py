@@ -1,4 +1,4 @@
-r"""Words of SURF."""
+r"""The support vector machine on visual words of SURF."""
 
 import math
 from collections.abc import Iterator
@@ -11,39 +11,42 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.baselines._visual_words import VisualWordsSVM
 
-_MARGIN = 16  # scales around a point, without which mahotas leaves it out
-_WINDOW = 20  # scales across the square that a descriptor describes
+_MARGIN = 16  # in scales; mahotas leaves out points closer than this to the border
+_WINDOW = 20  # in scales; side of the square that a descriptor covers
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
 class SURFSVM(VisualWordsSVM):
-    r"""A support vector machine on words of SURF, with which the "A Novel Bilinear Feature and
-    Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors
-    2020, 20, 5822) compares. It says no more than that; everything below is ours, chosen on images
-    of drawn letters.
+    r"""A support vector machine on visual words of SURF, a baseline of the "A Novel Bilinear
+    Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper
+    (Sensors 2020, 20, 5822). The paper gives no details; the defaults here were chosen on images of
+    drawn letters.
 
-    The detector of SURF finds nothing on 32 x 32 pixels. So images are enlarged, and mahotas
-    describes points on a raster (as its :func:`surf.dense`) by 64 numbers each, but leaves out
-    those around which the image is flat. The image is continued beyond its border by the grey
-    values there, so that points near it are described, too. All else, and
-    :obj:`num_without_words_`, is as in :class:`~torch_geometric_tactile.baselines.SIFTSVM`.
+    The detector of SURF finds no points in images of 32 x 32 pixels. Images are therefore enlarged,
+    and mahotas computes descriptors of 64 numbers at the points of a regular grid, as its
+    :func:`surf.dense` does. Points in flat regions are left out. Images are padded with the grey
+    values at their border, so that points near the border have descriptors as well. Everything
+    else, including :obj:`num_without_words_`, is as in
+    :class:`~torch_geometric_tactile.baselines.SIFTSVM`.
 
     Args:
         layout (TaxelLayout or str or PathLike, optional): The taxels, on an image map;
             :func:`~torch_geometric_tactile.sensors.letter_array` if left out.
         num_words (int): Number of words :math:`K`.
-        factor (int): How much an image is enlarged before.
-        spacing (int): Distance of the points in pixels of the enlarged image.
-        scale (float): Scale of a descriptor, which describes 20 scales by 20 pixels of the enlarged
-            image. A scale of 4 with a spacing of 6 is better (by 1.5 points on validation letters)
-            and takes 1.7 times as long.
-        contrast (float): A point is left out if the grey values of these pixels differ by no more
-            than this part of the full scale.
-        root (bool): Whether the histograms are those of the Hellinger kernel, roots of the counts.
+        factor (int): Factor by which images are enlarged first.
+        spacing (int): Distance between points in pixels of the enlarged image.
+        scale (float): Scale :math:`s` of a descriptor, which covers :math:`20 s \times 20 s` pixels
+            of the enlarged image. With a scale of 4 and a spacing of 6, scores on validation
+            letters are 1.5 points higher, and the time is 1.7 times as long.
+        contrast (float): Points are left out if the grey values of the covered pixels differ by no
+            more than this part of the full scale.
+        root (bool): If :obj:`True`, uses the square roots of the counts, as in the Hellinger
+            kernel.
         kernel (str): :obj:`"linear"` or :obj:`"rbf"`.
         C (float): Penalty of an error.
-        class_weight (dict or str, optional): :obj:`"balanced"` makes rare classes count as much.
-        random_state (int, optional): Seed of the words and of the machine.
+        class_weight (dict or str, optional): :obj:`"balanced"` gives rare classes the same total
+            weight as common ones.
+        random_state (int, optional): Seed of k-means and of the support vector machine.
 
     Shapes:
         - **input:** grey values :math:`(S, N, 1)`
@@ -67,7 +70,7 @@ class SURFSVM(VisualWordsSVM):
     C: float = 10.0
 
     @staticmethod
-    def _library() -> Any:
+    def _import_library() -> Any:
         try:
             from mahotas.features import surf
         except ImportError as error:
@@ -76,31 +79,34 @@ class SURFSVM(VisualWordsSVM):
             ) from error
         return surf
 
-    def _check(self) -> None:
-        super()._check()
+    def _check_arguments(self) -> None:
+        super()._check_arguments()
         need(self.spacing >= 1, "'spacing' must be at least 1", self.spacing)
         need(1 <= self.scale < math.inf, "'scale' must be at least 1", self.scale)
-        need(0 <= self.contrast <= 1, "'contrast' must be a part from 0 to 1", self.contrast)
+        need(0 <= self.contrast <= 1, "'contrast' must be between 0 and 1", self.contrast)
 
     def describe(self, images: np.ndarray) -> Iterator[np.ndarray]:
-        r"""Yields the descriptors of points on a raster of each image :math:`(P, 64)`.
+        r"""Yields the descriptors of the grid points of each image :math:`(P, 64)`.
 
         Args:
             images (numpy.ndarray): Enlarged images :math:`(S, H, W)`, in :obj:`uint8`.
         """
-        surf = self._library()
+        surf = self._import_library()
         margin = math.ceil(_MARGIN * self.scale)
-        points = _points(images.shape[1], images.shape[2], self.spacing)
+        points = _grid_points(images.shape[1], images.shape[2], self.spacing)
         window = max(1, round(_WINDOW * self.scale))
         for image in images:
-            spread = maximum_filter(image, window) - minimum_filter(image, window)
-            rows, cols = points[spread[tuple(points.T)] > 255 * self.contrast].T
+            local_range = maximum_filter(image, window) - minimum_filter(image, window)
+            rows, cols = points[local_range[tuple(points.T)] > 255 * self.contrast].T
             ones = np.ones(len(rows))
-            where = np.stack([rows + margin, cols + margin, self.scale * ones, ones, ones], axis=1)
+            # mahotas takes row, column, scale, score and sign of the Laplacian of each point.
+            interest_points = np.stack(
+                [rows + margin, cols + margin, self.scale * ones, ones, ones], axis=1
+            )
             padded = np.pad(image, margin, mode="edge")
-            yield surf.descriptors(padded, where, descriptor_only=True).astype(np.float32)
+            yield surf.descriptors(padded, interest_points, descriptor_only=True).astype(np.float32)
 
 
-def _points(height: int, width: int, spacing: int) -> np.ndarray:
+def _grid_points(height: int, width: int, spacing: int) -> np.ndarray:
     rows, cols = (np.arange(spacing // 2, size, spacing) for size in (height, width))
     return np.stack(np.meshgrid(rows, cols, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -1,4 +1,4 @@
-r"""Probabilities of classifiers that give scores only."""
+r"""Temperature scaling, which converts the scores of a classifier to probabilities."""
 
 from typing import Any, Self
 
@@ -11,27 +11,29 @@ from sklearn.utils.validation import check_is_fitted
 
 from torch_geometric_tactile._checks import need
 
-_RANGE = (-7.0, 7.0)  # of the logarithm of the factor
+_LOG_FACTOR_RANGE = (-7.0, 7.0)
 
 
 class TemperatureScaling(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):
-    r"""Gives a classifier with scores, such as a support vector machine, probabilities, by the
+    r"""Adds probabilities to a classifier with scores, such as a support vector machine, by the
     temperature scaling of the `"On Calibration of Modern Neural Networks"
     <https://arxiv.org/abs/1706.04599>`_ paper:
 
     .. math::
         \mathbf{p} = \mathrm{softmax}(a \, \mathbf{s})
 
-    of the scores :math:`\mathbf{s}` (of two classes, of :math:`(0, s)`). The one factor :math:`a`
-    is fitted to scores of samples that are held out in turn, with labels that are smoothed as in
-    Platt's method, so that it stays finite. The most probable class is the one with the highest
-    score: other than :class:`sklearn.calibration.CalibratedClassifierCV` with sigmoids, this moves
-    no boundary, also not that of balanced classes. Votes of one-against-one that are level are
-    decided by the scores, as by :obj:`SVC(break_ties=True)`.
+    Here :math:`\mathbf{s}` are the scores of the classes, :math:`(0, s)` for two classes. The
+    factor :math:`a` is fitted by cross-validation to the scores of held-out samples. Their labels
+    are smoothed as in Platt's method, so that :math:`a` stays finite. The most probable class is
+    the one with the highest score: unlike
+    :class:`sklearn.calibration.CalibratedClassifierCV` with sigmoids, the scaling does not move
+    decision boundaries, and keeps the effect of class weights. Ties between the votes of
+    one-against-one classifiers are broken by the scores, as with :obj:`SVC(break_ties=True)`.
 
     Args:
         estimator (estimator): A classifier with :meth:`decision_function`.
-        folds (int): Number of folds that are held out; fewer if a class has fewer samples.
+        folds (int): Number of folds of the cross-validation. Fewer are used if a class has fewer
+            samples.
 
     Raises:
         ValueError: If :obj:`folds` is below two, or there are fewer than two classes.
@@ -51,40 +53,46 @@ class TemperatureScaling(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):
         self.folds = folds
 
     def fit(self, x: Any, y: Any, groups: Any = None) -> Self:
-        r"""Fits the factor on held-out samples, and then the classifier on all.
+        r"""Fits the factor on held-out samples, and then the classifier on all samples.
 
         Args:
             x (array-like): Features :math:`(S, F)`.
             y (array-like): Classes :math:`(S,)`.
-            groups (array-like, optional): Samples of one group, such as a trial, are held out
-                together :math:`(S,)`.
+            groups (array-like, optional): Groups :math:`(S,)`, such as trials. Samples of one group
+                are held out together.
         """
         need(self.folds >= 2, "'folds' must be at least 2", self.folds)
         x, y = np.asarray(x), np.asarray(y)
         self.classes_, codes = np.unique(y, return_inverse=True)
         need(len(self.classes_) >= 2, "'y' must have at least 2 classes", len(self.classes_))
-        scores, held_out = [], []
+        scores, held_out_codes = [], []
         for train, test in self._splits(x, codes, groups):
             if len(np.unique(codes[train])) < len(self.classes_) or not len(test):
                 continue
             model = clone(self.estimator).fit(x[train], y[train])
             scores.append(_as_columns(model.decision_function(x[test])))
-            held_out.append(codes[test])
-        self.factor_ = _fitted(np.concatenate(scores), np.concatenate(held_out)) if scores else 1.0
+            held_out_codes.append(codes[test])
+        # Without any usable fold, probabilities are the softmax of the unscaled scores.
+        self.factor_ = (
+            _fit_factor(np.concatenate(scores), np.concatenate(held_out_codes)) if scores else 1.0
+        )
         self.estimator_ = clone(self.estimator).fit(x, y)
         return self
 
     def _splits(self, x: np.ndarray, codes: np.ndarray, groups: Any) -> Any:
-        folds = min(self.folds, int(np.bincount(codes).min()))
+        # Every class needs at least one sample, or group, in each fold.
+        num_folds = min(self.folds, int(np.bincount(codes).min()))
         if groups is not None:
-            of_class = [len(np.unique(np.asarray(groups)[codes == c])) for c in np.unique(codes)]
-            folds = min(folds, *of_class)
-        if folds < 2:
+            groups_per_class = [
+                len(np.unique(np.asarray(groups)[codes == code])) for code in np.unique(codes)
+            ]
+            num_folds = min(num_folds, *groups_per_class)
+        if num_folds < 2:
             return []
         if groups is None:
-            return StratifiedKFold(folds, shuffle=True, random_state=0).split(x, codes)
-        grouped = StratifiedGroupKFold(folds, shuffle=True, random_state=0)
-        return grouped.split(x, codes, groups)
+            return StratifiedKFold(num_folds, shuffle=True, random_state=0).split(x, codes)
+        group_folds = StratifiedGroupKFold(num_folds, shuffle=True, random_state=0)
+        return group_folds.split(x, codes, groups)
 
     def predict_proba(self, x: Any) -> np.ndarray:
         r"""Returns the probabilities of the classes :math:`(S, C)`.
@@ -109,19 +117,20 @@ class TemperatureScaling(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):
 
 
 def _as_columns(scores: np.ndarray) -> np.ndarray:
-    # One column a class (S, C), also of two.
+    # Returns scores (S, C). Scikit-learn returns one column (S,) for two classes.
     return scores if scores.ndim == 2 else np.stack([np.zeros_like(scores), scores], axis=1)
 
 
-def _fitted(scores: np.ndarray, codes: np.ndarray) -> float:
+def _fit_factor(scores: np.ndarray, codes: np.ndarray) -> float:
+    # Returns the factor that minimises the cross-entropy with smoothed labels.
     rows, num_classes = np.arange(len(codes)), scores.shape[1]
-    smoothed = 1.0 / (len(codes) + 2)
+    smoothing = 1.0 / (len(codes) + 2)
 
-    def loss(log_factor: float) -> float:
-        likelihood = log_softmax(np.exp(log_factor) * scores, axis=1)
-        mean_of_all = likelihood.sum(axis=1) / num_classes
-        target = (1 - smoothed) * likelihood[rows, codes] + smoothed * mean_of_all
+    def smoothed_cross_entropy(log_factor: float) -> float:
+        log_likelihood = log_softmax(np.exp(log_factor) * scores, axis=1)
+        class_mean = log_likelihood.sum(axis=1) / num_classes
+        target = (1 - smoothing) * log_likelihood[rows, codes] + smoothing * class_mean
         return float(-target.mean())
 
-    found = minimize_scalar(loss, bounds=_RANGE, method="bounded")
-    return float(np.exp(found.x))
+    optimum = minimize_scalar(smoothed_cross_entropy, bounds=_LOG_FACTOR_RANGE, method="bounded")
+    return float(np.exp(optimum.x))

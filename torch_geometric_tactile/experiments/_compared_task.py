@@ -10,7 +10,7 @@ import torch
 
 from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
 from torch_geometric_tactile.experiments._experiment import Choice
-from torch_geometric_tactile.nn.models.bmf_cnn import LEAST_SIZE
+from torch_geometric_tactile.nn.models.bmf_cnn import MIN_MAP_SIZE
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
 
@@ -270,6 +270,6 @@ def lacks_a_map(task: ComparedTask) -> str:
 def lacks_a_large_map(task: ComparedTask) -> str:
     r"""Tells what a model lacks in the data, if anything."""
     image_map = None if task.layout is None else task.layout.image_map
-    if image_map is None or int(image_map.amax(dim=0).min()) + 1 >= LEAST_SIZE:
+    if image_map is None or int(image_map.amax(dim=0).min()) + 1 >= MIN_MAP_SIZE:
         return lacks_a_map(task)
-    return f"the image_map of the layout has fewer than {LEAST_SIZE} x {LEAST_SIZE} cells"
+    return f"the image_map of the layout has fewer than {MIN_MAP_SIZE} x {MIN_MAP_SIZE} cells"

@@ -1,7 +1,7 @@
 r"""Layers and models.
 
-All classes are also here by their plain names, as in :obj:`from torch_geometric_tactile.nn import
-MTGCN, StaticGCNConv`.
+All classes of the subpackages can be imported from here, as in
+:obj:`from torch_geometric_tactile.nn import MTGCN, StaticGCNConv`.
 """
 
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ from torch_geometric_tactile.nn.conv import *  # noqa: F403
 from torch_geometric_tactile.nn.models import *  # noqa: F403
 from torch_geometric_tactile.nn.pool import *  # noqa: F403
 
-# Classes only, such that `torch_geometric.resolver` finds each of them by its name.
+# Only classes, so that `torch_geometric.resolver` finds each of them by its name.
 __all__: list[str] = []
 __all__ += conv.__all__
 __all__ += pool.__all__

@@ -1,8 +1,8 @@
-r"""A graph convolution on one topology with many samples, made for training on processors.
+r"""A graph convolution with pooling for many samples on one topology, for training on processors.
 
-Activations lie as :math:`(N, F, B)`, taxel by taxel and the samples innermost. One sparse product
-with the :math:`(N, F \cdot B)` matrix then serves the whole batch, the linear map is a batched
-product over the taxels, and the maximum over channels runs along contiguous memory.
+Activations are stored as :math:`(N, F, B)`. One sparse product with the :math:`(N, F \cdot B)`
+matrix then propagates the complete batch, the linear map is a batched product over the taxels, and
+the maximum over channels reads contiguous memory.
 """
 
 from collections.abc import Iterable
@@ -19,25 +19,26 @@ from torch_geometric_tactile.nn.conv._plain import is_hooked, is_static_batch
 from torch_geometric_tactile.nn.conv._static_adjacency import StaticAdjacency, sparse_product
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
-# The widest activation of a block of this size stays in a processor's second-level cache.
+# The widest activation of a block has this size, and stays in a processor's second-level cache.
 _BLOCK_BYTES = 2**20
-# Below the difference of any two numbers that are not equal, and above zero.
+# Smaller than the difference between any two different activations, and above zero.
 _TINY = 1e-37
-# From this number of samples on, the layout of this module pays.
+# Smallest batch for which the memory layout of this module is faster.
 _MIN_SAMPLES = 8
 
 
-def may_run_fast(x: Tensor) -> bool:
-    r"""Tells whether :func:`pooled_gcn` pays for features: those of many samples on a processor."""
+def is_pooled_gcn_faster(x: Tensor) -> bool:
+    r"""Returns whether :func:`pooled_gcn` supports features and is faster, which is the case for
+    many samples on a processor.
+    """
     return is_static_batch(x) and x.size(0) >= _MIN_SAMPLES
 
 
 def may_merge(layers: Iterable[tuple[Any, ChannelMaxPool]]) -> bool:
-    r"""Tells whether layers may be computed in one step, without calling them one by one.
+    r"""Returns whether layers may be computed by :func:`pooled_thread` without calling them.
 
-    They may if each is exactly the layer of this package with its default arguments, and nothing is
-    attached to it or to its linear map: no hook, no explainer, no wrapped, pruned or
-    reparametrised weight.
+    Each must be exactly the layer of this package with its default arguments. It must have no hook
+    or explainer, and no wrapped, pruned or reparametrised weight.
     """
     return all(
         conv.is_plain() and type(pool) is ChannelMaxPool and not is_hooked(pool)
@@ -51,7 +52,9 @@ def pooled_thread(
     adjacency: StaticAdjacency,
     segment: OptTensor = None,
 ) -> Tensor:
-    r"""Returns the features :math:`(B, N, O)` behind all layers, each by :func:`pooled_gcn`."""
+    r"""Returns the output :math:`(B, N, O)` of a sequence of layers, each computed by
+    :func:`pooled_gcn`.
+    """
     h = x.permute(1, 2, 0).contiguous()
     for conv, pool in layers:
         weight = conv.lin.weight if segment is None else conv.weight
@@ -67,21 +70,21 @@ def pooled_gcn(
     pool: int = 1,
     segment: OptTensor = None,
 ) -> Tensor:
-    r"""A graph convolution, the maximum over neighbouring channels, and ReLU, in one step.
+    r"""Computes a graph convolution, the maximum over neighbouring channels, and ReLU in one step.
 
     .. math::
         \mathbf{H}' = \max \left( 0, \mathrm{pool}_k \left( \hat{\mathbf{A}} \mathbf{H} \mathbf{W}
         + \mathbf{b} \right) \right)
 
-    It works block by block of taxels, so that the wide activation before the maximum is never
-    written to memory. The backward pass computes it again from the sums over the neighbours, which
-    costs less than reading it. The gradient goes to the channel that was the maximum (to all of
-    them where several are equal to the last bit). There is no second derivative.
+    Taxels are processed in blocks, so that the wide activation before the maximum stays in the
+    cache. The backward pass computes it again from the sums over the neighbours, which is faster
+    than reading it from memory. The gradient goes to the channel with the maximum, or to all
+    channels that are exactly equal to it. There is no second derivative.
 
     Shapes:
         - **input:** features :math:`(N, F, B)`, weights :math:`(O, F)` or :math:`(S, O, F)`, biases
           :math:`(O,)` or :math:`(S, O)`, segments :math:`(N,)`
-        - **output:** :math:`(N, O / k, B)`
+        - **output:** features :math:`(N, O / k, B)`
     """
     if bias is None:
         bias = weight.new_zeros(weight.shape[:-1])
@@ -90,7 +93,7 @@ def pooled_gcn(
 
 
 class _PooledGCN(Function):
-    # In full precision under autocast as well, which would cast some of the products.
+    # Computes in full precision under autocast as well, which would cast only some of the products.
     @staticmethod
     @custom_fwd(device_type="cpu", cast_inputs=torch.float32)
     def forward(
@@ -102,19 +105,19 @@ class _PooledGCN(Function):
         adjacency: StaticAdjacency,
         segment: OptTensor,
     ) -> Tensor:
-        block = _Block(h, weight, bias, segment)
+        blocks = _BlockedMap(h, weight, bias, segment)
         out = h.new_empty(h.size(0), weight.size(-2) // pool, h.size(2))
-        is_kept = any(ctx.needs_input_grad)
-        sums = block.empty_sums(len(h) if is_kept else len(block.z))
-        for start, stop in block.ranges:
-            u = sums[start:stop] if is_kept else sums[: stop - start]
+        needs_backward = any(ctx.needs_input_grad)
+        sums = blocks.empty_sums(len(h) if needs_backward else len(blocks.z))
+        for start, stop in blocks.ranges:
+            u = sums[start:stop] if needs_backward else sums[: stop - start]
             u[:, :-1] = sparse_product(adjacency.rows(start, stop), h.flatten(1)).view_as(u[:, :-1])
-            z = torch.bmm(block.weights(start, stop), u, out=block.z[: stop - start])
+            z = torch.bmm(blocks.weights(start, stop), u, out=blocks.z[: stop - start])
             if pool == 1:
                 torch.clamp(z, min=0, out=out[start:stop])
             else:
-                torch.amax(_groups(z, pool), dim=2, out=out[start:stop]).clamp_(min=0)
-        ctx.save_for_backward(weight, bias, out, sums if is_kept else None)
+                torch.amax(_pool_windows(z, pool), dim=2, out=out[start:stop]).clamp_(min=0)
+        ctx.save_for_backward(weight, bias, out, sums if needs_backward else None)
         ctx.pool, ctx.adjacency, ctx.segment = pool, adjacency, segment
         return out
 
@@ -125,67 +128,75 @@ class _PooledGCN(Function):
         weight, bias, out, sums = ctx.saved_tensors
         h, pool = sums[:, :-1], ctx.pool
         grad = grad.contiguous()
-        block = _Block(h, weight, bias, ctx.segment)
-        narrow = h.new_empty(len(block.z), *out.shape[1:])
-        grad_weight = torch.zeros_like(block.weight.mT, memory_format=torch.contiguous_format)
+        blocks = _BlockedMap(h, weight, bias, ctx.segment)
+        grad_buffer = h.new_empty(len(blocks.z), *out.shape[1:])
+        grad_weight = torch.zeros_like(blocks.weight.mT, memory_format=torch.contiguous_format)
         grad_u = h.new_empty(h.shape) if ctx.needs_input_grad[0] else None
-        for start, stop in block.ranges:
+        for start, stop in blocks.ranges:
             size, u = stop - start, sums[start:stop]
-            part = torch.ops.aten.threshold_backward.grad_input(
-                grad[start:stop], out[start:stop], 0, grad_input=narrow[:size]
+            # The derivative of ReLU.
+            grad_z = torch.ops.aten.threshold_backward.grad_input(
+                grad[start:stop], out[start:stop], 0, grad_input=grad_buffer[:size]
             )
             if pool > 1:
-                z = torch.bmm(block.weights(start, stop), u, out=block.z[:size])
-                below = _groups(z, pool)
-                # Compared with its own maximum, not with `out`: a product may differ in the last
-                # bit from one run to the next.
-                below.sub_(below.amax(dim=2, keepdim=True))
+                z = torch.bmm(blocks.weights(start, stop), u, out=blocks.z[:size])
+                distance = _pool_windows(z, pool)
+                # The maximum is computed again and not taken from `out`, since a repeated product
+                # may differ in the last bit.
+                distance.sub_(distance.amax(dim=2, keepdim=True))
+                # Passes the gradient where the distance is zero. Writes over `z`, whose memory
+                # `distance` shares.
                 torch.ops.aten.threshold_backward.grad_input(
-                    part.unsqueeze(2).expand_as(below), below, -_TINY, grad_input=below
+                    grad_z.unsqueeze(2).expand_as(distance), distance, -_TINY, grad_input=distance
                 )
-                part = z
-            outer = torch.bmm(u, part.transpose(1, 2))  # faster than its transpose
+                grad_z = z
+            outer = torch.bmm(u, grad_z.transpose(1, 2))  # faster than its transpose
             if ctx.segment is None:
                 grad_weight += outer.sum(dim=0)
             else:
                 grad_weight.index_add_(0, ctx.segment[start:stop], outer)
             if grad_u is not None:
-                back = block.weights(start, stop)[..., :-1].transpose(1, 2)
-                torch.bmm(back, part, out=grad_u[start:stop])
+                transposed_weights = blocks.weights(start, stop)[..., :-1].transpose(1, 2)
+                torch.bmm(transposed_weights, grad_z, out=grad_u[start:stop])
         grad_h = None
         if grad_u is not None:
-            transposed = ctx.adjacency.csr(transposed=True)
-            grad_h = sparse_product(transposed, grad_u.flatten(1)).view_as(h)
+            transposed_matrix = ctx.adjacency.csr(transposed=True)
+            grad_h = sparse_product(transposed_matrix, grad_u.flatten(1)).view_as(h)
         grad_weight = grad_weight.mT
         return grad_h, grad_weight[..., :-1], grad_weight[..., -1], None, None, None
 
 
-class _Block:
-    r"""Maps a block of taxels at a time, in a buffer that stays in the cache."""
+class _BlockedMap:
+    r"""The linear map with its bias, split into blocks of taxels that share one buffer. The buffer
+    stays in the cache.
+    """
 
     def __init__(self, h: Tensor, weight: Tensor, bias: Tensor, segment: OptTensor) -> None:
         num_nodes, self.width, num_samples = h.shape
-        wide = weight.size(-2)
-        size = _BLOCK_BYTES // max(1, wide * num_samples * h.element_size())
+        out_width = weight.size(-2)
+        size = _BLOCK_BYTES // max(1, out_width * num_samples * h.element_size())
         size = max(1, min(num_nodes, size))
         self.segment = segment
+        # The bias is the last column of the weights, so that one product adds it.
         self.weight = torch.cat([weight, bias.unsqueeze(-1)], dim=-1)
-        self.z = h.new_empty(size, wide, num_samples)
+        self.z = h.new_empty(size, out_width, num_samples)
         self.ranges = [(start, min(start + size, num_nodes)) for start in range(0, num_nodes, size)]
 
     def empty_sums(self, num_nodes: int) -> Tensor:
-        r"""Returns memory for the sums over neighbours, behind which ones multiply the bias."""
+        r"""Returns uninitialised memory for the sums over neighbours :math:`(N, F + 1, B)`, with
+        ones in the last row for the bias.
+        """
         sums = self.z.new_empty(num_nodes, self.width + 1, self.z.size(2))
         sums[:, -1] = 1
         return sums
 
     def weights(self, start: int, stop: int) -> Tensor:
-        r"""Returns weights and biases of each taxel."""
+        r"""Returns the weights and biases of the taxels from :obj:`start` to :obj:`stop - 1`."""
         if self.segment is None:
             return self.weight.expand(stop - start, -1, -1)
         return self.weight[self.segment[start:stop]]
 
 
-def _groups(z: Tensor, pool: int) -> Tensor:
-    # The channels by what shares one maximum.
+def _pool_windows(z: Tensor, pool: int) -> Tensor:
+    # Returns a view (N, O / k, k, B), whose maximum is over the third dimension.
     return z.unflatten(1, (z.size(1) // pool, pool))

@@ -1,4 +1,4 @@
-r"""The sizes that layers and models are given."""
+r"""Checks of the sizes of layers and models."""
 
 from collections.abc import Sequence
 from numbers import Integral
@@ -12,26 +12,41 @@ _MAX_LAYERS = 1000
 
 
 def check_sizes(advice: str = "", **sizes: Any) -> None:
-    r"""Checks that sizes are whole numbers from one on, and that layers can be counted."""
+    r"""Checks that sizes are positive integers, and that numbers of layers are not excessive.
+
+    Args:
+        advice (str): Text to append to the message.
+        **sizes: Sizes by argument name.
+
+    Raises:
+        ValueError: If a size is below one or not an integer, or there are too many layers.
+    """
     for name, size in sizes.items():
         if not isinstance(size, Integral) or size < 1:
             raise ValueError(f"'{name}' must be at least 1 (got {size}){advice}")
-        if name in ("depth", "num_layers"):  # a list of so many is made before the first layer
+        # Models create a list of this length, which would fill the memory, before the first layer.
+        if name in ("depth", "num_layers"):
             need(size <= _MAX_LAYERS, f"'{name}' must be at most {_MAX_LAYERS}", size)
 
 
-def given_widths(widths: Sequence[int]) -> tuple[int, ...]:
-    r"""Returns the widths of layers, of which there is one at least."""
+def checked_layer_widths(widths: Sequence[int]) -> tuple[int, ...]:
+    r"""Returns the widths of layers as a tuple.
+
+    Raises:
+        ValueError: If there is no width, or a width is below one.
+    """
     widths = tuple(widths)
     need(widths and min(widths) >= 1, "'widths' must be at least one width of at least 1", widths)
     return widths
 
 
-def is_of_taxels(x: Tensor, num_taxels: int, num_channels: int | None = None) -> bool:
-    r"""Tells whether features of any form are those of so many taxels in each sample, and so wide.
+def has_taxels(x: Tensor, num_taxels: int, num_channels: int | None = None) -> bool:
+    r"""Returns whether features have this number of taxels in each sample and, unless it is
+    :obj:`None`, this number of channels.
 
     Shapes:
-        - **x:** Features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch.
+        - **x:** Features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+          :math:`(B \cdot N, F)`.
     """
     if x.dim() not in (2, 3) or (num_channels is not None and x.size(-1) != num_channels):
         return False

@@ -176,7 +176,7 @@ def test_edge_patch_encoder_bad_segment():
     ("edge_index", "match"),
     [
         (torch.zeros(2, 2), r"hold integers \(got torch.float32\)"),
-        (torch.tensor([[11, 0], [0, 1]]), r"hold node numbers from 0 to 10, .* \(got 0 to 11\)"),
+        (torch.tensor([[11, 0], [0, 1]]), r"hold node indices from 0 to 10, .* \(got 0 to 11\)"),
         (torch.eye(11).to_sparse(), r"have shape \(2, num_edges\): a sparse matrix .*sparse_coo"),
     ],
 )

@@ -175,4 +175,4 @@ def test_gcn_norm_gradient(requires_grad, layout, lead):
     conv = StaticGCNConv(16, 32).requires_grad_(False)
     for _ in range(2):
         assert conv(samples(*lead, 4, 16), adj).requires_grad == expected
-    assert (conv._kept.current is None) == (expected or not lead)
+    assert (conv._edge_cache.current is None) == (expected or not lead)

@@ -38,7 +38,7 @@ def test_my_conv_basic():
 @pytest.mark.parametrize("edges", [[[-1, 1, 2, 2], [0, 0, 1, 1]], [[0, 1, 2, 3], [0, 0, 1, 1]]])
 def test_my_conv_out_of_bounds(lead, edges):
     # PyG raises IndexError from `propagate`, here it is a ValueError of the same meaning.
-    with pytest.raises(ValueError, match=r"'edge_index' must hold node numbers from 0 to 2, .*got"):
+    with pytest.raises(ValueError, match=r"'edge_index' must hold node indices from 0 to 2, .*got"):
         StaticGCNConv(8, 32)(samples(*lead, 3, 8), torch.tensor(edges), samples(4))
 
 
@@ -221,9 +221,9 @@ def test_explain_message_of_subclasses():
         assert conv(x, STAR).abs().sum() != 0
         conv.explain, conv._edge_mask, conv._apply_sigmoid = True, torch.zeros(6), False
         assert conv(x, STAR).abs().sum() == 0
-    assert not Child._has_own_messages
-    assert not GrandChild._has_own_messages
-    assert Doubled._has_own_messages
+    assert not Child._overrides_messages
+    assert not GrandChild._overrides_messages
+    assert Doubled._overrides_messages
 
 
 @pytest.mark.parametrize(

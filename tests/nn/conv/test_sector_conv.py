@@ -10,7 +10,6 @@ from torch_geometric.explain.algorithm.utils import clear_masks, set_masks
 from torch_geometric.nn import RGCNConv
 
 from torch_geometric_tactile.nn import SectorConv
-from torch_geometric_tactile.nn.conv import _sector_product as sector_product
 from torch_geometric_tactile.nn.conv import sector_conv
 from torch_geometric_tactile.sensors import biotac_sp, grid, layout_sectors, sector_edges
 from torch_geometric_tactile.testing import (
@@ -47,9 +46,9 @@ def grads(layer, x, *edges):
 
 @pytest.fixture
 def count_fast(monkeypatch):
-    calls, product = [], sector_conv.sector_product
+    calls, product = [], sector_conv._sector_product
     monkeypatch.setattr(
-        sector_conv, "sector_product", lambda *args: calls.append(1) or product(*args)
+        sector_conv, "_sector_product", lambda *args: calls.append(1) or product(*args)
     )
     return calls
 
@@ -111,9 +110,9 @@ def test_sector_conv_equals_rgcn_conv():
 
 @pytest.mark.parametrize("block_bytes", [0, 1, 2**12, 2**19])
 def test_sector_conv_gradients(block_bytes, monkeypatch):
-    monkeypatch.setattr(sector_product, "_BLOCK_BYTES", block_bytes)
-    for name in ("_COPY_BYTES", "_COPY_BYTES_OF_FEW"):
-        monkeypatch.setattr(sector_product, name, 0 if block_bytes else 2**22)
+    monkeypatch.setattr(sector_conv, "_BLOCK_BYTES", block_bytes)
+    for name in ("_COPY_BYTES", "_NARROW_COPY_BYTES"):
+        monkeypatch.setattr(sector_conv, name, 0 if block_bytes else 2**22)
     fast, slow = (conv(dtype=torch.double, fast=fast) for fast in (True, False))
     x = samples(9, 24, 3, dtype=torch.double)
     for ours, theirs in zip(
@@ -171,7 +170,7 @@ def test_sector_conv_fast_for_few_samples_of_few_taxels(count_fast, monkeypatch)
     for size in (1, 7):
         assert torch.allclose(layer(x[:size], EDGES, SECTOR), expected[:size], atol=1e-6)
     assert len(count_fast) == 3
-    monkeypatch.setattr(sector_product, "_COPY_BYTES_OF_FEW", 0)  # as if there were many taxels
+    monkeypatch.setattr(sector_conv, "_NARROW_COPY_BYTES", 0)  # as if there were many taxels
     assert torch.allclose(layer(x[:7], EDGES, SECTOR), expected[:7], atol=1e-6)
     assert len(count_fast) == 3
     layer(x, EDGES, SECTOR)
@@ -276,8 +275,8 @@ def test_sector_conv_bad_input(batch_size):
         ((x[0, 0], EDGES, SECTOR), r"'x' must have shape .*\(got \(3,\)\)"),
         ((x, EDGES[0], SECTOR), r"'edge_index' must have shape \(2, num_edges\) \(got"),
         ((x, EDGES.float(), SECTOR), r"'edge_index' must hold integers \(got torch.float32\)"),
-        ((x, EDGES + 1, SECTOR), r"'edge_index' must hold node numbers from 0 to 23.*1 to 24"),
-        ((x, EDGES - 1, SECTOR), r"'edge_index' must hold node numbers .*\(got -1 to 22\)"),
+        ((x, EDGES + 1, SECTOR), r"'edge_index' must hold node indices from 0 to 23.*1 to 24"),
+        ((x, EDGES - 1, SECTOR), r"'edge_index' must hold node indices .*\(got -1 to 22\)"),
         ((x, EDGES, SECTOR[:-1]), r"'edge_sector' must have shape \(\d+,\), a sector for each"),
         ((x, EDGES, SECTOR.float()), r"'edge_sector' must hold integers \(got torch.float32\)"),
         ((x, EDGES, SECTOR + 1), r"'edge_sector' must hold sectors from 0 to 7 \(got 1 to 8\)"),
@@ -299,7 +298,7 @@ def test_sector_conv_batch_of_sensors():
 
 
 def test_sector_conv_refuses_what_it_cannot_do():
-    with pytest.raises(ValueError, match=r"'decomposed_layers' must be 1: .* \(got 2\)"):
+    with pytest.raises(ValueError, match=r"'decomposed_layers' must be 1, since .* \(got 2\)"):
         SectorConv(2, 4, decomposed_layers=2)
     assert SectorConv(2, 4, decomposed_layers=1).decomposed_layers == 1
     with pytest.raises(ValueError, match=r"'in_channels' must be at least 1 \(got 0\), or -1"):
@@ -317,7 +316,7 @@ def test_sectors_are_looked_at_once_where_that_waits(monkeypatch):
 
     looks, aminmax = [], torch.aminmax
     monkeypatch.setattr(torch, "aminmax", lambda x: looks.append(1) or aminmax(x))
-    check, sector = sector_product.SectorCheck(), SECTOR.clone().as_subclass(OnGPU)
+    check, sector = sector_conv._SectorCheck(), SECTOR.clone().as_subclass(OnGPU)
     for _ in range(3):
         check(EDGES, sector, 8)
     assert len(looks) == 1
@@ -330,7 +329,7 @@ def test_sectors_are_looked_at_once_where_that_waits(monkeypatch):
 
 
 def test_sectors_on_a_processor_are_looked_at_each_time():
-    check, array = sector_product.SectorCheck(), SECTOR.numpy().copy()
+    check, array = sector_conv._SectorCheck(), SECTOR.numpy().copy()
     sector = torch.from_numpy(array)
     check(EDGES, sector, 8)
     array[0] = 8  # PyTorch counts no such write

@@ -2,12 +2,12 @@ import pytest
 import torch
 
 from torch_geometric_tactile.nn.conv import SectorConv
-from torch_geometric_tactile.nn.conv._sector_product import SectorImage
+from torch_geometric_tactile.nn.conv.sector_conv import _SectorImage
 from torch_geometric_tactile.sensors import biotac_sp, grid, layout_sectors
 
 
 def _image(edge_index, sector, num_nodes):
-    return SectorImage.of(*edge_index, sector, num_nodes)
+    return _SectorImage.from_edges(*edge_index, sector, num_nodes)
 
 
 @pytest.mark.parametrize("size", [(3, 3), (4, 7), (1, 5), (2, 3), (6, 3)])
@@ -62,7 +62,7 @@ def test_sector_image_equals_messages(dtype, change):
         leaf = x.clone().requires_grad_()
         out.append(conv(leaf, edge_index, sector))
         grads.append(torch.autograd.grad(out[-1].sin().sum(), [leaf, *conv.parameters()]))
-    table = conv._kept.get(edge_index, sector, 30, 8)
+    table = conv._edge_cache.get(edge_index, sector, 30, 8)
     assert (table.image is None) == (change == "one_more")
     assert torch.allclose(*out, atol=1e-5)
     for one, other in zip(*grads, strict=True):

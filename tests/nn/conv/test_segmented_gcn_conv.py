@@ -115,7 +115,7 @@ def test_segmented_dense_form_of_gpus_equals_messages(monkeypatch, segment, weig
 def test_segmented_messages_of_gpus_normalize_edges_once(monkeypatch, weight, flow):
     # As more than 1,024 taxels on a GPU, where each normalisation waits.
     monkeypatch.setattr(segmented_gcn_conv, "may_multiply", lambda x: False)
-    monkeypatch.setattr(segmented_gcn_conv, "may_keep_messages", lambda x: True)
+    monkeypatch.setattr(segmented_gcn_conv, "may_cache_edges", lambda x: True)
     layer, x = conv(flow=flow), samples(2, 11, 3)
     expected = conv(flow=flow, fast=False)(x, EDGE_INDEX, weight)
     torch.testing.assert_close(layer(x, EDGE_INDEX, weight), expected)
@@ -301,7 +301,7 @@ def test_segmented_bad_features(size):
 @pytest.mark.parametrize("size", [(11, 3), (2, 11, 3), (9, 11, 3)])
 def test_segmented_bad_edges(size):
     for layer in (conv(), thread(), thread(fast=False)):
-        with pytest.raises(ValueError, match=r"'edge_index' must hold node numbers .* 0 to 11\)"):
+        with pytest.raises(ValueError, match=r"'edge_index' must hold node indices .* 0 to 11\)"):
             layer(torch.zeros(size), torch.tensor([[11], [0]]))
         with pytest.raises(ValueError, match=r"'edge_index' must have shape \(2, num_edges\)"):
             layer(torch.zeros(size), torch.zeros(7, 2, dtype=torch.long))

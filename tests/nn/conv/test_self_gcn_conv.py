@@ -143,7 +143,7 @@ def test_self_gcn_conv_bad_input(difference):
         ((x[..., :2], EDGE_INDEX), r"'x' must have 3 features \(got shape \(9, 11, 2\)\)"),
         ((x[0, 0], EDGE_INDEX), r"'x' must have shape .*\(got \(3,\)\)"),
         ((x, EDGE_INDEX[0]), r"'edge_index' must have shape \(2, num_edges\)"),
-        ((x, EDGE_INDEX + 1), r"'edge_index' must hold node numbers from 0 to 10"),
+        ((x, EDGE_INDEX + 1), r"'edge_index' must hold node indices from 0 to 10"),
         ((x, EDGE_INDEX, WEIGHT[1:]), r"'edge_weight' must have shape"),
     ]
     for arguments, match in bad:
@@ -207,7 +207,7 @@ def test_double_weights_give_double(difference):
 def test_other_inputs_and_sizes_are_refused():
     with pytest.raises(ValueError, match=r"'x' must be a tensor, .* \(got tuple\)"):
         conv()((samples(11, 3), samples(11, 3)), EDGE_INDEX)
-    with pytest.raises(ValueError, match=r"'in_channels' must be .*-2\), or -1 to take it from"):
+    with pytest.raises(ValueError, match=r"'in_channels' must be .*-2\), or -1 to infer it from"):
         SelfGCNConv(-2, 5)
 
 

@@ -22,9 +22,9 @@ WEIGHTS = {
     "infinite": POSITIVE.clone().index_fill_(0, torch.tensor([2]), torch.inf),
 }
 FORMS = {
-    "blocks": {"_BLOCK_BYTES": 1, "_FEW_ROWS": 0},
-    "narrow": {"_BLOCK_BYTES": 1, "_FEW_ROWS": 1024},
-    "small": {"_BLOCK_BYTES": 2**20, "_FEW_ROWS": 0},
+    "blocks": {"_BLOCK_BYTES": 1, "_MAX_DIRECT_ROWS": 0},
+    "narrow": {"_BLOCK_BYTES": 1, "_MAX_DIRECT_ROWS": 1024},
+    "small": {"_BLOCK_BYTES": 2**20, "_MAX_DIRECT_ROWS": 0},
     "few": {},
 }
 # On either side of the linear map.

@@ -113,7 +113,7 @@ def test_adjacency_cache_keeps_one(monkeypatch):
 
 
 def test_static_adjacency_keeps_few_rows(monkeypatch):
-    monkeypatch.setattr(static_adjacency, "_MAX_ROWS", 3)
+    monkeypatch.setattr(static_adjacency, "_MAX_ROW_BLOCKS", 3)
     adjacency = StaticAdjacency(*edge_norm(EDGES, WEIGHT, 4, torch.float), 4)
     for start in range(4):
         for _ in range(2):
@@ -179,11 +179,11 @@ def test_kept_tensor_on_other_devices(device, monkeypatch):
         def is_cpu(self):
             return device == "cpu"
 
-    monkeypatch.setattr(edge_cache, "_PLAIN", (Other,))
+    monkeypatch.setattr(edge_cache, "_TENSOR_TYPES", (Other,))
     compared, equal = [], torch.equal
     monkeypatch.setattr(torch, "equal", lambda a, b: compared.append(1) or equal(a, b))
     tensor = EDGES.clone().as_subclass(Other)
-    kept = edge_cache.KeptTensor(tensor)
+    kept = edge_cache.TensorSnapshot(tensor)
     assert kept.equals(tensor)
     assert len(compared) == (device == "cpu")
     compared.clear()

@@ -390,7 +390,7 @@ def test_attention_in_several_products(kind, monkeypatch, products):
         products.clear()
         assert_same(ours(x, EDGES["both_ways"]), on_batch(theirs, x, EDGES["both_ways"]))
         assert len(products) == math.ceil(num_samples / 3)
-        assert len(ours._kept.current._patterns) <= 2
+        assert len(ours._edge_cache.current._patterns) <= 2
 
 
 def test_gatv2_blocks_of_samples(monkeypatch):
@@ -485,8 +485,8 @@ def test_attention_edge_index_of_pyg(kind, products):
     [
         (torch.zeros(7, 2, dtype=torch.long), r"shape \(2, num_edges\) \(got \(7, 2\)\)"),
         (torch.zeros(2, 3), r"hold integers \(got torch.float32\)"),
-        (torch.tensor([[5], [0]]), r"node numbers from 0 to 4, those of 'x' \(got 0 to 5\)"),
-        (torch.tensor([[0], [-1]]), r"node numbers from 0 to 4, those of 'x' \(got -1 to 0\)"),
+        (torch.tensor([[5], [0]]), r"node indices from 0 to 4, the rows of 'x' \(got 0 to 5\)"),
+        (torch.tensor([[0], [-1]]), r"node indices from 0 to 4, the rows of 'x' \(got -1 to 0\)"),
         (torch.eye(6).to_sparse(), r"shape \(5, 5\) if it is sparse.*\(got \(6, 6\)\)"),
     ],
 )
@@ -528,12 +528,12 @@ def test_attention_bad_features(kind):
 def test_attention_copies(kind):
     conv, x = LAYERS[kind][0](3, 4, heads=2), samples(6, 5, 3)
     expected = conv(x, EDGES["star"])
-    assert conv._kept.current is not None
+    assert conv._edge_cache.current is not None
     file = io.BytesIO()
     torch.save(conv, file)
     file.seek(0)
     for other in (copy.deepcopy(conv), torch.load(file, weights_only=False)):
-        assert other._kept.current is None  # copies carry no edges along
+        assert other._edge_cache.current is None  # copies carry no edges along
         assert torch.equal(other(x, EDGES["star"]), expected)
 
 

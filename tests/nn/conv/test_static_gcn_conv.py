@@ -130,8 +130,8 @@ def test_static_gcn_conv_many_nodes():
     ours, theirs = pair(3, 5)
     x = samples(2, 1100, 3)
     assert torch.allclose(ours(x, edge_index), theirs(x, edge_index), atol=1e-5)
-    assert ours._kept.current is not None
-    assert ours._kept.current._dense is None  # 4.8 MB
+    assert ours._edge_cache.current is not None
+    assert ours._edge_cache.current._dense is None  # 4.8 MB
 
 
 def test_static_gcn_conv_empty_and_single():
@@ -213,12 +213,12 @@ def test_static_gcn_conv_explained():
 def test_static_gcn_conv_copies():
     conv, x, edge_index = StaticGCNConv(3, 5), samples(6, 4, 3), EDGES["one_way"]
     expected = conv(x, edge_index)
-    assert conv._kept.current is not None
+    assert conv._edge_cache.current is not None
     file = io.BytesIO()
     torch.save(conv, file)
     file.seek(0)
     for other in (copy.deepcopy(conv), torch.load(file, weights_only=False)):
-        assert other._kept.current is None  # copies carry no edges along
+        assert other._edge_cache.current is None  # copies carry no edges along
         assert torch.equal(other(x, edge_index), expected)
     conv.reset_parameters()
     assert not torch.allclose(conv(x, edge_index), expected)
@@ -297,10 +297,10 @@ BAD_EDGES = [
     (torch.zeros(1, 2, 3, dtype=torch.long), r"shape \(2, num_edges\) \(got \(1, 2, 3\)\)"),
     (torch.zeros(2, 3), r"hold integers \(got torch.float32\)"),
     (torch.zeros(2, 3, dtype=torch.bool), r"hold integers \(got torch.bool\)"),
-    (torch.tensor([[4], [0]]), r"node numbers from 0 to 3, those of 'x' \(got 0 to 4\)"),
-    (torch.tensor([[0], [4]]), r"node numbers from 0 to 3, those of 'x' \(got 0 to 4\)"),
-    (torch.tensor([[-1], [0]]), r"node numbers from 0 to 3, those of 'x' \(got -1 to 0\)"),
-    (torch.tensor([[0], [-1]]), r"node numbers from 0 to 3, those of 'x' \(got -1 to 0\)"),
+    (torch.tensor([[4], [0]]), r"node indices from 0 to 3, the rows of 'x' \(got 0 to 4\)"),
+    (torch.tensor([[0], [4]]), r"node indices from 0 to 3, the rows of 'x' \(got 0 to 4\)"),
+    (torch.tensor([[-1], [0]]), r"node indices from 0 to 3, the rows of 'x' \(got -1 to 0\)"),
+    (torch.tensor([[0], [-1]]), r"node indices from 0 to 3, the rows of 'x' \(got -1 to 0\)"),
     (torch.eye(5).to_sparse(), r"shape \(4, 4\) if it is sparse.*\(got \(5, 5\)\)"),
 ]
 
@@ -323,7 +323,7 @@ def test_static_gcn_conv_bad_edges_of_weights_that_learn(size):
     edge_index = torch.tensor([[0], [1]])
     conv(samples(*size), edge_index, weight)
     edge_index[0] = 4
-    with pytest.raises(ValueError, match=r"from 0 to 3, those of 'x' \(got 1 to 4\)"):
+    with pytest.raises(ValueError, match=r"from 0 to 3, the rows of 'x' \(got 1 to 4\)"):
         conv(samples(*size), edge_index, weight)
 
 
@@ -331,9 +331,9 @@ def test_static_gcn_conv_bad_edges_of_weights_that_learn(size):
 @pytest.mark.parametrize(
     ("weight", "match"),
     [
-        (torch.ones(4), r"shape \(3,\), a weight for each edge \(got \(4,\)\)"),
-        (torch.ones(3, 2), r"shape \(3,\), a weight for each edge \(got \(3, 2\)\)"),
-        (torch.tensor(1.0), r"shape \(3,\), a weight for each edge \(got \(\)\)"),
+        (torch.ones(4), r"shape \(3,\), one weight per edge \(got \(4,\)\)"),
+        (torch.ones(3, 2), r"shape \(3,\), one weight per edge \(got \(3, 2\)\)"),
+        (torch.tensor(1.0), r"shape \(3,\), one weight per edge \(got \(\)\)"),
         (torch.ones(3, dtype=torch.bool), r"hold real numbers \(got torch.bool\)"),
         (torch.ones(3, dtype=torch.cfloat), r"hold real numbers \(got torch.complex64\)"),
     ],
@@ -375,7 +375,7 @@ def test_static_gcn_conv_bad_x():
 def test_messages_of_gpus_normalize_edges_once(monkeypatch, count_norm, edges, with_weight, flow):
     # As more than 1,024 taxels on a GPU, where each normalisation waits.
     monkeypatch.setattr(static_gcn_conv, "may_multiply", lambda x: False)
-    monkeypatch.setattr(static_gcn_conv, "may_keep_messages", lambda x: True)
+    monkeypatch.setattr(static_gcn_conv, "may_cache_edges", lambda x: True)
     edge_index = EDGES[edges]
     weight = weights(edge_index) if with_weight else None
     ours, theirs = pair(3, 5, flow=flow)

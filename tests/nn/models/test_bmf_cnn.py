@@ -252,7 +252,7 @@ def test_bmf_cnn_state_has_no_cells():
         (lambda: BMFCNN(fusion="C1"), r"'fusion' must be one of \('C3', .* \(got 'C1'\)"),
         (
             lambda: BMFCNN(fusion="C1+C3", bilinear=False),
-            r"'fusion' must be 'C3' if 'bilinear' is false \(got 'C1\+C3'\)",
+            r"'fusion' must be 'C3' if 'bilinear' is False \(got 'C1\+C3'\)",
         ),
         (
             lambda: BMFCNN()(torch.zeros(2, 1, 28, 28)),

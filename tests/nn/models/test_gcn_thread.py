@@ -106,20 +106,20 @@ def test_gcn_thread_sees_changes(batch_size):
 def test_gcn_thread_makes_its_adjacency_once():
     layer = thread()
     layer(samples(9, 11, 3), EDGE_INDEX)
-    kept = layer._kept.current
+    kept = layer._edge_cache.current
     layer(samples(20, 11, 3), EDGE_INDEX)
-    assert layer._kept.current is kept
+    assert layer._edge_cache.current is kept
     layer(samples(9, 11, 3), EDGE_INDEX.clone())
-    assert layer._kept.current is kept
+    assert layer._edge_cache.current is kept
     layer(samples(9, 11, 3), EDGE_INDEX[:, 1:])
-    assert layer._kept.current is not kept
+    assert layer._edge_cache.current is not kept
 
 
 def test_gcn_thread_copies_and_reset():
     layer, x = thread(), samples(9, 11, 3)
     expected = layer(x, EDGE_INDEX)
     for other in (copy.deepcopy(layer), pickle.loads(pickle.dumps(layer))):
-        assert other._kept.current is None
+        assert other._edge_cache.current is None
         assert torch.equal(other(x, EDGE_INDEX), expected)
     before = {name: value.clone() for name, value in layer.named_parameters()}
     layer.reset_parameters()

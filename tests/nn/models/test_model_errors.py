@@ -133,15 +133,15 @@ def test_model_wrong_edges(name):
         (lambda: MTGCN(inputs=()), r"'inputs' must be some of .* \(got \(\)\)"),
         (
             lambda: MTGCN(threads={"absolute": {}}),
-            r"'threads' must be of the inputs \('tactile', 'edge'\) \(got 'absolute'\)",
+            r"'threads' must be settings of the inputs \('tactile', 'edge'\) \(got 'absolute'\)",
         ),
         (
             lambda: MTCNN(threads={"edge": {}}),
-            r"'threads' must be of the inputs \('tactile', 'absolute'\) \(got 'edge'\)",
+            r"'threads' must be settings of the inputs \('tactile', 'absolute'\) \(got 'edge'\)",
         ),
         (
             lambda: MTGCN(threads={"tactile": {"width": 3}}),
-            r"a thread must have some of \['widths', 'pools', 'adjacency'\] \(got 'width' in 'ta",
+            r"'threads' must only have the settings .*, 'adjacency'\] \(got 'width' in 'tactile'\)",
         ),
         (
             lambda: MTGCN(inputs=T, threads={"tactile": {"widths": (4,)}}),
@@ -162,14 +162,14 @@ def test_model_wrong_edges(name):
         ),
         (
             lambda: MTCNN(threads={"tactile": {"adjacency": "dense"}}),
-            r"a thread must have some of \['widths', 'pools'\] \(got 'adjacency' in 'tactile'\)",
+            r"must only have the settings \['widths', 'pools'\] \(got 'adjacency' in 'tactile'\)",
         ),
         (
             lambda: TactileGCN(LAYOUT, segments="finger"),
             r"'segments' must be 'digit', 'patch' or None \(got 'finger'\)",
         ),
         (lambda: TactileGCN("allegro"), r"'layout' must be one of .* \(got 'allegro'\)"),
-        (lambda: TactileFNN(inputs=("edge",)), r"'inputs' must not have 'edge': there is no graph"),
+        (lambda: TactileFNN(inputs=("edge",)), r"'inputs' must not have 'edge', since the model"),
         (lambda: HandCNN(LAYOUT, inputs=("edge",)), r"'inputs' must not have 'edge'"),
         (lambda: MTCNN(LAYOUT, inputs=("edge",)), r"'inputs' must not have 'edge'"),
         (

@@ -29,7 +29,7 @@ def threads(model):
 
 
 def caches(model):
-    found = [getattr(m, "_kept", None) for m in model.modules()]
+    found = [getattr(m, "_edge_cache", None) for m in model.modules()]
     return [kept for kept in found if isinstance(kept, AdjacencyCache)]
 
 

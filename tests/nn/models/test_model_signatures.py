@@ -149,7 +149,7 @@ def test_model_layout_bad(cls):
         HandCNN: "image map",
         MSCNN: "image map",
         MTCNN: "image map",
-        PosedTaxelNet: "places",
+        PosedTaxelNet: "poses",
         SmallCNN: "image map",
         TaxelNet: "neighbours",
         TemporalTaxelNet: "neighbours",

@@ -342,7 +342,7 @@ def without_thumb():
         (lambda: MSCNN(across()), r"'layout' must have each patch on one digit \(got 'index_1' on"),
         (
             lambda: MSCNN(without_thumb()),
-            r"as many rows as those beside them \(got {.*'other': \(5, ",
+            r"neighbouring maps the same number of rows \(got {.*'other': \(5, ",
         ),
         (
             lambda: MSCNN(FINGERS, pattern="IV"),

@@ -10,8 +10,8 @@ from small_models import samples
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import PosedTaxelNet
-from torch_geometric_tactile.nn.models._taxels import seen_taxels
-from torch_geometric_tactile.nn.models.posed_taxel_net import _strongest
+from torch_geometric_tactile.nn.models._taxels import taxel_mask
+from torch_geometric_tactile.nn.models.posed_taxel_net import _select_strongest
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, grid
 from torch_geometric_tactile.transforms import TaxelForce, TaxelPose
 
@@ -148,7 +148,7 @@ def test_strongest_equals_come_by_their_place():
     pos[0, :, 1] = torch.tensor([0.0, 5.0, 7.0, 0.0, 6.0, 9.0, 9.0])
 
     def chosen(most):
-        return _strongest(pressure, pos, most)[0].nonzero().view(-1).tolist()
+        return _select_strongest(pressure, pos, most)[0].nonzero().view(-1).tolist()
 
     assert [chosen(most) for most in (1, 2, 3, 4)] == [[3], [0, 3], [0, 2, 3], [0, 2, 3, 4]]
     assert chosen(5) == chosen(7) == chosen(99) == [0, 1, 2, 3, 4]
@@ -208,7 +208,7 @@ def test_posed_taxel_net_taxel_dropout():
     # Where almost all are dropped, one sample still sees something.
     lonely = small(taxel_dropout=0.999, dropout=0.0)
     assert lonely(**data).isfinite().all()
-    assert seen_taxels(data["x"], 0.999).any(dim=1).all()
+    assert taxel_mask(data["x"], 0.999).any(dim=1).all()
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -229,7 +229,7 @@ def test_posed_taxel_net_few_taxels():
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"layout": 24}, r"'layout' must be a layout, .* places of its taxels \(got the number"),
+        ({"layout": 24}, r"'layout' must be a layout, .* poses of its taxels \(got the number"),
         ({"widths": ()}, r"'widths' must be at least one width of at least 1 \(got \(\)\)"),
         ({"taxel_dropout": 1.0}, r"'taxel_dropout' must be at least 0 and below 1 \(got 1.0\)"),
     ],
@@ -253,7 +253,7 @@ def test_posed_taxel_net_bad_input():
     bad = [
         ({"x": data["x"][..., :2]}, r"'x' must have 3 channels \(got shape \(5, 20, 2\)\)"),
         ({"x": data["x"][:, :19]}, r"'x' must have 20 taxels in each sample \(got shape"),
-        ({"pos": None}, r"'pos' must be given if 'posed' is True, as TaxelPose sets it"),
+        ({"pos": None}, r"'pos' must be given if 'posed' is True .*: add TaxelPose\(\)"),
         ({"normal": data["normal"][:4]}, r"'normal' must be of 5 samples of 20 taxels.*\(4, 20, 3"),
         ({"pos": data["pos"][..., :2]}, r"'pos' must be of 5 samples .*\(3,\) wide"),
         ({"tangent": data["normal"]}, r"'tangent' must be of 5 samples .*\(2, 3\) wide"),

@@ -12,10 +12,10 @@ from torch_geometric_tactile.nn import SelfGCNConv, SmallCNN, TaxelNet
 from torch_geometric_tactile.nn.models._taxel_levels import (
     ReadingNorm,
     TaxelNorm,
+    layout_pools,
     pitch,
-    pooled_layouts,
 )
-from torch_geometric_tactile.nn.models._taxels import seen_taxels
+from torch_geometric_tactile.nn.models._taxels import taxel_mask
 from torch_geometric_tactile.sensors import (
     TaxelLayout,
     allegro_uskin,
@@ -147,12 +147,12 @@ def test_taxel_net_pools_two_by_two_whatever_the_pitch():
     stretched = grid(6, 6, pitch=0.002)
     layout = TaxelLayout("wide", stretched.pos * torch.tensor([1.0, 2.0, 1.0]))
     assert pitch(layout) == pytest.approx((0.002, 0.004))
-    (pool,) = pooled_layouts(layout, 9)
+    (pool,) = layout_pools(layout, 9)
     assert pool.num_clusters == 9
     lone = TaxelLayout(
         "lone", stretched.pos, patch=torch.arange(36), patch_names=tuple(map(str, range(36)))
     )
-    assert pooled_layouts(lone, 9) == []  # patches of a single taxel
+    assert layout_pools(lone, 9) == []  # patches of a single taxel
 
 
 def test_taxel_net_by_hand():
@@ -350,7 +350,7 @@ def test_taxel_net_does_not_see_dropped_taxels(name):
     torch.manual_seed(0)
     model(**data).square().sum().backward()
     torch.manual_seed(0)
-    seen = seen_taxels(data["x"], 0.5)
+    seen = taxel_mask(data["x"], 0.5)
     found = data["x"].grad.abs().sum(dim=-1)
     assert float(found[~seen].abs().max()) == 0
     assert float((found[seen] > 0).double().mean()) > 0.9

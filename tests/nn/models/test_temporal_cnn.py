@@ -191,7 +191,7 @@ def test_bad_windows():
     model = small()
     for size in ((6, 4, 20), (6, 4, 0), ()):
         with pytest.raises(
-            ValueError, match=r"'x' must have the frames of 3 channels side .*got s"
+            ValueError, match=r"same number of frames, .* each of 3 channels .*got s"
         ):
             model(torch.zeros(size))
     for size in ((6, 5, 21), (7, 21)):

@@ -1,4 +1,4 @@
-r"""The edges of one topology in the orders that attention over neighbours needs, computed once."""
+r"""Edges of one topology, sorted and indexed for attention over neighbours."""
 
 from typing import NamedTuple, Optional
 
@@ -6,58 +6,61 @@ import torch
 from torch import Tensor
 from torch_geometric.utils import add_self_loops, remove_self_loops
 
-from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, may_be_kept
+from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, is_cacheable
 from torch_geometric_tactile.nn.conv._edge_checks import check_edge_index
 from torch_geometric_tactile.nn.conv._static_adjacency import csr_matrix
 
-# A softmax over neighbours pads all nodes to the largest degree. Beyond this multiple of the edges,
-# as with a hub that all nodes join, the padding costs more than messages do.
-_MAX_PADDING = 4
-# Attention coefficients of one product: larger batches are split, which bounds the cached indices.
+# A softmax over neighbours pads all nodes to the largest degree. If the padded size exceeds this
+# multiple of the number of edges, as with a hub that is a neighbour of all nodes, the padding costs
+# more than messages do.
+_MAX_PADDING_RATIO = 4
+# Attention coefficients in one product. Larger batches are split, which limits the memory of the
+# cached indices.
 _MAX_COEFFICIENTS = 2**20
-# Batch sizes for which one topology keeps its indices: of training, its last batch, and validation.
+# Cached batch sizes per topology. Training, its last batch and validation have different ones.
 _MAX_PATTERNS = 8
 
 
 class AttentionPattern(NamedTuple):
-    r"""Indices of a sparse matrix of attention coefficients, of all samples and heads of a batch.
+    r"""Indices of a sparse matrix of attention coefficients for all samples and heads of a batch.
 
-    Its :math:`R = B \cdot N \cdot H` rows are targets and its columns sources, each a node of one
-    sample and head, in the order of contiguous features :math:`(B, N, H, C)`. Its coefficients have
-    three orders: by rows, as CSR matrices need; by columns, for the transposed product; and as
-    slots :math:`(K, R)`, one row of slots for each neighbour up to the largest degree :math:`K`.
+    The :math:`R = B \cdot N \cdot H` rows are targets and the columns are sources. Each is a node
+    of one sample and head, in the order of contiguous features :math:`(B, N, H, C)`. The
+    coefficients are indexed in three orders: by row, as in CSR matrices; by column, for the
+    transposed product; and in slots :math:`(K, R)`, where slot :math:`(k, r)` is the :math:`k`-th
+    neighbour of row :math:`r` and :math:`K` is the largest degree.
     """
 
     num_slots: int  # K
     row_starts: Tensor  # (R + 1,)
     columns: Tensor  # (coefficients,), the source of each coefficient
     column_starts: Tensor  # (R + 1,)
-    rows_by_column: Tensor  # (coefficients,), the targets, ordered by source
-    by_column: Tensor  # (coefficients,), numbers of coefficients, ordered by source
+    rows_by_column: Tensor  # (coefficients,), the targets, sorted by source
+    by_column: Tensor  # (coefficients,), indices of coefficients, sorted by source
     slots: Tensor  # (coefficients,), the slot of each coefficient
     slot_coefficients: Tensor  # (K * R,), the coefficient of each slot
     slot_columns: Tensor  # (K * R,), the source of each slot
-    padding: Optional[Tensor]  # (K, R), which slots a softmax leaves out, if any
-    empty: Optional[Tensor]  # (K, R), the same and all slots of rows without neighbours
+    padding: Optional[Tensor]  # (K, R), slots that the softmax masks, or None if there are none
+    empty: Optional[Tensor]  # (K, R), `padding` and all slots of rows without neighbours
     matrix: Tensor  # CSR (R, R), its values are not used
     edge_coefficients: Tensor  # (B * E * H,), the coefficient of each edge (B, E, H)
     edge_slots: Tensor  # (B * E * H,), the slot of each edge (B, E, H)
-    slot_edges: Tensor  # (K * R,), the place of each slot in (B, E, H)
+    slot_edges: Tensor  # (K * R,), the index of each slot's edge in (B, E, H)
 
 
 class EdgeBlock(NamedTuple):
-    r"""Edges of one disjoint graph, sorted by their targets."""
+    r"""Edges of several samples as one disjoint graph, sorted by target."""
 
     source: Tensor  # (E,)
     target: Tensor  # (E,)
-    by_source: Tensor  # (E,), numbers of edges, ordered by source
-    source_starts: Tensor  # (N + 1,)
-    by_target: Tensor  # (E,), numbers of edges, ordered by target
-    target_starts: Tensor  # (N + 1,)
+    by_source: Tensor  # (E,), indices of edges, sorted by source
+    source_starts: Tensor  # (N + 1,), start of each node's edges in `by_source`
+    by_target: Tensor  # (E,), indices of edges, sorted by target
+    target_starts: Tensor  # (N + 1,), start of each node's edges in `by_target`
 
 
 class AttentionEdges:
-    r"""The edges of one topology with self-loops, sorted by their targets.
+    r"""The edges of one topology, sorted by target, with cached indices for each batch size.
 
     Args:
         source (torch.Tensor): Sources :math:`(|\mathcal{E}|,)`.
@@ -80,12 +83,12 @@ class AttentionEdges:
         return self.source.numel()
 
     @property
-    def is_padded_cheaply(self) -> bool:
-        r"""Whether there are edges, and their targets have similar numbers of neighbours."""
-        return 0 < self.max_degree * self.num_nodes <= _MAX_PADDING * self.num_edges
+    def has_little_padding(self) -> bool:
+        r"""Whether there are edges, and the degrees are so similar that padding costs little."""
+        return 0 < self.max_degree * self.num_nodes <= _MAX_PADDING_RATIO * self.num_edges
 
     def max_samples(self, heads: int) -> int:
-        r"""Returns how many samples one product takes.
+        r"""Returns the maximum number of samples in one product.
 
         Args:
             heads (int): Number of heads.
@@ -93,25 +96,26 @@ class AttentionEdges:
         return max(1, _MAX_COEFFICIENTS // (self.max_degree * self.num_nodes * heads))
 
     def pattern(self, num_samples: int, heads: int, dtype: torch.dtype) -> AttentionPattern:
-        r"""Returns the indices for batches of one size, computed once.
+        r"""Returns the cached indices for batches of one size.
 
         Args:
             num_samples (int): Number of samples :math:`B`.
             heads (int): Number of heads :math:`H`.
-            dtype (torch.dtype): Type of the coefficients.
+            dtype (torch.dtype): Data type of the coefficients.
         """
         key = (num_samples, heads, dtype)
         pattern = self._patterns.get(key)
         if pattern is None:
-            with torch.inference_mode(False):  # a validation may come before the training
-                pattern = self._make_pattern(num_samples, heads, dtype)
+            # Inference tensors, as from a validation before training, cannot be used in training.
+            with torch.inference_mode(False):
+                pattern = self._compute_pattern(num_samples, heads, dtype)
             if len(self._patterns) >= _MAX_PATTERNS:
                 self._patterns = {}  # not cleared in place: another thread may be reading it
             self._patterns[key] = pattern
         return pattern
 
     def block(self, num_samples: int) -> EdgeBlock:
-        r"""Returns the edges of some samples as those of one disjoint graph, computed once.
+        r"""Returns the cached edges of several samples as one disjoint graph.
 
         Args:
             num_samples (int): Number of samples :math:`b`.
@@ -135,26 +139,28 @@ class AttentionEdges:
         return block
 
     def _repeat(self, num_samples: int) -> tuple[Tensor, Tensor]:
-        shift = self.num_nodes * torch.arange(num_samples).view(-1, 1)
-        return (self.source + shift).view(-1), (self.target + shift).view(-1)
+        offset = self.num_nodes * torch.arange(num_samples).view(-1, 1)
+        return (self.source + offset).view(-1), (self.target + offset).view(-1)
 
-    def _make_pattern(self, num_samples: int, heads: int, dtype: torch.dtype) -> AttentionPattern:
+    def _compute_pattern(
+        self, num_samples: int, heads: int, dtype: torch.dtype
+    ) -> AttentionPattern:
         source, target = self._repeat(num_samples)
         head = torch.arange(heads)
         num_rows = num_samples * self.num_nodes * heads
         rows = (target.view(-1, 1) * heads + head).view(-1)  # (B, E, H)
         columns = (source.view(-1, 1) * heads + head).view(-1)
-        # Stable, so that the coefficients of a row keep the order of its edges.
+        # The stable sort keeps the order of the edges within each row.
         coefficient_edges = rows.argsort(stable=True)
         edge_coefficients = coefficient_edges.argsort()
         rows, columns = rows[coefficient_edges], columns[coefficient_edges]
         row_starts = _starts(rows, num_rows)
         coefficients = torch.arange(rows.numel())
         slots = (coefficients - row_starts[rows]) * num_rows + rows
-        # An empty slot repeats the first neighbour of its row: whatever a missing reading does
-        # there, it does to the row anyway. A row without neighbours has slots that nothing reads.
-        first = row_starts[:-1].clamp(max=rows.numel() - 1)
-        slot_coefficients = first.repeat(self.max_degree)
+        # An empty slot refers to the first neighbour of its row, since a missing reading there
+        # makes the row NaN anyway. The slots of rows without neighbours are never read.
+        first_coefficients = row_starts[:-1].clamp(max=rows.numel() - 1)
+        slot_coefficients = first_coefficients.repeat(self.max_degree)
         slot_coefficients[slots] = coefficients
         empty = torch.ones(self.max_degree, num_rows, dtype=torch.bool)
         empty.view(-1)[slots] = False
@@ -180,36 +186,39 @@ class AttentionEdges:
 
 
 class AttentionCache(EdgeCache[AttentionEdges]):
-    r"""Keeps the sorted edges of the last topology."""
+    r"""A cache of the sorted edges of the last topology."""
 
     def get(
         self, edge_index: Tensor, num_nodes: int, self_loops: bool, flow: str
     ) -> Optional[AttentionEdges]:
-        r"""Returns the edges of a topology, or :obj:`None` where they must not be kept.
+        r"""Returns the edges of a topology, or :obj:`None` if they may not be cached.
 
-        Shapes:
-            - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`.
-            - **num_nodes:** Number of nodes :math:`N`.
-            - **self_loops:** Whether to replace the self-loops by one for each node, as PyG does.
-            - **flow:** As in :class:`torch_geometric.nn.MessagePassing`.
+        Args:
+            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
+            num_nodes (int): Number of nodes :math:`N`.
+            self_loops (bool): Whether to replace all self-loops by one for each node, as PyG does.
+            flow (str): Direction of messages, as in
+                :class:`torch_geometric.nn.MessagePassing`.
         """
         key = (num_nodes, self_loops, flow)
-        edges = self._found(key, (edge_index,))
-        if edges is not None or not may_be_kept(edge_index):
+        edges = self._lookup(key, (edge_index,))
+        if edges is not None or not is_cacheable(edge_index):
             return edges
         check_edge_index(edge_index, num_nodes)
 
-        def make() -> AttentionEdges:
-            joined = edge_index.long()
+        def sort_edges() -> AttentionEdges:
+            long_edges = edge_index.long()
             if self_loops:
-                joined = add_self_loops(remove_self_loops(joined)[0], num_nodes=num_nodes)[0]
-            source, target = joined if flow == "source_to_target" else joined.flip(0)
+                long_edges = add_self_loops(remove_self_loops(long_edges)[0], num_nodes=num_nodes)[
+                    0
+                ]
+            source, target = long_edges if flow == "source_to_target" else long_edges.flip(0)
             return AttentionEdges(source, target, num_nodes)
 
-        return self._keep(key, (edge_index,), make)
+        return self._store(key, (edge_index,), sort_edges)
 
 
-def _starts(numbers: Tensor, size: int) -> Tensor:
-    # Where the entries of each number begin, once they are sorted.
-    counts = torch.bincount(numbers, minlength=size)
+def _starts(indices: Tensor, size: int) -> Tensor:
+    # Returns the position of the first entry of each index after sorting (size + 1,).
+    counts = torch.bincount(indices, minlength=size)
     return torch.cat([counts.new_zeros(1), counts.cumsum(0)])

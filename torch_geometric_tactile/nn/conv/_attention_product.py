@@ -1,4 +1,4 @@
-r"""Attention over the neighbours of one topology as products of sparse matrices."""
+r"""Attention over the neighbours of one topology as products with sparse matrices."""
 
 from collections.abc import Callable, Sequence
 from typing import Optional
@@ -13,16 +13,16 @@ from torch_geometric_tactile.nn.conv._attention_edges import AttentionEdges, Att
 
 
 class Attention:
-    r"""Attention coefficients of a batch, and their products.
+    r"""Attention coefficients of a batch, and their products with features.
 
-    The neighbours are the first dimension of the softmax, which is then as fast as a sum: over a
-    last dimension of a few neighbours it takes twenty times as long. The products go through
-    :func:`~torch.nn.functional.embedding_bag`, the fastest weighted sum of rows of PyTorch on a
-    processor, and no message of an edge is ever written to memory.
+    The softmax runs over the first dimension, which is as fast as a sum; over a short last
+    dimension it takes twenty times as long. Products use
+    :func:`~torch.nn.functional.embedding_bag`, PyTorch's fastest weighted sum of rows on a
+    processor, which writes no messages to memory.
 
     Args:
-        logits (torch.Tensor): Logits of the slots :math:`(K, R)`, which are overwritten.
-        pattern (AttentionPattern): Indices.
+        logits (torch.Tensor): Logits of the slots :math:`(K, R)`. They are overwritten.
+        pattern (AttentionPattern): Indices of the coefficients.
         dropout (float): Probability of dropping a coefficient.
     """
 
@@ -49,8 +49,13 @@ class Attention:
 
     @staticmethod
     def apply_transposed(values: Tensor, rows: Tensor, pattern: AttentionPattern) -> Tensor:
-        r"""Returns the weighted sum over the rows that each source is a neighbour of
-        :math:`(R, C)`.
+        r"""Returns the product with the transposed matrix :math:`(R, C)`, which is the weighted sum
+        over the targets of each source.
+
+        Args:
+            values (torch.Tensor): Attention coefficients, sorted by row.
+            rows (torch.Tensor): Features :math:`(R, C)`.
+            pattern (AttentionPattern): Indices of the coefficients.
         """
         values = values.index_select(0, pattern.by_column)
         return _sum_rows(rows, pattern.rows_by_column, pattern.column_starts, values)
@@ -63,7 +68,7 @@ def slot_gradient(
 
     Shapes:
         - **slots:** Coefficients of the slots :math:`(K, R)`.
-        - **factors:** Factors of the dropout, in the order of the coefficients.
+        - **factors:** Dropout factors of the coefficients, sorted by row.
         - **grad:** Gradient of the weighted sums :math:`(R, C)`.
         - **rows:** Features :math:`(R, C)`.
     """
@@ -76,19 +81,19 @@ def slot_gradient(
 
 
 def sum_edges(edge_rows: Tensor, edges: Tensor, starts: Tensor) -> Tensor:
-    r"""Returns the sums of the rows of each node's edges :math:`(N, F)`.
+    r"""Returns the sum of the features of each node's edges :math:`(N, F)`.
 
     Shapes:
-        - **edge_rows:** Rows of the edges :math:`(|\mathcal{E}|, F)`.
-        - **edges:** Numbers of the edges, ordered by node :math:`(|\mathcal{E}|,)`.
-        - **starts:** Where the edges of each node begin :math:`(N + 1,)`.
+        - **edge_rows:** Features of the edges :math:`(|\mathcal{E}|, F)`.
+        - **edges:** Indices of the edges, sorted by node :math:`(|\mathcal{E}|,)`.
+        - **starts:** Position of each node's first edge in :obj:`edges` :math:`(N + 1,)`.
     """
     return _sum_rows(edge_rows, edges, starts)
 
 
-def _sum_rows(rows: Tensor, numbers: Tensor, starts: Tensor, weights: OptTensor = None) -> Tensor:
+def _sum_rows(rows: Tensor, indices: Tensor, starts: Tensor, weights: OptTensor = None) -> Tensor:
     return F.embedding_bag(
-        numbers,
+        indices,
         rows,
         starts,
         mode="sum",
@@ -100,12 +105,13 @@ def _sum_rows(rows: Tensor, numbers: Tensor, starts: Tensor, weights: OptTensor 
 def attend_by_messages(
     logits: Tensor, features: Tensor, edges: AttentionEdges, factors: OptTensor
 ) -> Tensor:
-    r"""Returns the same numbers from ordinary operations, which have all derivatives.
+    r"""Returns the weighted sums :math:`(B, N, H, C)` by messages along edges, with ordinary
+    operations that have derivatives of any order.
 
     Shapes:
         - **logits:** Logits of the edges :math:`(B, |\mathcal{E}|, H)`.
         - **features:** Features :math:`(B, N, H, C)`.
-        - **factors:** Factors of the dropout :math:`(B \cdot |\mathcal{E}| \cdot H,)`.
+        - **factors:** Dropout factors :math:`(B \cdot |\mathcal{E}| \cdot H,)`.
     """
     alpha = softmax(logits, edges.target, num_nodes=edges.num_nodes, dim=1)
     alpha = alpha if factors is None else alpha * factors.view_as(alpha)
@@ -114,10 +120,10 @@ def attend_by_messages(
 
 
 def edge_factors(factors: OptTensor, pattern: AttentionPattern) -> OptTensor:
-    r"""Returns the factors of the dropout in the order of :func:`attend_by_messages`.
+    r"""Returns the dropout factors in the order of :func:`attend_by_messages`.
 
     Shapes:
-        - **factors:** Factors in the order of the coefficients.
+        - **factors:** Factors of the coefficients, sorted by row.
     """
     return None if factors is None else factors.index_select(0, pattern.edge_coefficients)
 
@@ -125,19 +131,22 @@ def edge_factors(factors: OptTensor, pattern: AttentionPattern) -> OptTensor:
 def differentiable_gradients(
     compute: Callable[..., Tensor],
     inputs: Sequence[Tensor],
-    needed: Sequence[bool],
+    needs_grad: Sequence[bool],
     grad: Tensor,
 ) -> list[Optional[Tensor]]:
-    r"""Returns the gradients of inputs in a form that has derivatives of its own.
+    r"""Returns the gradients of a function's inputs, which can be differentiated again.
 
     Args:
-        compute (callable): The function of the inputs, in ordinary operations.
+        compute (callable): The function, in ordinary operations.
         inputs (list): Its inputs.
-        needed (list): Which of them need a gradient.
+        needs_grad (list): Whether each input needs a gradient. The gradient of other inputs is
+            :obj:`None`.
         grad (torch.Tensor): Gradient of the output.
     """
     with torch.enable_grad():
         out = compute(*inputs)
-        selected = [tensor for tensor, is_needed in zip(inputs, needed, strict=True) if is_needed]
+        selected = [
+            tensor for tensor, is_needed in zip(inputs, needs_grad, strict=True) if is_needed
+        ]
         grads = iter(torch.autograd.grad(out, selected, grad, create_graph=True, allow_unused=True))
-    return [next(grads) if is_needed else None for is_needed in needed]
+    return [next(grads) if is_needed else None for is_needed in needs_grad]

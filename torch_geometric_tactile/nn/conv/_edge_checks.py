@@ -1,4 +1,4 @@
-r"""Checks of the edges that a layer receives."""
+r"""Checks of the node features and edges that layers receive."""
 
 import weakref
 from collections.abc import Callable
@@ -13,8 +13,8 @@ from torch_geometric.utils import is_torch_sparse_tensor, to_edge_index
 from torch_geometric_tactile.nn._sizes import check_sizes
 
 
-class Forgetful:
-    r"""What has seen nothing after it was pickled or copied."""
+class StatelessCopy:
+    r"""A base class of objects whose pickles and deep copies have no state."""
 
     def __deepcopy__(self, memo: object) -> Self:
         return type(self)()
@@ -23,27 +23,27 @@ class Forgetful:
         return type(self), ()
 
 
-class TensorCheck(Forgetful):
-    r"""Checks the values of a tensor once, and again only if another one comes in or the same one
-    was written to: on a GPU, a check waits for all pending work.
+class TensorCheck(StatelessCopy):
+    r"""A check of a tensor's values that is skipped while the tensor stays the same. On a GPU, each
+    check waits for all pending work.
     """
 
     def __init__(self) -> None:
-        self._checked: Optional[tuple[weakref.ref[Tensor], tuple[int, int]]] = None
+        self._last_tensor: Optional[tuple[weakref.ref[Tensor], tuple[int, int]]] = None
 
     def _check(self, tensor: Tensor, size: int, check: Callable[[Tensor, int], None]) -> None:
-        if is_traced() or tensor.is_inference():  # an inference tensor counts no writes
+        if is_traced() or tensor.is_inference():  # an inference tensor has no version counter
             check(tensor, size)
             return
         state = (tensor._version, size)
-        checked = self._checked
-        if checked is None or checked[0]() is not tensor or checked[1] != state:
+        last_tensor = self._last_tensor
+        if last_tensor is None or last_tensor[0]() is not tensor or last_tensor[1] != state:
             check(tensor, size)
-            self._checked = (weakref.ref(tensor), state)
+            self._last_tensor = (weakref.ref(tensor), state)
 
 
 class EdgeCheck(TensorCheck):
-    r"""Checks edges once, and again only if they change; see :class:`TensorCheck`."""
+    r"""A check of edges that is skipped while they stay the same; see :class:`TensorCheck`."""
 
     def __call__(self, edge_index: Adj, num_nodes: int) -> None:
         r"""Checks edges.
@@ -57,52 +57,69 @@ class EdgeCheck(TensorCheck):
 
 
 def is_traced() -> bool:
-    r"""Tells whether a compiler, an export or a trace records the operations, which must not depend
-    on values.
+    r"""Returns whether a compiler, an export or a trace records the operations. The code must then
+    not depend on values.
     """
     return bool(torch.compiler.is_compiling() or torch.jit.is_tracing())
 
 
 def is_exported() -> bool:
-    r"""Tells whether the operations are recorded for another runtime, and not for a compiler."""
+    r"""Returns whether the operations are recorded for another runtime, not for a compiler."""
     return torch.compiler.is_exporting() or torch.jit.is_tracing()
 
 
-def check_conv_sizes(in_channels: Any, **others: Any) -> None:
-    r"""Checks the sizes of a convolution."""
+def check_conv_sizes(in_channels: Any, **sizes: Any) -> None:
+    r"""Checks the sizes of a convolution: :obj:`in_channels`, which may be -1, and others by name.
+
+    Raises:
+        ValueError: If a size is not a positive integer.
+    """
     check_lazy_size("in_channels", in_channels)
-    check_sizes(**others)
+    check_sizes(**sizes)
 
 
 def check_lazy_size(name: str, size: Any) -> None:
-    r"""Checks a size that may be -1."""
+    r"""Checks a size that may be -1.
+
+    Raises:
+        ValueError: If the size is neither -1 nor a positive integer.
+    """
     if size != -1:
-        check_sizes(", or -1 to take it from the first input", **{name: size})
+        check_sizes(", or -1 to infer it from the first input", **{name: size})
 
 
 def compute_on_edges(
-    compute: Callable[..., Tensor], num_nodes: int, x: Tensor, edge_index: Adj, *more: OptTensor
+    compute: Callable[..., Tensor],
+    num_nodes: int,
+    x: Tensor,
+    edge_index: Adj,
+    *edge_inputs: OptTensor,
 ) -> Tensor:
-    r"""Computes on edges whose form was checked. Bad ones always fail on a processor: finding out
-    why costs good ones nothing.
+    r"""Returns :obj:`compute(x, edge_index, *edge_inputs)` for edges of checked shape and type.
+
+    Node indices are checked only after an error. Indices out of range always raise one on a
+    processor, so that valid edges need no check in advance.
+
+    Raises:
+        ValueError: If a node index is out of range.
     """
     if is_traced():
-        return compute(x, edge_index, *more)
+        return compute(x, edge_index, *edge_inputs)
     try:
-        return compute(x, edge_index, *more)
+        return compute(x, edge_index, *edge_inputs)
     except (IndexError, RuntimeError, ValueError):
         check_edge_index(edge_index, num_nodes)
         raise
 
 
 def check_edge_features(edge_attr: Tensor, edge_dim: int) -> None:
-    r"""Checks the width of edge features."""
+    r"""Checks the number of features of each edge."""
     if edge_attr.size(-1) != edge_dim:
         raise ValueError(f"'edge_attr' must have {edge_dim} features (got {edge_attr.size(-1)})")
 
 
 def check_tensor(x: Any) -> None:
-    r"""Checks that node features are one tensor."""
+    r"""Checks that node features are a single tensor."""
     if not isinstance(x, Tensor):
         raise ValueError(
             f"'x' must be a tensor, the features of one set of nodes (got {type(x).__name__})"
@@ -110,7 +127,9 @@ def check_tensor(x: Any) -> None:
 
 
 def check_features(x: Tensor, in_channels: Optional[int]) -> None:
-    r"""Checks the shape, the type and, where it is known, the width of node features."""
+    r"""Checks the shape and the type of node features, and their number if it is not
+    :obj:`None`.
+    """
     if x.dim() < 2:
         raise ValueError(
             "'x' must have shape (num_nodes, in_channels) or (batch_size, num_nodes, "
@@ -141,13 +160,13 @@ def check_edge_form(edge_index: Adj, num_nodes: int) -> None:
         raise ValueError(
             f"'edge_index' must have shape (2, num_edges) (got {tuple(edge_index.shape)})"
         )
-    kind = edge_index.dtype
-    if kind.is_floating_point or kind.is_complex or kind == torch.bool:
-        raise ValueError(f"'edge_index' must hold integers (got {kind})")
+    dtype = edge_index.dtype
+    if dtype.is_floating_point or dtype.is_complex or dtype == torch.bool:
+        raise ValueError(f"'edge_index' must hold integers (got {dtype})")
 
 
 def check_edge_index(edge_index: Adj, num_nodes: int) -> None:
-    r"""Checks the shape and the type of edges and, unless a compiler records, the nodes they join.
+    r"""Checks the shape and the type of edges and, unless a compiler records, their node indices.
 
     Shapes:
         - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
@@ -162,11 +181,12 @@ def check_edge_index(edge_index: Adj, num_nodes: int) -> None:
         or edge_index.numel() == 0
     ):
         return
-    ends = torch.stack(torch.aminmax(edge_index)).cpu()  # one synchronisation on a GPU
-    low, high = int(ends[0]), int(ends[1])  # not `tolist`, which PyTorch 2.4 has not in torch.func
+    extremes = torch.stack(torch.aminmax(edge_index)).cpu()  # one synchronisation on a GPU
+    # Not `tolist`, which does not work inside of torch.func in PyTorch 2.4.
+    low, high = int(extremes[0]), int(extremes[1])
     if low < 0 or high >= num_nodes:
         raise ValueError(
-            f"'edge_index' must hold node numbers from 0 to {num_nodes - 1}, those of 'x' "
+            f"'edge_index' must hold node indices from 0 to {num_nodes - 1}, the rows of 'x' "
             f"(got {low} to {high})"
         )
 
@@ -183,7 +203,7 @@ def check_edge_weight(edge_index: Adj, edge_weight: OptTensor) -> None:
     num_edges = edge_index.size(1)
     if tuple(edge_weight.shape) not in ((num_edges,), (num_edges, 1)):
         raise ValueError(
-            f"'edge_weight' must have shape ({num_edges},), a weight for each edge "
+            f"'edge_weight' must have shape ({num_edges},), one weight per edge "
             f"(got {tuple(edge_weight.shape)})"
         )
     if edge_weight.dtype == torch.bool or edge_weight.is_complex():
@@ -191,8 +211,10 @@ def check_edge_weight(edge_index: Adj, edge_weight: OptTensor) -> None:
 
 
 def sorted_form(edge_index: Adj) -> Adj:
-    r"""Returns edges as they are, but a sparse COO matrix with sorted indices: PyG's functions mark
-    the caller's matrix as sorted whether it is or not, which makes other products of it wrong.
+    r"""Returns edges with sorted indices if they are a sparse COO matrix, and unchanged otherwise.
+
+    PyG's functions mark the caller's matrix as coalesced even if it is not, which makes later
+    products of this matrix incorrect.
     """
     if edge_index.layout == torch.sparse_coo and not edge_index.is_coalesced():
         return edge_index.coalesce()
@@ -200,7 +222,7 @@ def sorted_form(edge_index: Adj) -> Adj:
 
 
 def as_edges(edge_index: Adj, edge_weight: OptTensor = None) -> tuple[Tensor, OptTensor]:
-    r"""Returns edges and their weights, also those of PyG's transposed sparse adjacency.
+    r"""Returns edges and their weights as tensors, also for PyG's transposed sparse adjacency.
 
     Shapes:
         - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix

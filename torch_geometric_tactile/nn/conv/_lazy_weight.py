@@ -1,4 +1,4 @@
-r"""A weight whose size comes from the first input."""
+r"""Weights whose size is inferred from the first input."""
 
 from typing import Any
 
@@ -11,16 +11,21 @@ from torch_geometric_tactile.nn.conv._edge_checks import check_lazy_size
 
 
 class LazyWeight:
-    r"""Gives a layer a :obj:`weight` for the number of its input features: a base class before
-    :class:`~torch_geometric.nn.MessagePassing`. With -1, the first input or the first
-    :obj:`state_dict` that is loaded has it, as in PyG's :class:`~torch_geometric.nn.dense.Linear`.
+    r"""Adds a :obj:`weight` to a layer, as a base class before
+    :class:`~torch_geometric.nn.MessagePassing`. If :obj:`in_channels` is -1, its size is inferred
+    from the first input or from a loaded :obj:`state_dict`, as in PyG's
+    :class:`~torch_geometric.nn.dense.Linear`.
     """
 
     in_channels: int
     weight: Parameter
 
     def weight_size(self, in_channels: int) -> tuple[int, ...]:
-        r"""Returns the shape of the weight."""
+        r"""Returns the shape of the weight.
+
+        Args:
+            in_channels (int): Size of each input feature.
+        """
         raise NotImplementedError
 
     def _add_weight(self, in_channels: int) -> None:
@@ -43,21 +48,29 @@ class LazyWeight:
         if not isinstance(self.weight, UninitializedParameter):
             super()._save_to_state_dict(destination, prefix, keep_vars)  # type: ignore[misc]
             return
-        for name, value in self._parameters.items():  # type: ignore[attr-defined]
-            if value is not None:  # an uninitialized one cannot be detached
-                destination[prefix + name] = value
+        for name, parameter in self._parameters.items():  # type: ignore[attr-defined]
+            if parameter is not None:  # an uninitialized parameter cannot be detached
+                destination[prefix + name] = parameter
 
     def _load_from_state_dict(self, state_dict: Any, prefix: str, *args: Any) -> None:
-        weight, sizes = state_dict.get(f"{prefix}weight"), self.weight_size(-1)
+        weight, shape = state_dict.get(f"{prefix}weight"), self.weight_size(-1)
         is_sized = isinstance(weight, Tensor) and not isinstance(weight, UninitializedParameter)
         if is_sized and isinstance(self.weight, UninitializedParameter):
-            self.in_channels = weight.size(sizes.index(-1))
+            self.in_channels = weight.size(shape.index(-1))
             self.weight.materialize(weight.shape)
         super()._load_from_state_dict(state_dict, prefix, *args)  # type: ignore[misc]
 
 
 def lazy_linear(name: str, size: int, repeats: int, out_features: int) -> Linear:
-    r"""Returns a linear map for a multiple of a size, or with -1 for that of the first input."""
+    r"""Returns a linear map from :obj:`size * repeats` features. If :obj:`size` is -1, the number
+    of features is inferred from the first input.
+
+    Args:
+        name (str): Name of the argument for messages.
+        size (int): Size of each part of the input, or -1.
+        repeats (int): Number of parts.
+        out_features (int): Size of the output.
+    """
     check_lazy_size(name, size)
     if size == -1:
         return LazyLinear(out_features)

@@ -1,8 +1,8 @@
-r"""Tells where a shorter way to the same numbers would pass by what is attached to a layer.
+r"""Checks that nothing is attached to a layer, so that a fast path may replace its operations.
 
-A forward hook, a pruned or reparametrised weight, an adapter in place of the linear map, a hook on
-the messages: each has to see what it was attached for. Layers and models ask here before they merge
-or reorder operations.
+Forward hooks, message hooks, pruned or reparametrised weights and adapters in place of the linear
+map must all take effect. Layers and models call these functions before they merge or reorder
+operations.
 """
 
 from typing import Any
@@ -15,12 +15,12 @@ from torch_geometric.nn import MessagePassing
 from torch_geometric.nn.aggr import SumAggregation
 from torch_geometric.nn.dense.linear import Linear
 
-# Methods that decide what is passed along an edge.
+# Methods that determine the messages and their aggregation.
 MESSAGE_METHODS = ("propagate", "message", "aggregate", "message_and_aggregate", "update")
-# What may be set on one instance; `propagate` is not among them: PyG itself sets it there.
-_PATCHED = MESSAGE_METHODS[1:]
-# Neither PyTorch nor PyG has a public way to ask for hooks. Looked up in the dictionaries of the
-# modules, since a layer asks at each call.
+# Methods that users may replace on an instance. PyG itself sets `propagate` there.
+_INSTANCE_METHODS = MESSAGE_METHODS[1:]
+# Neither PyTorch nor PyG has a public function that returns hooks. They are looked up in the
+# modules' dictionaries, which is faster than attribute access, since layers check at each call.
 _MODULE_HOOKS = ("_forward_hooks", "_forward_pre_hooks", "_backward_hooks", "_backward_pre_hooks")
 _MESSAGE_HOOKS = tuple(
     f"_{method}_forward{kind}"
@@ -30,8 +30,11 @@ _MESSAGE_HOOKS = tuple(
 
 
 def is_static_batch(x: Tensor) -> bool:
-    r"""Tells whether features are those of samples on one topology on a processor, of a kind that
-    own operations are made for; never while a compiler records.
+    r"""Returns whether features are a batch of samples on one topology that this package's
+    operations for processors support. Returns :obj:`False` while a compiler records.
+
+    Shapes:
+        - **x:** Node features, :math:`(B, N, F)` for :obj:`True`.
     """
     return (
         not torch.compiler.is_compiling()  # first: an export must not depend on the batch size
@@ -44,13 +47,13 @@ def is_static_batch(x: Tensor) -> bool:
 
 
 def is_hooked(module: Module) -> bool:
-    r"""Tells whether calling a module does more than run its :meth:`forward`."""
-    own = module.__dict__
-    return any(map(own.get, _MODULE_HOOKS)) or "forward" in own
+    r"""Returns whether a module has hooks, or a :meth:`forward` that was set on the instance."""
+    attributes = module.__dict__
+    return any(map(attributes.get, _MODULE_HOOKS)) or "forward" in attributes
 
 
-def any_global_hook() -> bool:
-    r"""Tells whether hooks are registered on all modules at once."""
+def has_global_hooks() -> bool:
+    r"""Returns whether hooks are registered globally for all modules."""
     return bool(
         torch_module._global_forward_hooks
         or torch_module._global_forward_pre_hooks
@@ -60,23 +63,25 @@ def any_global_hook() -> bool:
 
 
 def is_plain_linear(lin: Module) -> bool:
-    r"""Tells whether a module is PyG's linear map and nothing else, so that products may change
-    their order around it.
+    r"""Returns whether a module is exactly PyG's linear map, without hooks, so that products may be
+    reordered around it.
     """
-    return type(lin) is Linear and not is_hooked(lin) and not any_global_hook()
+    return type(lin) is Linear and not is_hooked(lin) and not has_global_hooks()
 
 
 def sums_messages(conv: MessagePassing) -> bool:
-    r"""Tells whether a layer adds up its messages, and nothing asks to see them."""
-    own = conv.__dict__
+    r"""Returns whether a layer sums its messages, and no hook, explainer or replaced method needs
+    them.
+    """
+    attributes = conv.__dict__
     aggr_module: Any = conv.aggr_module
     return (
-        not any(map(own.get, _MESSAGE_HOOKS))
-        and not any(map(own.get, _PATCHED))
+        not any(map(attributes.get, _MESSAGE_HOOKS))
+        and not any(map(attributes.get, _INSTANCE_METHODS))
         and not conv.explain
         and conv.node_dim == -2
         and conv.decomposed_layers == 1
         and type(aggr_module) is SumAggregation
         and not is_hooked(aggr_module)
-        and not any_global_hook()
+        and not has_global_hooks()
     )

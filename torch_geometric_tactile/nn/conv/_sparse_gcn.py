@@ -1,4 +1,4 @@
-r"""A graph convolution on one topology with many samples, made for training on processors."""
+r"""A graph convolution for many samples on one topology, for training on processors."""
 
 from typing import Any
 
@@ -12,10 +12,10 @@ from torch_geometric_tactile.nn.conv._static_adjacency import StaticAdjacency, s
 
 # An activation of this size stays in a processor's second-level cache.
 _BLOCK_BYTES = 2**20
-# Products of matrices are fastest where their last size is a multiple of it.
+# Products of matrices are fastest if their last dimension is a multiple of this number.
 _LANES = 16
-# So few narrow rows are multiplied as they lie: to prepare them takes longer.
-_FEW_ROWS = 1024
+# Up to this number of rows, padding or reordering them takes longer than it saves.
+_MAX_DIRECT_ROWS = 1024
 
 
 def sparse_gcn(
@@ -25,19 +25,20 @@ def sparse_gcn(
     bias: OptTensor = None,
     root: OptTensor = None,
 ) -> Tensor:
-    r"""A graph convolution with its linear map, and optionally another map of the taxel itself.
+    r"""Computes a graph convolution with its linear map, and optionally another map of the taxel
+    itself.
 
     .. math::
         \mathbf{X}' = \hat{\mathbf{A}} \mathbf{X} \mathbf{W}^{\top} + \mathbf{X}
         \mathbf{W}_{\mathrm{root}}^{\top} + \mathbf{b}
 
-    It takes a block of samples at a time, whose propagated features never leave the cache, and
-    keeps the input alone for the backward pass. Narrow and small inputs, and those without a
-    gradient, are propagated as a whole, and their sums are kept.
+    Large inputs are processed in blocks of samples, whose propagated features stay in the cache.
+    Only the input is then saved for the backward pass. Small and narrow inputs, and those without a
+    gradient, are propagated at once, and the propagated features are saved.
 
     Shapes:
-        - **x:** Features :math:`(\ldots, N, F)`, for which
-          :func:`~torch_geometric_tactile.nn.conv._static_adjacency.may_multiply`.
+        - **x:** Features :math:`(\ldots, N, F)` that
+          :func:`~torch_geometric_tactile.nn.conv._static_adjacency.may_multiply` accepts.
         - **weight, root:** :math:`(O, F)`
         - **bias:** :math:`(O,)`
         - **output:** :math:`(\ldots, N, O)`, contiguous
@@ -56,15 +57,18 @@ class _SparseGCN(Function):
         root: OptTensor,
         adjacency: StaticAdjacency,
     ) -> Tensor:
-        wide, width = weight.shape
+        out_width, width = weight.shape
         num_rows = x.numel() // width
-        is_small = num_rows * max(width, wide) * x.element_size() <= _BLOCK_BYTES
-        is_whole = width <= wide and (is_small or 2 * width < wide or not ctx.needs_input_grad[0])
+        is_small = num_rows * max(width, out_width) * x.element_size() <= _BLOCK_BYTES
+        is_unblocked = width <= out_width and (
+            is_small or 2 * width < out_width or not ctx.needs_input_grad[0]
+        )
         sums = None
-        out = x.new_empty(*x.shape[:-1], wide)  # not a view, so that it may be written to in place
-        rows = out.view(num_rows, wide)
-        if is_whole:
-            sums = _propagate_whole(adjacency, x, transposed=False)
+        # Not a view, since autograd restricts writing in place to views of a custom function.
+        out = x.new_empty(*x.shape[:-1], out_width)
+        rows = out.view(num_rows, out_width)
+        if is_unblocked:
+            sums = _propagate_unblocked(adjacency, x, transposed=False)
             _map(sums, weight, bias, rows)
         else:
             _map_in_blocks(x, weight, bias, adjacency.csr(), out)
@@ -88,18 +92,23 @@ class _SparseGCN(Function):
             if needs_weight:
                 grad_weight = _sum_of_products(rows, sums)
             if needs_x:
-                back = _narrow_product(rows, weight).view(x.shape)
-                grad_x = _propagate_whole(ctx.adjacency, back, transposed=True).view(x.shape)
+                mapped_grad = _narrow_product(rows, weight).view(x.shape)
+                # Mapped before propagated, as the input is not wider than the output.
+                grad_x = _propagate_unblocked(ctx.adjacency, mapped_grad, transposed=True).view(
+                    x.shape
+                )
         elif needs_x or needs_weight:
             grad_x = torch.empty_like(x, memory_format=torch.contiguous_format)
             grad_weight = torch.zeros_like(weight)
             matrix = ctx.adjacency.csr(transposed=True)
-            for g, h, part in zip(*_blocks(grad, x, grad_x), strict=True):
-                back = _propagate(matrix, g)
+            for grad_block, x_block, grad_x_block in zip(*_blocks(grad, x, grad_x), strict=True):
+                propagated_grad = _propagate(matrix, grad_block)
                 if needs_weight:
-                    grad_weight.addmm_(back.t(), h.reshape(-1, h.size(-1)))
+                    grad_weight.addmm_(propagated_grad.t(), x_block.reshape(-1, x_block.size(-1)))
                 if needs_x:
-                    torch.mm(back, weight, out=part.view(-1, part.size(-1)))
+                    torch.mm(
+                        propagated_grad, weight, out=grad_x_block.view(-1, grad_x_block.size(-1))
+                    )
         if root is not None and needs_x:
             assert grad_x is not None
             grad_x.view(-1, x.size(-1)).addmm_(rows, root)
@@ -113,42 +122,48 @@ class _SparseGCN(Function):
 
     @staticmethod
     def jvp(
-        ctx: Any, x_t: OptTensor, weight_t: OptTensor, bias_t: OptTensor, root_t: OptTensor, _: None
+        ctx: Any,
+        x_tangent: OptTensor,
+        weight_tangent: OptTensor,
+        bias_tangent: OptTensor,
+        root_tangent: OptTensor,
+        _: None,
     ) -> Tensor:
         x, weight, root = ctx.saved_tensors
         out = x.new_zeros(*x.shape[:-1], weight.size(0))
-        if x_t is not None:
-            out = out + linear(ctx.adjacency.product(x_t), weight)
-            out = out if root is None else out + linear(x_t, root)
-        if weight_t is not None:
-            out = out + linear(ctx.adjacency.product(x), weight_t)
-        if root_t is not None:
-            out = out + linear(x, root_t)
-        return out if bias_t is None else out + bias_t
+        if x_tangent is not None:
+            out = out + linear(ctx.adjacency.product(x_tangent), weight)
+            out = out if root is None else out + linear(x_tangent, root)
+        if weight_tangent is not None:
+            out = out + linear(ctx.adjacency.product(x), weight_tangent)
+        if root_tangent is not None:
+            out = out + linear(x, root_tangent)
+        return out if bias_tangent is None else out + bias_tangent
 
 
 def _differentiable_gradients(
     grad: Tensor, x: Tensor, weight: Tensor, root: OptTensor, adjacency: StaticAdjacency
 ) -> tuple[OptTensor, ...]:
-    back = adjacency.product(grad, transposed=True)
-    grad_x, rows = back @ weight, x.reshape(-1, x.size(-1))
+    propagated_grad = adjacency.product(grad, transposed=True)
+    grad_x, rows = propagated_grad @ weight, x.reshape(-1, x.size(-1))
     grad_rows = grad.reshape(-1, grad.size(-1))
     grad_root = None
     if root is not None:
         grad_x, grad_root = grad_x + grad @ root, grad_rows.t() @ rows
-    grad_weight = back.reshape(-1, back.size(-1)).t() @ rows
+    grad_weight = propagated_grad.reshape(-1, propagated_grad.size(-1)).t() @ rows
     return grad_x, grad_weight, grad_rows.sum(dim=0), grad_root, None
 
 
 def _sum_of_products(rows: Tensor, h: Tensor) -> Tensor:
-    # A product takes several times as long where its last size is small and no multiple of 16.
+    # A product takes several times as long if its last dimension is small and not a multiple of 16.
     is_narrow = h.size(1) < rows.size(1) and h.size(1) % _LANES != 0
     return (h.t() @ rows).t() if is_narrow else rows.t() @ h
 
 
 def _narrow_product(rows: Tensor, weight: Tensor) -> Tensor:
+    # Pads a narrow last dimension to a multiple of _LANES for many rows.
     width = weight.size(1)
-    if width % _LANES == 0 or len(rows) <= _FEW_ROWS:
+    if width % _LANES == 0 or len(rows) <= _MAX_DIRECT_ROWS:
         return rows @ weight
     return (rows @ pad(weight, (0, -width % _LANES)))[:, :width]
 
@@ -161,31 +176,31 @@ def _map(x: Tensor, weight: Tensor, bias: OptTensor, out: Tensor) -> None:
 
 
 def _map_in_blocks(x: Tensor, weight: Tensor, bias: OptTensor, matrix: Tensor, out: Tensor) -> None:
-    wide, width = weight.shape
-    for h, part in zip(*_blocks(x, out), strict=True):
-        rows = part.view(-1, wide)
-        if width > wide:  # the sums are cheaper behind the linear map
-            h = _propagate(matrix, (h.flatten(0, 1) @ weight.t()).view(part.shape))
+    out_width, width = weight.shape
+    for h, out_block in zip(*_blocks(x, out), strict=True):
+        rows = out_block.view(-1, out_width)
+        if width > out_width:  # propagation is cheaper after the linear map
+            h = _propagate(matrix, (h.flatten(0, 1) @ weight.t()).view(out_block.shape))
             rows.copy_(h) if bias is None else torch.add(h, bias, out=rows)
         else:
             _map(_propagate(matrix, h), weight, bias, rows)
 
 
-def _propagate_whole(adjacency: StaticAdjacency, x: Tensor, transposed: bool) -> Tensor:
-    # All features (..., N, F) to sums (B * N, F).
+def _propagate_unblocked(adjacency: StaticAdjacency, x: Tensor, transposed: bool) -> Tensor:
+    # Returns the sums (B * N, F) of features (..., N, F).
     num_nodes, width = x.shape[-2:]
     num_rows = x.numel() // width
     num_bytes = num_rows * width * x.element_size()
-    if num_rows <= _FEW_ROWS or (width >= _LANES and num_bytes <= _BLOCK_BYTES):
-        # All is in the cache, and to change the order of the memory takes longer than the product.
+    if num_rows <= _MAX_DIRECT_ROWS or (width >= _LANES and num_bytes <= _BLOCK_BYTES):
+        # Everything is in the cache, so that reordering the memory takes longer than the product.
         matrix = adjacency.batch_csr(num_rows // num_nodes, transposed)
         return sparse_product(matrix, x.reshape(num_rows, width))
-    return _propagate(adjacency.csr(transposed), _samples(x))
+    return _propagate(adjacency.csr(transposed), _as_samples(x))
 
 
 def _propagate(matrix: Tensor, h: Tensor) -> Tensor:
-    # Features (B, N, F) to sums (B * N, F): with the taxels outermost, one entry of the matrix
-    # serves all samples.
+    # Returns the sums (B * N, F) of features (B, N, F). With the taxels in the first dimension, one
+    # entry of the matrix multiplies all samples.
     num_samples, num_nodes, width = h.shape
     if num_samples == 1:
         return sparse_product(matrix, h[0])
@@ -193,15 +208,15 @@ def _propagate(matrix: Tensor, h: Tensor) -> Tensor:
     return out.view(num_nodes, num_samples, width).transpose(0, 1).reshape(-1, width)
 
 
-def _samples(x: Tensor) -> Tensor:
-    # Features (..., N, F) as (B, N, F).
+def _as_samples(x: Tensor) -> Tensor:
+    # Reshapes features (..., N, F) to (B, N, F).
     return x if x.dim() == 3 else x.flatten(0, -3)
 
 
 def _blocks(*tensors: Tensor) -> list[tuple[Tensor, ...]]:
-    # Parts of tensors (..., N, F), with so many samples (B, N, F) that they stay in the cache.
-    parts = [_samples(t) for t in tensors]
-    width = max([t.size(2) for t in parts])
-    num_bytes = parts[0].size(1) * width * parts[0].element_size()
+    # Splits each tensor (..., N, F) into blocks of samples (b, N, F) that stay in the cache.
+    batches = [_as_samples(tensor) for tensor in tensors]
+    width = max([batch.size(2) for batch in batches])
+    num_bytes = batches[0].size(1) * width * batches[0].element_size()
     size = max(1, _BLOCK_BYTES * torch.get_num_threads() // num_bytes)
-    return [t.split(size) for t in parts]
+    return [batch.split(size) for batch in batches]

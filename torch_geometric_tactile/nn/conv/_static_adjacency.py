@@ -1,4 +1,4 @@
-r"""The normalised adjacency of one topology, computed once."""
+r"""The normalised adjacency matrix of one topology, its products and its cache."""
 
 import math
 import warnings
@@ -13,7 +13,7 @@ from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.typing import Adj, OptTensor
 from torch_geometric.utils import is_torch_sparse_tensor
 
-from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, is_wrapped, may_be_kept
+from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, is_cacheable, is_wrapped
 from torch_geometric_tactile.nn.conv._edge_checks import (
     EdgeCheck,
     as_edges,
@@ -24,21 +24,21 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     sorted_form,
 )
 
-# Above this number of nodes, a dense matrix of them costs more than gathering the edges.
+# Above this number of nodes, a dense matrix costs more than gathering the edges.
 MAX_DENSE_NODES = 1024
-# Others have no sparse product with a sum.
+# PyTorch's sparse product with a sum supports only these types.
 _SPARSE_TYPES = (torch.float32, torch.float64)
-# The most row blocks that one adjacency keeps: several batch sizes of the largest graph.
-_MAX_ROWS = 4096
-# The most matrices of batches that one adjacency keeps.
+# Cached row blocks per adjacency: enough for several batch sizes of the largest graph.
+_MAX_ROW_BLOCKS = 4096
+# Cached matrices of PyG batches per adjacency.
 _MAX_BATCHES = 8
-# Whether a trace may spread missing readings to all taxels, since its answer is missing anyway. No
-# context variable: PyTorch 2.6 compiles none.
+# Whether traced products may spread missing readings to all taxels, for models whose output is then
+# NaN anyway. A context variable is not an option, since PyTorch 2.6 cannot compile it.
 _traces_plain_products = False
 
 
 class GCNNorm(NamedTuple):
-    r"""How a graph convolution normalises its adjacency, as the arguments of
+    r"""The normalisation of an adjacency, with the arguments of
     :class:`~torch_geometric.nn.GCNConv`.
     """
 
@@ -48,26 +48,27 @@ class GCNNorm(NamedTuple):
     flow: str = "source_to_target"
 
 
-# The same as a plain tuple, which a layer makes at each call.
+# The fields of `GCNNorm`. Layers create it at each call, for which a plain tuple is faster.
 Norm = tuple[bool, bool, bool, str]
 GCN_NORM = GCNNorm()
 
 
 class StaticAdjacency:
-    r"""The matrix of a graph convolution :math:`(N, N)`, in the forms that products need.
+    r"""The adjacency matrix of a graph convolution :math:`(N, N)`, in cached formats for products.
 
     Args:
-        edge_index (torch.Tensor): Sources and targets of its values :math:`(2, |\mathcal{E}|)`.
-            The values of a pair that occurs twice add up.
-        weight (torch.Tensor): Its values :math:`(|\mathcal{E}|,)`, also those that are zero.
+        edge_index (torch.Tensor): Sources and targets of the entries :math:`(2, |\mathcal{E}|)`.
+            The values of repeated edges are added up.
+        weight (torch.Tensor): Values of the entries :math:`(|\mathcal{E}|,)`, including zeros.
         num_nodes (int): Number of taxels :math:`N`.
     """
 
     def __init__(self, edge_index: Tensor, weight: Tensor, num_nodes: int) -> None:
         self.num_nodes = num_nodes
-        # Copies: the caller may write to edges before the transposed form is made.
+        # Copies, since formats are computed on demand, and the caller may change the edges before.
         self._edges, self._weight = edge_index.clone(), weight.clone()
-        # Whether products may change their order: infinity times a sum is not a sum of infinities.
+        # Whether the linear map may be applied after the sum. With an infinite weight, infinity
+        # times a sum differs from a sum of infinities.
         self.may_reorder = not bool(self._weight.isinf().any())
         self._csr: dict[bool, Tensor] = {}
         self._rows: dict[tuple[int, int], Tensor] = {}
@@ -83,7 +84,7 @@ class StaticAdjacency:
 
     @property
     def dense(self) -> Tensor:
-        r"""The matrix with all its zeros :math:`(N, N)`."""
+        r"""The dense matrix :math:`(N, N)`."""
         if self._dense is None:
             with torch.inference_mode(False):
                 self._dense = dense_matrix(self._edges, self._weight, self.num_nodes)
@@ -91,19 +92,23 @@ class StaticAdjacency:
 
     @property
     def pattern(self) -> Tensor:
-        r"""One where an edge has a weight, zero elsewhere :math:`(N, N)`."""
+        r"""The matrix with ones for nonzero entries and zeros elsewhere :math:`(N, N)`."""
         if self._pattern is None:
             with torch.inference_mode(False):
                 self._pattern = edge_pattern(self.dense)
         return self._pattern
 
     def csr(self, transposed: bool = False) -> Tensor:
-        r"""Returns the matrix, or the transposed one, in CSR format, computed once."""
+        r"""Returns the cached matrix in CSR format.
+
+        Args:
+            transposed (bool): Whether to transpose it.
+        """
         csr = self._csr.get(transposed)
         if csr is None:
             with torch.inference_mode(False):
                 source, target = self._edges.flip(0) if transposed else self._edges
-                # In the order of the edges, in which messages add up as well.
+                # The stable sort keeps the order of the edges, in which messages are added up too.
                 order = target.argsort(stable=True)
                 ends = target.bincount(minlength=self.num_nodes).cumsum(0)
                 starts = torch.cat([ends.new_zeros(1), ends])
@@ -112,8 +117,8 @@ class StaticAdjacency:
         return csr
 
     def batch_csr(self, num_samples: int, transposed: bool = False) -> Tensor:
-        r"""Returns the matrix of a PyG batch of samples in CSR format :math:`(B N, B N)`, with the
-        matrix of one in its blocks, computed once for the last few sizes of a batch.
+        r"""Returns the cached block-diagonal matrix of a PyG batch of samples in CSR format
+        :math:`(B N, B N)`.
 
         Args:
             num_samples (int): Number of samples :math:`B`.
@@ -136,55 +141,54 @@ class StaticAdjacency:
         return matrix
 
     def rows(self, start: int, stop: int) -> Tensor:
-        r"""Returns some rows in CSR format :math:`(S, N)`, computed once.
+        r"""Returns the cached rows from :obj:`start` to :obj:`stop - 1` in CSR format
+        :math:`(S, N)`.
 
         Args:
-            start (int): The first row.
-            stop (int): The row behind the last.
+            start (int): Index of the first row.
+            stop (int): Index after the last row.
         """
         rows = self._rows.get((start, stop))
         if rows is None:
-            if len(self._rows) >= _MAX_ROWS:
+            if len(self._rows) >= _MAX_ROW_BLOCKS:
                 self._rows = {}  # not cleared in place: another thread may be reading it
             csr = self.csr()
             starts = csr.crow_indices()[start : stop + 1]
-            part = slice(int(starts[0]), int(starts[-1]))
-            columns, values = csr.col_indices()[part], csr.values()[part]
+            entries = slice(int(starts[0]), int(starts[-1]))
+            columns, values = csr.col_indices()[entries], csr.values()[entries]
             rows = csr_matrix(starts - starts[0], columns, values, self.num_nodes)
             self._rows[start, stop] = rows
         return rows
 
     def blocks(self, group: int, nodes: Tensor) -> Tensor:
-        r"""Returns the matrices of some segments of equal size, computed once for each group.
+        r"""Returns the cached matrices of a group of segments of equal size :math:`(S, n, n)`.
 
         Args:
-            group (int): Number of the group.
-            nodes (torch.Tensor): The taxels of each segment :math:`(S, n)`.
-
-        Returns:
-            torch.Tensor: The matrices :math:`(S, n, n)`.
+            group (int): Index of the group.
+            nodes (torch.Tensor): Indices of the taxels of each segment :math:`(S, n)`.
         """
         if group not in self._blocks:
-            with torch.inference_mode(False):  # a validation may come before the training
+            # Inference tensors, as from a validation before training, cannot be used in training.
+            with torch.inference_mode(False):
                 self._blocks[group] = adjacency_blocks(self.dense, nodes)
         return self._blocks[group]
 
     def product(self, x: Tensor, transposed: bool = False) -> Tensor:
-        r"""Multiplies features by the matrix or the transposed one, with gradients of any order.
+        r"""Multiplies features by the sparse matrix, with gradients of any order.
 
-        It multiplies along the edges and nowhere else, so that missing and infinite features and
-        weights reach the same taxels as messages do.
+        Only the entries of edges are multiplied, so that missing and infinite features and weights
+        affect the same taxels as with messages.
 
         Shapes:
-            - **x:** Features :math:`(\ldots, N, F)`, for which :func:`may_multiply`.
-            - **output:** Sums of the same shape, with the taxels in the outermost dimension of the
-              memory.
+            - **x:** Features :math:`(\ldots, N, F)` that :func:`may_multiply` accepts.
+            - **transposed:** Whether to transpose the matrix.
+            - **output:** Sums of the same shape. The taxels are the outermost dimension in memory.
         """
         out: Tensor = _Product.apply(x, self, transposed)
         return out
 
     def dense_product(self, x: Tensor) -> Tensor:
-        r"""Multiplies features by the matrix with all its zeros; see :func:`contained_product`.
+        r"""Multiplies features by the dense matrix; see :func:`contained_product`.
 
         Shapes:
             - **x:** Features :math:`(\ldots, N, F)`.
@@ -218,15 +222,15 @@ def sparse_product(matrix: Tensor, h: Tensor) -> Tensor:
         - **h:** The dense matrix :math:`(N, K)`.
         - **output:** :math:`(M, K)`.
     """
-    # With a reduction, this is PyTorch's own kernel: as fast as that of MKL, which is not on every
-    # machine.
+    # With a reduction, PyTorch uses its own kernel. It is as fast as that of MKL, which is not
+    # available on every machine.
     return torch.sparse.mm(matrix, h, "sum")
 
 
 def may_multiply(x: Tensor) -> bool:
-    r"""Tells whether :meth:`StaticAdjacency.product` serves features: those of samples on one
-    topology :math:`(\ldots, N, F)`, on a processor and in eager mode, outside of autocast and of
-    the transforms of :mod:`torch.func`.
+    r"""Returns whether :meth:`StaticAdjacency.product` supports features. They must be samples on
+    one topology :math:`(\ldots, N, F)`, on a processor and in eager mode, outside of autocast and
+    of the transforms of :mod:`torch.func`.
     """
     return (
         not is_traced()
@@ -241,7 +245,7 @@ def may_multiply(x: Tensor) -> bool:
 
 
 class AdjacencyCache(EdgeCache[StaticAdjacency]):
-    r"""Keeps the adjacency of the last topology."""
+    r"""A cache of the adjacency of the last topology."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -256,35 +260,41 @@ class AdjacencyCache(EdgeCache[StaticAdjacency]):
         segment: OptTensor = None,
         norm: Norm = GCN_NORM,
     ) -> Optional[StaticAdjacency]:
-        r"""Returns the adjacency of a topology, or :obj:`None` where it must not be kept: for
-        tensors that need a gradient, and while a compiler records.
+        r"""Returns the adjacency of a topology. Returns :obj:`None` if it may not be cached, which
+        is the case for tensors that need a gradient and while a compiler records.
 
-        Shapes:
-            - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
-              :math:`(N, N)`.
-            - **edge_weight:** Their weights :math:`(|\mathcal{E}|,)`.
-            - **num_nodes:** Number of taxels :math:`N`.
-            - **segment:** The segment of each taxel :math:`(N,)`, always the
-              same; edges between segments do not count.
+        Args:
+            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+                :math:`(N, N)`.
+            edge_weight (torch.Tensor, optional): Weights of the edges :math:`(|\mathcal{E}|,)`.
+            num_nodes (int): Number of taxels :math:`N`.
+            dtype (torch.dtype): Data type of the matrix.
+            segment (torch.Tensor, optional): Segment of each taxel :math:`(N,)`. Edges between
+                segments are removed. It must be the same in each call, as it is not part of the
+                key.
+            norm (tuple): Fields of a :class:`GCNNorm`.
+
+        Raises:
+            ValueError: If an edge or a weight is invalid.
         """
-        traced = is_traced()
+        is_recording = is_traced()
         key = (edge_index.layout, num_nodes, dtype, norm)
-        tensors = () if traced else _tensors(edge_index, edge_weight)
-        found = None if traced else self._found(key, tensors)
-        if found is not None:
-            return found
-        if traced or not may_be_kept(edge_index, edge_weight):
+        tensors = () if is_recording else _edge_tensors(edge_index, edge_weight)
+        cached_adjacency = None if is_recording else self._lookup(key, tensors)
+        if cached_adjacency is not None:
+            return cached_adjacency
+        if is_recording or not is_cacheable(edge_index, edge_weight):
             self._check(edge_index, num_nodes)
             check_edge_weight(edge_index, edge_weight)
             return None
         check_edge_index(edge_index, num_nodes)
         check_edge_weight(edge_index, edge_weight)
 
-        def adjacency() -> StaticAdjacency:
+        def compute_adjacency() -> StaticAdjacency:
             edges = self.normalize(edge_index, edge_weight, num_nodes, dtype, segment, norm)
             return StaticAdjacency(*edges, num_nodes)
 
-        return self._keep(key, tensors, adjacency)
+        return self._store(key, tensors, compute_adjacency)
 
     def normalize(
         self,
@@ -295,35 +305,36 @@ class AdjacencyCache(EdgeCache[StaticAdjacency]):
         segment: OptTensor = None,
         norm: Norm = GCN_NORM,
     ) -> tuple[Tensor, Tensor]:
-        r"""Returns the values of the matrix; see :func:`edge_norm`."""
+        r"""Returns the edges and values of the matrix; see :func:`edge_norm`."""
         return edge_norm(edge_index, edge_weight, num_nodes, dtype, segment, GCNNorm(*norm))
 
 
 def may_multiply_dense(x: Tensor) -> bool:
-    r"""Tells whether a product of matrices is the fastest for features :math:`(\ldots, N, F)`: on
-    GPUs, and in exports, for whose runtimes the matrix is a constant. A compiler on a processor
-    writes a faster one from messages.
+    r"""Returns whether a product with a dense matrix is fastest for features
+    :math:`(\ldots, N, F)`. It is on GPUs, and in exports, whose runtimes store the matrix as a
+    constant. For compilers on a processor, messages are faster.
     """
     return x.size(-2) <= MAX_DENSE_NODES and (not x.is_cpu or is_exported())
 
 
-def may_keep_messages(x: Tensor) -> bool:
-    r"""Tells whether messages along kept edges are the fastest for features :math:`(B, N, F)`: on
-    GPUs, which wait for the number of edges each time they are normalised.
+def may_cache_edges(x: Tensor) -> bool:
+    r"""Returns whether messages along cached edges are fastest for features :math:`(B, N, F)`. They
+    are on GPUs, which must synchronise to get the number of edges at each normalisation.
     """
     return x.dim() > 2 and not x.is_cpu and not is_traced()
 
 
 def message_type(x: Tensor, edge_weight: OptTensor) -> torch.dtype:
-    r"""Returns the type of weighted messages, which is that of PyG's: integer weights are converted
-    to the type of the features.
+    r"""Returns the data type of weighted messages, as in PyG. Integer weights are converted to the
+    type of the features.
     """
     if edge_weight is None or not edge_weight.is_floating_point():
         return x.dtype
     return torch.promote_types(x.dtype, edge_weight.dtype)
 
 
-def _tensors(edge_index: Adj, edge_weight: OptTensor) -> tuple[Tensor, ...]:
+def _edge_tensors(edge_index: Adj, edge_weight: OptTensor) -> tuple[Tensor, ...]:
+    # Returns the strided tensors that determine the edges, for comparison.
     if edge_index.layout == torch.sparse_coo:
         return edge_index._indices(), edge_index._values()
     if edge_index.layout == torch.sparse_csr:
@@ -332,12 +343,12 @@ def _tensors(edge_index: Adj, edge_weight: OptTensor) -> tuple[Tensor, ...]:
 
 
 def csr_matrix(starts: Tensor, columns: Tensor, values: Tensor, num_columns: int) -> Tensor:
-    r"""Returns a sparse matrix :math:`(M, N)` in CSR format, without PyTorch's warning of it and
-    without checks.
+    r"""Returns a sparse matrix :math:`(M, N)` in CSR format. Suppresses PyTorch's beta warning, and
+    does not check the indices.
 
     Shapes:
-        - **starts:** Where each row begins, and the end of the last :math:`(M + 1,)`.
-        - **columns, values:** Its entries :math:`(K,)`, row by row.
+        - **starts:** Start of each row, and the end of the last row :math:`(M + 1,)`.
+        - **columns, values:** Columns and values of the entries :math:`(K,)`, row by row.
         - **num_columns:** Number of columns :math:`N`.
     """
     size = (len(starts) - 1, num_columns)
@@ -347,35 +358,40 @@ def csr_matrix(starts: Tensor, columns: Tensor, values: Tensor, num_columns: int
 
 
 def dense_matrix(edge_index: Tensor, weight: Tensor, num_nodes: int) -> Tensor:
-    r"""Returns the matrix of targets and sources :math:`(N, N)`.
+    r"""Returns the dense adjacency matrix :math:`(N, N)` with targets as rows and sources as
+    columns.
 
     Shapes:
         - **edge_index:** Sources and targets :math:`(2, |\mathcal{E}|)`.
-        - **weight:** Their values :math:`(|\mathcal{E}|,)`, which add up.
+        - **weight:** Values of the edges :math:`(|\mathcal{E}|,)`. Those of repeated edges are
+          added up.
+        - **num_nodes:** Number of taxels :math:`N`.
     """
     source, target = edge_index
     return _scatter(target, source, weight, num_nodes)
 
 
 def _scatter(target: Tensor, source: Tensor, weight: Tensor, num_nodes: int) -> Tensor:
-    empty = weight.new_zeros(num_nodes * num_nodes)
-    return empty.scatter_add(0, target * num_nodes + source, weight).view(num_nodes, num_nodes)
+    zeros = weight.new_zeros(num_nodes * num_nodes)
+    return zeros.scatter_add(0, target * num_nodes + source, weight).view(num_nodes, num_nodes)
 
 
 def edge_pattern(dense: Tensor) -> Tensor:
-    r"""Returns one where a matrix is not zero, and zero elsewhere, in its type.
+    r"""Returns a matrix with ones for the nonzero entries of a matrix and zeros elsewhere, in the
+    same data type.
 
     Shapes:
-        - **input:** a matrix :math:`(N, N)`, or several.
+        - **input:** Matrix :math:`(N, N)`, or several matrices.
     """
     return (dense != 0).to(dense.dtype)
 
 
 def all_finite(x: Tensor) -> Optional[bool]:
-    r"""Tells whether all numbers are finite, or returns :obj:`None` where to ask costs more than
-    it is worth (a GPU would wait for all that is under way) or a compiler records.
+    r"""Returns whether all values are finite. Returns :obj:`None` on a GPU, where the check would
+    wait for all pending work, and while a compiler records.
 
-    It asks for the sum, in one pass and without memory. A sum that overflows counts as not finite.
+    The check uses the sum, which takes one pass and no memory. A sum that overflows counts as not
+    finite.
     """
     if not x.is_cpu or is_traced():
         return None
@@ -384,50 +400,51 @@ def all_finite(x: Tensor) -> Optional[bool]:
     total = x.sum(dtype=torch.float32) if x.dtype == torch.float16 else x.sum()
     try:
         number = total.item()
-    except RuntimeError:  # of `torch.func.vmap`, or of a tensor without values
+    except RuntimeError:  # raised inside of `torch.func.vmap`, and for tensors without values
         return None
     return math.isfinite(number) if isinstance(number, float) else bool(total.isfinite())
 
 
 @contextmanager
 def plain_products_when_traced() -> Iterator[None]:
-    r"""Makes :func:`contained_product` a product of matrices alone in what is traced meanwhile: for
-    graphs whose answer is NaN if any reading is missing, where containing it costs time only.
+    r"""Makes :func:`contained_product` a plain product of matrices in code that is traced inside of
+    this context. It is for models whose output is NaN if any reading is missing, where containing
+    NaN would only cost time.
     """
     global _traces_plain_products
-    before, _traces_plain_products = _traces_plain_products, True
+    previous, _traces_plain_products = _traces_plain_products, True
     try:
         yield
     finally:
-        _traces_plain_products = before
+        _traces_plain_products = previous
 
 
 def contained_product(adjacency: Tensor, pattern: Tensor, x: Tensor) -> Tensor:
-    r"""Multiplies features by an adjacency, such that an infinite or missing one of a taxel makes
-    the sums of its neighbours NaN and leaves all others as they are. A product of matrices alone
-    has it in each sum, as zero times infinity. It has no branch, so that a compiler may record it.
+    r"""Multiplies features by an adjacency matrix, so that infinite or missing features of a taxel
+    make only the sums of its neighbours NaN. In a plain product, zero times infinity would make all
+    sums NaN. The function has no branches that depend on values, so that compilers can record it.
 
     Shapes:
-        - **adjacency:** The matrix :math:`(N, N)`, or one for each segment.
-        - **pattern:** One where it has an edge, zero elsewhere.
+        - **adjacency:** Matrix :math:`(N, N)`, or one for each segment.
+        - **pattern:** Matrix of the same shape with ones for edges and zeros elsewhere.
         - **x:** Features :math:`(\ldots, N, F)`.
     """
     if is_traced() and _traces_plain_products:
         return torch.matmul(adjacency, x)
     is_finite = x.isfinite()
-    lost = (~is_finite.all(dim=-1, keepdim=True)).to(adjacency.dtype)
-    is_near = torch.matmul(pattern, lost) != 0
+    is_invalid = (~is_finite.all(dim=-1, keepdim=True)).to(adjacency.dtype)
+    has_invalid_neighbor = torch.matmul(pattern, is_invalid) != 0
     out = torch.matmul(adjacency, x.masked_fill(~is_finite, 0.0))
-    return out.masked_fill(is_near, float("nan"))
+    return out.masked_fill(has_invalid_neighbor, float("nan"))
 
 
 def adjacency_blocks(dense: Tensor, nodes: Tensor) -> Tensor:
-    r"""Returns the matrices of some segments of equal size.
+    r"""Returns the matrices of segments of equal size.
 
     Shapes:
-        - **dense:** The matrix of all taxels :math:`(N, N)`.
-        - **nodes:** The taxels of each segment :math:`(S, n)`.
-        - **returns:** torch.Tensor: The matrices :math:`(S, n, n)`.
+        - **dense:** Matrix of all taxels :math:`(N, N)`.
+        - **nodes:** Indices of the taxels of each segment :math:`(S, n)`.
+        - **output:** Matrices :math:`(S, n, n)`.
     """
     return dense[nodes.unsqueeze(2), nodes.unsqueeze(1)]
 
@@ -440,15 +457,15 @@ def edge_norm(
     segment: OptTensor = None,
     norm: GCNNorm = GCN_NORM,
 ) -> tuple[Tensor, Tensor]:
-    r"""Returns PyG's :func:`~torch_geometric.nn.conv.gcn_conv.gcn_norm` as sources and targets
-    :math:`(2, |\mathcal{E}'|)` and their weights :math:`(|\mathcal{E}'|,)`.
+    r"""Returns the edges of :func:`~torch_geometric.nn.conv.gcn_conv.gcn_norm` as sources and
+    targets :math:`(2, |\mathcal{E}'|)`, and their weights :math:`(|\mathcal{E}'|,)`.
 
     Shapes:
         - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
           :math:`(N, N)` of targets and sources.
-        - **edge_weight:** Their weights :math:`(|\mathcal{E}|,)`.
+        - **edge_weight:** Weights of the edges :math:`(|\mathcal{E}|,)`.
         - **num_nodes:** Number of taxels :math:`N`.
-        - **segment:** The segment of each taxel :math:`(N,)`; edges between segments are left out.
+        - **segment:** Segment of each taxel :math:`(N,)`. Edges between segments are removed.
     """
     if is_torch_sparse_tensor(edge_index) and segment is None:
         matrix = sparse_norm(sorted_form(edge_index), num_nodes, dtype, norm)
@@ -478,19 +495,18 @@ def dense_norm(
     segment: OptTensor = None,
     norm: GCNNorm = GCN_NORM,
 ) -> Tensor:
-    r"""Returns PyG's :func:`~torch_geometric.nn.conv.gcn_conv.gcn_norm` as one matrix
-    :math:`(N, N)` of targets and sources.
+    r"""Returns the adjacency matrix :math:`(N, N)` of
+    :func:`~torch_geometric.nn.conv.gcn_conv.gcn_norm`, with targets as rows and sources as columns.
 
-    It drops no edges by a mask, whose result has an unknown size, so that ``torch.compile`` sees
-    one graph.
+    Edges are not removed by a mask, which would give a tensor of unknown size and break the graph
+    of ``torch.compile``. They get zero weight instead.
 
     Shapes:
         - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
           :math:`(N, N)` of targets and sources.
-        - **edge_weight:** Their weights :math:`(|\mathcal{E}|,)`.
+        - **edge_weight:** Weights of the edges :math:`(|\mathcal{E}|,)`.
         - **num_nodes:** Number of taxels :math:`N`.
-        - **segment:** The segment of each taxel :math:`(N,)`; edges between
-          segments do not count.
+        - **segment:** Segment of each taxel :math:`(N,)`. Edges between segments have no effect.
     """
     if is_torch_sparse_tensor(edge_index) and segment is None:
         return sparse_norm(sorted_form(edge_index), num_nodes, dtype, norm).to_dense().to(dtype)
@@ -498,7 +514,7 @@ def dense_norm(
     source, target = edge_index.long()
     if norm.flow == "target_to_source":
         source, target = target, source
-    # As in PyG, where `improved` changes nothing without weights.
+    # As in PyG, where `improved` has no effect without edge weights.
     loop_weight = 2.0 if norm.improved and edge_weight is not None else 1.0
     if edge_weight is None:
         edge_weight = torch.ones(edge_index.size(1), dtype=dtype, device=edge_index.device)
@@ -517,7 +533,8 @@ def dense_norm(
         return adjacency
     scale = adjacency.sum(dim=1).pow(-0.5)
     scale = scale.masked_fill(scale == float("inf"), 0.0)
-    # Edge by edge: of a negative sum, the root is NaN, which belongs to the edges that there are.
+    # The root of a negative sum is NaN. Scaling each edge, not the dense matrix, limits NaN to
+    # entries with edges.
     weight = scale[target] * weight * scale[source]
     if segment is not None:
         weight = weight.masked_fill(segment[source] != segment[target], 0.0)
@@ -528,30 +545,31 @@ def dense_norm(
 def loop_weights(
     source: Tensor, is_loop: Tensor, weight: Tensor, num_nodes: int, loop_weight: float
 ) -> Tensor:
-    r"""Returns the weights of self-loops :math:`(N,)`: those that there are keep their weight, and
-    missing ones are added.
+    r"""Returns the weight of each node's self-loop :math:`(N,)`. Existing self-loops keep their
+    weight, and missing ones get :obj:`loop_weight`.
 
     Shapes:
-        - **source:** The sources of the edges :math:`(|\mathcal{E}|,)`.
-        - **is_loop:** Which edges are self-loops :math:`(|\mathcal{E}|,)`.
+        - **source:** Sources of the edges :math:`(|\mathcal{E}|,)`.
+        - **is_loop:** Whether each edge is a self-loop :math:`(|\mathcal{E}|,)`.
         - **weight:** Weights of the edges :math:`(|\mathcal{E}|,)`.
         - **num_nodes:** Number of taxels :math:`N`.
     """
-    places = source.masked_fill(~is_loop, num_nodes)  # the last place takes all that is no loop
-    return weight.new_full((num_nodes + 1,), loop_weight).scatter(0, places, weight)[:-1]
+    # Edges that are not self-loops are written to an extra last entry, which is dropped.
+    indices = source.masked_fill(~is_loop, num_nodes)
+    return weight.new_full((num_nodes + 1,), loop_weight).scatter(0, indices, weight)[:-1]
 
 
 def sparse_norm(adj_t: Adj, num_nodes: int, dtype: torch.dtype, norm: GCNNorm) -> Tensor:
-    r"""Returns a sparse adjacency as PyG normalises it, which adds a self-loop also where there is
-    one.
+    r"""Returns a sparse adjacency matrix normalised by PyG. PyG adds a self-loop to each node, even
+    to those that have one.
 
     Shapes:
-        - **adj_t:** The sparse matrix :math:`(N, N)` of targets and sources.
+        - **adj_t:** Sparse matrix :math:`(N, N)` of targets and sources.
         - **num_nodes:** Number of taxels :math:`N`.
     """
     if not norm.normalize:
         return adj_t
-    normed: Tensor = gcn_norm(
+    normalized: Tensor = gcn_norm(
         adj_t, None, num_nodes, norm.improved, norm.add_self_loops, norm.flow, dtype
     )[0]
-    return normed
+    return normalized

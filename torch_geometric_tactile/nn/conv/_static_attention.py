@@ -1,4 +1,4 @@
-r"""Shared by the attention layers for one topology and many samples."""
+r"""The base class of the attention layers for many samples on one topology."""
 
 from collections.abc import Callable
 from functools import partial
@@ -22,7 +22,7 @@ from torch_geometric.utils import (
 )
 
 from torch_geometric_tactile.nn.conv._attention_edges import AttentionCache, AttentionEdges
-from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, may_be_kept
+from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, is_cacheable
 from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
     check_edge_features,
@@ -31,62 +31,64 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     is_traced,
     sorted_form,
 )
-from torch_geometric_tactile.nn.conv._own_propagate import (
-    OwnPropagate,
-    note_own_methods,
+from torch_geometric_tactile.nn.conv._explainable_propagate import (
+    ExplainablePropagate,
+    mark_overridden_methods,
     original_propagate,
 )
 from torch_geometric_tactile.nn.conv._plain import (
     MESSAGE_METHODS,
-    any_global_hook,
+    has_global_hooks,
     is_hooked,
     is_static_batch,
 )
 
 _EDGE_METHODS = ("edge_update", "edge_updater")
 _METHODS = (*MESSAGE_METHODS, *_EDGE_METHODS)
-# What may be set on one instance; `propagate` and `edge_updater` are not among them: PyG itself
-# sets them there.
-_PATCHED = frozenset(_METHODS) - {"propagate", "edge_updater"}
+# Methods that users may replace on an instance. PyG itself sets `propagate` and `edge_updater`
+# there.
+_INSTANCE_METHODS = frozenset(_METHODS) - {"propagate", "edge_updater"}
 _HOOKS = tuple(
     f"_{method}_forward{kind}"
     for method in ("propagate", "message", "aggregate", "message_and_aggregate", "edge_update")
     for kind in ("_pre_hooks", "_hooks")
 )
-_PLAIN = (Tensor, Parameter)
+_TENSOR_TYPES = (Tensor, Parameter)
 
 
 class LoopCache(EdgeCache[Tensor]):
-    r"""Keeps the edges of the last topology with self-loops, whose number a GPU has to wait for."""
+    r"""A cache of the edges of the last topology with self-loops. Without it, a GPU would
+    synchronise at each call to get their number.
+    """
 
     def get(self, edge_index: Tensor, num_nodes: int) -> Tensor:
-        r"""Returns edges with one self-loop for each node.
+        r"""Returns edges with exactly one self-loop for each node.
 
         Shapes:
             - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`.
             - **num_nodes:** Number of taxels :math:`N`.
-            - **output:** :math:`(2, |\mathcal{E}'|)`
+            - **output:** Edges :math:`(2, |\mathcal{E}'|)`.
         """
 
-        def looped() -> Tensor:
+        def replace_loops() -> Tensor:
             edges: Tensor = add_self_loops(remove_self_loops(edge_index)[0], num_nodes=num_nodes)[0]
             return edges
 
         key, tensors = (num_nodes,), (edge_index,)
-        looped_edges = self._found(key, tensors)
-        return self._keep(key, tensors, looped) if looped_edges is None else looped_edges
+        cached_edges = self._lookup(key, tensors)
+        return self._store(key, tensors, replace_loops) if cached_edges is None else cached_edges
 
 
-def may_keep_loops(edge_index: Adj) -> bool:
-    r"""Tells whether :class:`LoopCache` may keep edges: not while a compiler records, and no sparse
-    matrix, whose values PyG treats as edge features.
+def may_cache_loops(edge_index: Adj) -> bool:
+    r"""Returns whether :class:`LoopCache` may be used. It may not while a compiler records, nor for
+    a sparse matrix, whose values PyG treats as edge features.
     """
-    return not is_traced() and edge_index.layout == torch.strided and may_be_kept(edge_index)
+    return not is_traced() and edge_index.layout == torch.strided and is_cacheable(edge_index)
 
 
-class StaticAttention(OwnPropagate, MessagePassing):
-    r"""The common part of :class:`~torch_geometric_tactile.nn.conv.StaticGATConv` and
-    :class:`~torch_geometric_tactile.nn.conv.StaticGATv2Conv`: a base class before PyG's.
+class StaticAttention(ExplainablePropagate, MessagePassing):
+    r"""The base class of :class:`~torch_geometric_tactile.nn.conv.StaticGATConv` and
+    :class:`~torch_geometric_tactile.nn.conv.StaticGATv2Conv`, placed before that of PyG.
     """
 
     in_channels: Any
@@ -102,13 +104,13 @@ class StaticAttention(OwnPropagate, MessagePassing):
     res: Any
     bias: OptTensor
     fast: bool
-    _kept: AttentionCache
-    _kept_loops: LoopCache
-    _has_own_messages: ClassVar[bool] = False
-    _has_own_edge_update: ClassVar[bool] = False
-    _has_own_propagate: ClassVar[bool] = False
+    _edge_cache: AttentionCache
+    _loop_cache: LoopCache
+    _overrides_messages: ClassVar[bool] = False
+    _overrides_edge_update: ClassVar[bool] = False
+    _overrides_propagate: ClassVar[bool] = False
 
-    # Its own, as in all subclasses; see StaticGCNConv.
+    # Set in each class, since PyG compiles it into the class of the first layer; see StaticGCNConv.
     propagate = original_propagate()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -116,108 +118,115 @@ class StaticAttention(OwnPropagate, MessagePassing):
         if StaticAttention in cls.__bases__:
             return
         layer = next(base for base in cls.__mro__ if StaticAttention in base.__bases__)
-        note_own_methods(
+        mark_overridden_methods(
             cls,
             layer,
-            _has_own_messages=_METHODS,
-            _has_own_edge_update=_EDGE_METHODS,
-            _has_own_propagate=("propagate",),
+            _overrides_messages=_METHODS,
+            _overrides_edge_update=_EDGE_METHODS,
+            _overrides_propagate=("propagate",),
         )
 
     def _is_fast(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor) -> bool:
-        own = self.__dict__
+        attributes = self.__dict__
         aggr_module: Any = self.aggr_module
         return (
             self.fast
             and edge_attr is None
             and is_static_batch(x)
-            and type(x) in _PLAIN
+            and type(x) in _TENSOR_TYPES
             and edge_index.layout == torch.strided
-            and not self._has_own_messages
-            and not any(map(own.get, _HOOKS))
-            and _PATCHED.isdisjoint(own)
+            and not self._overrides_messages
+            and not any(map(attributes.get, _HOOKS))
+            and _INSTANCE_METHODS.isdisjoint(attributes)
             and not self.explain
             and self.node_dim == 0
             and self.decomposed_layers == 1
             and type(aggr_module) is SumAggregation
             and not is_hooked(aggr_module)
-            and not any_global_hook()
+            and not has_global_hooks()
             and not torch.is_autocast_enabled("cpu")
             and not _is_transformed()
         )
 
-    def _attend(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *more: Any) -> Any:
-        # `more` are the other arguments of PyG's `forward`, of which the last one asks for the
-        # attention coefficients.
+    def _attend(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *options: Any) -> Any:
+        # `options` are the further arguments of PyG's `forward`. The last is
+        # `return_attention_weights`.
         num_nodes = x.size(-2)
         if x.dim() == 2:
-            arguments = (x, edge_index, edge_attr, *more)
+            arguments = (x, edge_index, edge_attr, *options)
             return compute_on_edges(self._compute_sample, num_nodes, *arguments)
         samples = x if x.dim() == 3 else x.flatten(0, -3)
         out = None
-        if not more[-1] and self._is_fast(samples, edge_index, edge_attr):
-            out = self._multiply(samples, edge_index)
+        if not options[-1] and self._is_fast(samples, edge_index, edge_attr):
+            out = self._sparse_attention(samples, edge_index)
         if out is None:
             messages: Callable[..., Any] = self._pass_messages
             out, weights = compute_on_edges(messages, num_nodes, samples, edge_index, edge_attr)
         out = out.view(*x.shape[:-1], out.size(-1))
-        if not more[-1]:
+        if not options[-1]:
             return out
         edge_index, alpha = weights
         if isinstance(edge_index, Tensor):
-            edge_index = edge_index.clone()  # the layer may keep it
+            edge_index = edge_index.clone()  # the cache may hold it, and callers may write to it
         return out, (edge_index, alpha.reshape(*x.shape[:-2], *alpha.shape[1:]))
 
-    def _compute_sample(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *more: Any) -> Any:
-        is_plain = all(argument is None for argument in more[:-1])
-        if not is_plain or is_torch_sparse_tensor(edge_index) or not self._masks_loops():
-            return super().forward(x, as_long(edge_index), edge_attr, *more)
+    def _compute_sample(
+        self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *options: Any
+    ) -> Any:
+        has_defaults = all(argument is None for argument in options[:-1])
+        if not has_defaults or is_torch_sparse_tensor(edge_index) or not self._should_mask_loops():
+            return super().forward(x, as_long(edge_index), edge_attr, *options)
         out, (edge_index, alpha) = self._pass_messages(x.unsqueeze(0), edge_index, edge_attr)
         out, alpha = out.squeeze(0), alpha.squeeze(0)
-        return (out, (edge_index, alpha)) if more[-1] else out
+        return (out, (edge_index, alpha)) if options[-1] else out
 
-    def _each_sample(
+    def _attend_by_sample(
         self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        # For a subclass whose own `edge_update` knows only what PyG passes to it.
+        # Calls PyG's layer for each sample, for a subclass whose `edge_update` takes only the
+        # arguments that PyG passes to it. An empty batch is computed as one sample, which is
+        # dropped.
         samples = x if len(x) > 0 else x.new_zeros(1, *x.shape[1:])
         compute = partial(super().forward, return_attention_weights=True)
-        outs, pairs = zip(*[compute(s, edge_index, edge_attr) for s in samples], strict=True)
-        alpha = torch.stack([pair[1] for pair in pairs])
-        return torch.stack(outs)[: len(x)], (pairs[0][0], alpha[: len(x)])
+        outs, weights = zip(
+            *[compute(sample, edge_index, edge_attr) for sample in samples], strict=True
+        )
+        alpha = torch.stack([pair[1] for pair in weights])
+        return torch.stack(outs)[: len(x)], (weights[0][0], alpha[: len(x)])
 
-    def _multiply(self, x: Tensor, edge_index: Tensor) -> OptTensor:
-        # The results by sparse matrices, or `None` where messages are cheaper.
+    def _sparse_attention(self, x: Tensor, edge_index: Tensor) -> OptTensor:
+        # Returns the output by products of sparse matrices, or None if messages are cheaper.
         raise NotImplementedError
 
     def _pass_messages(
         self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        # The results of samples (B, N, F), the edges with self-loops and their coefficients.
+        # Returns the output of samples (B, N, F), the edges with self-loops and their coefficients.
         raise NotImplementedError
 
-    def _edges(self, edge_index: Tensor, num_nodes: int) -> Optional[AttentionEdges]:
-        # The edges of the fast form, or `None` where messages are cheaper.
+    def _cached_edges(self, edge_index: Tensor, num_nodes: int) -> Optional[AttentionEdges]:
+        # Returns the sorted edges for sparse matrices, or None if messages are cheaper.
         if type(edge_index) is not Tensor and isinstance(edge_index, EdgeIndex):
             edge_index = edge_index.as_tensor()
-        edges = self._kept.get(edge_index, num_nodes, self.add_self_loops, self.flow)
-        return edges if edges is not None and edges.is_padded_cheaply else None
+        edges = self._edge_cache.get(edge_index, num_nodes, self.add_self_loops, self.flow)
+        return edges if edges is not None and edges.has_little_padding else None
 
-    def _masks_loops(self) -> bool:
-        # PyG removes loops by a mask, whose result has no size that a compiler can know.
-        return self.add_self_loops and is_traced() and not self._has_own_edge_update
+    def _should_mask_loops(self) -> bool:
+        # PyG removes self-loops with a boolean mask. The size of the result depends on values,
+        # which compilers do not support, so self-loops are masked instead.
+        return self.add_self_loops and is_traced() and not self._overrides_edge_update
 
-    def _looped(
+    def _add_loops(
         self, edge_index: Adj, edge_attr: OptTensor, num_nodes: int
     ) -> tuple[Tensor, OptTensor, OptTensor]:
-        # The edges with self-loops, their features and, where a compiler records, which of them do
-        # not count.
+        # Returns the edges with self-loops, their features and, if loops are masked, a boolean mask
+        # of the original self-loops, which must have no effect.
         edge_index = as_long(edge_index)
         if not self.add_self_loops:
             return *_as_edges(edge_index, edge_attr), None
-        if edge_attr is None and may_keep_loops(edge_index):
-            return self._kept_loops.get(edge_index, num_nodes), None, None
-        if not self._masks_loops():
+        if edge_attr is None and may_cache_loops(edge_index):
+            return self._loop_cache.get(edge_index, num_nodes), None, None
+        if not self._should_mask_loops():
             edge_index, edge_attr = remove_self_loops(edge_index, edge_attr)
             edge_index, edge_attr = add_self_loops(
                 edge_index, edge_attr, fill_value=self.fill_value, num_nodes=num_nodes
@@ -229,35 +238,37 @@ class StaticAttention(OwnPropagate, MessagePassing):
             loop_attr = self._loop_attr(edge_index, edge_attr, is_loop, num_nodes)
             edge_attr = torch.cat([edge_attr, loop_attr])
         nodes = torch.arange(num_nodes, device=edge_index.device)
-        removed = torch.cat([is_loop, torch.zeros_like(nodes, dtype=torch.bool)])
-        return torch.cat([edge_index, nodes.expand(2, -1)], dim=1), edge_attr, removed
+        is_removed = torch.cat([is_loop, torch.zeros_like(nodes, dtype=torch.bool)])
+        return torch.cat([edge_index, nodes.expand(2, -1)], dim=1), edge_attr, is_removed
 
     def _loop_attr(
         self, edge_index: Tensor, edge_attr: Tensor, is_loop: Tensor, num_nodes: int
     ) -> Tensor:
         fill, size = self.fill_value, (num_nodes, *edge_attr.shape[1:])
         if isinstance(fill, str):
-            # The last place takes all loops, which do not count.
-            places = edge_index[1].masked_fill(is_loop, num_nodes)
-            return scatter(edge_attr, places, dim_size=num_nodes + 1, reduce=fill)[:-1]
+            # The features of original self-loops go to an extra last entry, which is dropped.
+            indices = edge_index[1].masked_fill(is_loop, num_nodes)
+            return scatter(edge_attr, indices, dim_size=num_nodes + 1, reduce=fill)[:-1]
         if isinstance(fill, Tensor):
             fill = fill.to(edge_attr.device, edge_attr.dtype)
             fill = fill if edge_attr.dim() == fill.dim() else fill.unsqueeze(0)
             return fill.expand(size)
         return edge_attr.new_full(size, fill)
 
-    def _normalize(self, logits: Tensor, index: Tensor, num_nodes: int, removed: Tensor) -> Tensor:
-        # As PyG's `edge_update`, of edges of which some do not count.
-        removed = removed.view(-1, *[1] * (logits.dim() - 1))
-        alpha = softmax(logits.masked_fill(removed, -torch.inf), index, num_nodes=num_nodes)
+    def _masked_softmax(
+        self, logits: Tensor, index: Tensor, num_nodes: int, is_removed: Tensor
+    ) -> Tensor:
+        # As PyG's `edge_update`, but with zero coefficients for removed edges.
+        is_removed = is_removed.view(-1, *[1] * (logits.dim() - 1))
+        alpha = softmax(logits.masked_fill(is_removed, -torch.inf), index, num_nodes=num_nodes)
         return F.dropout(alpha, self.dropout, self.training)
 
     def _split_heads(self, x: Tensor) -> Tensor:
-        # With the samples behind the nodes (N, B, H, C), where PyG's methods work on them.
+        # Returns (N, B, H, C): PyG's methods expect the nodes in the first dimension.
         return x.view(*x.shape[:2], self.heads, self.out_channels).transpose(0, 1)
 
-    def _finish(self, out: Tensor, residual: OptTensor) -> Tensor:
-        # Of sums (..., H, C).
+    def _combine_heads(self, out: Tensor, residual: OptTensor) -> Tensor:
+        # Concatenates or averages the heads of sums (..., H, C), and adds residual and bias.
         out = out.flatten(-2) if self.concat else out.mean(dim=-2)
         for term in (residual, self.bias):
             out = out if term is None else out + term
@@ -298,7 +309,9 @@ def check_attention_input(
 
 
 def as_long(edge_index: Adj) -> Adj:
-    r"""Returns edges with the only type of integers that PyG's messages take on a processor."""
+    r"""Returns edges as 64-bit integers, the only type that PyG's messages support on a processor.
+    Sparse matrices and :class:`~torch_geometric.EdgeIndex` are returned unchanged.
+    """
     if is_torch_sparse_tensor(edge_index) or isinstance(edge_index, EdgeIndex):
         return edge_index
     return edge_index.long()
@@ -307,7 +320,7 @@ def as_long(edge_index: Adj) -> Adj:
 def _as_edges(edge_index: Adj, edge_attr: OptTensor) -> tuple[Tensor, OptTensor]:
     if not is_torch_sparse_tensor(edge_index):
         return as_edges(edge_index, edge_attr)
-    # As PyG, to which the values of a matrix are features only if they have several columns.
+    # As in PyG, the values of a sparse matrix are edge features only if they have several columns.
     edge_index, values = as_edges(sorted_form(edge_index))
     if edge_attr is None and values is not None and values.dim() > 1:
         edge_attr = values
@@ -315,6 +328,6 @@ def _as_edges(edge_index: Adj, edge_attr: OptTensor) -> tuple[Tensor, OptTensor]
 
 
 def _is_transformed() -> bool:
-    # Neither has a public way to ask: whether torch.func or forward-mode differentiation is under
-    # way, for which the fast forms have no rule. A test holds both names.
+    # Whether a transform of torch.func or forward-mode differentiation is active, which the sparse
+    # products do not support. PyTorch has no public function for either; a test covers both names.
     return torch._C._are_functorch_transforms_active() or forward_ad._current_level >= 0

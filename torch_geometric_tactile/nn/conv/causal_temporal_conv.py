@@ -1,4 +1,4 @@
-r"""A convolution over time that never looks ahead."""
+r"""A causal convolution over the frames of time series."""
 
 import torch
 import torch.nn.functional as F
@@ -16,25 +16,25 @@ class CausalTemporalConv(Module):
     .. math::
         \mathbf{x}'_t = \mathbf{b} + \sum_{j=0}^{K-1} \mathbf{W}_j \, \mathbf{x}_{t - (K - 1 - j) D}
 
-    with kernel size :math:`K` and dilation :math:`D`; frames before the first are zero. It is
-    :class:`torch.nn.Conv1d` behind zeros on the left, with time before the features, as
-    :func:`~torch_geometric_tactile.data.split_frames` gives it.
+    with kernel size :math:`K` and dilation :math:`D`. Frames before the first are zero. It equals
+    :class:`torch.nn.Conv1d` with zero padding on the left, but time comes before the features, as
+    in the output of :func:`~torch_geometric_tactile.data.split_frames`.
 
-    :meth:`step` takes one frame at a time and keeps the last :math:`(K - 1) D` in a state, a plain
-    tensor. From :meth:`initial_state` on, it gives the numbers of :meth:`forward`.
+    :meth:`step` processes one frame at a time. Its state is a tensor of the last :math:`(K - 1) D`
+    frames. Starting from :meth:`initial_state`, its results equal those of :meth:`forward`.
 
     Args:
         in_channels (int): Size of each input feature.
         out_channels (int): Size of each output feature.
-        kernel_size (int): Frames that are seen :math:`K`.
-        dilation (int): Distance of these in frames :math:`D`.
+        kernel_size (int): Number of frames in the kernel :math:`K`.
+        dilation (int): Distance between the kernel's frames :math:`D`.
         bias (bool): Whether to add a learnable bias.
 
     Shapes:
-        - **input:** features :math:`(*, T, F_{in})`; of a step :math:`(*, F_{in})` and a state
-          :math:`(*, (K - 1) D, F_{in})`
-        - **output:** features :math:`(*, T, F_{out})`; of a step :math:`(*, F_{out})` and the next
-          state
+        - **input:** features :math:`(*, T, F_{in})`; for :meth:`step`, features
+          :math:`(*, F_{in})` and a state :math:`(*, (K - 1) D, F_{in})`
+        - **output:** features :math:`(*, T, F_{out})`; for :meth:`step`, features
+          :math:`(*, F_{out})` and the next state
 
     Raises:
         ValueError: If a size is below one, or :obj:`x` or :obj:`state` has another shape.
@@ -70,7 +70,7 @@ class CausalTemporalConv(Module):
         self.out_channels = out_channels
         self.kernel_size = kernel_size
         self.dilation = dilation
-        # That of the present frame last.
+        # The weight of the present frame is the last.
         self.weight = Parameter(torch.empty(kernel_size, in_channels, out_channels))
         if bias:
             self.bias = Parameter(torch.empty(out_channels))
@@ -80,25 +80,25 @@ class CausalTemporalConv(Module):
 
     @property
     def num_past(self) -> int:
-        r"""How many frames before the present one are seen."""
+        r"""Number of past frames in the receptive field."""
         return (self.kernel_size - 1) * self.dilation
 
     def reset_parameters(self) -> None:
-        r"""Draws the weights anew and sets the bias to zero."""
+        r"""Resets all learnable parameters."""
         glorot(self.weight.flatten(0, 1))
         zeros(self.bias)
 
     def forward(self, x: Tensor, *, spacing: int = 1, stride: int = 1) -> Tensor:
-        r"""Convolves all frames, or those that are needed.
+        r"""Returns the convolved features of all frames, or of every :obj:`stride`-th frame.
 
-        An answer at the last frame rests on fewer and fewer frames of the layers before: where each
-        dilation is a multiple of the one before, a layer with :obj:`stride` gives them alone, and
-        the next takes them with that :obj:`spacing`.
+        The output at the last frame depends only on some frames of earlier layers. If each dilation
+        is a multiple of the one before, a layer can return only these frames with :obj:`stride`,
+        and the next layer takes them with the same :obj:`spacing`.
 
         Args:
             x (torch.Tensor): Features.
-            spacing (int): Distance of the given frames, of which the dilation is a multiple.
-            stride (int): Distance of the frames to return, in those given, counted back from the
+            spacing (int): Distance between the input frames. It must divide the dilation.
+            stride (int): Distance between the output frames in input frames, counted back from the
                 last.
         """
         if x.dim() < 2 or x.size(-1) != self.in_channels:
@@ -109,9 +109,9 @@ class CausalTemporalConv(Module):
             raise ValueError(f"'spacing' must divide the dilation {self.dilation} (got {spacing})")
         if stride < 1:
             raise ValueError(f"'stride' must be at least 1 (got {stride})")
-        past = self.num_past // spacing
-        starts = range(0, past + 1, self.dilation // spacing)
-        return self._product(F.pad(x, (0, 0, past, 0)), starts, x.size(-2), stride)
+        num_past = self.num_past // spacing
+        starts = range(0, num_past + 1, self.dilation // spacing)
+        return self._product(F.pad(x, (0, 0, num_past, 0)), starts, x.size(-2), stride)
 
     def initial_state(
         self,
@@ -119,22 +119,22 @@ class CausalTemporalConv(Module):
         device: torch.device | str | None = None,
         dtype: torch.dtype | None = None,
     ) -> Tensor:
-        r"""Returns the state before the first frame: no frame was seen, all are zero.
+        r"""Returns the state before the first frame, a tensor of zeros.
 
         Args:
-            *sizes (int): The leading sizes :math:`*`.
-            device (torch.device, optional): That of the weights, if left out.
-            dtype (torch.dtype, optional): Likewise.
+            *sizes (int): Leading sizes :math:`*`.
+            device (torch.device, optional): Device of the state. Defaults to that of the weights.
+            dtype (torch.dtype, optional): Data type of the state. Defaults to that of the weights.
         """
         size = (*sizes, self.num_past, self.in_channels)
         return self.weight.new_zeros(size, device=device, dtype=dtype)
 
     def step(self, x: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        r"""Convolves the next frame, and returns its features and the state after it.
+        r"""Returns the convolved features of the next frame, and the next state.
 
         Args:
-            x (torch.Tensor): Features of one frame.
-            state (torch.Tensor): The state before it.
+            x (torch.Tensor): Features of the frame.
+            state (torch.Tensor): State before the frame.
         """
         expected = (*x.shape[:-1], self.num_past, self.in_channels)
         if x.dim() < 1 or x.size(-1) != self.in_channels or state.shape != expected:
@@ -148,10 +148,11 @@ class CausalTemporalConv(Module):
         return self._product(rows, starts, 1, 1).squeeze(-2), rows[..., 1:, :]
 
     def _product(self, rows: Tensor, starts: range, num_frames: int, stride: int) -> Tensor:
-        # Of frames behind those that they see; the last of them always.
+        # `rows` are the past frames and then `num_frames` frames, of which the last and every
+        # `stride`-th before it are computed. `starts` are the offsets of the kernel's frames.
         first = (num_frames - 1) % stride
-        parts = [rows[..., start + first : start + num_frames : stride, :] for start in starts]
-        return F.linear(torch.cat(parts, dim=-1), self.weight.flatten(0, 1).t(), self.bias)
+        slices = [rows[..., start + first : start + num_frames : stride, :] for start in starts]
+        return F.linear(torch.cat(slices, dim=-1), self.weight.flatten(0, 1).t(), self.bias)
 
     def __repr__(self) -> str:
         return (

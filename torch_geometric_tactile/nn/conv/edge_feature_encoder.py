@@ -1,4 +1,4 @@
-r"""From edge features to node features: the encoder of the paper."""
+r"""The edge feature encoder of the paper."""
 
 from typing import Optional
 
@@ -19,15 +19,15 @@ class EdgeFeatureEncoder(torch.nn.Module):
     .. math::
         \mathrm{vec}(\mathbf{H}) = \mathbf{W} \, \mathrm{vec}(\mathbf{E}) + \mathbf{b}
 
-    It knows each edge by its place in the list, so that it is for one topology, in one order: other
-    than :class:`EdgeMessageEncoder` it is not permutation equivariant. The hand of the paper has
-    :math:`1401 \cdot 4 \cdot 384 \cdot 4 + 1536 = 8\,609\,280` parameters.
+    Each edge has its own weights, so that the encoder is for one topology with a fixed order of
+    edges. Unlike :class:`EdgeMessageEncoder`, it is not permutation equivariant. For the hand of
+    the paper, it has :math:`1401 \cdot 4 \cdot 384 \cdot 4 + 1536 = 8\,609\,280` parameters.
 
     Args:
         num_nodes (int): Number of taxels :math:`N`.
         num_edges (int): Number of directed edges :math:`|\mathcal{E}|`.
-        edge_dim (int): Features of each edge :math:`D`, or -1 to take it from the first input.
-        out_channels (int): Features of each taxel.
+        edge_dim (int): Size of each edge feature :math:`D`, or -1 to infer it from the first input.
+        out_channels (int): Size of each output feature.
 
     Shapes:
         - **input:** edge features, in metres or scaled, :math:`(|\mathcal{E}|, D)`,
@@ -35,7 +35,8 @@ class EdgeFeatureEncoder(torch.nn.Module):
         - **output:** node features :math:`(N, F)`, :math:`(B, N, F)` or :math:`(B \cdot N, F)`
 
     Raises:
-        ValueError: If a size is below one, or :obj:`edge_attr` has other edges or features.
+        ValueError: If a size is below one, or :obj:`edge_attr` has another number of edges or
+            features.
 
     Examples:
         >>> encoder = EdgeFeatureEncoder(num_nodes=384, num_edges=1401)
@@ -57,25 +58,26 @@ class EdgeFeatureEncoder(torch.nn.Module):
         self.lin = lazy_linear("edge_dim", edge_dim, num_edges, num_nodes * out_channels)
 
     def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
+        r"""Resets all learnable parameters."""
         self.lin.reset_parameters()
 
     def forward(
         self, edge_attr: Tensor, edge_index: OptTensor = None, num_nodes: Optional[int] = None
     ) -> Tensor:
-        r"""Encodes edge features.
+        r"""Returns the node features that encode the edge features.
 
         Args:
             edge_attr (torch.Tensor): Edge features.
-            edge_index (torch.Tensor, optional): Not used: the order of the edges says it all.
+            edge_index (torch.Tensor, optional): Not used, since edges are identified by their
+                order.
             num_nodes (int, optional): Not used.
         """
         num_rows = edge_attr.size(-2) if edge_attr.dim() in (2, 3) else -1
         is_batch = edge_attr.dim() == 2 and num_rows % self.num_edges == 0
         if num_rows != self.num_edges and not is_batch:
             raise ValueError(
-                f"'edge_attr' must have {self.num_edges} rows, one an edge in the order it was "
-                f"made for (got shape {tuple(edge_attr.shape)})"
+                f"'edge_attr' must have {self.num_edges} rows, one for each edge in the order of "
+                f"the training data (got shape {tuple(edge_attr.shape)})"
             )
         if self.edge_dim == -1:
             self.edge_dim = edge_attr.size(-1)

@@ -1,4 +1,4 @@
-r"""From edge features to node features, by messages."""
+r"""Edge feature encoders that pass messages along edges."""
 
 from collections.abc import Sequence
 from typing import Any, Optional, Union
@@ -17,25 +17,25 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_edge_features,
     check_edge_form,
 )
+from torch_geometric_tactile.nn.conv._explainable_propagate import ExplainablePropagate
 from torch_geometric_tactile.nn.conv._lazy_weight import lazy_linear
-from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
 
 
-class EdgeMessageEncoder(OwnPropagate, MessagePassing):
-    r"""One small network on the features of each edge, aggregated at the target.
+class EdgeMessageEncoder(ExplainablePropagate, MessagePassing):
+    r"""Encodes the features of each edge by a small network, and aggregates them at the target.
 
     .. math::
         \mathbf{h}_i = \mathrm{aggr}_{j \in \mathcal{N}(i)} \, \mathrm{MLP}(\mathbf{e}_{ij})
 
-    A variant of the paper's :class:`EdgeFeatureEncoder` that is ours: it shares its weights over
-    all edges, works on any graph and is permutation equivariant. A taxel without an edge gets
-    zeros.
+    This variant of the paper's :class:`EdgeFeatureEncoder` is not from the paper. All edges share
+    the weights, so that it supports any graph and is permutation equivariant. Taxels without edges
+    get zeros.
 
     Args:
-        edge_dim (int): Features of each edge :math:`D`, or -1 to take it from the first input.
-        out_channels (int): Features of each taxel.
+        edge_dim (int): Size of each edge feature :math:`D`, or -1 to infer it from the first input.
+        out_channels (int): Size of each output feature.
         hidden_channels (int): Width of the network's hidden layer.
-        aggr (str): How messages meet at the target, any of PyG's aggregations.
+        aggr (str): Aggregation of the messages at the target, as in PyG.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
@@ -45,9 +45,9 @@ class EdgeMessageEncoder(OwnPropagate, MessagePassing):
         - **output:** node features :math:`(N, F)`, :math:`(B, N, F)` or :math:`(B \cdot N, F)`
 
     Raises:
-        ValueError: If :obj:`edge_attr` has other features, or other edges than :obj:`edge_index`,
-            or :obj:`edge_index` is sparse, has another shape, holds no integers or joins other
-            taxels.
+        ValueError: If :obj:`edge_attr` has another number of features, or another number of edges
+            than :obj:`edge_index`, or if :obj:`edge_index` is sparse or has another shape, no
+            integers or indices out of range.
 
     Examples:
         >>> encoder = EdgeMessageEncoder(edge_dim=4, out_channels=4)
@@ -71,26 +71,28 @@ class EdgeMessageEncoder(OwnPropagate, MessagePassing):
         self._check = EdgeCheck()
 
     def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
+        r"""Resets all learnable parameters."""
         super().reset_parameters()
         reset(self.mlp)
 
     def forward(
         self, edge_attr: Tensor, edge_index: Adj, num_nodes: Optional[int] = None
     ) -> Tensor:
-        r"""Encodes edge features.
+        r"""Returns the node features that encode the edge features.
 
         Args:
             edge_attr (torch.Tensor): Edge features.
             edge_index (torch.Tensor): Edges.
-            num_nodes (int, optional): Number of taxels, of all samples of a PyG batch together;
-                the largest in :obj:`edge_index` and one if left out.
+            num_nodes (int, optional): Number of taxels in all samples of a PyG batch. Defaults to
+                the largest index in :obj:`edge_index` plus one.
         """
-        num_nodes = self._checked(edge_attr, edge_index, num_nodes)
+        num_nodes = self._checked_num_nodes(edge_attr, edge_index, num_nodes)
         hidden = self.encode(edge_attr, edge_index, num_nodes)
         return self.propagate(edge_index, hidden=hidden, size=(num_nodes, num_nodes))
 
-    def _checked(self, edge_attr: Tensor, edge_index: Adj, num_nodes: Optional[int]) -> int:
+    def _checked_num_nodes(
+        self, edge_attr: Tensor, edge_index: Adj, num_nodes: Optional[int]
+    ) -> int:
         if is_torch_sparse_tensor(edge_index):
             raise ValueError(
                 "'edge_index' must have shape (2, num_edges): a sparse matrix does not keep the "
@@ -108,7 +110,7 @@ class EdgeMessageEncoder(OwnPropagate, MessagePassing):
         check_edge_features(edge_attr, self.edge_dim)
         if num_nodes is None:
             num_nodes = int(edge_index.max()) + 1 if num_edges else 0
-        # A source out of range would go unseen: the messages come from the edges alone.
+        # Messages are computed from edges only, so that a source out of range raises no error.
         self._check(edge_index, num_nodes)
         return num_nodes
 
@@ -123,7 +125,7 @@ class EdgeMessageEncoder(OwnPropagate, MessagePassing):
         return self.mlp(edge_attr)
 
     def message(self, hidden: Tensor) -> Tensor:
-        r"""Passes the message on."""
+        r"""Returns the encoded features of the edges."""
         return hidden
 
     def __repr__(self) -> str:
@@ -134,7 +136,8 @@ class EdgeMessageEncoder(OwnPropagate, MessagePassing):
 
 
 class EdgeAttentionEncoder(EdgeMessageEncoder):
-    r"""One small network on the features of each edge, weighted by attention at the target.
+    r"""Encodes the features of each edge by a small network, and adds them up at the target,
+    weighted by attention.
 
     .. math::
         \mathbf{h}_i = \sum_{j \in \mathcal{N}(i)} \alpha_{ij} \mathbf{m}_{ij}, \qquad
@@ -142,11 +145,11 @@ class EdgeAttentionEncoder(EdgeMessageEncoder):
         \mathrm{LeakyReLU}(\mathbf{m}_{ij}) \right), \qquad
         \mathbf{m}_{ij} = \mathrm{MLP}(\mathbf{e}_{ij})
 
-    A variant of the paper's :class:`EdgeFeatureEncoder` that is ours.
+    This variant of the paper's :class:`EdgeFeatureEncoder` is not from the paper.
 
     Args:
-        edge_dim (int): Features of each edge :math:`D`, or -1 to take it from the first input.
-        out_channels (int): Features of each taxel.
+        edge_dim (int): Size of each edge feature :math:`D`, or -1 to infer it from the first input.
+        out_channels (int): Size of each output feature.
         hidden_channels (int): Width of the network's hidden layer.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
@@ -170,21 +173,27 @@ class EdgeAttentionEncoder(EdgeMessageEncoder):
         glorot(self.att)
 
     def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
+        r"""Resets all learnable parameters."""
         super().reset_parameters()
         glorot(self.att)
 
     def encode(self, edge_attr: Tensor, edge_index: Tensor, num_nodes: int) -> Tensor:
-        r"""Returns the weighted message of each edge."""
+        r"""Returns the message of each edge, multiplied by its attention coefficient.
+
+        Args:
+            edge_attr (torch.Tensor): Edge features.
+            edge_index (torch.Tensor): Edges.
+            num_nodes (int): Number of taxels.
+        """
         hidden = self.mlp(edge_attr)
-        score = (torch.nn.functional.leaky_relu(hidden, 0.2) * self.att).sum(-1, keepdim=True)
+        logits = (torch.nn.functional.leaky_relu(hidden, 0.2) * self.att).sum(-1, keepdim=True)
         target = edge_index[1 if self.flow == "source_to_target" else 0]
-        return hidden * softmax(score, target, num_nodes=num_nodes, dim=-2)
+        return hidden * softmax(logits, target, num_nodes=num_nodes, dim=-2)
 
 
 class EdgePatchEncoder(EdgeMessageEncoder):
-    r"""One small network for the edges within a patch and another for those between patches,
-    aggregated at the target.
+    r"""Encodes the features of edges within a patch by one small network and those of edges between
+    patches by another, and aggregates them at the target.
 
     .. math::
         \mathbf{h}_i = \mathrm{aggr}_{j \in \mathcal{N}(i)}
@@ -193,16 +202,16 @@ class EdgePatchEncoder(EdgeMessageEncoder):
         \mathrm{MLP}'(\mathbf{e}_{ij}) & \text{otherwise}
         \end{cases}
 
-    A variant of the paper's :class:`EdgeFeatureEncoder` that is ours, after its finding that the
-    encoder tells both kinds of edges apart.
+    This variant of the paper's :class:`EdgeFeatureEncoder` is not from the paper. It is motivated
+    by the paper's finding that the encoder distinguishes both kinds of edges.
 
     Args:
-        segment (sequence of int or torch.Tensor): The patch :math:`s_i` of each taxel
-            :math:`(N,)`, as :obj:`layout.segments("patch")`.
-        edge_dim (int): Features of each edge :math:`D`, or -1 to take it from the first input.
-        out_channels (int): Features of each taxel.
+        segment (sequence of int or torch.Tensor): Patch :math:`s_i` of each taxel :math:`(N,)`, as
+            returned by :obj:`layout.segments("patch")`.
+        edge_dim (int): Size of each edge feature :math:`D`, or -1 to infer it from the first input.
+        out_channels (int): Size of each output feature.
         hidden_channels (int): Width of the networks' hidden layers.
-        aggr (str): How messages meet at the target, any of PyG's aggregations.
+        aggr (str): Aggregation of the messages at the target, as in PyG.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
@@ -210,8 +219,8 @@ class EdgePatchEncoder(EdgeMessageEncoder):
         - **output:** as :class:`EdgeMessageEncoder`
 
     Raises:
-        ValueError: As :class:`EdgeMessageEncoder`, or if the number of taxels is no multiple of
-            those in :obj:`segment`.
+        ValueError: As :class:`EdgeMessageEncoder`, or if the number of taxels is not a multiple of
+            the length of :obj:`segment`.
 
     Examples:
         >>> encoder = EdgePatchEncoder([0, 0, 1])
@@ -239,26 +248,33 @@ class EdgePatchEncoder(EdgeMessageEncoder):
         self.mlp_between = _mlp(edge_dim, hidden_channels, out_channels)
 
     def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
+        r"""Resets all learnable parameters."""
         super().reset_parameters()
         reset(self.mlp_between)
 
     def encode(self, edge_attr: Tensor, edge_index: Tensor, num_nodes: int) -> Tensor:
-        r"""Returns the message of each edge, by its kind."""
-        segment = self.segment[edge_index % len(self.segment)]
-        within = (segment[0] == segment[1]).unsqueeze(-1)
-        return torch.where(within, self.mlp(edge_attr), self.mlp_between(edge_attr))
-
-    def forward(
-        self, edge_attr: Tensor, edge_index: Adj, num_nodes: Optional[int] = None
-    ) -> Tensor:
-        r"""Encodes edge features.
+        r"""Returns the message of each edge, from the network for its kind of edge.
 
         Args:
             edge_attr (torch.Tensor): Edge features.
             edge_index (torch.Tensor): Edges.
-            num_nodes (int, optional): Number of taxels, of all samples of a PyG batch together;
-                those of one sample if left out.
+            num_nodes (int): Number of taxels.
+        """
+        # The modulo maps the taxels of a PyG batch to those of one sample.
+        segment = self.segment[edge_index % len(self.segment)]
+        is_within = (segment[0] == segment[1]).unsqueeze(-1)
+        return torch.where(is_within, self.mlp(edge_attr), self.mlp_between(edge_attr))
+
+    def forward(
+        self, edge_attr: Tensor, edge_index: Adj, num_nodes: Optional[int] = None
+    ) -> Tensor:
+        r"""Returns the node features that encode the edge features.
+
+        Args:
+            edge_attr (torch.Tensor): Edge features.
+            edge_index (torch.Tensor): Edges.
+            num_nodes (int, optional): Number of taxels in all samples of a PyG batch. Defaults to
+                that of one sample.
         """
         num_nodes = len(self.segment) if num_nodes is None else num_nodes
         if num_nodes % len(self.segment):
@@ -271,5 +287,5 @@ class EdgePatchEncoder(EdgeMessageEncoder):
 
 def _mlp(edge_dim: int, hidden_channels: int, out_channels: int) -> Sequential:
     check_sizes(hidden_channels=hidden_channels, out_channels=out_channels)
-    first = lazy_linear("edge_dim", edge_dim, 1, hidden_channels)
-    return Sequential(first, ReLU(), Linear(hidden_channels, out_channels))
+    input_layer = lazy_linear("edge_dim", edge_dim, 1, hidden_channels)
+    return Sequential(input_layer, ReLU(), Linear(hidden_channels, out_channels))

@@ -1,4 +1,4 @@
-r"""Graph convolutions of segments that have weights of their own."""
+r"""A graph convolution with separate weights for each segment."""
 
 from collections.abc import Sequence
 from typing import Any, Union
@@ -11,7 +11,7 @@ from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.nn.inits import glorot, zeros
 from torch_geometric.typing import Adj, OptTensor
 
-from torch_geometric_tactile.nn._sizes import is_of_taxels
+from torch_geometric_tactile.nn._sizes import has_taxels
 from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
     check_conv_sizes,
@@ -20,8 +20,8 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_tensor,
     compute_on_edges,
 )
+from torch_geometric_tactile.nn.conv._explainable_propagate import ExplainablePropagate
 from torch_geometric_tactile.nn.conv._lazy_weight import LazyWeight
-from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
 from torch_geometric_tactile.nn.conv._plain import is_hooked, sums_messages
 from torch_geometric_tactile.nn.conv._static_adjacency import (
     GCN_NORM,
@@ -30,13 +30,13 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
     contained_product,
     dense_norm,
     edge_pattern,
-    may_keep_messages,
+    may_cache_edges,
     may_multiply,
     may_multiply_dense,
 )
 
 
-class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
+class SegmentedGCNConv(LazyWeight, ExplainablePropagate, MessagePassing):
     r"""A graph convolution within each segment of a hand, with separate weights, as in the
     "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional Networks using
     Topological Graph Segmentation" paper (eq. 2 and 3), without its activation.
@@ -44,20 +44,20 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
     .. math::
         \mathbf{X}'_s = \hat{\mathbf{A}}_s \mathbf{X}_s \mathbf{W}_s + \mathbf{b}_s
 
-    It equals one :class:`~torch_geometric.nn.GCNConv` for each segment on its induced subgraph:
-    edges between segments do not count. For many samples on one topology :math:`(B, N, F)` it
-    multiplies by a matrix (sparse on a processor, dense on a GPU for up to 1024 taxels), which it
-    keeps for as long as the same edges and weights come in, as
-    :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` does; it passes messages for all other
-    forms of the data.
+    It equals one :class:`~torch_geometric.nn.GCNConv` for each segment on its induced subgraph, so
+    that edges between segments are ignored. Many samples on one topology :math:`(B, N, F)` are
+    multiplied by a matrix, which is sparse on a processor and dense on a GPU for up to 1024 taxels.
+    It is cached while edges and weights stay the same, as in
+    :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`. Otherwise, messages are passed along
+    edges.
 
     Args:
-        segment (sequence of int or torch.Tensor): The segment of each taxel :math:`(N,)`, from zero
-            without gaps, as :obj:`layout.segments("patch")`.
-        in_channels (int): Size of each input feature, or -1 to take it from the first input.
+        segment (sequence of int or torch.Tensor): Segment of each taxel :math:`(N,)`, numbered from
+            zero without gaps, as returned by :obj:`layout.segments("patch")`.
+        in_channels (int): Size of each input feature, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
         bias (bool): Whether to add learnable biases.
-        fast (bool): Whether to multiply the samples of one topology by one matrix.
+        fast (bool): Whether to multiply samples on one topology by a matrix.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
@@ -67,9 +67,9 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         - **output:** node features of the same leading shape, :math:`F_{out}` wide
 
     Raises:
-        ValueError: If :obj:`segment` has gaps, a size is below one, :obj:`x` has other taxels or
-            features, :obj:`edge_index` has another shape, holds no integers or joins other taxels,
-            or :obj:`edge_weight` does not hold one real number for each edge.
+        ValueError: If :obj:`segment` has gaps, a size is below one, :obj:`x` has another number of
+            taxels or features, :obj:`edge_index` has another shape, no integers or indices out of
+            range, or :obj:`edge_weight` does not hold one real number per edge.
 
     Examples:
         >>> conv = SegmentedGCNConv([0, 0, 1], 3, 8)
@@ -96,17 +96,18 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
     ) -> None:
         super().__init__(**{"aggr": "add", **kwargs})
         self.fast = fast
-        self._kept = AdjacencyCache()
+        self._edge_cache = AdjacencyCache()
         segment = _checked_segment(segment)
         check_conv_sizes(in_channels=in_channels, out_channels=out_channels)
         self.out_channels = out_channels
-        # Not in the state: it is an argument, and a checkpoint must not overrule it.
+        # Not saved in the state, so that a checkpoint cannot override the argument.
         self.register_buffer("segment", segment, persistent=False)
         self.num_segments = int(self.segment.max()) + 1
-        for name, value in zip(("_groups", "_members", "_places"), _grouped(segment), strict=True):
-            self.register_buffer(name, value, persistent=False)
-        in_order = torch.arange(len(self._members), device=segment.device)
-        self._is_grouped = torch.equal(self._members, in_order)
+        buffers = zip(("_groups", "_members", "_places"), _taxel_groups(segment), strict=True)
+        for name, indices in buffers:
+            self.register_buffer(name, indices, persistent=False)
+        identity = torch.arange(len(self._members), device=segment.device)
+        self._is_grouped = torch.equal(self._members, identity)
         self._add_weight(in_channels)
         if bias:
             self.bias = Parameter(torch.empty(self.num_segments, out_channels))
@@ -115,7 +116,7 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
-        r"""Draws the weights anew and sets the biases to zero."""
+        r"""Resets all learnable parameters."""
         super().reset_parameters()
         if not self._is_lazy():
             for weight in self.weight:
@@ -123,22 +124,26 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         zeros(self.bias)
 
     def weight_size(self, in_channels: int) -> tuple[int, ...]:
-        r"""Returns the shape of the weight."""
+        r"""Returns the shape of the weight.
+
+        Args:
+            in_channels (int): Size of each input feature.
+        """
         return self.num_segments, self.out_channels, in_channels
 
     def forward(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor = None) -> Tensor:
-        r"""Convolves node features.
+        r"""Returns the convolved node features.
 
         Args:
             x (torch.Tensor): Node features.
-            edge_index (torch.Tensor): Edges, or a sparse matrix; edges between segments do not
-                count.
-            edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
+            edge_index (torch.Tensor): Edges, or a sparse matrix. Edges between segments are
+                ignored.
+            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
         """
         check_tensor(x)
         self._initialize_weight(x)
         num_taxels = len(self.segment)
-        if not is_of_taxels(x, num_taxels, self.in_channels):
+        if not has_taxels(x, num_taxels, self.in_channels):
             raise ValueError(
                 f"'x' must have {num_taxels} taxels, as 'segment', and {self.in_channels} features "
                 f"(got shape {tuple(x.shape)})"
@@ -149,7 +154,7 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
                 return out
         check_edge_form(edge_index, x.size(-2))
         check_edge_weight(edge_index, edge_weight)
-        return compute_on_edges(self._convolve, x.size(-2), x, edge_index, edge_weight)
+        return compute_on_edges(self._convolve_edges, x.size(-2), x, edge_index, edge_weight)
 
     def _may_multiply(self, x: Tensor) -> bool:
         return (
@@ -163,7 +168,9 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
     def _multiply(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> OptTensor:
         norm = (*GCN_NORM[:-1], self.flow)
         num_taxels, segment = len(self.segment), self.segment
-        adjacency = self._kept.get(edge_index, edge_weight, num_taxels, x.dtype, segment, norm)
+        adjacency = self._edge_cache.get(
+            edge_index, edge_weight, num_taxels, x.dtype, segment, norm
+        )
         if may_multiply(x):
             if adjacency is None or not adjacency.may_reorder:
                 return None  # weights that need a gradient, or are infinite
@@ -175,14 +182,15 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
                 edge_index, edge_weight, num_taxels, x.dtype, segment, GCNNorm(*norm)
             )
             sums = contained_product(dense, edge_pattern(dense), x)
-        # All taxels and samples of a segment by its weights.
+        # One batched product maps each group of taxels, in all samples, by the weights of its
+        # segment.
         h = sums.movedim(-2, 0)
         rows = h.reshape(num_taxels, -1)
         weight: Tensor = self.weight
         bias: OptTensor = self.bias
         if not self._is_grouped:
             rows = rows.index_select(0, self._members)
-        if len(self._groups) > self.num_segments:  # a group for each taxel
+        if len(self._groups) > self.num_segments:  # each taxel is a group
             weight = weight.index_select(0, segment)
             bias = None if bias is None else bias.index_select(0, segment)
         rows = rows.view(len(self._groups), -1, self.in_channels)
@@ -195,12 +203,14 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
             out = out.index_select(0, self._places)
         return out.view(*h.shape[:-1], self.out_channels).movedim(0, -2).contiguous()
 
-    def _convolve(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
-        if self.fast and may_keep_messages(x):
+    def _convolve_edges(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
+        if self.fast and may_cache_edges(x):
             norm, segment = (*GCN_NORM[:-1], self.flow), self.segment
-            kept = self._kept.get(edge_index, edge_weight, x.size(-2), x.dtype, segment, norm)
-            if kept is not None:
-                edges, weight = kept.edges  # from sources to targets in either flow
+            adjacency = self._edge_cache.get(
+                edge_index, edge_weight, x.size(-2), x.dtype, segment, norm
+            )
+            if adjacency is not None:
+                edges, weight = adjacency.edges  # from sources to targets in either flow
                 edges = edges.flip(0) if self.flow == "target_to_source" else edges
                 return self._pass_messages(x, edges, weight, None)
         edge_index, edge_weight = as_edges(edge_index, edge_weight)
@@ -227,8 +237,8 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         return out + (bias if x.dim() == 3 else bias.repeat(x.size(0) // num_taxels, 1))
 
     def is_plain(self) -> bool:
-        r"""Tells whether the layer computes its formula and nothing else: that no hook, wrapped
-        weight, explainer or subclass changes or watches it.
+        r"""Returns whether the layer is unmodified: no hook, wrapped weight, explainer or subclass
+        changes or observes it.
         """
         return (
             type(self) is SegmentedGCNConv
@@ -242,7 +252,9 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
         return segment[0] == segment[1]
 
     def message(self, x_j: Tensor, norm: Tensor, is_within: OptTensor = None) -> Tensor:
-        r"""Weights the neighbour's features, of which infinite ones end at the segment."""
+        r"""Returns the weighted features of the neighbour. Between segments, they are zero, also if
+        they are infinite.
+        """
         out = norm.view(-1, 1) * x_j
         return out if is_within is None else out.masked_fill(~is_within.view(-1, 1), 0.0)
 
@@ -254,39 +266,43 @@ class SegmentedGCNConv(LazyWeight, OwnPropagate, MessagePassing):
 
 
 def _checked_segment(segment: Union[Sequence[int], Tensor]) -> Tensor:
-    r"""Returns the segment of each taxel :math:`(N,)`."""
+    r"""Returns the segment of each taxel as a tensor :math:`(N,)`.
+
+    Raises:
+        ValueError: If the segments are not integers from zero without gaps.
+    """
     numbers = torch.as_tensor(segment)
-    whole = not numbers.is_floating_point() and numbers.dtype != torch.bool
-    if numbers.dim() != 1 or len(numbers) == 0 or not whole:
+    has_integers = not numbers.is_floating_point() and numbers.dtype != torch.bool
+    if numbers.dim() != 1 or len(numbers) == 0 or not has_integers:
         raise ValueError(
             "'segment' must be a whole number for each taxel "
             f"(got shape {tuple(numbers.shape)}, {numbers.dtype})"
         )
-    found = numbers.unique().tolist()
-    if found != list(range(len(found))):
-        raise ValueError(f"'segment' must be numbered from 0 without gaps (got {found})")
+    unique_numbers = numbers.unique().tolist()
+    if unique_numbers != list(range(len(unique_numbers))):
+        raise ValueError(f"'segment' must be numbered from 0 without gaps (got {unique_numbers})")
     return numbers.long()
 
 
-def _grouped(segment: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    r"""Returns groups of equal numbers of taxels, so that one batched product maps all of them.
+def _taxel_groups(segment: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    r"""Returns groups with the same number of taxels, so that one batched product maps all taxels.
 
     Returns:
-        tuple: The segment of each group :math:`(G,)`, the taxels of all groups
-        :math:`(G \cdot n,)`, where the first taxel of a segment fills up its group, and the place
-        of each taxel in them :math:`(N,)`.
+        tuple: Segment of each group :math:`(G,)`, indices of the taxels of all groups
+        :math:`(G \cdot n,)`, padded with the first taxel of each segment, and position of each
+        taxel in them :math:`(N,)`.
     """
     counts, device = segment.bincount(), segment.device
     taxels = torch.arange(len(segment), device=device)
     size = int(counts.max())
-    if len(counts) * size > 2 * len(segment):  # to fill up would double the work
+    if len(counts) * size > 2 * len(segment):  # padding would more than double the work
         return segment, taxels, taxels
     order = segment.argsort(stable=True)
     starts = counts.cumsum(0) - counts
-    slots = torch.arange(size, device=device).expand(len(counts), size)
-    slots = torch.where(slots < counts.view(-1, 1), slots, 0)
-    members = order[starts.view(-1, 1) + slots].view(-1)
-    ordered = segment[order]
-    places = torch.empty_like(order)
-    places[order] = ordered * size + taxels - starts[ordered]
-    return torch.arange(len(counts), device=device), members, places
+    offsets = torch.arange(size, device=device).expand(len(counts), size)
+    offsets = torch.where(offsets < counts.view(-1, 1), offsets, 0)
+    members = order[starts.view(-1, 1) + offsets].view(-1)
+    sorted_segment = segment[order]
+    positions = torch.empty_like(order)
+    positions[order] = sorted_segment * size + taxels - starts[sorted_segment]
+    return torch.arange(len(counts), device=device), members, positions

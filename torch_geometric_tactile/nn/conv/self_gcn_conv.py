@@ -1,4 +1,4 @@
-r"""Graph convolutions with a weight of their own for the taxel itself."""
+r"""A graph convolution with a separate weight for the taxel itself."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     compute_on_edges,
     is_traced,
 )
-from torch_geometric_tactile.nn.conv._own_propagate import OwnPropagate
+from torch_geometric_tactile.nn.conv._explainable_propagate import ExplainablePropagate
 from torch_geometric_tactile.nn.conv._plain import is_plain_linear, sums_messages
 from torch_geometric_tactile.nn.conv._sparse_gcn import sparse_gcn
 from torch_geometric_tactile.nn.conv._static_adjacency import (
@@ -37,41 +37,42 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
     message_type,
 )
 
-_OLD_NAMES = {
+_RENAMED_WEIGHTS = {  # of versions before 0.3
     "lin.weight": "lin_root.weight",
     "lin.bias": "lin_rel.bias",
     "conv.lin.weight": "lin_rel.weight",
 }
 
 
-class SelfGCNConv(OwnPropagate, MessagePassing):
+class SelfGCNConv(ExplainablePropagate, MessagePassing):
     r"""A graph convolution with a separate weight for the taxel itself.
 
     .. math::
         \mathbf{x}'_i = \mathbf{W}_1 \mathbf{x}_i + \mathbf{b} + \mathbf{W}_2 \sum_j \hat{a}_{ij}
         \mathbf{x}_j, \qquad \hat{\mathbf{A}} = \mathbf{D}^{-1/2} \mathbf{A} \mathbf{D}^{-1/2}
 
-    or, with :obj:`difference=True`, of the differences to the neighbours,
+    or, with :obj:`difference=True`, with the differences to the neighbours,
 
     .. math::
         \mathbf{x}'_i = \mathbf{W}_1 \mathbf{x}_i + \mathbf{b} + \mathbf{W}_2 \frac{1}{\sum_j
         a_{ij}} \sum_j a_{ij} (\mathbf{x}_i - \mathbf{x}_j)
 
-    A :class:`~torch_geometric.nn.GCNConv` has one weight for both and smooths: readings are often
-    told apart by the difference between neighbours, which it cannot express. With
-    :obj:`normalize=False` it is PyG's :class:`~torch_geometric.nn.GraphConv`, with the same numbers
-    and the same :obj:`state_dict`. For many samples on one topology :math:`(B, N, F)` it multiplies
-    by a matrix that it keeps, as :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` does.
+    A :class:`~torch_geometric.nn.GCNConv` has one weight for both, so that it smooths and cannot
+    express differences between neighbours, which often distinguish readings. With
+    :obj:`normalize=False`, this layer is PyG's :class:`~torch_geometric.nn.GraphConv`, with the
+    same results and :obj:`state_dict`. Many samples on one topology :math:`(B, N, F)` are
+    multiplied by a cached matrix, as in
+    :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`.
 
     Args:
-        in_channels (int): Size of each input feature, or -1 to take it from the first input.
+        in_channels (int): Size of each input feature, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
-        difference (bool): Whether to use the differences to the neighbours, of which a taxel
-            without neighbours has none.
+        difference (bool): Whether to use the differences to the neighbours. They are zero for a
+            taxel without neighbours.
         bias (bool): Whether to add a learnable bias.
-        normalize (bool): Whether to normalise the adjacency; if :obj:`False`, messages are weighted
+        normalize (bool): Whether to normalise the adjacency. If :obj:`False`, messages are weighted
             by the edge weights and added up.
-        fast (bool): Whether to multiply the samples of one topology by one matrix.
+        fast (bool): Whether to multiply samples on one topology by a matrix.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
@@ -81,8 +82,8 @@ class SelfGCNConv(OwnPropagate, MessagePassing):
         - **output:** node features of the same leading shape, :math:`F_{out}` wide
 
     Raises:
-        ValueError: If a size is below one, :obj:`x` has other features, or the edges are not those
-            of its taxels.
+        ValueError: If a size is below one, :obj:`x` has another number of features, or
+            :obj:`edge_index` or :obj:`edge_weight` is invalid.
 
     Examples:
         >>> conv = SelfGCNConv(3, 8)
@@ -111,9 +112,10 @@ class SelfGCNConv(OwnPropagate, MessagePassing):
         self.fast = fast
         self.lin_root = Linear(in_channels, out_channels, False, weight_initializer="glorot")
         self.lin_rel = Linear(in_channels, out_channels, bias, weight_initializer="glorot")
-        # Drawn twice, as by earlier versions, so that seeds give the weights of published results.
+        # Initialised twice, as in earlier versions, so that a seed gives the weights of published
+        # results.
         self.lin_rel.reset_parameters()
-        self._kept = _DifferenceCache() if difference else AdjacencyCache()
+        self._edge_cache = _DifferenceCache() if difference else AdjacencyCache()
         self.register_load_state_dict_pre_hook(_rename_weights)
 
     @property
@@ -122,34 +124,34 @@ class SelfGCNConv(OwnPropagate, MessagePassing):
         return int(self.lin_root.in_channels)
 
     def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
+        r"""Resets all learnable parameters."""
         super().reset_parameters()
         self.lin_root.reset_parameters()
         self.lin_rel.reset_parameters()
 
     def forward(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor = None) -> Tensor:
-        r"""Convolves node features.
+        r"""Returns the convolved node features.
 
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges, or a sparse matrix.
-            edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
+            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
         """
         check_tensor(x)
-        plain = is_plain_linear(self.lin_root) and is_plain_linear(self.lin_rel)
-        check_features(x, self.lin_root.in_channels if plain else None)
+        has_plain_linears = is_plain_linear(self.lin_root) and is_plain_linear(self.lin_rel)
+        check_features(x, self.lin_root.in_channels if has_plain_linears else None)
         if self._may_multiply(x):
-            out = self._multiply(x, edge_index, edge_weight, plain)
+            out = self._multiply(x, edge_index, edge_weight, has_plain_linears)
             if out is not None:
                 return out
         check_edge_form(edge_index, x.size(-2))
         check_edge_weight(edge_index, edge_weight)
-        near = compute_on_edges(self._gather, x.size(-2), x, edge_index, edge_weight)
-        return self._map(x, near)
+        sums = compute_on_edges(self._neighbor_sums, x.size(-2), x, edge_index, edge_weight)
+        return self._combine(x, sums)
 
-    def _map(self, x: Tensor, near: Tensor) -> Tensor:
-        out: Tensor = self.lin_root(x) + self.lin_rel(near.to(x.dtype))
-        return out if near.dtype == x.dtype else out.to(near.dtype)  # as its weights
+    def _combine(self, x: Tensor, sums: Tensor) -> Tensor:
+        out: Tensor = self.lin_root(x) + self.lin_rel(sums.to(x.dtype))
+        return out if sums.dtype == x.dtype else out.to(sums.dtype)  # type of the edge weights
 
     def _may_multiply(self, x: Tensor) -> bool:
         return (
@@ -164,24 +166,24 @@ class SelfGCNConv(OwnPropagate, MessagePassing):
         return False, False, self.normalize, self.flow
 
     def _multiply(
-        self, x: Tensor, edge_index: Adj, edge_weight: OptTensor, plain: bool
+        self, x: Tensor, edge_index: Adj, edge_weight: OptTensor, has_plain_linears: bool
     ) -> OptTensor:
         num_nodes, dtype, norm = x.size(-2), message_type(x, edge_weight), self._norm()
-        adjacency = self._kept.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
+        adjacency = self._edge_cache.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
         if may_multiply(x):
             if adjacency is None or not adjacency.may_reorder:
                 return None  # weights that need a gradient, or are infinite
-            if plain and dtype == x.dtype:
+            if has_plain_linears and dtype == x.dtype:
                 lin = self.lin_rel
                 return sparse_gcn(x, adjacency, lin.weight, lin.bias, self.lin_root.weight)
-            return self._map(x, adjacency.product(x.to(dtype)))
+            return self._combine(x, adjacency.product(x.to(dtype)))
         if adjacency is not None:
-            return self._map(x, adjacency.dense_product(x.to(dtype)))
-        edges = self._kept.normalize(edge_index, edge_weight, num_nodes, dtype, norm=norm)
+            return self._combine(x, adjacency.dense_product(x.to(dtype)))
+        edges = self._edge_cache.normalize(edge_index, edge_weight, num_nodes, dtype, norm=norm)
         dense = dense_matrix(*edges, num_nodes)
-        return self._map(x, contained_product(dense, edge_pattern(dense), x.to(dtype)))
+        return self._combine(x, contained_product(dense, edge_pattern(dense), x.to(dtype)))
 
-    def _gather(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
+    def _neighbor_sums(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
         num_nodes, dtype = x.size(-2), message_type(x, edge_weight)
         edge_index, edge_weight = as_edges(edge_index, edge_weight)
         edge_index = edge_index.long()
@@ -201,7 +203,7 @@ class SelfGCNConv(OwnPropagate, MessagePassing):
         return self.propagate(edge_index, x=x, edge_weight=edge_weight, center=x)
 
     def message(self, x_j: Tensor, center_i: OptTensor, edge_weight: OptTensor) -> Tensor:
-        r"""Weights the neighbour's features, or the difference to them."""
+        r"""Returns the weighted features of the neighbour, or the weighted difference to them."""
         out = x_j if center_i is None else center_i - x_j
         return out if edge_weight is None else edge_weight.view(-1, 1) * out
 
@@ -211,6 +213,8 @@ class SelfGCNConv(OwnPropagate, MessagePassing):
 
 
 class _DifferenceCache(AdjacencyCache):
+    # A cache of the adjacency of differences. A difference is the taxel itself minus its
+    # neighbours, so the matrix has positive self-loops and negative edges.
     def normalize(
         self,
         edge_index: Adj,
@@ -220,7 +224,6 @@ class _DifferenceCache(AdjacencyCache):
         segment: OptTensor = None,
         norm: Norm = GCN_NORM,
     ) -> tuple[Tensor, Tensor]:
-        # A difference is the taxel itself less its neighbours: a loop, and negative edges.
         edges, weight = edge_norm(
             edge_index,
             edge_weight,
@@ -234,21 +237,25 @@ class _DifferenceCache(AdjacencyCache):
         else:
             loop = scatter(weight, edges[1], dim_size=num_nodes, reduce="sum")
         nodes = torch.arange(num_nodes, device=edges.device)
-        if not is_traced():  # a loop of weight zero would make a missing reading of it NaN
+        # Taxels without neighbours get no self-loop: its weight is zero, and zero times a missing
+        # reading is NaN. The size of the selection depends on values, which compilers do not
+        # support.
+        if not is_traced():
             is_target = torch.zeros_like(nodes, dtype=torch.bool).index_fill(0, edges[1], True)
             nodes, loop = nodes[is_target], loop[is_target]
         return torch.cat([edges, nodes.expand(2, -1)], dim=1), torch.cat([-weight, loop])
 
 
 def _shares(target: Tensor, weight: Tensor, num_nodes: int) -> tuple[Tensor, Tensor]:
-    # The share of each edge in the mean at its target, and their sums: none or one.
+    # Returns the share of each edge in the mean at its target, and the sum of each node's shares,
+    # which is one, or zero without neighbours.
     total = scatter(weight, target, dim_size=num_nodes, reduce="sum")
-    some = (total != 0).to(weight.dtype)
-    return weight / torch.where(some != 0, total, 1.0)[target] * some[target], some
+    share_sum = (total != 0).to(weight.dtype)
+    return weight / torch.where(share_sum != 0, total, 1.0)[target] * share_sum[target], share_sum
 
 
 def _rename_weights(module: SelfGCNConv, state_dict: dict[str, Any], prefix: str, *_: Any) -> None:
-    # The layer was no MessagePassing before version 0.3.
-    for old, new in _OLD_NAMES.items():
+    # Loads checkpoints of versions before 0.3, in which the layer was not a MessagePassing.
+    for old, new in _RENAMED_WEIGHTS.items():
         if prefix + old in state_dict and prefix + new not in state_dict:
             state_dict[prefix + new] = state_dict.pop(prefix + old)

@@ -1,4 +1,4 @@
-r"""The graph attention layer of PyG, for one topology and many samples."""
+r"""The graph attention layer of PyG for many samples on one topology."""
 
 from functools import partial
 from typing import Any, Optional, Union
@@ -37,29 +37,29 @@ class StaticGATConv(StaticAttention, GATConv):
         \mathbf{a}_s^{\top} \mathbf{W} \mathbf{x}_j + \mathbf{a}_t^{\top} \mathbf{W} \mathbf{x}_i
         \right) \right)
 
-    It is a :class:`torch_geometric.nn.GATConv`, with the same arguments, the same numbers and the
-    same :obj:`state_dict`, which also takes :math:`(B, N, F)`. For these, on a processor, it folds
-    the attention vectors into the linear map and multiplies by sparse matrices, whose pattern is
-    computed once and kept for as long as the same edges come in.
+    It is a :class:`torch_geometric.nn.GATConv` with the same arguments, results and
+    :obj:`state_dict` that also accepts :math:`(B, N, F)`. On a processor, it then folds the
+    attention vectors into the linear map and multiplies by sparse matrices. Their pattern is cached
+    while the edges stay the same.
 
-    It passes messages edge by edge, as PyG does, for a single sample or a PyG batch
-    :math:`(N, F)`, with :obj:`edge_attr` or a sparse matrix, for :obj:`return_attention_weights`,
-    if :obj:`fast=False`, if one node has many times the neighbours of the others, on other devices,
-    in compiled and exported forms, and wherever something has to see the messages: an explainer,
-    hooks, a subclass with its own :meth:`message` or :meth:`edge_update`, another aggregation.
+    Messages are passed along edges, as in PyG, for a single sample or a PyG batch :math:`(N, F)`,
+    with :obj:`edge_attr` or a sparse matrix, for :obj:`return_attention_weights`, with
+    :obj:`fast=False`, for very different degrees, on other devices, and in compiled and exported
+    models. They are also passed if an explainer, a hook, another aggregation or a subclass with its
+    own :meth:`message` or :meth:`edge_update` needs them.
 
     Args:
-        in_channels (int or tuple): Size of each input feature, or -1 to take it from the first
-            input; a tuple of those of sources and targets for a bipartite graph.
+        in_channels (int or tuple): Size of each input feature, or -1 to infer it from the first
+            input. For a bipartite graph, a tuple with the sizes of sources and targets.
         out_channels (int): Size of each output feature of one head.
         heads (int): Number of attention heads.
-        concat (bool): Whether to concatenate the heads; their mean is taken otherwise.
+        concat (bool): Whether to concatenate the heads. If :obj:`False`, they are averaged.
         negative_slope (float): Slope of the LeakyReLU below zero.
         dropout (float): Probability of dropping an attention coefficient in training.
         add_self_loops (bool): Whether to add self-loops.
-        edge_dim (int, optional): Size of each edge feature, if there are any.
-        fill_value (float, torch.Tensor or str): Edge features of added self-loops, or how to
-            compute them from those of the other edges of the node.
+        edge_dim (int, optional): Size of each edge feature, if edges have features.
+        fill_value (float, torch.Tensor or str): Edge features of added self-loops, or the reduction
+            that computes them from the node's other edges.
         bias (bool): Whether to add a learnable bias.
         residual (bool): Whether to add a linear map of the input.
         fast (bool): Whether to multiply the samples of one topology by sparse matrices.
@@ -74,9 +74,9 @@ class StaticGATConv(StaticAttention, GATConv):
           :math:`F_{out}` if :obj:`concat=False`
 
     Raises:
-        ValueError: If :obj:`x` has fewer than two dimensions, other features or no real numbers,
-            :obj:`edge_index` has another shape, holds no integers or joins other nodes, or
-            :obj:`edge_attr` does not hold one row for each edge.
+        ValueError: If :obj:`x` has fewer than two dimensions, another number of features or no real
+            numbers, :obj:`edge_index` has another shape, no integers or indices out of range, or
+            :obj:`edge_attr` does not have one row per edge.
 
     Examples:
         >>> conv = StaticGATConv(3, 8, heads=2)
@@ -118,7 +118,7 @@ class StaticGATConv(StaticAttention, GATConv):
             **kwargs,
         )
         self.fast = fast
-        self._kept, self._kept_loops = AttentionCache(), LoopCache()
+        self._edge_cache, self._loop_cache = AttentionCache(), LoopCache()
 
     def forward(
         self,
@@ -128,16 +128,16 @@ class StaticGATConv(StaticAttention, GATConv):
         size: Size = None,
         return_attention_weights: Optional[bool] = None,
     ) -> Any:
-        r"""Attends to the neighbours.
+        r"""Returns the node features after attention over the neighbours.
 
         Args:
-            x (torch.Tensor): Node features; a pair of those of sources and targets for a bipartite
-                graph, as in PyG.
+            x (torch.Tensor): Node features. For a bipartite graph, a pair of the features of
+                sources and targets, as in PyG.
             edge_index (torch.Tensor): Edges, or a sparse matrix.
             edge_attr (torch.Tensor, optional): Edge features.
-            size (tuple, optional): Numbers of sources and targets, for PyG's form.
-            return_attention_weights (bool, optional): Whether to return the edges with self-loops
-                and their attention coefficients as well, :math:`(|\mathcal{E}'|, H)` of each
+            size (tuple, optional): Numbers of sources and targets of a bipartite graph.
+            return_attention_weights (bool, optional): If :obj:`True`, also returns the edges with
+                self-loops, and their attention coefficients :math:`(|\mathcal{E}'|, H)` for each
                 sample.
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
@@ -145,46 +145,48 @@ class StaticGATConv(StaticAttention, GATConv):
         check_attention_input(self, x, edge_index, edge_attr)
         return self._attend(x, edge_index, edge_attr, size, return_attention_weights)
 
-    def _multiply(self, x: Tensor, edge_index: Tensor) -> OptTensor:
+    def _sparse_attention(self, x: Tensor, edge_index: Tensor) -> OptTensor:
         lin = self.lin
         if lin is None or not is_plain_linear(lin):
             return None
-        edges = self._edges(edge_index, x.size(1))
+        edges = self._cached_edges(edge_index, x.size(1))
         if edges is None:
             return None
         dropout = self.dropout if self.training else 0.0
         weights = (lin.weight, self.att_src, self.att_dst)
-        parts = [
-            _GATProduct.apply(part, *weights, edges, self.negative_slope, dropout)
-            for part in x.split(edges.max_samples(self.heads))
+        outs = [
+            _GATProduct.apply(samples, *weights, edges, self.negative_slope, dropout)
+            for samples in x.split(edges.max_samples(self.heads))
         ]
-        out = parts[0] if len(parts) == 1 else torch.cat(parts)
-        return self._finish(out, None if self.res is None else self.res(x))
+        out = outs[0] if len(outs) == 1 else torch.cat(outs)
+        return self._combine_heads(out, None if self.res is None else self.res(x))
 
     def _pass_messages(
         self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        # PyG's `forward`, with the samples behind the nodes (N, B, H, C).
+        # PyG's `forward` with features of shape (N, B, H, C).
         num_nodes = x.size(1)
-        if edge_attr is not None and self._has_own_edge_update:
-            return self._each_sample(x, as_long(edge_index), edge_attr)
-        edge_index, edge_attr, removed = self._looped(edge_index, edge_attr, num_nodes)
+        if edge_attr is not None and self._overrides_edge_update:
+            return self._attend_by_sample(x, as_long(edge_index), edge_attr)
+        edge_index, edge_attr, is_removed = self._add_loops(edge_index, edge_attr, num_nodes)
         maps = (self.lin, self.lin) if self.lin is not None else (self.lin_src, self.lin_dst)
         source = self._split_heads(maps[0](x))
         target = source if maps[1] is maps[0] else self._split_heads(maps[1](x))
         logits = ((source * self.att_src).sum(dim=-1), (target * self.att_dst).sum(dim=-1))
-        if removed is None:
+        if is_removed is None:
             # edge_updater_type: (alpha: OptPairTensor, edge_attr: OptTensor)
             alpha = self.edge_updater(edge_index, alpha=logits, edge_attr=edge_attr, size=None)
         else:
             ends = edge_index if self.flow == "source_to_target" else edge_index.flip(0)
-            each = logits[0].index_select(0, ends[0]) + logits[1].index_select(0, ends[1])
-            each = self._with_edge_logits(each, edge_attr)
-            each = F.leaky_relu(each, self.negative_slope)
-            alpha = self._normalize(each, ends[1], num_nodes, removed)
+            edge_logits = logits[0].index_select(0, ends[0]) + logits[1].index_select(0, ends[1])
+            edge_logits = self._with_edge_logits(edge_logits, edge_attr)
+            edge_logits = F.leaky_relu(edge_logits, self.negative_slope)
+            alpha = self._masked_softmax(edge_logits, ends[1], num_nodes, is_removed)
         # propagate_type: (x: OptPairTensor, alpha: Tensor)
         out = self.propagate(edge_index, x=(source, target), alpha=alpha, size=None)
-        out = self._finish(out.transpose(0, 1).contiguous(), self.res(x) if self.res else None)
+        out = self._combine_heads(
+            out.transpose(0, 1).contiguous(), self.res(x) if self.res else None
+        )
         return out, (edge_index, alpha.transpose(0, 1))
 
     def edge_update(
@@ -196,7 +198,9 @@ class StaticGATConv(StaticAttention, GATConv):
         ptr: OptTensor,
         dim_size: Optional[int],
     ) -> Tensor:
-        r"""Returns the attention coefficients of the edges."""
+        r"""Returns the attention coefficients of the edges; see
+        :class:`torch_geometric.nn.GATConv`.
+        """
         if alpha_j.dim() == 3 and edge_attr is not None:
             alpha_j, edge_attr = self._with_edge_logits(alpha_j, edge_attr), None
         out: Tensor = super().edge_update(alpha_j, alpha_i, edge_attr, index, ptr, dim_size)
@@ -211,8 +215,8 @@ class StaticGATConv(StaticAttention, GATConv):
 
 
 class _GATProduct(Function):
-    # The whole layer up to its bias, so that a single sample is not slowed down by the number of
-    # operations, and the backward pass keeps no features of edges.
+    # The complete layer without residual and bias as one operation, which has little overhead for a
+    # single sample and saves no edge features for the backward pass.
     @staticmethod
     def forward(
         ctx: Any,
@@ -257,16 +261,16 @@ class _GATProduct(Function):
         )
         pattern, edges = ctx.pattern, ctx.edges
         heads, channels = att_src.shape[1:]
-        if torch.is_grad_enabled():  # somebody asks for a second derivative
+        if torch.is_grad_enabled():  # a second derivative is needed
             compute = partial(
-                _by_messages,
+                _attention_by_messages,
                 edges=edges,
                 negative_slope=ctx.negative_slope,
                 factors=edge_factors(factors, pattern),
             )
             inputs = (x, weight, att_src, att_dst)
-            needed = ctx.needs_input_grad[:4]
-            return *differentiable_gradients(compute, inputs, needed, grad), None, None, None
+            needs_grad = ctx.needs_input_grad[:4]
+            return *differentiable_gradients(compute, inputs, needs_grad, grad), None, None, None
         grad = grad.reshape(-1, channels)
         grad_logits = slot_gradient(slots, factors, grad, features, pattern)
         grad_logits = torch.ops.aten.leaky_relu_backward(
@@ -274,15 +278,17 @@ class _GATProduct(Function):
         )
         grad_source = grad_logits.new_zeros(grad_logits.size(1))
         grad_source.index_add_(0, pattern.slot_columns, grad_logits.view(-1))
-        pair = torch.stack([grad_source.view(-1, heads), grad_logits.sum(0).view(-1, heads)], dim=1)
-        pair = pair.view(-1, 2 * heads)
+        grad_pair = torch.stack(
+            [grad_source.view(-1, heads), grad_logits.sum(0).view(-1, heads)], dim=1
+        )
+        grad_pair = grad_pair.view(-1, 2 * heads)
         grad_features = Attention.apply_transposed(values, grad, pattern).view(-1, weight.size(0))
         rows = x.reshape(-1, x.size(-1))
         grad_x = grad_weight = grad_att_src = grad_att_dst = None
         if ctx.needs_input_grad[0]:
-            grad_x = grad_features.mm(weight).addmm_(pair, folded).view_as(x)
+            grad_x = grad_features.mm(weight).addmm_(grad_pair, folded).view_as(x)
         if any(ctx.needs_input_grad[1:4]):
-            grad_folded = pair.t().mm(rows).view(2, heads, -1).transpose(0, 1)  # (H, 2, F)
+            grad_folded = grad_pair.t().mm(rows).view(2, heads, -1).transpose(0, 1)  # (H, 2, F)
             att = torch.cat([att_src, att_dst]).transpose(0, 1)
             grad_weight = grad_features.t().mm(rows)
             grad_weight.view(heads, channels, -1).baddbmm_(att.transpose(1, 2), grad_folded)
@@ -292,13 +298,14 @@ class _GATProduct(Function):
 
 
 def _fold(att: Tensor, weight: Tensor) -> Tensor:
-    # The attention vectors (H, 2, C) as rows of the linear map (2 * H, F).
+    # Returns the attention vectors (H, 2, C) multiplied by the linear map (2 * H, F), which maps
+    # inputs directly to the logits of sources and targets.
     heads, _, channels = att.shape
     folded = torch.matmul(att, weight.view(heads, channels, -1))
     return folded.transpose(0, 1).reshape(2 * heads, -1)
 
 
-def _by_messages(
+def _attention_by_messages(
     x: Tensor,
     weight: Tensor,
     att_src: Tensor,

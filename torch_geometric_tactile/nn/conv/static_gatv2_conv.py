@@ -1,4 +1,4 @@
-r"""The dynamic graph attention layer of PyG, for one topology and many samples."""
+r"""The dynamic graph attention layer of PyG for many samples on one topology."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -31,7 +31,7 @@ from torch_geometric_tactile.nn.conv._static_attention import (
     check_attention_input,
 )
 
-# Features of edges that are computed at once: few enough to stay in the cache of a processor.
+# Edge features in one block, which stay in the cache of a processor.
 _BLOCK_SIZE = 2**16
 
 
@@ -45,26 +45,26 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         \mathrm{LeakyReLU} \left( \mathbf{W}_s \mathbf{x}_j + \mathbf{W}_t \mathbf{x}_i \right)
         \right)
 
-    It is a :class:`torch_geometric.nn.GATv2Conv`, with the same arguments, the same numbers and the
-    same :obj:`state_dict`, which also takes :math:`(B, N, F)`. For these, on a processor, it
-    computes the logits a few samples at a time, so that the features of edges stay in the cache,
-    and multiplies by sparse matrices, whose pattern is computed once and kept for as long as the
-    same edges come in.
+    It is a :class:`torch_geometric.nn.GATv2Conv` with the same arguments, results and
+    :obj:`state_dict` that also accepts :math:`(B, N, F)`. On a processor, it then computes the
+    logits in blocks of samples, whose edge features stay in the cache, and multiplies by sparse
+    matrices. Their pattern is cached while the edges stay the same.
 
-    It passes messages where :class:`~torch_geometric_tactile.nn.conv.StaticGATConv` does.
+    Messages are passed along edges in the same cases as in
+    :class:`~torch_geometric_tactile.nn.conv.StaticGATConv`.
 
     Args:
-        in_channels (int or tuple): Size of each input feature, or -1 to take it from the first
-            input; a tuple of those of sources and targets for a bipartite graph.
+        in_channels (int or tuple): Size of each input feature, or -1 to infer it from the first
+            input. For a bipartite graph, a tuple with the sizes of sources and targets.
         out_channels (int): Size of each output feature of one head.
         heads (int): Number of attention heads.
-        concat (bool): Whether to concatenate the heads; their mean is taken otherwise.
+        concat (bool): Whether to concatenate the heads. If :obj:`False`, they are averaged.
         negative_slope (float): Slope of the LeakyReLU below zero.
         dropout (float): Probability of dropping an attention coefficient in training.
         add_self_loops (bool): Whether to add self-loops.
-        edge_dim (int, optional): Size of each edge feature, if there are any.
-        fill_value (float, torch.Tensor or str): Edge features of added self-loops, or how to
-            compute them from those of the other edges of the node.
+        edge_dim (int, optional): Size of each edge feature, if edges have features.
+        fill_value (float, torch.Tensor or str): Edge features of added self-loops, or the reduction
+            that computes them from the node's other edges.
         bias (bool): Whether to add learnable biases.
         share_weights (bool): Whether sources and targets share one linear map.
         residual (bool): Whether to add a linear map of the input.
@@ -80,9 +80,9 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
           :math:`F_{out}` if :obj:`concat=False`
 
     Raises:
-        ValueError: If :obj:`x` has fewer than two dimensions, other features or no real numbers,
-            :obj:`edge_index` has another shape, holds no integers or joins other nodes,
-            :obj:`edge_attr` does not hold one row for each edge, or comes without :obj:`edge_dim`.
+        ValueError: If :obj:`x` has fewer than two dimensions, another number of features or no real
+            numbers, :obj:`edge_index` has another shape, no integers or indices out of range, or
+            :obj:`edge_attr` does not have one row per edge or is passed without :obj:`edge_dim`.
 
     Examples:
         >>> conv = StaticGATv2Conv(3, 8, heads=2)
@@ -126,7 +126,7 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
             **kwargs,
         )
         self.fast = fast
-        self._kept, self._kept_loops = AttentionCache(), LoopCache()
+        self._edge_cache, self._loop_cache = AttentionCache(), LoopCache()
 
     def forward(
         self,
@@ -135,15 +135,15 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         edge_attr: OptTensor = None,
         return_attention_weights: Optional[bool] = None,
     ) -> Any:
-        r"""Attends to the neighbours.
+        r"""Returns the node features after attention over the neighbours.
 
         Args:
-            x (torch.Tensor): Node features; a pair of those of sources and targets for a bipartite
-                graph, as in PyG.
+            x (torch.Tensor): Node features. For a bipartite graph, a pair of the features of
+                sources and targets, as in PyG.
             edge_index (torch.Tensor): Edges, or a sparse matrix.
             edge_attr (torch.Tensor, optional): Edge features.
-            return_attention_weights (bool, optional): Whether to return the edges with self-loops
-                and their attention coefficients as well, :math:`(|\mathcal{E}'|, H)` of each
+            return_attention_weights (bool, optional): If :obj:`True`, also returns the edges with
+                self-loops, and their attention coefficients :math:`(|\mathcal{E}'|, H)` for each
                 sample.
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
@@ -156,42 +156,48 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         check_attention_input(self, x, edge_index, edge_attr)
         return self._attend(x, edge_index, edge_attr, return_attention_weights)
 
-    def _multiply(self, x: Tensor, edge_index: Tensor) -> OptTensor:
-        edges = self._edges(edge_index, x.size(1))
+    def _sparse_attention(self, x: Tensor, edge_index: Tensor) -> OptTensor:
+        edges = self._cached_edges(edge_index, x.size(1))
         if edges is None:
             return None
         source = self.lin_l(x)
         target = source if self.share_weights else self.lin_r(x)
         dropout = self.dropout if self.training else 0.0
         size = edges.max_samples(self.heads)
-        parts = [
+        outs = [
             _GATv2Product.apply(*pair, self.att, edges, self.negative_slope, dropout)
             for pair in zip(source.split(size), target.split(size), strict=True)
         ]
-        out = parts[0] if len(parts) == 1 else torch.cat(parts)
-        return self._finish(out, None if self.res is None else self.res(x))
+        out = outs[0] if len(outs) == 1 else torch.cat(outs)
+        return self._combine_heads(out, None if self.res is None else self.res(x))
 
     def _pass_messages(
         self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        # PyG's `forward`, with the samples behind the nodes (N, B, H, C).
+        # PyG's `forward` with features of shape (N, B, H, C).
         num_nodes = x.size(1)
-        if edge_attr is not None and self._has_own_edge_update:
-            return self._each_sample(x, as_long(edge_index), edge_attr)
-        edge_index, edge_attr, removed = self._looped(edge_index, edge_attr, num_nodes)
+        if edge_attr is not None and self._overrides_edge_update:
+            return self._attend_by_sample(x, as_long(edge_index), edge_attr)
+        edge_index, edge_attr, is_removed = self._add_loops(edge_index, edge_attr, num_nodes)
         source = self._split_heads(self.lin_l(x))
         target = source if self.share_weights else self._split_heads(self.lin_r(x))
-        if removed is None:
+        if is_removed is None:
             # edge_updater_type: (x: PairTensor, edge_attr: OptTensor)
             alpha = self.edge_updater(edge_index, x=(source, target), edge_attr=edge_attr)
         else:
             ends = edge_index if self.flow == "source_to_target" else edge_index.flip(0)
-            each = source.index_select(0, ends[0]) + target.index_select(0, ends[1])
-            each = F.leaky_relu(self._with_edge_features(each, edge_attr), self.negative_slope)
-            alpha = self._normalize((each * self.att).sum(dim=-1), ends[1], num_nodes, removed)
+            edge_features = source.index_select(0, ends[0]) + target.index_select(0, ends[1])
+            edge_features = F.leaky_relu(
+                self._with_edge_features(edge_features, edge_attr), self.negative_slope
+            )
+            alpha = self._masked_softmax(
+                (edge_features * self.att).sum(dim=-1), ends[1], num_nodes, is_removed
+            )
         # propagate_type: (x: PairTensor, alpha: Tensor)
         out = self.propagate(edge_index, x=(source, target), alpha=alpha)
-        out = self._finish(out.transpose(0, 1).contiguous(), self.res(x) if self.res else None)
+        out = self._combine_heads(
+            out.transpose(0, 1).contiguous(), self.res(x) if self.res else None
+        )
         return out, (edge_index, alpha.transpose(0, 1))
 
     def edge_update(
@@ -203,7 +209,9 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         ptr: OptTensor,
         dim_size: Optional[int],
     ) -> Tensor:
-        r"""Returns the attention coefficients of the edges."""
+        r"""Returns the attention coefficients of the edges; see
+        :class:`torch_geometric.nn.GATv2Conv`.
+        """
         if x_j.dim() == 4 and edge_attr is not None:
             x_j, edge_attr = self._with_edge_features(x_j, edge_attr), None
         out: Tensor = super().edge_update(x_j, x_i, edge_attr, index, ptr, dim_size)
@@ -218,8 +226,8 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
 
 
 class _GATv2Product(Function):
-    # The features of edges (E, H, C), which cannot be avoided, are computed for a few samples at a
-    # time and again in the backward pass.
+    # The edge features (E, H, C) are computed in blocks of samples, which stay in the cache, and
+    # again in the backward pass.
     @staticmethod
     def forward(
         ctx: Any,
@@ -234,9 +242,11 @@ class _GATv2Product(Function):
         source, target = source.contiguous(), target.contiguous()
         pattern = edges.pattern(source.size(0), heads, source.dtype)
         logits = source.new_empty(source.size(0), edges.num_edges, heads)
-        for start, stop, pre, _ in _edge_blocks(source, target, edges):
-            each = F.leaky_relu_(pre, negative_slope).view(-1, heads, channels).mul_(att)
-            torch.sum(each, dim=-1, out=logits[start:stop].view(-1, heads))
+        for start, stop, edge_features, _ in _edge_blocks(source, target, edges):
+            activations = (
+                F.leaky_relu_(edge_features, negative_slope).view(-1, heads, channels).mul_(att)
+            )
+            torch.sum(activations, dim=-1, out=logits[start:stop].view(-1, heads))
         slots = logits.view(-1).index_select(0, pattern.slot_edges)
         attention = Attention(slots.view(pattern.num_slots, -1), pattern, dropout)
         out = attention.apply(source.view(-1, channels))
@@ -251,27 +261,29 @@ class _GATv2Product(Function):
         source, target, att, slots, values, factors = ctx.saved_tensors
         pattern, edges = ctx.pattern, ctx.edges
         heads, channels = att.shape[1:]
-        if torch.is_grad_enabled():  # somebody asks for a second derivative
+        if torch.is_grad_enabled():  # a second derivative is needed
             compute = partial(
-                _by_messages,
+                _attention_by_messages,
                 edges=edges,
                 negative_slope=ctx.negative_slope,
                 factors=edge_factors(factors, pattern),
             )
-            inputs, needed = (source, target, att), ctx.needs_input_grad[:3]
-            return *differentiable_gradients(compute, inputs, needed, grad), None, None, None
+            inputs, needs_grad = (source, target, att), ctx.needs_input_grad[:3]
+            return *differentiable_gradients(compute, inputs, needs_grad, grad), None, None, None
         grad = grad.reshape(-1, channels)
         grad_logits = slot_gradient(slots, factors, grad, source.view(-1, channels), pattern)
         grad_logits = grad_logits.view(-1).index_select(0, pattern.edge_slots)
         grad_logits = grad_logits.view(source.size(0), -1, heads, 1)
-        # Sums of the slopes over the edges of each node, which the attention vector multiplies
-        # afterwards: of all nodes, not of all edges.
+        # Slopes are summed over the edges of each node first, and multiplied by the attention
+        # vector afterwards, which is once per node and not once per edge.
         grad_source, grad_target = torch.empty_like(source), torch.empty_like(target)
-        for start, stop, pre, block in _edge_blocks(source, target, edges):
-            each = pre.view(-1, heads, channels)
-            part = grad_logits[start:stop].reshape(-1, heads, 1).expand_as(each)
-            slope = torch.ops.aten.leaky_relu_backward(part, each, ctx.negative_slope, False)
-            slope = slope.view_as(pre)
+        for start, stop, edge_features, block in _edge_blocks(source, target, edges):
+            head_features = edge_features.view(-1, heads, channels)
+            grad_block = grad_logits[start:stop].reshape(-1, heads, 1).expand_as(head_features)
+            slope = torch.ops.aten.leaky_relu_backward(
+                grad_block, head_features, ctx.negative_slope, False
+            )
+            slope = slope.view_as(edge_features)
             sums = sum_edges(slope, block.by_source, block.source_starts)
             grad_source[start:stop] = sums.view_as(source[start:stop])
             sums = sum_edges(slope, block.by_target, block.target_starts)
@@ -280,8 +292,8 @@ class _GATv2Product(Function):
         if ctx.needs_input_grad[2]:
             total = (grad_source * source).sum(dim=(0, 1)) + (grad_target * target).sum(dim=(0, 1))
             grad_att = total.view_as(att)
-        passed = Attention.apply_transposed(values, grad, pattern).view_as(source)
-        grad_source.mul_(att.view(-1)).add_(passed)
+        message_grad = Attention.apply_transposed(values, grad, pattern).view_as(source)
+        grad_source.mul_(att.view(-1)).add_(message_grad)
         grad_target.mul_(att.view(-1))
         return grad_source, grad_target, grad_att, None, None, None
 
@@ -289,18 +301,19 @@ class _GATv2Product(Function):
 def _edge_blocks(
     source: Tensor, target: Tensor, edges: AttentionEdges
 ) -> Iterator[tuple[int, int, Tensor, EdgeBlock]]:
-    # A few samples at a time: which, the sums of both ends of their edges, and these edges.
+    # Yields the range of samples, the sums of source and target features of their edges, and the
+    # edges of each block.
     num_samples, _, width = source.shape
     size = max(1, _BLOCK_SIZE // (edges.num_edges * width))
     for start in range(0, num_samples, size):
         stop = min(start + size, num_samples)
         block = edges.block(stop - start)
-        pre = source[start:stop].view(-1, width).index_select(0, block.source)
-        pre += target[start:stop].view(-1, width).index_select(0, block.target)
-        yield start, stop, pre, block
+        edge_features = source[start:stop].view(-1, width).index_select(0, block.source)
+        edge_features += target[start:stop].view(-1, width).index_select(0, block.target)
+        yield start, stop, edge_features, block
 
 
-def _by_messages(
+def _attention_by_messages(
     source: Tensor,
     target: Tensor,
     att: Tensor,
@@ -310,6 +323,6 @@ def _by_messages(
 ) -> Tensor:
     shape = (*source.shape[:-1], *att.shape[1:])
     source, target = source.view(shape), target.view(shape)
-    each = source.index_select(1, edges.source) + target.index_select(1, edges.target)
-    logits = (F.leaky_relu(each, negative_slope) * att).sum(dim=-1)
+    edge_features = source.index_select(1, edges.source) + target.index_select(1, edges.target)
+    logits = (F.leaky_relu(edge_features, negative_slope) * att).sum(dim=-1)
     return attend_by_messages(logits, source, edges, factors)

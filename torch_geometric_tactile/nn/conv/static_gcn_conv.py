@@ -1,4 +1,4 @@
-r"""The graph convolution of the papers, for one topology and many samples."""
+r"""The graph convolution of the papers for many samples on one topology."""
 
 from collections.abc import Callable
 from functools import partial
@@ -23,9 +23,9 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     is_traced,
     sorted_form,
 )
-from torch_geometric_tactile.nn.conv._own_propagate import (
-    OwnPropagate,
-    note_own_methods,
+from torch_geometric_tactile.nn.conv._explainable_propagate import (
+    ExplainablePropagate,
+    mark_overridden_methods,
     original_propagate,
 )
 from torch_geometric_tactile.nn.conv._plain import (
@@ -45,14 +45,14 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
     dense_norm,
     edge_pattern,
     loop_weights,
-    may_keep_messages,
+    may_cache_edges,
     may_multiply,
     may_multiply_dense,
     message_type,
 )
 
 
-class StaticGCNConv(OwnPropagate, GCNConv):
+class StaticGCNConv(ExplainablePropagate, GCNConv):
     r"""The graph convolution of the "Tactile Object Property Recognition using Geometrical Graph
     Edge Features and Multi-Thread Graph Convolutional Network" paper (eq. 1), without its
     activation.
@@ -61,30 +61,28 @@ class StaticGCNConv(OwnPropagate, GCNConv):
         \mathbf{X}' = \hat{\mathbf{D}}^{-1/2} (\mathbf{A} + \mathbf{I}) \hat{\mathbf{D}}^{-1/2}
         \mathbf{X} \mathbf{W} + \mathbf{b}
 
-    It is a :class:`torch_geometric.nn.GCNConv`, with the same arguments, the same numbers and the
-    same :obj:`state_dict`. For many samples on one topology :math:`(B, N, F)` it builds the
-    normalised adjacency once and applies it as one matrix product, and keeps it for as long as the
-    same edges and weights come in; weights that need a gradient are never kept. An infinite or
-    missing reading reaches the neighbours of its taxel and no others: on a processor by passing
-    messages, with PyG's numbers; on a GPU and in compiled and exported forms, all features of the
-    neighbours are NaN.
+    It is a :class:`torch_geometric.nn.GCNConv` with the same arguments, results and
+    :obj:`state_dict`. Many samples on one topology :math:`(B, N, F)` are multiplied by the
+    normalised adjacency matrix, which is cached while edges and weights stay the same. Weights that
+    need a gradient are not cached. An infinite or missing reading affects only the neighbours of
+    its taxel. On a processor, they get the same values as in PyG; on a GPU and in compiled and
+    exported models, all their features are NaN.
 
-    It passes messages edge by edge, as PyG does, for a single sample or a PyG batch
-    :math:`(N, F)`, for more than 1024 nodes, if :obj:`fast=False`, and wherever something has to
-    see the messages: an explainer, message hooks, a subclass with its own :meth:`message`, another
-    aggregation.
+    Messages are passed along edges, as in PyG, for a single sample or a PyG batch :math:`(N, F)`,
+    for more than 1024 nodes, and with :obj:`fast=False`. They are also passed if an explainer, a
+    message hook, another aggregation or a subclass with its own :meth:`message` needs them.
 
     Args:
-        in_channels (int): Size of each input feature, or -1 to take it from the first input.
+        in_channels (int): Size of each input feature, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
-        improved (bool): Whether added self-loops have weight two, if the edges have weights; as in
-            PyG, it changes nothing for edges without weights.
-        cached (bool): Whether to keep the normalised edges of the first call for all further calls,
-            whatever edges come in. This layer needs it for no speed.
-        add_self_loops (bool, optional): Whether to add self-loops; as :obj:`normalize` if left out.
+        improved (bool): Whether added self-loops have weight two. As in PyG, this has no effect on
+            edges without weights.
+        cached (bool): Whether to use the normalised edges of the first call in all later calls,
+            even if other edges are passed. It does not make this layer faster.
+        add_self_loops (bool, optional): Whether to add self-loops. Defaults to :obj:`normalize`.
         normalize (bool): Whether to normalise the adjacency.
         bias (bool): Whether to add a learnable bias.
-        fast (bool): Whether to multiply the samples of one topology by one matrix.
+        fast (bool): Whether to multiply samples on one topology by a matrix.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
@@ -95,9 +93,9 @@ class StaticGCNConv(OwnPropagate, GCNConv):
         - **output:** node features of the same leading shape, :math:`F_{out}` wide
 
     Raises:
-        ValueError: If :obj:`x` has fewer than two dimensions, other features or no real numbers,
-            :obj:`edge_index` has another shape, holds no integers or joins other nodes, or
-            :obj:`edge_weight` does not hold one real number for each edge.
+        ValueError: If :obj:`x` has fewer than two dimensions, another number of features or no real
+            numbers, :obj:`edge_index` has another shape, no integers or indices out of range, or
+            :obj:`edge_weight` does not hold one real number per edge.
 
     Examples:
         >>> conv = StaticGCNConv(3, 8)
@@ -108,21 +106,21 @@ class StaticGCNConv(OwnPropagate, GCNConv):
     """
 
     _cached_edge_index: Optional[tuple[Adj, OptTensor]]
-    _has_own_messages: ClassVar[bool] = False
+    _overrides_messages: ClassVar[bool] = False
 
-    _has_own_propagate: ClassVar[bool] = False
+    _overrides_propagate: ClassVar[bool] = False
 
-    # Its own, as in all subclasses: PyG puts a compiled form into the class of the first layer that
-    # is made, and its subclasses would inherit it where they need the one that can be explained.
+    # Set in each class: PyG writes the compiled form into the class of the first layer that is
+    # created, and other classes would inherit it, although explainers need the uncompiled form.
     propagate = original_propagate()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        note_own_methods(
+        mark_overridden_methods(
             cls,
             StaticGCNConv,
-            _has_own_messages=MESSAGE_METHODS,
-            _has_own_propagate=("propagate",),
+            _overrides_messages=MESSAGE_METHODS,
+            _overrides_propagate=("propagate",),
         )
 
     def __init__(
@@ -142,36 +140,37 @@ class StaticGCNConv(OwnPropagate, GCNConv):
             in_channels, out_channels, improved, cached, add_self_loops, normalize, bias, **kwargs
         )
         self.fast = fast
-        self._kept = AdjacencyCache()
+        self._edge_cache = AdjacencyCache()
 
     def forward(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor = None) -> Tensor:
-        r"""Convolves node features.
+        r"""Returns the convolved node features.
 
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges, or a sparse matrix.
-            edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
+            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
-            return super().forward(x, edge_index, edge_weight)  # PyG refuses, or knows the type
+            # PyG supports further types, and raises an error for others.
+            return super().forward(x, edge_index, edge_weight)
         edge_index = sorted_form(edge_index)
-        lin: Any = self._modules["lin"]  # not self.lin, which takes longer to look up
-        plain = is_plain_linear(lin)
-        check_features(x, lin.in_channels if plain else None)
-        if self._multiplies(x, edge_index):
-            out = self._multiply(x, edge_index, edge_weight, plain)
+        lin: Any = self._modules["lin"]  # faster than the attribute look-up of `self.lin`
+        has_plain_linear = is_plain_linear(lin)
+        check_features(x, lin.in_channels if has_plain_linear else None)
+        if self._may_multiply(x, edge_index):
+            out = self._multiply(x, edge_index, edge_weight, has_plain_linear)
             if out is not None:
                 return out
         num_nodes = x.size(int(self.node_dim))
         check_edge_form(edge_index, num_nodes)
         check_edge_weight(edge_index, edge_weight)
         if self.cached and self._cached_edge_index is None:
-            check_edge_index(edge_index, num_nodes)  # before PyG keeps them
-        return compute_on_edges(self._gather, num_nodes, x, edge_index, edge_weight)
+            check_edge_index(edge_index, num_nodes)  # before PyG caches them
+        return compute_on_edges(self._convolve_edges, num_nodes, x, edge_index, edge_weight)
 
     def is_plain(self) -> bool:
-        r"""Tells whether the layer computes its formula and nothing else: that it has the default
-        arguments, and no hook, wrapped weight, explainer or subclass changes or watches it.
+        r"""Returns whether the layer is unmodified: it has the default arguments, and no hook,
+        wrapped weight, explainer or subclass changes or observes it.
         """
         return (
             type(self) is StaticGCNConv
@@ -186,40 +185,41 @@ class StaticGCNConv(OwnPropagate, GCNConv):
     def _norm(self) -> Norm:
         return self.improved, self.add_self_loops, self.normalize, self.flow
 
-    def _multiplies(self, x: Tensor, edge_index: Adj) -> bool:
+    def _may_multiply(self, x: Tensor, edge_index: Adj) -> bool:
         return (
             self.fast
             and x.dim() > 2
             and x.layout == torch.strided
-            and not self._has_own_messages
+            and not self._overrides_messages
             and sums_messages(self)
-            # PyG refuses this pair, and says why.
+            # PyG raises an error for a sparse matrix with the reversed flow.
             and (edge_index.layout == torch.strided or self.flow == "source_to_target")
         )
 
     def _multiply(
-        self, x: Tensor, edge_index: Adj, edge_weight: OptTensor, plain: bool
+        self, x: Tensor, edge_index: Adj, edge_weight: OptTensor, has_plain_linear: bool
     ) -> OptTensor:
-        # None where messages are faster, or the only way.
+        # Returns the output by products with the adjacency, or None if messages are faster or
+        # necessary.
         is_sparse = may_multiply(x)
         is_dense = not is_sparse and may_multiply_dense(x)
-        keeps_messages = self.normalize and not self.cached and may_keep_messages(x)
-        if not is_sparse and not is_dense and not keeps_messages:
+        uses_cached_edges = self.normalize and not self.cached and may_cache_edges(x)
+        if not is_sparse and not is_dense and not uses_cached_edges:
             return None
         if type(edge_index) is not Tensor and isinstance(edge_index, EdgeIndex):
             edge_index = edge_index.as_tensor()
         num_nodes, norm = x.size(-2), self._norm()
         if self.normalize and self.cached:
-            edge_index, edge_weight = self._normed(x, edge_index, edge_weight)
+            edge_index, edge_weight = self._normalized_edges(x, edge_index, edge_weight)
             norm = (*norm[:2], False, self.flow)
         dtype = message_type(x, edge_weight)
-        adjacency = self._kept.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
+        adjacency = self._edge_cache.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
         if is_sparse and (adjacency is None or not adjacency.may_reorder):
             return None  # weights that need a gradient, or are infinite
         if not is_sparse and not is_dense:
-            return None if adjacency is None else self._pass_along(x, adjacency)
+            return None if adjacency is None else self._pass_messages(x, adjacency)
         if adjacency is not None:
-            if is_sparse and plain and dtype == x.dtype:
+            if is_sparse and has_plain_linear and dtype == x.dtype:
                 return sparse_gcn(x, adjacency, self.lin.weight, self.bias)
             product: Callable[[Tensor], Tensor] = (
                 adjacency.product if is_sparse else adjacency.dense_product
@@ -228,19 +228,19 @@ class StaticGCNConv(OwnPropagate, GCNConv):
             dense = dense_norm(edge_index, edge_weight, num_nodes, dtype, norm=GCNNorm(*norm))
             product = partial(contained_product, dense, edge_pattern(dense))
         # The product with the adjacency is cheaper on the narrower side of the linear map.
-        if plain and x.size(-1) <= self.out_channels and dtype == x.dtype:
+        if has_plain_linear and x.size(-1) <= self.out_channels and dtype == x.dtype:
             return linear(product(x), self.lin.weight, self.bias)
         out = product(self.lin(x).to(dtype))
         return out.contiguous() if self.bias is None else (out + self.bias).contiguous()
 
-    def _pass_along(self, x: Tensor, adjacency: StaticAdjacency) -> Tensor:
+    def _pass_messages(self, x: Tensor, adjacency: StaticAdjacency) -> Tensor:
         edge_index, edge_weight = adjacency.edges  # from sources to targets in either flow
         if self.flow == "target_to_source":
             edge_index = edge_index.flip(0)
         out: Tensor = self.propagate(edge_index, x=self.lin(x), edge_weight=edge_weight)
         return out if self.bias is None else out + self.bias
 
-    def _gather(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
+    def _convolve_edges(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
         if not is_torch_sparse_tensor(edge_index):
             if not isinstance(edge_index, EdgeIndex):
                 edge_index = edge_index.long()
@@ -248,20 +248,21 @@ class StaticGCNConv(OwnPropagate, GCNConv):
                 edge_weight = edge_weight.to(x.dtype)
             if not is_traced() or not self.normalize or not self.add_self_loops or self.cached:
                 return super().forward(x, edge_index, edge_weight)
-            # PyG adds self-loops with a mask, whose result has no size that a compiler can know.
-            edge_index, edge_weight = self._looped(x, edge_index, edge_weight)
+            # PyG replaces self-loops with a boolean mask. The size of the result depends on values,
+            # which compilers do not support.
+            edge_index, edge_weight = self._add_loops(x, edge_index, edge_weight)
             out = self.propagate(edge_index, x=self.lin(x), edge_weight=edge_weight)
             return out if self.bias is None else out + self.bias
         if x.dim() == 2 or self.flow == "target_to_source":
             return super().forward(x, edge_index, edge_weight)
-        # A sparse product takes no batch of samples, messages do.
+        # PyG's product with a sparse matrix does not support a batch of samples; messages do.
         if self.normalize:
-            edge_index, edge_weight = self._normed(x, edge_index, None)
+            edge_index, edge_weight = self._normalized_edges(x, edge_index, None)
         edge_index, edge_weight = as_edges(edge_index, edge_weight)
         out = self.propagate(edge_index, x=self.lin(x), edge_weight=edge_weight)
         return out if self.bias is None else out + self.bias
 
-    def _looped(
+    def _add_loops(
         self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor
     ) -> tuple[Tensor, Tensor]:
         num_nodes, edge_index = x.size(int(self.node_dim)), as_edges(edge_index)[0]
@@ -272,13 +273,15 @@ class StaticGCNConv(OwnPropagate, GCNConv):
         nodes = torch.arange(num_nodes, device=x.device).expand(2, -1)
         edge_index = torch.cat([edge_index, nodes], dim=1)
         weight = torch.cat([weight.masked_fill(is_loop, 0.0), loops])
-        pair: tuple[Tensor, Tensor] = gcn_norm(
+        normalized: tuple[Tensor, Tensor] = gcn_norm(
             edge_index, weight, num_nodes, False, False, self.flow, x.dtype
         )
-        return pair
+        return normalized
 
-    def _normed(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> tuple[Adj, OptTensor]:
-        # With PyG's own attribute, so that both forms share what `cached=True` keeps.
+    def _normalized_edges(
+        self, x: Tensor, edge_index: Adj, edge_weight: OptTensor
+    ) -> tuple[Adj, OptTensor]:
+        # Uses PyG's attribute, so that the product and PyG's `forward` share the cache.
         pair = self._cached_edge_index
         if pair is None:
             num_nodes = x.size(int(self.node_dim))

@@ -1,4 +1,4 @@
-r"""The models of the papers, and general models to start with."""
+r"""Models of the papers, and general models."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-r"""What all models share."""
+r"""The base class of all models."""
 
 from typing import Any, NoReturn, Self
 
@@ -12,7 +12,7 @@ from torch_geometric_tactile.nn.models._taxels import portable_layout
 
 
 def _raise_for_hub_method(*args: Any, **kwargs: Any) -> NoReturn:
-    # Until version 0.4.0, as the names in `_removed.py`.
+    # To be deleted in version 0.4.0, together with the names in `_removed.py`.
     raise AttributeError(
         "'save_pretrained', 'from_pretrained' and 'push_to_hub' of models were removed in version "
         "0.3.0: save the model with its layout and scaling, by Predictor.save or "
@@ -21,11 +21,13 @@ def _raise_for_hub_method(*args: Any, **kwargs: Any) -> NoReturn:
 
 
 class BaseModel(Module):
-    r"""A model with the inputs of all models, in their order.
+    r"""The base class of models, whose :meth:`forward` takes the inputs of all models in a common
+    order.
 
-    A subclass defines :meth:`_logits` with the inputs that it takes, or :meth:`forward` if it takes
-    more than all. :attr:`init_arguments` holds the arguments of its constructor, in their order,
-    from which the file of a :class:`~torch_geometric_tactile.predictor.Predictor` builds it again.
+    A subclass defines :meth:`_logits` with the inputs that it uses, or :meth:`forward` if it has
+    further inputs. The attribute :attr:`init_arguments` holds the arguments of the constructor in
+    their order. The file of a :class:`~torch_geometric_tactile.predictor.Predictor` stores them to
+    create the model again.
     """
 
     num_joints: int = 0
@@ -34,7 +36,7 @@ class BaseModel(Module):
     from_pretrained = save_pretrained = push_to_hub = staticmethod(_raise_for_hub_method)
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
-        r"""Keeps the arguments."""
+        r"""Creates the model, and stores the arguments of its constructor."""
         self = object.__new__(cls)
         arguments = constructor_arguments(cls, args, kwargs)
         if "layout" in arguments:
@@ -44,13 +46,13 @@ class BaseModel(Module):
 
     @property
     def modalities(self) -> tuple[str, ...]:
-        r"""The attributes of a batch that :meth:`forward` needs by keyword, in addition to
-        :obj:`x` and :obj:`edge_index`.
+        r"""Names of the attributes of a batch that are passed to :meth:`forward` by keyword, in
+        addition to :obj:`x` and :obj:`edge_index`.
         """
         return ("joint",) if self.num_joints else ()
 
     def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
+        r"""Resets all learnable parameters."""
         for child in self.children():
             reset(child)
 
@@ -66,21 +68,22 @@ class BaseModel(Module):
         r"""Returns the logits :math:`(B, C)`.
 
         All models take the same arguments in the same order. A model uses :obj:`x`,
-        :obj:`edge_index` if it has a graph, and what its :attr:`modalities` name, and ignores the
-        others.
+        :obj:`edge_index` if it has a graph, and the inputs in its :attr:`modalities`. It ignores
+        all other arguments.
 
         Args:
             x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
                 :math:`(B \cdot N, F)`.
-            edge_index (torch.Tensor, optional): Edges :math:`(2, |\mathcal{E}|)`; models without a
-                graph need none.
+            edge_index (torch.Tensor, optional): Edges :math:`(2, |\mathcal{E}|)`. Models without a
+                graph do not need them.
             edge_attr (torch.Tensor, optional): Edge features :math:`(|\mathcal{E}|, D)`,
                 :math:`(B, |\mathcal{E}|, D)` or those of a PyG batch.
             joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`.
             absolute (torch.Tensor, optional): Positions and their distance from the origin, in
-                metres or scaled, in the form of :obj:`x` or :math:`(N, 4)` for all samples.
-            pos (torch.Tensor, optional): Positions in metres or scaled, in the form of :obj:`x` or
-                :math:`(N, 3)` for all samples.
+                metres or scaled, with the leading shape of :obj:`x`, or :math:`(N, 4)` for all
+                samples.
+            pos (torch.Tensor, optional): Positions in metres or scaled, with the leading shape of
+                :obj:`x`, or :math:`(N, 3)` for all samples.
         """
         return self._logits(
             x, edge_index=edge_index, edge_attr=edge_attr, joint=joint, absolute=absolute, pos=pos

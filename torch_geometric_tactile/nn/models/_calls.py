@@ -1,4 +1,4 @@
-r"""How a network is called: one of ours, or one that is written for PyG's batches."""
+r"""Calls of networks, both of this package and of users, with the inputs that they declare."""
 
 import inspect
 from collections.abc import Mapping
@@ -12,29 +12,30 @@ from torch_geometric.nn import MessagePassing
 
 from torch_geometric_tactile.data import StaticData
 
-_NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-_KINDS = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+_KEYWORD_KINDS = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+_POSITIONAL_KINDS = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 
 
 @lru_cache(maxsize=256)
-def _parameters(kind: Any) -> tuple[inspect.Parameter, ...]:
-    # Those of `forward`, without the module itself.
+def _class_parameters(cls: Any) -> tuple[inspect.Parameter, ...]:
+    # Returns the parameters of `forward` without `self`.
     try:
-        parameters = inspect.signature(kind.forward).parameters
+        parameters = inspect.signature(cls.forward).parameters
     except (AttributeError, TypeError, ValueError):  # not written in Python
         return ()
     return tuple(parameters.values())[1:]
 
 
 def _forward_parameters(model: Any) -> tuple[inspect.Parameter, ...]:
-    model = getattr(model, "_orig_mod", model)  # of a compiled module
-    kind: Any = model if isinstance(model, type) else type(model)
-    return _parameters(kind)
+    model = getattr(model, "_orig_mod", model)  # the original module of a compiled one
+    cls: Any = model if isinstance(model, type) else type(model)
+    return _class_parameters(cls)
 
 
 def takes_batch(model: Any) -> bool:
-    r"""Returns whether a network, or the class of one, is called with the sample of each taxel, as
-    PyG's networks are: whether :obj:`forward` has an argument :obj:`batch`.
+    r"""Returns whether a network or its class takes the sample index of each taxel, as PyG's
+    networks do. It does if its attribute :obj:`takes_batch` says so or, without this attribute, if
+    :obj:`forward` has an argument :obj:`batch`.
     """
     declared = getattr(model, "takes_batch", None)
     if declared is not None:
@@ -43,19 +44,20 @@ def takes_batch(model: Any) -> bool:
 
 
 def input_names(model: Any) -> tuple[str, ...]:
-    r"""Returns the attributes that a network is given by keyword: those of its :obj:`modalities`,
-    or if it has none, the arguments of :obj:`forward` behind the edges that have no default.
+    r"""Returns the attributes that are passed to a network by keyword. They are its
+    :obj:`modalities` or, without this attribute, the arguments of :obj:`forward` after readings and
+    edges that have no default.
     """
     declared = getattr(model, "modalities", None)
     if declared is not None:
         return tuple(declared)
-    further = [p for p in _forward_parameters(model) if p.kind in _NAMED][2:]
-    return tuple(p.name for p in further if p.default is p.empty and p.name != "batch")
+    named_parameters = [p for p in _forward_parameters(model) if p.kind in _KEYWORD_KINDS]
+    return tuple(p.name for p in named_parameters[2:] if p.default is p.empty and p.name != "batch")
 
 
 def _edge_parameter(model: Any) -> inspect.Parameter | None:
-    # The second one: edges are given by position.
-    positional = [p for p in _forward_parameters(model) if p.kind in _KINDS]
+    # Readings and edges are passed by position, so edges are the second positional parameter.
+    positional = [p for p in _forward_parameters(model) if p.kind in _POSITIONAL_KINDS]
     return positional[1] if len(positional) > 1 else None
 
 
@@ -64,8 +66,9 @@ def _passes_messages(model: Any) -> bool:
 
 
 def needs_edges(model: Any) -> bool:
-    r"""Returns whether a network cannot be called without edges: by its :obj:`needs_edges`, or if
-    it does not say so, because it passes messages and the edges have no default.
+    r"""Returns whether a network cannot be called without edges. This is its attribute
+    :obj:`needs_edges` or, without it, whether the network passes messages and its argument for
+    edges has no default.
     """
     declared = getattr(model, "needs_edges", None)
     if declared is not None:
@@ -75,8 +78,8 @@ def needs_edges(model: Any) -> bool:
 
 
 def is_graph_model(model: Any) -> bool:
-    r"""Returns whether a network reads edges: it says so by :obj:`needs_edges`, or is given edges
-    and passes messages.
+    r"""Returns whether a network uses edges. It does if its attribute :obj:`needs_edges` says so,
+    or if it has an argument for edges and passes messages.
     """
     if getattr(model, "needs_edges", False):
         return True
@@ -84,25 +87,25 @@ def is_graph_model(model: Any) -> bool:
 
 
 def call_model(model: Any, data: Data, inputs: Mapping[str, Any]) -> Tensor:
-    r"""Returns the outputs of a network for samples :math:`(B, C)`. A network that takes
-    :obj:`batch` gets static data as one PyG batch.
+    r"""Returns the output of a network for samples :math:`(B, C)`. Static data are converted to a
+    PyG batch if the network takes :obj:`batch`.
 
     Args:
         model (torch.nn.Module): The network.
-        data (Data): The samples: static data, PyG's batch, or one sample.
-        inputs (Mapping): The attributes of :obj:`data` that the network takes by keyword.
+        data (Data): Samples: static data, a PyG batch, or a single sample.
+        inputs (Mapping): Attributes of :obj:`data` that the network takes by keyword.
     """
     arguments = dict(inputs)
     if takes_batch(model):
         if isinstance(data, StaticData):
-            is_one = data.num_samples == 1
-            # An export stops at what keeps the edges of batches, which one sample does not need.
-            data = data.sample(0) if is_one else data.to_batch()
+            is_single = data.num_samples == 1
+            # The cache of batched edges cannot be exported, and a single sample does not need it.
+            data = data.sample(0) if is_single else data.to_batch()
             arguments = {name: data[name] for name in inputs}
-            # So PyG names a single sample: its readouts take the number of samples from the values
-            # of a vector, at which an export stops as well.
+            # For a vector, PyG's readouts compute the number of samples from its values, which
+            # cannot be exported. PyG passes None for a single sample.
             arguments["batch"] = (
-                None if is_one and torch.compiler.is_exporting() else batch_vector(data)
+                None if is_single and torch.compiler.is_exporting() else batch_vector(data)
             )
         else:
             arguments["batch"] = batch_vector(data)
@@ -111,7 +114,7 @@ def call_model(model: Any, data: Data, inputs: Mapping[str, Any]) -> Tensor:
 
 
 def batch_vector(data: Data) -> Tensor:
-    r"""Returns the number of the sample that each taxel belongs to, 0 for a single sample."""
+    r"""Returns the index of each taxel's sample :math:`(B \cdot N,)`, zeros for a single sample."""
     batch = getattr(data, "batch", None)
     if batch is None:
         assert data.x is not None

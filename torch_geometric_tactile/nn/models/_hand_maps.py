@@ -1,5 +1,5 @@
-r"""What :class:`~torch_geometric_tactile.nn.models.MSCNN` is made of: patterns, maps of patches,
-fingers and the hand, and convolutions on several maps at once."""
+r"""Parts of :class:`~torch_geometric_tactile.nn.models.MSCNN`: patterns, maps of patches, fingers
+and the hand, and convolutions on several maps at once."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby, pairwise
@@ -14,44 +14,51 @@ from torch.nn.init import trunc_normal_, zeros_
 
 from torch_geometric_tactile.sensors import TaxelLayout
 
-SD = 0.1  # of the weights at the beginning
+INIT_STD = 0.1  # standard deviation of the initial weights, from the paper
 _THUMB = "thumb"
 Level = Literal["patch", "finger", "hand"]
 LEVELS: tuple[Level, ...] = ("patch", "finger", "hand")
-NO_OTHERS: Mapping[str, tuple[int, int]] = MappingProxyType({})
+_NO_EXCEPTIONS: Mapping[str, tuple[int, int]] = MappingProxyType({})
 
 
 class Stage(NamedTuple):
-    r"""One convolution of a pattern."""
+    r"""One convolution of a pattern. The filters have :obj:`size`, except on the kinds of maps in
+    :obj:`exceptions`.
+    """
 
     level: Level
     size: tuple[int, int]
     stride: int = 1
-    others: Mapping[str, tuple[int, int]] = NO_OTHERS
+    exceptions: Mapping[str, tuple[int, int]] = _NO_EXCEPTIONS
 
-    def filter_of(self, kinds: tuple[str, ...]) -> tuple[int, int]:
-        r"""Returns height and width of the filters of a map."""
-        return next((self.others[kind] for kind in kinds if kind in self.others), self.size)
+    def filter_size(self, kinds: tuple[str, ...]) -> tuple[int, int]:
+        r"""Returns the height and width of the filters on a map of some kinds.
+
+        Args:
+            kinds (tuple of str): Kinds of the map, the most specific first.
+        """
+        return next((self.exceptions[kind] for kind in kinds if kind in self.exceptions), self.size)
 
 
-#: Three convolutions each. Pattern IV gives 2 x 2 to the thumb and 4 x 2 to the fingers: the text
-#: has it the other way round, which gives neither equal heights nor the printed size.
+#: The three convolutions of each pattern. In pattern IV, the thumb has filters of 2 x 2 cells and
+#: the fingers of 4 x 2. The paper's text swaps them, which gives neither equal heights nor the
+#: printed size.
 PATTERNS: Mapping[str, tuple[Stage, Stage, Stage]] = MappingProxyType(
     {
         "I": (Stage("hand", (3, 3), stride=2), Stage("hand", (3, 3)), Stage("hand", (2, 2))),
         "II": (
-            Stage("patch", (3, 3), others={"thumb phalanx": (2, 3)}),
+            Stage("patch", (3, 3), exceptions={"thumb phalanx": (2, 3)}),
             Stage("hand", (3, 3)),
             Stage("hand", (4, 3)),
         ),
         "III": (
             Stage("patch", (3, 3)),
-            Stage("patch", (2, 2), others={"tip": (3, 2), "thumb tip": (2, 2)}),
+            Stage("patch", (2, 2), exceptions={"tip": (3, 2), "thumb tip": (2, 2)}),
             Stage("hand", (2, 1)),
         ),
         "IV": (
             Stage("patch", (3, 3)),
-            Stage("finger", (4, 2), others={"thumb": (2, 2)}),
+            Stage("finger", (4, 2), exceptions={"thumb": (2, 2)}),
             Stage("hand", (2, 2)),
         ),
         "V": (Stage("patch", (2, 2)), Stage("finger", (5, 2)), Stage("finger", (5, 2))),
@@ -66,7 +73,7 @@ PATTERNS: Mapping[str, tuple[Stage, Stage, Stage]] = MappingProxyType(
 
 
 class HandMap(NamedTuple):
-    r"""A map of a patch, a finger or the hand."""
+    r"""A map of a patch, a finger or the hand. Each cell holds the index of its features."""
 
     name: str
     level: Level
@@ -76,106 +83,136 @@ class HandMap(NamedTuple):
 
     @property
     def size(self) -> tuple[int, int]:
-        r"""Its rows and columns."""
+        r"""Number of rows and columns."""
         rows, columns = self.cell.shape
         return rows, columns
 
 
 def input_maps(layout: TaxelLayout, level: Level) -> list[HandMap]:
-    r"""Returns the maps of the readings: those parts of the layout's image map that hold its
-    patches, its digits or all of it. Cells without a taxel have the number :math:`N`.
+    r"""Returns the maps of the readings, sorted by digit from left to right and from the tip down.
+    They are the parts of the layout's image map with its patches or digits, or all of it. Cells
+    without a taxel hold the index :math:`N`.
+
+    Args:
+        layout (TaxelLayout): The layout, with an image map.
+        level (str): :obj:`"patch"`, :obj:`"finger"` or :obj:`"hand"`.
+
+    Raises:
+        ValueError: If a patch or digit is empty, or their maps overlap or are not one above the
+            other.
     """
     assert layout.image_map is not None
-    place = layout.image_map.numpy()
-    image = np.full(place.max(axis=0) + 1, layout.num_taxels)
-    image[place[:, 0], place[:, 1]] = np.arange(layout.num_taxels)
+    image_map = layout.image_map.numpy()
+    image = np.full(image_map.max(axis=0) + 1, layout.num_taxels)
+    image[image_map[:, 0], image_map[:, 1]] = np.arange(layout.num_taxels)
     if level == "hand":
         return [HandMap("hand", "hand", -1, (), image)]
     digit = layout.segments("digit").numpy()
-    of = digit if level == "finger" else layout.segments("patch").numpy()
+    segment = digit if level == "finger" else layout.segments("patch").numpy()
     names = layout.digit_names if level == "finger" else layout.patch_names
-    found = []
+    located_maps = []
     for i, name in enumerate(names):
-        taxels = (of == i).nonzero()[0]
+        taxels = (segment == i).nonzero()[0]
         if len(taxels) == 0:
             raise ValueError(f"'layout' must have taxels in each {level} (got none in '{name}')")
-        owners = set(digit[taxels].tolist())
-        if len(owners) > 1:
-            raise ValueError(f"'layout' must have each patch on one digit (got '{name}' on more)")
-        (top, left), (bottom, right) = place[taxels].min(axis=0), place[taxels].max(axis=0)
-        part = image[top : bottom + 1, left : right + 1]
-        if set(part[part < layout.num_taxels].tolist()) != set(taxels.tolist()):
+        digits = set(digit[taxels].tolist())
+        if len(digits) > 1:
+            raise ValueError(
+                f"'layout' must have each patch on one digit (got '{name}' on {len(digits)})"
+            )
+        (top, left), (bottom, right) = image_map[taxels].min(axis=0), image_map[taxels].max(axis=0)
+        cells = image[top : bottom + 1, left : right + 1]
+        if set(cells[cells < layout.num_taxels].tolist()) != set(taxels.tolist()):
             raise ValueError(
                 f"'layout' must have an image_map on which no {level} overlaps another (got "
                 f"'{name}' of '{layout.name}')"
             )
-        owner = owners.pop()
-        column = place[digit == owner, 1].min()
-        found.append((column, top, bottom, HandMap(name, level, owner, (), part)))
-    found.sort(key=lambda place: (place[0], place[3].digit, place[1]))
-    for (_, _, bottom, upper), (_, top, _, lower) in pairwise(found):
+        map_digit = digits.pop()
+        column = image_map[digit == map_digit, 1].min()
+        located_maps.append((column, top, bottom, HandMap(name, level, map_digit, (), cells)))
+    located_maps.sort(key=lambda location: (location[0], location[3].digit, location[1]))
+    for (_, _, bottom, upper), (_, top, _, lower) in pairwise(located_maps):
         if upper.digit == lower.digit and top <= bottom:
             raise ValueError(
                 f"'layout' must have an image_map with the patches of a digit one above the other "
                 f"(got '{upper.name}' beside '{lower.name}' in '{layout.name}')"
             )
-    return _with_kinds([one for *_, one in found], layout)
+    return _with_kinds([hand_map for *_, hand_map in located_maps], layout)
 
 
 def _with_kinds(maps: Sequence[HandMap], layout: TaxelLayout) -> list[HandMap]:
-    out, seen = [], set()
-    for one in maps:  # from left to right, and in a digit from its tip on
+    # Sets the kinds of maps, the most specific first. Maps are sorted by digit, and within a digit
+    # from its tip down, so that the first patch of a digit is its tip.
+    result, visited_digits = [], set()
+    for hand_map in maps:
         kinds: tuple[str, ...] = ()
-        is_thumb = layout.digit_names[one.digit] == _THUMB
-        if one.level == "patch":
-            part = "phalanx" if one.digit in seen else "tip"
+        is_thumb = layout.digit_names[hand_map.digit] == _THUMB
+        if hand_map.level == "patch":
+            part = "phalanx" if hand_map.digit in visited_digits else "tip"
             kinds = (f"{_THUMB} {part}", part, _THUMB) if is_thumb else (part,)
         elif is_thumb:
             kinds = (_THUMB,)
-        seen.add(one.digit)
-        out.append(one._replace(kinds=kinds))
-    return out
+        visited_digits.add(hand_map.digit)
+        result.append(hand_map._replace(kinds=kinds))
+    return result
 
 
-def joined_maps(maps: Sequence[HandMap], level: Level, layout: TaxelLayout) -> list[HandMap]:
-    r"""Returns maps put together: patches one above the other to fingers, and fingers side by side
-    to the hand.
+def join_maps(maps: Sequence[HandMap], level: Level, layout: TaxelLayout) -> list[HandMap]:
+    r"""Returns maps of a coarser level. Patches are joined to fingers one above the other, and
+    fingers to the hand side by side.
+
+    Args:
+        maps (sequence of HandMap): Maps of one level.
+        level (str): Level of the returned maps.
+        layout (TaxelLayout): The layout.
+
+    Raises:
+        ValueError: If maps that are joined differ in size.
     """
-    out = list(maps)
-    if out[0].level == "patch" and level != "patch":
-        out = [
-            _joined(list(parts), layout.digit_names[digit], "finger", digit)
-            for digit, parts in groupby(out, key=lambda one: one.digit)
+    joined_maps = list(maps)
+    if joined_maps[0].level == "patch" and level != "patch":
+        joined_maps = [
+            _concatenate_maps(list(patches), layout.digit_names[digit], "finger", digit)
+            for digit, patches in groupby(joined_maps, key=lambda hand_map: hand_map.digit)
         ]
-        out = _with_kinds(out, layout)
-    if out[0].level == "finger" and level == "hand":
-        out = [_joined(out, "hand", "hand", -1)]
-    assert LEVELS.index(out[0].level) == LEVELS.index(level)  # maps are not taken apart
-    return out
+        joined_maps = _with_kinds(joined_maps, layout)
+    if joined_maps[0].level == "finger" and level == "hand":
+        joined_maps = [_concatenate_maps(joined_maps, "hand", "hand", -1)]
+    assert LEVELS.index(joined_maps[0].level) == LEVELS.index(level)  # maps are never split
+    return joined_maps
 
 
-def _joined(parts: Sequence[HandMap], name: str, level: Level, digit: int) -> HandMap:
+def _concatenate_maps(maps: Sequence[HandMap], name: str, level: Level, digit: int) -> HandMap:
     axis = 0 if level == "finger" else 1
-    across = {one.size[1 - axis] for one in parts}
-    if len(across) > 1:
-        sizes = {one.name: one.size for one in parts}
-        what = "columns" if axis == 0 else "rows"
+    widths = {hand_map.size[1 - axis] for hand_map in maps}
+    if len(widths) > 1:
+        sizes = {hand_map.name: hand_map.size for hand_map in maps}
+        dimension = "columns" if axis == 0 else "rows"
         raise ValueError(
-            f"'pattern' must give maps with as many {what} as those beside them (got {sizes})"
+            f"'pattern' must give neighbouring maps the same number of {dimension} (got {sizes})"
         )
-    return HandMap(name, level, digit, (), np.concatenate([one.cell for one in parts], axis))
+    return HandMap(
+        name, level, digit, (), np.concatenate([hand_map.cell for hand_map in maps], axis)
+    )
 
 
 class MapConv(Module):
-    r"""Convolutions with filters of one size on maps of one size, each with filters of its own or
-    all with the same. There is no padding.
+    r"""Convolutions with filters of one size on maps of one size, with separate or shared filters.
+    There is no padding.
 
-    The cells under a filter are gathered and multiplied with it, for all maps in one matrix
-    product: on maps of a few cells that takes half the time of :class:`torch.nn.Conv2d`, also of a
-    grouped one.
+    The cells under each filter position are gathered, and one batched matrix product multiplies
+    those of all maps. On small maps, this takes half the time of a plain or grouped
+    :class:`torch.nn.Conv2d`.
+
+    Args:
+        in_channels (int): Size of each input feature.
+        out_channels (int): Size of each output feature.
+        cell (numpy.ndarray): Index of the features of each cell, for each map :math:`(G, R, C)`.
+        size (tuple of int): Height and width of the filters.
+        stride (int): Distance between filter positions in cells.
+        share_weights (bool): Whether all maps share the filters.
 
     Shapes:
-        - **cell:** Which of the features is where, on each map :math:`(G, R, C)`.
         - **input:** features :math:`(B, M, F)`
         - **output:** features of the cells of all maps, map by map and row by row
           :math:`(B, G \cdot R' \cdot C', F')`
@@ -200,29 +237,33 @@ class MapConv(Module):
         self.share_weights = share_weights
         self.num_maps = len(cell)
         self.in_size: tuple[int, int] = cell.shape[1:]
-        under = np.lib.stride_tricks.sliding_window_view(cell, size, axis=(1, 2))
-        under = under[:, ::stride, ::stride]  # maps, rows, columns, and the filter's
-        self.out_size: tuple[int, int] = under.shape[1:3]
-        self.register_buffer("cell", torch.from_numpy(under.flatten()), persistent=False)
-        sets = 1 if share_weights else self.num_maps
-        self.weight = Parameter(torch.empty(sets, *size, in_channels, out_channels))
-        self.bias = Parameter(torch.empty(sets, out_channels))
+        windows = np.lib.stride_tricks.sliding_window_view(cell, size, axis=(1, 2))
+        windows = windows[:, ::stride, ::stride]  # maps, rows, columns, filter rows and columns
+        self.out_size: tuple[int, int] = windows.shape[1:3]
+        self.register_buffer("cell", torch.from_numpy(windows.flatten()), persistent=False)
+        num_filter_sets = 1 if share_weights else self.num_maps
+        self.weight = Parameter(torch.empty(num_filter_sets, *size, in_channels, out_channels))
+        self.bias = Parameter(torch.empty(num_filter_sets, out_channels))
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
-        r"""Draws the weights anew."""
-        trunc_normal_(self.weight, std=SD, a=-2 * SD, b=2 * SD)
+        r"""Resets all learnable parameters."""
+        trunc_normal_(self.weight, std=INIT_STD, a=-2 * INIT_STD, b=2 * INIT_STD)
         zeros_(self.bias)
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Returns the features of the maps."""
+        r"""Returns the convolved features of the maps.
+
+        Args:
+            x (torch.Tensor): Features.
+        """
         weight = self.weight.flatten(1, 3)
-        sets, width = weight.size(0), weight.size(1)
-        rows = self.out_size[0] * self.out_size[1] * (self.num_maps // sets)
-        under = x.index_select(1, self.cell).reshape(x.size(0), sets, rows, width)
-        under = under.transpose(0, 1).reshape(sets, -1, width)
-        out = torch.baddbmm(self.bias.unsqueeze(1), under, weight)
-        out = out.view(sets, x.size(0), rows, self.out_channels)
+        num_filter_sets, width = weight.size(0), weight.size(1)
+        num_rows = self.out_size[0] * self.out_size[1] * (self.num_maps // num_filter_sets)
+        windows = x.index_select(1, self.cell).reshape(x.size(0), num_filter_sets, num_rows, width)
+        windows = windows.transpose(0, 1).reshape(num_filter_sets, -1, width)
+        out = torch.baddbmm(self.bias.unsqueeze(1), windows, weight)
+        out = out.view(num_filter_sets, x.size(0), num_rows, self.out_channels)
         return out.transpose(0, 1).flatten(1, 2)
 
     def __repr__(self) -> str:
@@ -234,7 +275,18 @@ class MapConv(Module):
 
 
 class MapStage(Module):
-    r"""One convolution of a pattern: a :class:`MapConv` for the maps of each size, and ReLU."""
+    r"""One convolution of a pattern: a :class:`MapConv` for all maps of the same size, and ReLU.
+
+    Args:
+        in_channels (int): Size of each input feature.
+        out_channels (int): Size of each output feature.
+        maps (sequence of HandMap): Input maps.
+        stage (Stage): Sizes and stride of the filters.
+        share_weights (bool): Whether maps of the same size share the filters.
+
+    Raises:
+        ValueError: If a filter is larger than its map.
+    """
 
     def __init__(
         self,
@@ -245,29 +297,32 @@ class MapStage(Module):
         share_weights: bool,
     ) -> None:
         super().__init__()
-        alike: dict[tuple[tuple[int, int], tuple[int, int]], list[HandMap]] = {}
-        for one in maps:
-            size = stage.filter_of(one.kinds)
-            if one.size[0] < size[0] or one.size[1] < size[1]:
+        maps_by_size: dict[tuple[tuple[int, int], tuple[int, int]], list[HandMap]] = {}
+        for hand_map in maps:
+            size = stage.filter_size(hand_map.kinds)
+            if hand_map.size[0] < size[0] or hand_map.size[1] < size[1]:
                 raise ValueError(
-                    f"'pattern' must have filters that fit on its maps (got {size} for {one.size} "
-                    f"cells of '{one.name}')"
+                    f"'pattern' must have filters that fit on its maps (got {size} for "
+                    f"{hand_map.size} cells of '{hand_map.name}')"
                 )
-            alike.setdefault((one.size, size), []).append(one)
+            maps_by_size.setdefault((hand_map.size, size), []).append(hand_map)
         self.convs = ModuleList()
         self.maps: list[HandMap] = []
-        first = 0
-        for (_, size), group in alike.items():
-            cell = np.stack([one.cell for one in group])
+        num_cells = 0
+        for (_, size), group in maps_by_size.items():
+            cell = np.stack([hand_map.cell for hand_map in group])
             conv = MapConv(in_channels, out_channels, cell, size, stage.stride, share_weights)
             self.convs.append(conv)
-            numbers = np.arange(first, first + len(group) * conv.out_size[0] * conv.out_size[1])
-            first += len(numbers)
-            for one, found in zip(group, numbers.reshape(-1, *conv.out_size), strict=True):
-                self.maps.append(one._replace(cell=found))
-        order = [one.name for one in maps]
-        self.maps.sort(key=lambda one: order.index(one.name))
-        self.num_cells = first
+            indices = np.arange(
+                num_cells, num_cells + len(group) * conv.out_size[0] * conv.out_size[1]
+            )
+            num_cells += len(indices)
+            for hand_map, out_cell in zip(group, indices.reshape(-1, *conv.out_size), strict=True):
+                self.maps.append(hand_map._replace(cell=out_cell))
+        # Groups of the same size change the order of the maps, which joining needs.
+        order = [hand_map.name for hand_map in maps]
+        self.maps.sort(key=lambda hand_map: order.index(hand_map.name))
+        self.num_cells = num_cells
 
     def forward(self, x: Tensor) -> Tensor:
         r"""Returns the features of the cells of all maps :math:`(B, M', F')`.
@@ -275,5 +330,5 @@ class MapStage(Module):
         Shapes:
             - **x:** Features :math:`(B, M, F)`.
         """
-        parts = [conv(x) for conv in self.convs]
-        return (parts[0] if len(parts) == 1 else torch.cat(parts, dim=1)).relu()
+        outs = [conv(x) for conv in self.convs]
+        return (outs[0] if len(outs) == 1 else torch.cat(outs, dim=1)).relu()

@@ -1,4 +1,4 @@
-r"""Readings as images."""
+r"""Conversion of readings to images."""
 
 from collections.abc import Sequence
 
@@ -11,13 +11,15 @@ from torch_geometric_tactile.sensors import TaxelLayout
 
 
 class TaxelImage(Module):
-    r"""Puts the readings of the taxels into the cells of the map of their layout. Cells without a
-    taxel are zero.
+    r"""Converts readings to images on the image map of a layout. Cells without a taxel are zero.
+
+    Args:
+        layout (TaxelLayout): The layout.
 
     Shapes:
         - **input:** readings :math:`(B, N, F)`
-        - **output:** images :math:`(B, F, H, W)`; a view of readings of one channel if the
-          taxels fill all cells row by row
+        - **output:** images :math:`(B, F, H, W)`. For one channel, they are a view of the readings
+          if the taxels fill all cells row by row.
     """
 
     cell: Tensor
@@ -32,7 +34,11 @@ class TaxelImage(Module):
         self.register_buffer("cell", cell, persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Returns the images."""
+        r"""Returns the images.
+
+        Args:
+            x (torch.Tensor): Readings.
+        """
         rows, columns = self.size
         image = x
         if not self.is_full:
@@ -44,7 +50,15 @@ class TaxelImage(Module):
 
 
 def checked_map(layout: TaxelLayout, inputs: Sequence[str]) -> Tensor:
-    r"""Returns row and column of each taxel on the map of a hand :math:`(N, 2)`."""
+    r"""Returns the row and column of each taxel on the image map of a layout :math:`(N, 2)`.
+
+    Args:
+        layout (TaxelLayout): The layout.
+        inputs (sequence of str): Inputs of the model.
+
+    Raises:
+        ValueError: If the layout has no image map, or edge features are an input.
+    """
     check_no_edges(inputs)
     if layout.image_map is None:
         raise ValueError(f"'layout' must have an image_map (got none in '{layout.name}')")

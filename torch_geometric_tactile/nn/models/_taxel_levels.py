@@ -1,5 +1,5 @@
-r"""What :class:`~torch_geometric_tactile.nn.models.TaxelNet` is made of: levels of a layout, each
-coarser than the one before, and the blocks of convolutions on them."""
+r"""Parts of :class:`~torch_geometric_tactile.nn.models.TaxelNet`: levels of increasingly coarse
+layouts, blocks of convolutions on them, normalisation and dropout."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -11,7 +11,7 @@ from torch.nn import BatchNorm1d, Dropout, Module
 from torch.nn.functional import batch_norm
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn._sizes import given_widths
+from torch_geometric_tactile.nn._sizes import checked_layer_widths
 from torch_geometric_tactile.nn.conv import SectorConv, SelfGCNConv
 from torch_geometric_tactile.nn.pool import TaxelPool
 from torch_geometric_tactile.sensors import TaxelLayout, layout_sectors
@@ -22,25 +22,28 @@ CONVS = ("sector", "self", "difference")
 
 class TaxelNorm(BatchNorm1d):
     r"""Batch normalisation of each channel over all samples and taxels, so that all taxels of a
-    channel share one scale. The numbers of a single row are scaled as in evaluation, since they
-    have no spread. Rows that are not kept do not count.
+    channel share one scale. A single row, which has no variance, is scaled with the running
+    statistics. Masked rows are left out of the statistics.
 
     Shapes:
         - **input:** features :math:`(B, N, F)` or :math:`(B, F)`
-        - **output:** likewise
+        - **output:** features of the same shape
     """
 
-    def forward(self, input: Tensor, kept: OptTensor = None) -> Tensor:
-        r"""Scales features.
+    def forward(self, input: Tensor, mask: OptTensor = None) -> Tensor:
+        r"""Returns the normalised features.
 
-        Shapes:
-            - **kept:** Which rows count :math:`(B, N, 1)`; all if left out.
+        Args:
+            input (torch.Tensor): Features.
+            mask (torch.Tensor, optional): Whether each row is part of the statistics
+                :math:`(B, N, 1)`. If left out, all rows are.
         """
-        if self.training and kept is not None:
-            return self._scaled_by_kept(input, kept)
-        # In the order in which the convolutions leave them: nothing is copied.
-        swapped = input.dim() == 3 and not input.is_contiguous()
-        rows = input.transpose(0, 1) if swapped else input
+        if self.training and mask is not None:
+            return self._normalize_masked(input, mask)
+        # Some convolutions return features in the memory order (N, B, F). Using the order in memory
+        # avoids a copy.
+        is_taxel_major = input.dim() == 3 and not input.is_contiguous()
+        rows = input.transpose(0, 1) if is_taxel_major else input
         flat = rows.reshape(-1, rows.size(-1))
         if self.training and flat.size(0) > 1:
             out = super().forward(flat)
@@ -49,27 +52,33 @@ class TaxelNorm(BatchNorm1d):
                 flat, self.running_mean, self.running_var, self.weight, self.bias, eps=self.eps
             )
         out = out.view(rows.shape)
-        return out.transpose(0, 1) if swapped else out
+        return out.transpose(0, 1) if is_taxel_major else out
 
-    def _scaled_by_kept(self, input: Tensor, kept: Tensor) -> Tensor:
-        own: Any = self  # whose buffers and momentum may be None in general
-        count, mean, var = _kept_moments(input, kept, own.running_mean, own.running_var)
+    def _normalize_masked(self, input: Tensor, mask: Tensor) -> Tensor:
+        norm: Any = self  # typed as Any, since PyTorch's buffers and momentum may be None
+        count, mean, var = _masked_moments(input, mask, norm.running_mean, norm.running_var)
         with torch.no_grad():
-            own.num_batches_tracked += count > 1
-            part = (count > 1).to(mean) * own.momentum
-            own.running_mean.lerp_(mean, part)
-            own.running_var.lerp_(var * (count / (count - 1).clamp(min=1)), part)
+            norm.num_batches_tracked += count > 1
+            # Without two rows, the running statistics do not change.
+            step = (count > 1).to(mean) * norm.momentum
+            norm.running_mean.lerp_(mean, step)
+            norm.running_var.lerp_(var * (count / (count - 1).clamp(min=1)), step)
         return (input - mean) * ((var + self.eps).rsqrt() * self.weight) + self.bias
 
 
 class ReadingNorm(Module):
     r"""Scales each channel of readings to mean zero and standard deviation one over all samples and
-    taxels: of the batch in training, and of all batches so far in evaluation, each of which counts
-    the same. After a single batch, raw counts are scaled as they should be.
+    taxels. It uses the statistics of the batch in training, and the average over all training
+    batches in evaluation. Unlike a moving average, the average is correct after a single batch, so
+    that raw counts are scaled correctly from the start.
+
+    Args:
+        num_features (int): Number of channels :math:`F`.
+        eps (float): Constant that is added to the variance.
 
     Shapes:
         - **input:** readings :math:`(B, N, F)`
-        - **output:** likewise
+        - **output:** readings of the same shape
     """
 
     running_mean: Tensor
@@ -84,47 +93,62 @@ class ReadingNorm(Module):
         self.register_buffer("num_batches_tracked", torch.zeros((), dtype=torch.long))
 
     def reset_parameters(self) -> None:
-        r"""Forgets what was seen."""
+        r"""Resets the running statistics."""
         self.running_mean.zero_()
         self.running_var.fill_(1.0)
         self.num_batches_tracked.zero_()
 
-    def forward(self, x: Tensor, kept: OptTensor = None) -> Tensor:
-        r"""Scales readings.
+    def forward(self, x: Tensor, mask: OptTensor = None) -> Tensor:
+        r"""Returns the scaled readings.
 
-        Shapes:
-            - **kept:** Which rows count :math:`(B, N, 1)`; all if left out.
+        Args:
+            x (torch.Tensor): Readings.
+            mask (torch.Tensor, optional): Whether each row is part of the statistics
+                :math:`(B, N, 1)`. If left out, all rows are.
         """
         mean, var = self.running_mean, self.running_var
         if self.training and x.size(0) * x.size(1) > 1:
-            many = torch.ones_like(self.num_batches_tracked)
-            if kept is None:
+            is_counted = torch.ones_like(self.num_batches_tracked)
+            if mask is None:
                 var, mean = torch.var_mean(x, dim=(0, 1), correction=0)
             else:
-                count, mean, var = _kept_moments(x, kept, mean, var)
-                many = count > 1
+                count, mean, var = _masked_moments(x, mask, mean, var)
+                is_counted = count > 1
             with torch.no_grad():
-                self.num_batches_tracked += many
-                part = many.to(mean) / self.num_batches_tracked.clamp(min=1)
-                self.running_mean.lerp_(mean, part)
-                self.running_var.lerp_(var, part)
+                self.num_batches_tracked += is_counted
+                step = is_counted.to(mean) / self.num_batches_tracked.clamp(min=1)
+                self.running_mean.lerp_(mean, step)
+                self.running_var.lerp_(var, step)
         return (x - mean) * (var + self.eps).rsqrt()
 
 
-def _kept_moments(
-    rows: Tensor, kept: Tensor, mean: Tensor, var: Tensor
+def _masked_moments(
+    rows: Tensor, mask: Tensor, default_mean: Tensor, default_var: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    # How many rows are kept, and their mean and variance; the given ones if there is one at most.
-    # Sums, not indices: the shape of the rows kept is not known to a compiler.
-    weight = kept.to(mean.dtype)
+    # Returns the number of unmasked rows, their mean and their variance. With fewer than two rows,
+    # the defaults are returned. Rows are weighted and not selected, since a selection has no size
+    # that a compiler knows.
+    weight = mask.to(default_mean.dtype)
     count = weight.sum()
-    found = (rows * weight).sum(dim=(0, 1)) / count.clamp(min=1)
-    spread = ((rows - found).square() * weight).sum(dim=(0, 1)) / count.clamp(min=1)
-    return count, torch.where(count > 1, found, mean), torch.where(count > 1, spread, var)
+    mean = (rows * weight).sum(dim=(0, 1)) / count.clamp(min=1)
+    var = ((rows - mean).square() * weight).sum(dim=(0, 1)) / count.clamp(min=1)
+    return (
+        count,
+        torch.where(count > 1, mean, default_mean),
+        torch.where(count > 1, var, default_var),
+    )
 
 
 class TaxelBlock(Module):
-    r"""A convolution, :class:`TaxelNorm`, the input added where the widths are equal, and ReLU."""
+    r"""A convolution, :class:`TaxelNorm`, a residual connection if the widths are equal, and ReLU.
+
+    Args:
+        in_channels (int): Size of each input feature.
+        out_channels (int): Size of each output feature.
+        conv (str): :obj:`"sector"`, :obj:`"self"` or :obj:`"difference"`.
+        num_sectors (int): Number of sectors.
+        fast (bool): Argument of the convolution.
+    """
 
     def __init__(
         self, in_channels: int, out_channels: int, conv: ConvName, num_sectors: int, fast: bool
@@ -141,13 +165,22 @@ class TaxelBlock(Module):
         self.is_residual = in_channels == out_channels
 
     def forward(self, x: Tensor, *edges: Tensor) -> Tensor:
-        r"""Convolves node features :math:`(B, N, F)`."""
+        r"""Returns the output :math:`(B, N, F')` for node features :math:`(B, N, F)`."""
         out = self.norm(self.conv(x, *edges))
         return (x + out).relu() if self.is_residual else out.relu()
 
 
 class TaxelLevel(Module):
-    r"""Blocks on one layout, after the pooling that leads to it."""
+    r"""Blocks on one layout, after the pooling to this layout.
+
+    Args:
+        layout (TaxelLayout): The layout.
+        pool (TaxelPool, optional): Pooling from the finer layout.
+        widths (tuple of int): Width before the first block and after each.
+        conv (str): :obj:`"sector"`, :obj:`"self"` or :obj:`"difference"`.
+        num_sectors (int): Number of sectors.
+        fast (bool): Argument of the convolutions.
+    """
 
     def __init__(
         self,
@@ -159,19 +192,20 @@ class TaxelLevel(Module):
         fast: bool,
     ) -> None:
         super().__init__()
-        with torch.device("cpu"):  # on the meta device, edges would lose their numbers
+        with torch.device("cpu"):  # on the meta device, edges would lose their values
             edge_index, sector = layout_sectors(layout, num_sectors)
-        # Not in the state: they follow from the layout.
+        # Not saved in the state, since they are computed from the layout.
         self.register_buffer("edge_index", edge_index, persistent=False)
         self.register_buffer("sector", sector, persistent=False)
         self.pool = pool
         self.needs_sector = conv == "sector"
         self.blocks = torch.nn.ModuleList(
-            TaxelBlock(before, after, conv, num_sectors, fast) for before, after in pairwise(widths)
+            TaxelBlock(in_width, out_width, conv, num_sectors, fast)
+            for in_width, out_width in pairwise(widths)
         )
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Pools and convolves node features :math:`(B, N, F)`."""
+        r"""Returns the output :math:`(B, M, F')` for node features :math:`(B, N, F)`."""
         if self.pool is not None:
             x = self.pool(x)
         edges: tuple[Any, ...] = (self.edge_index,)
@@ -182,16 +216,16 @@ class TaxelLevel(Module):
         return x
 
 
-def pooled_layouts(layout: TaxelLayout, max_taxels: int) -> list[TaxelPool]:
-    r"""Returns the poolings over :math:`2 \times 2` neighbours that lead to a layout with at most
-    so many taxels, or to one that cannot be pooled further.
+def layout_pools(layout: TaxelLayout, max_taxels: int) -> list[TaxelPool]:
+    r"""Returns a sequence of poolings over :math:`2 \times 2` neighbours to a layout with at most
+    :obj:`max_taxels` taxels, or to one that cannot be pooled further.
     """
     pools: list[TaxelPool] = []
     with torch.device("cpu"):
         while layout.num_taxels > max_taxels:
-            along, across = pitch(layout)
-            pool = TaxelPool(layout, (2 * along, 2 * across))
-            if pool.num_clusters == layout.num_taxels:  # patches of a single taxel
+            x_pitch, y_pitch = pitch(layout)
+            pool = TaxelPool(layout, (2 * x_pitch, 2 * y_pitch))
+            if pool.num_clusters == layout.num_taxels:  # each patch has only one taxel
                 break
             pools.append(pool)
             layout = pool.coarse
@@ -199,38 +233,44 @@ def pooled_layouts(layout: TaxelLayout, max_taxels: int) -> list[TaxelPool]:
 
 
 def level_widths(widths: Sequence[int] | None, num_levels: int) -> tuple[int, ...]:
-    r"""Returns the width of each level."""
+    r"""Returns the width of each level. The last width is repeated for further levels. Without
+    widths, returns the defaults.
+    """
     if widths is None:
         widths = (32,) if num_levels == 1 else (16, 32, 64)
-    widths = given_widths(widths)
+    widths = checked_layer_widths(widths)
     return (*widths, *[widths[-1]] * num_levels)[:num_levels]
 
 
 def pitch(layout: TaxelLayout) -> tuple[float, float]:
-    r"""Returns the distances between neighbouring taxels along :math:`x` and :math:`y` in metres:
-    the medians over the neighbours in these directions.
+    r"""Returns the median distances in metres between neighbouring taxels along :math:`x` and
+    :math:`y`. If there are neighbours along one axis only, returns their distance for both.
     """
     edge_index, sector = layout_sectors(layout, 4)
     length = (layout.pos[edge_index[0]] - layout.pos[edge_index[1]]).norm(dim=1)
-    parts = [length[sector % 2 == axis] for axis in range(2)]
-    found = [float(part.median()) for part in parts if len(part)]
-    if not found:
-        return 1.0, 1.0  # no taxel has a neighbour: any length will do
-    return found[0], found[-1]
+    lengths_by_axis = [length[sector % 2 == axis] for axis in range(2)]
+    pitches = [float(lengths.median()) for lengths in lengths_by_axis if len(lengths)]
+    if not pitches:
+        return 1.0, 1.0  # without neighbours, pooling has no effect at any length
+    return pitches[0], pitches[-1]
 
 
 class ByteDropout(Dropout):
-    r"""Drops features in training as :class:`torch.nn.Dropout` does, in less than half the time on
-    a processor, where eight draws are made of one random number. Probabilities are rounded to a
-    256th, and what is kept is scaled by the probability that was drawn by.
+    r"""Dropout as :class:`torch.nn.Dropout`, in less than half the time on a processor, where one
+    random number of 64 bits decides on eight features. The probability is rounded to a multiple of
+    1/256, and the remaining features are scaled accordingly.
 
     Shapes:
-        - **input:** any shape
-        - **output:** likewise
+        - **input:** features of any shape
+        - **output:** features of the same shape
     """
 
     def forward(self, input: Tensor) -> Tensor:
-        r"""Drops features."""
+        r"""Returns the features with dropped ones set to zero.
+
+        Args:
+            input (torch.Tensor): Features.
+        """
         threshold = round(256 * self.p)
         if (
             not self.training
@@ -240,7 +280,7 @@ class ByteDropout(Dropout):
         ):
             return super().forward(input)
         words = torch.empty(-(-input.numel() // 8), dtype=torch.long)
-        # From the least to the greatest number there is, so that all bits are drawn.
+        # The full range of integers, so that all bits are random.
         words.random_(torch.iinfo(torch.long).min, None)
-        kept = words.view(torch.uint8)[: input.numel()].view(input.shape) >= threshold
-        return input * kept.to(input.dtype).mul_(256 / (256 - threshold))
+        mask = words.view(torch.uint8)[: input.numel()].view(input.shape) >= threshold
+        return input * mask.to(input.dtype).mul_(256 / (256 - threshold))

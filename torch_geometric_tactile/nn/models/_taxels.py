@@ -1,4 +1,4 @@
-r"""The argument :obj:`layout` of the models, and the taxels that they see."""
+r"""The argument :obj:`layout` of models, checks of readings, and the dropout of taxels."""
 
 import os
 from typing import Any, Union
@@ -9,23 +9,31 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.nn._sizes import is_of_taxels
+from torch_geometric_tactile.nn._sizes import has_taxels
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_names
 
-# What models call the features whose number is their argument `in_channels`.
-_CHANNELS = ("features", "channels")
+# Names of features whose number is the model's argument `in_channels`.
+_CHANNEL_NAMES = ("features", "channels")
 # A layout, the name of a stock layout or the path of a layout file, or the number of taxels.
 LayoutLike = Union[TaxelLayout, int, PathLike]
 
 
 def load_layout(layout: LayoutLike, purpose: str) -> TaxelLayout:
-    r"""Returns the layout of a model that needs more than the number of taxels."""
+    r"""Returns the layout of a model that needs more than the number of taxels.
+
+    Args:
+        layout (TaxelLayout, int, str or PathLike): Argument of the model.
+        purpose (str): Use of the layout, for the message.
+
+    Raises:
+        ValueError: If the argument is a number.
+    """
     if isinstance(layout, int):
         raise ValueError(
-            f"'layout' must be a layout, the name of one or its file for {purpose} (got the number "
-            f"of taxels {layout})"
+            f"'layout' must be a layout, the name of a layout or a layout file for {purpose} (got "
+            f"the number of taxels {layout})"
         )
-    with torch.device("cpu"):  # on the meta device, a file would lose its numbers
+    with torch.device("cpu"):  # on the meta device, a layout would lose its values
         return as_layout(layout)
 
 
@@ -38,8 +46,8 @@ def count_taxels(layout: LayoutLike) -> int:
 
 
 def portable_layout(layout: Any) -> Any:
-    r"""Returns the contents of a layout file, which need not exist elsewhere, and anything else as
-    it is.
+    r"""Returns the layout in a layout file, since the file may not exist on other machines. Other
+    arguments are returned unchanged.
     """
     is_file = isinstance(layout, os.PathLike) or (
         isinstance(layout, str) and layout not in stock_names()
@@ -47,47 +55,62 @@ def portable_layout(layout: Any) -> Any:
     return load_layout(layout, "a saved model") if is_file else layout
 
 
-def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, what: str) -> Tensor:
-    r"""Returns readings of any form sample by sample.
+def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, channel_name: str) -> Tensor:
+    r"""Returns readings as :math:`(B, N, F)`.
 
-    Shapes:
-        - **x:** Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch.
-        - **num_taxels:** Number of taxels :math:`N`.
-        - **num_channels:** Number of channels :math:`F`.
-        - **output:** :math:`(B, N, F)`
+    Args:
+        x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+            :math:`(B \cdot N, F)`.
+        num_taxels (int): Number of taxels :math:`N`.
+        num_channels (int): Number of channels :math:`F`.
+        channel_name (str): Name of the channels in the message.
+
+    Raises:
+        ValueError: If the readings have another number of taxels or channels.
     """
     if x.dim() not in (2, 3) or x.size(-1) != num_channels:
-        advice = f": give the model in_channels={x.size(-1)}" if what in _CHANNELS else ""
+        is_argument = channel_name in _CHANNEL_NAMES
+        advice = f": create the model with in_channels={x.size(-1)}" if is_argument else ""
         raise ValueError(
-            f"'x' must have {num_channels} {what} (got shape {tuple(x.shape)}){advice}"
+            f"'x' must have {num_channels} {channel_name} (got shape {tuple(x.shape)}){advice}"
         )
     count_samples(x, num_taxels)
     return x if x.dim() == 3 else x.reshape(-1, num_taxels, num_channels)
 
 
 def count_samples(x: Tensor, num_taxels: int) -> int:
-    r"""Returns the number of samples in readings of any form."""
-    if not is_of_taxels(x, num_taxels):
+    r"""Returns the number of samples in readings :math:`(N, F)`, :math:`(B, N, F)` or those of a
+    PyG batch.
+
+    Raises:
+        ValueError: If the readings have another number of taxels.
+    """
+    if not has_taxels(x, num_taxels):
         raise ValueError(
             f"'x' must have {num_taxels} taxels in each sample (got shape {tuple(x.shape)})"
         )
     return x.size(0) if x.dim() == 3 else x.size(0) // num_taxels
 
 
-def check_taxel_dropout(part: float) -> float:
-    r"""Returns the part of the taxels that are not seen in training."""
-    need(0 <= part < 1, "'taxel_dropout' must be at least 0 and below 1", part)
-    return part
+def check_taxel_dropout(probability: float) -> float:
+    r"""Returns the probability of dropping a taxel in training.
+
+    Raises:
+        ValueError: If the probability is below zero or not below one.
+    """
+    need(0 <= probability < 1, "'taxel_dropout' must be at least 0 and below 1", probability)
+    return probability
 
 
-def seen_taxels(x: Tensor, taxel_dropout: float) -> OptTensor:
-    r"""Returns which taxels are seen, drawn for each sample; of one that would lose all, all.
+def taxel_mask(x: Tensor, taxel_dropout: float) -> OptTensor:
+    r"""Returns a random mask of the taxels that are not dropped, for each sample :math:`(B, N)`. If
+    all taxels of a sample would be dropped, none is. Returns :obj:`None` for a probability of zero.
 
-    Shapes:
-        - **x:** Readings :math:`(B, N, F)`.
-        - **output:** :math:`(B, N)`; nothing where none is dropped
+    Args:
+        x (torch.Tensor): Readings :math:`(B, N, F)`.
+        taxel_dropout (float): Probability of dropping a taxel.
     """
     if taxel_dropout == 0:
         return None
-    seen = torch.rand(x.shape[:2], device=x.device) >= taxel_dropout
-    return seen | ~seen.any(dim=1, keepdim=True)
+    mask = torch.rand(x.shape[:2], device=x.device) >= taxel_dropout
+    return mask | ~mask.any(dim=1, keepdim=True)

@@ -1,12 +1,12 @@
-r"""The widths and pools that threads have by default, and checks of them."""
+r"""Default widths and pools of threads, and checks of them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Optional
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.nn._sizes import check_sizes, given_widths
+from torch_geometric_tactile.nn._sizes import check_sizes, checked_layer_widths
 
-# The thread of the paper for readings.
+# Defaults for readings, from the paper.
 WIDTHS = (14, 28, 56, 112, 112)
 POOLS = (1, 1, 2, 4, 16)
 
@@ -14,11 +14,15 @@ POOLS = (1, 1, 2, 4, 16)
 def checked_widths(
     in_channels: int, widths: Sequence[int], pools: Sequence[int]
 ) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
-    r"""Returns widths and pools of layers, which must fit each other, and the width before each
-    layer and after the last.
+    r"""Returns the widths of layers, their pools, and the widths before each layer and after the
+    last one.
+
+    Raises:
+        ValueError: If there is no layer, the numbers of widths and pools differ, a pool does not
+            divide its width, or a size is below one.
     """
     check_sizes(in_channels=in_channels)
-    widths, pools = given_widths(widths), tuple(pools)
+    widths, pools = checked_layer_widths(widths), tuple(pools)
     need(
         len(pools) == len(widths),
         f"'pools' must have a size for each of {len(widths)} widths",
@@ -31,27 +35,39 @@ def checked_widths(
     return widths, pools, sizes
 
 
-# The threads of the paper: of the readings, and of all other inputs.
+# Defaults from the paper for the threads of the readings and of all other inputs.
 _TACTILE_THREAD: dict[str, Any] = {"widths": WIDTHS, "pools": POOLS}
-_OTHER_THREAD: dict[str, Any] = {"widths": (7, 14, 28, 28, 56), "pools": (1, 1, 2, 2, 8)}
+_NARROW_THREAD: dict[str, Any] = {"widths": (7, 14, 28, 28, 56), "pools": (1, 1, 2, 2, 8)}
 
 
 def thread_settings(
     inputs: Sequence[str], threads: Optional[Mapping[str, Any]], keys: Sequence[str]
 ) -> dict[str, dict[str, Any]]:
-    r"""Returns the settings of each thread, by default the paper's."""
+    r"""Returns the settings of each input's thread. Missing settings are those of the paper.
+
+    Args:
+        inputs (sequence of str): Inputs of the model.
+        threads (dict, optional): Settings by input.
+        keys (sequence of str): Names of possible settings.
+
+    Raises:
+        ValueError: If an input or a setting is unknown.
+    """
     threads = threads or {}
-    for name, own in threads.items():
+    for name, settings in threads.items():
         if name not in inputs:
-            raise ValueError(f"'threads' must be of the inputs {tuple(inputs)} (got '{name}')")
-        unknown = sorted(set(own or ()) - set(keys))
-        if unknown:
             raise ValueError(
-                f"a thread must have some of {list(keys)} (got '{unknown[0]}' in '{name}')"
+                f"'threads' must be settings of the inputs {tuple(inputs)} (got '{name}')"
+            )
+        unknown_keys = sorted(set(settings or ()) - set(keys))
+        if unknown_keys:
+            raise ValueError(
+                f"'threads' must only have the settings {list(keys)} (got '{unknown_keys[0]}' in "
+                f"'{name}')"
             )
     return {
         name: {
-            **(_TACTILE_THREAD if name == "tactile" else _OTHER_THREAD),
+            **(_TACTILE_THREAD if name == "tactile" else _NARROW_THREAD),
             **(threads.get(name) or {}),
         }
         for name in inputs

@@ -1,4 +1,4 @@
-r"""Convolutions with bilinear features, for images of pressure."""
+r"""A convolutional network with bilinear features for pressure images."""
 
 from typing import Literal, Optional, Union, get_args
 
@@ -19,38 +19,40 @@ from torch_geometric_tactile.nn.pool.bilinear_feature import BilinearFeature
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
 
 _Fusion = Literal["C3", "bilinear(C1)+C3", "C1+C3", "bilinear(C2)+C3", "C2+C3"]
-_STRIPS = 7  # of the products, in an export; with more of them, cutting takes longer
+_NUM_STRIPS = 7  # of the products in an export; with more strips, slicing takes longer
 _FUSIONS: tuple[str, ...] = get_args(_Fusion)
-_BMF: _Fusion = "bilinear(C1)+C3"
-LEAST_SIZE = 20  # of which C3 sees 3 x 3 cells
+_DEFAULT_FUSION: _Fusion = "bilinear(C1)+C3"
+MIN_MAP_SIZE = 20  # leaves 3 x 3 cells for the input of C3
 
 
 class BMFCNN(BaseModel):
     r"""The BMF-CNN of the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural
     Network for Tactile Shape Recognition" paper (:doc:`P5 </papers>`) for letters that are pressed
-    on an array: three convolutions, and a fully connected layer on the features of the last one
-    beside the :class:`~torch_geometric_tactile.nn.BilinearFeature` of the first.
+    on an array. It has three convolutions, and a fully connected layer on the features of the last
+    convolution and the :class:`~torch_geometric_tactile.nn.BilinearFeature` of the first.
 
-    On 32 x 32 pixels, without zeros around them: C1, 5 x 5, 28 x 28 x 16, batch normalisation and
-    ReLU; the maximum of 2 x 2 cells; C2, 3 x 3, 12 x 12 x 32, ReLU; the maximum; C3, 3 x 3, 4 x 4 x
-    64 = 1024, ReLU; F-C1, 120, ReLU; F-C2, 26. The bilinear feature of C1, before its maximum, has
-    28 x 28 x 16 = 12,544 numbers, so that F-C1 takes 13,568. What is fused is divided by its
-    :math:`\ell_2` norm first, each layer by that of all its numbers.
+    For 32 x 32 pixels and without padding, its layers and their outputs are: C1, 5 x 5,
+    28 x 28 x 16, batch normalisation, ReLU; max pooling of 2 x 2; C2, 3 x 3, 12 x 12 x 32, ReLU;
+    max pooling of 2 x 2; C3, 3 x 3, 4 x 4 x 64 = 1024, ReLU; F-C1, 120, ReLU; F-C2, 26. The
+    bilinear feature of C1 before pooling has 28 x 28 x 16 = 12,544 numbers, so that F-C1 has 13,568
+    inputs. Before the fusion, the features of each layer are divided by their :math:`\ell_2` norm.
 
-    The paper does not say whether ReLU follows F-C1, nor which of Xavier's distributions it draws
-    from: both are our choice (the uniform one). C1 has no bias, since batch normalisation follows.
+    The paper states neither whether ReLU follows F-C1 nor which of Xavier's distributions
+    initialises the weights. Here, ReLU follows, and the distribution is uniform. C1 has no bias,
+    since batch normalisation follows.
 
     Args:
         layout (TaxelLayout, str or PathLike, optional): The layout, the name of a stock layout or
-            the path of a layout file; its :obj:`image_map` must have at least 20 x 20 cells.
-            :func:`~torch_geometric_tactile.sensors.letter_array` if left out. Cells without a taxel
-            are zero.
+            the path of a layout file. Its :obj:`image_map` must have at least 20 x 20 cells. Cells
+            without a taxel are zero. Defaults to
+            :func:`~torch_geometric_tactile.sensors.letter_array`.
         out_channels (int): Number of classes :math:`C`.
         in_channels (int): Features of each taxel :math:`F`.
-        fusion (str): What F-C1 takes, one of the paper's Table 4: :obj:`"C3"`,
+        fusion (str): Inputs of F-C1, from the paper's Table 4: :obj:`"C3"`,
             :obj:`"bilinear(C1)+C3"`, :obj:`"C1+C3"`, :obj:`"bilinear(C2)+C3"` or :obj:`"C2+C3"`.
             C3 alone is not divided by its norm.
-        bilinear (bool): If false, the paper's traditional CNN, which is :obj:`fusion="C3"`.
+        bilinear (bool): If :obj:`False`, creates the paper's traditional CNN, which is
+            :obj:`fusion="C3"`.
         hidden_channels (int): Width of F-C1.
 
     Shapes:
@@ -59,8 +61,8 @@ class BMFCNN(BaseModel):
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If the layout has no map or a smaller one, the fusion is unknown or contradicts
-            :obj:`bilinear`, a size is below one, or images or readings have another shape.
+        ValueError: If the layout has no image map or a smaller one, the fusion is unknown or
+            contradicts :obj:`bilinear`, a size is below one, or the input has another shape.
 
     Examples:
         >>> model = BMFCNN()
@@ -80,7 +82,7 @@ class BMFCNN(BaseModel):
         out_channels: int = 26,
         *,
         in_channels: int = 1,
-        fusion: _Fusion = _BMF,
+        fusion: _Fusion = _DEFAULT_FUSION,
         bilinear: bool = True,
         hidden_channels: int = 120,
     ) -> None:
@@ -94,10 +96,10 @@ class BMFCNN(BaseModel):
         self.in_channels = in_channels
         self.out_channels = out_channels
         self.image = TaxelImage(layout)
-        if min(self.image.size) < LEAST_SIZE:
+        if min(self.image.size) < MIN_MAP_SIZE:
             raise ValueError(
-                f"'layout' must have an image_map of at least {LEAST_SIZE} x {LEAST_SIZE} cells "
-                f"(got {' x '.join(map(str, self.image.size))} in '{layout.name}')"
+                f"'layout' must have an image_map of at least {MIN_MAP_SIZE} x {MIN_MAP_SIZE} "
+                f"cells (got {' x '.join(map(str, self.image.size))} in '{layout.name}')"
             )
         self.conv1 = Conv2d(in_channels, 16, 5, bias=False)
         self.norm1 = BatchNorm2d(16)
@@ -109,7 +111,7 @@ class BMFCNN(BaseModel):
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
-        r"""Draws all weights anew, as Xavier initialisation does, with biases of zero."""
+        r"""Resets all learnable parameters, by Xavier's initialisation with biases of zero."""
         self.norm1.reset_parameters()
         for layer in (self.conv1, self.conv2, self.conv3, self.fc1, self.fc2):
             xavier_uniform_(layer.weight)
@@ -120,16 +122,15 @@ class BMFCNN(BaseModel):
         return self.fc2(self._hidden(self._maps(x)))
 
     def features(self, x: Tensor) -> dict[str, Tensor]:
-        r"""Returns the features of each layer by the name that the paper gives it, each after its
-        ReLU and before the maximum of 2 x 2 cells: :obj:`"C1"`, :obj:`"bilinear(C1)"`,
-        :obj:`"C2"`, :obj:`"bilinear(C2)"`, :obj:`"C3"` and :obj:`"F-C1"`. Bilinear features are
-        there whatever is fused.
+        r"""Returns the features of each layer by its name in the paper, after ReLU and before
+        pooling: :obj:`"C1"`, :obj:`"bilinear(C1)"`, :obj:`"C2"`, :obj:`"bilinear(C2)"`,
+        :obj:`"C3"` and :obj:`"F-C1"`. Bilinear features are included for any fusion.
 
         Args:
             x (torch.Tensor): Images or readings.
 
         Shapes:
-            - **output:** feature maps :math:`(B, F, H, W)`; of F-C1, :math:`(B, F)`
+            - **output:** feature maps :math:`(B, F, H, W)`, or :math:`(B, F)` for F-C1
         """
         maps = self._maps(x)
         return {
@@ -142,10 +143,10 @@ class BMFCNN(BaseModel):
         }
 
     def _maps(self, x: Tensor) -> dict[str, Tensor]:
-        first = self.norm1(self.conv1(self._images(x))).relu()
-        second = self.conv2(F.max_pool2d(first, 2)).relu()
-        third = self.conv3(F.max_pool2d(second, 2)).relu()
-        return {"C1": first, "C2": second, "C3": third}
+        c1 = self.norm1(self.conv1(self._images(x))).relu()
+        c2 = self.conv2(F.max_pool2d(c1, 2)).relu()
+        c3 = self.conv3(F.max_pool2d(c2, 2)).relu()
+        return {"C1": c1, "C2": c2, "C3": c3}
 
     def _images(self, x: Tensor) -> Tensor:
         is_image = x.shape[-2:] == self.image.size and x.size(-1) != self.in_channels
@@ -168,26 +169,27 @@ class BMFCNN(BaseModel):
         if low in maps:
             return self.fc1(torch.cat([F.normalize(maps[low].flatten(1)), rows], dim=1)).relu()
         source = maps[low.removeprefix("bilinear(").removesuffix(")")]
-        # The order: `torch.onnx` is not looked at where nothing is traced.
+        # `torch.onnx` is imported on access, which is slow, so tracing is checked first.
         if torch.compiler.is_compiling() and torch.onnx.is_in_onnx_export() and self._is_plain():
             return _linear_of_symmetric(self.fc1, self.bilinear_feature, source, rows).relu()
         feature = self.bilinear_feature(source)
-        feature = feature / feature.size(1) ** 0.5  # each of its maps has norm one
+        # Each of the maps has norm one, so this divides by the norm of all maps.
+        feature = feature / feature.size(1) ** 0.5
         return self.fc1(torch.cat([feature.flatten(1), rows], dim=1)).relu()
 
     def _is_plain(self) -> bool:
-        parts = ((self.fc1, Linear), (self.bilinear_feature, BilinearFeature))
-        return all(type(part) is kind and not is_hooked(part) for part, kind in parts)
+        expected_types = ((self.fc1, Linear), (self.bilinear_feature, BilinearFeature))
+        return all(type(layer) is cls and not is_hooked(layer) for layer, cls in expected_types)
 
     def _fused_channels(self) -> int:
         rows, columns = self.image.size
-        numbers = {}
+        sizes = {}
         for name, width, kernel in (("C1", 16, 5), ("C2", 32, 3), ("C3", 64, 3)):
             rows, columns = rows - kernel + 1, columns - kernel + 1
-            numbers[name] = width * rows * columns
-            numbers[f"bilinear({name})"] = width * columns * columns
+            sizes[name] = width * rows * columns
+            sizes[f"bilinear({name})"] = width * columns * columns
             rows, columns = rows // 2, columns // 2
-        return sum(numbers[name] for name in self.fusion.split("+"))
+        return sum(sizes[name] for name in self.fusion.split("+"))
 
     def extra_repr(self) -> str:
         r"""Returns the sizes and the fusion for :obj:`repr`."""
@@ -200,31 +202,34 @@ class BMFCNN(BaseModel):
 def _linear_of_symmetric(
     lin: Linear, bilinear: BilinearFeature, source: Tensor, rows: Tensor
 ) -> Tensor:
-    # As `lin` of all side by side, but of two equal products most are multiplied once, with the sum
-    # of their weights. One image waits for the weights to come from memory: these are 4 of 7. What
-    # is right of the diagonal is cut in strips, since gathering numbers takes longer than reading.
-    # An ONNX runtime adds weights up once, when it loads the file; PyTorch would at each call.
+    # Returns `lin` of the bilinear feature and `rows`, for an export. The feature is symmetric, so
+    # most pairs of equal numbers are multiplied once, with the sum of their weights. A single image
+    # waits for weights to be read from memory, and 4 of 7 weights remain. The upper triangle is cut
+    # into strips, since gathering single numbers takes longer than reading more of them. An ONNX
+    # runtime adds the weights up when it loads the file; PyTorch would do so at each call.
     num_maps, width = source.size(1), source.size(-1)
-    weight, others = lin.weight.tensor_split([num_maps * width * width], dim=1)
+    weight, row_weight = lin.weight.tensor_split([num_maps * width * width], dim=1)
     weight = weight.view(-1, num_maps, width, width)
-    mirrored = weight.mT
+    transposed_weight = weight.mT
     phi = bilinear.products(source)
-    height = -(-width // _STRIPS)
+    height = -(-width // _NUM_STRIPS)
     products, weights, counts = [], [], []
     for start in range(0, width, height):
         stop = min(start + height, width)
         square = (..., slice(start, stop), slice(start, stop))
         right = (..., slice(start, stop), slice(stop, width))
-        sums = torch.cat([weight[square], weight[right] + mirrored[right]], dim=-1)
+        sums = torch.cat([weight[square], weight[right] + transposed_weight[right]], dim=-1)
         products.append(phi[..., start:stop, start:].flatten(2))
         weights.append(sums.flatten(2))
+        # Numbers right of the square stand for themselves and their mirror image in the norm.
         count = phi.new_full((stop - start, width - start), 2.0)
         count[:, : stop - start] = 1.0
         counts.append(count.flatten())
     root = bilinear._signed_root(torch.cat(products, dim=2))  # (B, maps, products)
-    norm = (root * root @ torch.cat(counts) * num_maps).sqrt()  # each map has norm one
+    # The norm of each map, times the root of the number of maps for the norm of all maps.
+    norm = (root * root @ torch.cat(counts) * num_maps).sqrt()
     feature = (root / norm.unsqueeze(-1)).flatten(1)
-    weight = torch.cat([torch.cat(weights, dim=2).flatten(1), others], dim=1)
+    weight = torch.cat([torch.cat(weights, dim=2).flatten(1), row_weight], dim=1)
     return F.linear(torch.cat([feature, rows], dim=1), weight, lin.bias)
 
 
@@ -233,6 +238,7 @@ def _checked_fusion(fusion: str, bilinear: bool) -> str:
         raise ValueError(f"'fusion' must be one of {_FUSIONS} (got {fusion!r})")
     if bilinear:
         return fusion
-    if fusion not in ("C3", _BMF):  # the default is not a choice
-        raise ValueError(f"'fusion' must be 'C3' if 'bilinear' is false (got '{fusion}')")
+    # The default of `fusion` does not contradict `bilinear=False`, since users may not have set it.
+    if fusion not in ("C3", _DEFAULT_FUSION):
+        raise ValueError(f"'fusion' must be 'C3' if 'bilinear' is False (got '{fusion}')")
     return "C3"

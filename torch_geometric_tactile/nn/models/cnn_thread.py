@@ -1,4 +1,4 @@
-r"""Convolutions in a row, on a map of the hand."""
+r"""A thread of convolutions on the image map of a hand."""
 
 from collections.abc import Sequence
 
@@ -11,24 +11,24 @@ from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class CNNThread(Thread):
-    r"""Convolutions on the map of a hand, with the widths and pools of a
-    :class:`~torch_geometric_tactile.nn.models.GCNThread`: each is 3 x 3 with zeros around the map,
-    followed by the maximum over neighbouring channels and ReLU. Cells without a taxel are zero in
-    the input; what the convolutions write there is not part of the output.
+    r"""A thread of convolutions on the image map of a hand, with the widths and pools of a
+    :class:`~torch_geometric_tactile.nn.models.GCNThread`. Each convolution is 3 x 3 with zero
+    padding, followed by a :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU. Cells
+    without a taxel are zero in the input and not part of the output.
 
     Args:
         in_channels (int): Features of each taxel.
         image_map (torch.Tensor): Row and column of each taxel :math:`(N, 2)`.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): How many channels share one maximum, after each convolution.
+        pools (sequence of int): Number of channels for each maximum, after each convolution.
 
     Shapes:
         - **input:** features :math:`(B, N, F)`
         - **output:** features :math:`(B, N, F')`
 
     Raises:
-        ValueError: If widths and pools do not fit each other, or :obj:`x` has other taxels or
-            channels.
+        ValueError: If a pool does not divide its width, the numbers of widths and pools differ, or
+            :obj:`x` has another number of taxels or channels.
 
     Examples:
         >>> import torch
@@ -47,7 +47,7 @@ class CNNThread(Thread):
         widths: Sequence[int] = WIDTHS,
         pools: Sequence[int] = POOLS,
     ) -> None:
-        super().__init__(in_channels, widths, pools, _conv, pool_dim=1)
+        super().__init__(in_channels, widths, pools, _padded_conv, pool_dim=1)
         self.size = tuple((image_map.amax(dim=0) + 1).tolist())
         cell = image_map[:, 0] * self.size[1] + image_map[:, 1]
         self.register_buffer("cell", cell, persistent=False)
@@ -55,11 +55,11 @@ class CNNThread(Thread):
     def forward(
         self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
     ) -> Tensor:
-        r"""Convolves the features of the taxels.
+        r"""Returns the convolved features of the taxels.
 
         Args:
             x (torch.Tensor): Features.
-            edge_index (torch.Tensor, optional): Not used: the map says which taxels are neighbours.
+            edge_index (torch.Tensor, optional): Not used, since the map defines the neighbours.
             edge_weight (torch.Tensor, optional): Not used.
         """
         if x.dim() != 3 or x.size(1) != len(self.cell) or x.size(2) != self.in_channels:
@@ -79,5 +79,5 @@ class CNNThread(Thread):
         return f"{super().extra_repr()}, size={self.size}"
 
 
-def _conv(in_channels: int, out_channels: int) -> Conv2d:
+def _padded_conv(in_channels: int, out_channels: int) -> Conv2d:
     return Conv2d(in_channels, out_channels, 3, padding="same")

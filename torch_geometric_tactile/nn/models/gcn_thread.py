@@ -1,21 +1,21 @@
-r"""Graph convolutions in a row, with the maximum over channels between them."""
+r"""A thread of graph convolutions with pooling over channels."""
 
 from collections.abc import Sequence
 
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn._pooled_gcn import may_merge, may_run_fast, pooled_thread
+from torch_geometric_tactile.nn._pooled_gcn import is_pooled_gcn_faster, may_merge, pooled_thread
 from torch_geometric_tactile.nn.conv import StaticGCNConv
 from torch_geometric_tactile.nn.conv._static_adjacency import AdjacencyCache
-from torch_geometric_tactile.nn.models._inputs import given_edges, weight_like
+from torch_geometric_tactile.nn.models._inputs import required_edges, weight_like
 from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS
 from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class GCNThread(Thread):
     r"""A thread of graph convolutions of the "Tactile Object Property Recognition using Geometrical
-    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper: each layer is a
+    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper. Each layer is a
     :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`, a
     :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU.
 
@@ -28,20 +28,20 @@ class GCNThread(Thread):
     Args:
         in_channels (int): Features of each taxel.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): How many channels share one maximum, after each convolution.
-        fast (bool): Whether to compute batches of eight samples and more on a processor with the
-            operations of :mod:`torch_geometric_tactile.nn._pooled_gcn`. They give the same numbers,
-            but have no second derivative.
+        pools (sequence of int): Number of channels for each maximum, after each convolution.
+        fast (bool): Whether to compute batches of at least eight samples on a processor by
+            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
+            second derivative.
 
     Shapes:
         - **input:** node features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
           :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`
-        - **output:** node features of the same leading shape; their width is the last width divided
-          by the last pool
+        - **output:** node features of the same leading shape, with the last width divided by the
+          last pool
 
     Raises:
         ValueError: If there is no layer, the numbers of widths and pools differ, a pool does not
-            divide its width, or :obj:`x` has other channels.
+            divide its width, or :obj:`x` has another number of channels.
 
     Examples:
         >>> import torch
@@ -61,26 +61,26 @@ class GCNThread(Thread):
         fast: bool = True,
     ) -> None:
         super().__init__(in_channels, widths, pools, StaticGCNConv, fast=fast)
-        self._kept = AdjacencyCache()
+        self._edge_cache = AdjacencyCache()
 
     def forward(
         self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
     ) -> Tensor:
-        r"""Convolves node features.
+        r"""Returns the convolved node features.
 
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges.
-            edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
+            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
         """
         if x.dim() not in (2, 3) or x.size(-1) != self.in_channels:
             raise ValueError(
                 f"'x' must have shape (num_nodes, {self.in_channels}) or (batch_size, num_nodes, "
                 f"{self.in_channels}) (got {tuple(x.shape)})"
             )
-        edge_index, edge_weight = given_edges(edge_index), weight_like(edge_weight, x)
-        if self.fast and may_run_fast(x) and may_merge(self.layers()):
-            kept = self._kept.get(edge_index, edge_weight, x.size(1), x.dtype)
-            if kept is not None:
-                return pooled_thread(x, self.layers(), kept)
+        edge_index, edge_weight = required_edges(edge_index), weight_like(edge_weight, x)
+        if self.fast and is_pooled_gcn_faster(x) and may_merge(self.layers()):
+            adjacency = self._edge_cache.get(edge_index, edge_weight, x.size(1), x.dtype)
+            if adjacency is not None:
+                return pooled_thread(x, self.layers(), adjacency)
         return self._by_layers(x, edge_index, edge_weight)

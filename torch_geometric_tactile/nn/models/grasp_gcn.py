@@ -1,4 +1,4 @@
-r"""Grasp stability from the electrodes of several fingers."""
+r"""Graph convolutional networks for grasp stability."""
 
 from typing import Literal, Optional
 
@@ -11,7 +11,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.nn._sizes import check_sizes
 from torch_geometric_tactile.nn.conv import StaticGCNConv
 from torch_geometric_tactile.nn.models._base_model import BaseModel
-from torch_geometric_tactile.nn.models._inputs import given_edges, with_joints
+from torch_geometric_tactile.nn.models._inputs import required_edges, with_joints
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels
 
 
@@ -19,36 +19,36 @@ class GraspGCN(BaseModel):
     r"""The GCN-DF, GCN-FF and one-finger GCNs of the "Tactile Grasp Stability Classification Based
     on Graph Convolutional Networks" paper (:doc:`P3 </papers>`).
 
-    One graph convolution with ReLU on the electrodes, then one fully connected layer on all node
-    features. The fingers are alike and share one graph; the channels of :obj:`x` are those of the
+    They have one graph convolution with ReLU on the electrodes, and one fully connected layer on
+    all node features. All fingers have the same graph. The channels of :obj:`x` are those of the
     first finger, then those of the second, and so on.
 
     * :obj:`fusion="data"` (GCN-DF): one convolution on the signals of all fingers.
     * :obj:`fusion="feature"` (GCN-FF): a convolution for each finger, whose features are
       concatenated.
-    * :obj:`fusion=None` (GCN-L, -M, -R): one convolution on the finger :obj:`finger` alone.
+    * :obj:`fusion=None` (GCN-L, -M, -R): one convolution on the signals of finger :obj:`finger`.
 
-    The paper gives neither the hidden width (ours is 64) nor how nodes enter the fully connected
-    layer (ours flattens them). Outputs are logits: the softmax of two is the paper's sigmoid.
+    The paper states neither the hidden width, which is 64 here, nor how node features enter the
+    fully connected layer, which are flattened here. The outputs are logits; the softmax of two
+    equals the paper's sigmoid.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout of one finger, the name of a stock
             layout, the path of a layout file, or the number of electrodes :math:`N`.
         out_channels (int): Number of classes.
-        in_channels (int): Number of channels of one finger at each electrode: its frames, 60 in
-            the paper, 1 for static readings.
+        in_channels (int): Number of channels of one finger at each electrode. For windows, they are
+            the frames (60 in the paper).
         hidden_channels (int): Width of the graph convolution.
         num_fingers (int): Number of fingers :math:`K`.
         fusion (str, optional): :obj:`"data"`, :obj:`"feature"` or :obj:`None`.
         finger (int, optional): The finger to use, if :obj:`fusion` is :obj:`None`.
-        num_layers (int): Number of graph convolutions; one in the paper.
-        dropout (float): Part of the electrodes whose features are dropped in training before the
-            fully connected layer, all channels of an electrode at once; none in the paper.
-        num_joints (int): Number of joint angles, or other numbers of the hand such as forces and
-            torques (the paper's outlook), that join before the fully connected layer; 0 for none.
-        fast (bool): Whether to multiply the samples of one topology by one matrix, as
-            :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` does, instead of passing
-            messages edge by edge.
+        num_layers (int): Number of graph convolutions, one in the paper.
+        dropout (float): Probability of dropping all features of an electrode in training before the
+            fully connected layer, zero in the paper.
+        num_joints (int): Number of joint angles that are inputs of the fully connected layer. They
+            may be other values of the hand, such as forces and torques (the paper's outlook).
+        fast (bool): Whether to multiply samples on one topology by a matrix, as in
+            :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`.
 
     Shapes:
         - **input:** readings :math:`(B, N, K \cdot F)`, or those of a PyG batch :math:`(B \cdot N,
@@ -58,7 +58,7 @@ class GraspGCN(BaseModel):
 
     Raises:
         ValueError: If :obj:`fusion` is unknown, :obj:`finger` is missing, superfluous or out of
-            range, a size is below one, or :obj:`x` has other nodes or channels.
+            range, a size is below one, or :obj:`x` has another number of nodes or channels.
 
     Examples:
         >>> model = GraspGCN("biotac_sp", 2, fusion="data")
@@ -114,8 +114,8 @@ class GraspGCN(BaseModel):
         self.fusion = fusion
         self.finger = finger
         num_threads = num_fingers if fusion == "feature" else 1
-        first = in_channels * (num_fingers if fusion == "data" else 1)
-        widths = [first] + [hidden_channels] * num_layers
+        input_width = in_channels * (num_fingers if fusion == "data" else 1)
+        widths = [input_width] + [hidden_channels] * num_layers
         self.convs = ModuleList(
             ModuleList(
                 StaticGCNConv(widths[i], widths[i + 1], fast=fast) for i in range(num_layers)
@@ -139,21 +139,24 @@ class GraspGCN(BaseModel):
     ) -> Tensor:
         r"""Returns the logits of the classes.
 
-        The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
+        The order of the arguments is that of
+        :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
 
         Args:
             x (torch.Tensor): Readings.
             edge_index (torch.Tensor): Edges.
             edge_attr, absolute, pos (torch.Tensor, optional): Not used.
-            joint (torch.Tensor, optional): Joint angles in radians, or other numbers of the hand,
-                :math:`(B, J)`, if the model has them.
-            edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
+            joint (torch.Tensor, optional): Joint angles in radians or other values of the hand
+                :math:`(B, J)`, if :obj:`num_joints` is not 0.
+            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
         """
-        edge_index = given_edges(edge_index)
-        if edge_attr is not None and edge_attr.dim() == 1:  # ignored, they would go unnoticed
+        edge_index = required_edges(edge_index)
+        # PyG's layers take weights as `edge_attr` or `edge_weight`. Ignoring them silently would
+        # give other results.
+        if edge_attr is not None and edge_attr.dim() == 1:
             raise ValueError(
-                "'edge_attr' must be edge features, which this model does not use; give weights "
-                f"of edges as 'edge_weight' (got shape {tuple(edge_attr.shape)})"
+                "'edge_attr' must be edge features, which this model does not use; pass weights of "
+                f"edges as 'edge_weight' (got shape {tuple(edge_attr.shape)})"
             )
         width = self.num_fingers * self.in_channels
         if x.dim() not in (2, 3) or x.size(-1) != width or x.size(-2) % self.num_nodes:
@@ -176,11 +179,11 @@ class GraspGCN(BaseModel):
             for conv in thread:
                 h = conv(h, edge_index, edge_weight).relu_()
             features.append(h.reshape(-1, self.num_nodes * self.hidden_channels))
-        joined = features[0] if len(features) == 1 else torch.cat(features, dim=-1)
+        node_features = features[0] if len(features) == 1 else torch.cat(features, dim=-1)
         if self.training and self.dropout.p > 0:
-            nodes = joined.view(len(joined), -1, self.hidden_channels)
-            joined = self.dropout(nodes).flatten(1)
-        return self.lin(with_joints(joined, joint, self.num_joints))
+            unflattened = node_features.view(len(node_features), -1, self.hidden_channels)
+            node_features = self.dropout(unflattened).flatten(1)
+        return self.lin(with_joints(node_features, joint, self.num_joints))
 
     def extra_repr(self) -> str:
         r"""Returns the sizes and the fusion for :obj:`repr`."""

@@ -1,4 +1,4 @@
-r"""Grasp stability from the time series of several fingers."""
+r"""LSTMs for grasp stability."""
 
 from typing import Optional
 
@@ -15,8 +15,8 @@ from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels, 
 
 
 class _LSTMCells(Module):
-    r"""The layers of a :class:`torch.nn.LSTM` with :obj:`batch_first=True`, of the same weights by
-    the same names. :func:`torch.compile` refuses to look into that class; here it can.
+    r"""The layers of a :class:`torch.nn.LSTM` with :obj:`batch_first=True`, and with the same names
+    of weights. Unlike that class, :func:`torch.compile` can compile it.
     """
 
     def __init__(self, in_channels: int, hidden_channels: int, num_layers: int = 1) -> None:
@@ -35,21 +35,22 @@ class _LSTMCells(Module):
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
-        r"""Draws all weights anew, as :class:`torch.nn.LSTM` does."""
+        r"""Resets all learnable parameters, as :class:`torch.nn.LSTM` does."""
         bound = self.hidden_channels**-0.5
         for weight in self.parameters():
             torch.nn.init.uniform_(weight, -bound, bound)
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Returns the hidden state of the last layer in each frame :math:`(B, T, H)`.
+        r"""Returns the hidden state of the last layer at each frame :math:`(B, T, H)`.
 
-        Shapes:
-            - **x:** The frames :math:`(B, T, F)`.
+        Args:
+            x (torch.Tensor): Features of the frames :math:`(B, T, F)`.
         """
         zeros = x.new_zeros(self.num_layers, x.size(0), self.hidden_channels)
         weights: list[Tensor] = list(self.parameters())
         if torch.compiler.is_compiling():
-            # PyTorch compiles the layer of oneDNN, which has no gradient, for an input without one.
+            # For an input that needs no gradient, PyTorch compiles a layer of oneDNN, which has
+            # none for the weights. Adding zero times a weight makes the input need a gradient.
             x = x + 0 * weights[0][0, 0]
         out, _, _ = torch.lstm(
             x, (zeros, zeros), weights, True, self.num_layers, 0.0, self.training, False, True
@@ -59,22 +60,22 @@ class _LSTMCells(Module):
 
 class GraspLSTM(BaseModel):
     r"""The LSTM-L, -M, -R and -F of the "Tactile Grasp Stability Classification Based on Graph
-    Convolutional Networks" paper (:doc:`P3 </papers>`): one layer of 128 cells over time on the
-    signals of all electrodes, of one finger or (F) of all, then one fully connected layer on the
-    hidden state of the last frame.
+    Convolutional Networks" paper (:doc:`P3 </papers>`). They have one layer of 128 cells over time
+    on the signals of all electrodes, of one finger or (F) of all fingers, and one fully connected
+    layer on the hidden state of the last frame.
 
-    It knows no graph. In each frame, the electrodes' readings stand side by side: electrode by
-    electrode, in each finger by finger. The paper has two classes and a sigmoid; outputs are
-    logits, whose softmax of two is the sigmoid of their difference.
+    They use no graph. The input of a frame are the readings sorted by electrode, then by finger.
+    The outputs are logits; for two classes, their softmax equals the paper's sigmoid of the
+    difference.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout of one finger, the name of a stock
             layout, the path of a layout file, or the number of electrodes :math:`N`.
         out_channels (int): Number of classes :math:`C`.
-        num_fingers (int): Number of fingers :math:`K` whose signals stand side by side.
-        finger (int, optional): The one finger to look at. All if left out.
+        num_fingers (int): Number of fingers :math:`K`, whose signals are concatenated.
+        finger (int, optional): Index of the only finger to use. If left out, all fingers are used.
         hidden_channels (int): Number of cells.
-        num_layers (int): Number of layers; one in the paper.
+        num_layers (int): Number of layers, one in the paper.
 
     Shapes:
         - **input:** windows of any number of frames :math:`T`: :math:`(N, K \cdot T)`,
@@ -82,8 +83,8 @@ class GraspLSTM(BaseModel):
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If :obj:`finger` is out of range, a size is below one, or :obj:`x` has other
-            electrodes or no whole number of frames.
+        ValueError: If :obj:`finger` is out of range, a size is below one, or :obj:`x` has another
+            number of electrodes or a number of columns that :math:`K` does not divide.
 
     Examples:
         >>> model = GraspLSTM("biotac", 2)
@@ -131,8 +132,8 @@ class GraspLSTM(BaseModel):
         size = x.size(-1) if x.dim() else 0
         if size == 0 or size % self.num_fingers:
             raise ValueError(
-                f"'x' must have frames of {self.num_fingers} fingers, one after another (got shape "
-                f"{tuple(x.shape)})"
+                f"'x' must have the same number of frames for each of {self.num_fingers} fingers "
+                f"(got shape {tuple(x.shape)})"
             )
         x = stacked_readings(x, self.num_nodes, size, "fingers x frames")
         frames = split_frames(x, size // self.num_fingers)  # (B, N, T, K)

@@ -1,4 +1,4 @@
-r"""Convolutions on a map of the hand."""
+r"""A convolutional network on the image map of a hand."""
 
 from collections.abc import Mapping, Sequence
 from typing import Optional
@@ -6,7 +6,7 @@ from typing import Optional
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._inputs import side_by_side
+from torch_geometric_tactile.nn.models._inputs import concatenate_inputs
 from torch_geometric_tactile.nn.models._taxel_image import checked_map
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS
@@ -16,26 +16,27 @@ from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 class HandCNN(TactileModel):
     r"""The CNN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`): the inputs of the
-    taxels on a map of the hand, convolutions with the widths of the GCN, and fully connected
-    layers.
+    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). The inputs of the
+    taxels are convolved on a map of the hand, with the widths of the GCN, followed by fully
+    connected layers.
 
-    The paper does not give its map. Ours is that of the layout, where patches lie as on the hand,
-    with empty cells between them. The taxels' cells are read back after the last convolution, which
-    gives the paper's :math:`384 \cdot 7` features.
+    The paper does not show its map. The map here is that of the layout, on which patches are
+    arranged as on the hand with empty cells between them. After the last convolution, the features
+    of the taxels' cells are selected, which gives the paper's :math:`384 \cdot 7` features.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
-            a layout file; it must have an :obj:`image_map`.
+            a layout file. It must have an :obj:`image_map`.
         out_channels (int): Number of labels or classes :math:`C`.
-        inputs (sequence of str): Some of :obj:`"tactile"`, :obj:`"absolute"` and
+        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"absolute"` and
             :obj:`"position"`.
-        num_joints (int): Number of joint angles; 16 for an Allegro hand, 0 for none.
+        num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
         channels (dict, optional): Features of a taxel by input, if not 3 or 4.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): How many channels share one maximum, after each convolution.
+        pools (sequence of int): Number of channels for each maximum, after each convolution.
         head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): How many channels share one maximum, after each of them.
+        head_pools (sequence of int): Number of channels for each maximum, after each fully
+            connected layer.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
@@ -44,7 +45,8 @@ class HandCNN(TactileModel):
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If the layout has no map, or an input is unknown, missing or of another shape.
+        ValueError: If the layout has no image map, or an input is unknown, missing or of another
+            shape.
 
     Examples:
         >>> model = HandCNN(inputs=("tactile", "absolute"))
@@ -78,5 +80,7 @@ class HandCNN(TactileModel):
         self.add_head(self.thread.out_channels, head_widths, head_pools)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers."""
-        return self.thread(side_by_side(parts))
+        r"""Returns the features of each taxel before the fully connected layers
+        :math:`(B, N, F)`.
+        """
+        return self.thread(concatenate_inputs(parts))

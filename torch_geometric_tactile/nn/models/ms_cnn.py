@@ -1,4 +1,4 @@
-r"""Convolutions on maps of patches, fingers and the hand."""
+r"""A convolutional network on maps of patches, fingers and the hand."""
 
 from typing import Literal, Optional
 
@@ -11,55 +11,56 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.nn.models._hand_maps import (
+    INIT_STD,
     PATTERNS,
-    SD,
     MapStage,
     input_maps,
-    joined_maps,
+    join_maps,
 )
 from torch_geometric_tactile.nn.models._taxel_image import checked_map
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
-# Features of a cell after each convolution, and of the fully connected layer.
+# Widths of the convolutions and of the fully connected layer by number of channels, in the paper.
 _WIDTHS = {3: (14, 28, 56), 1: (5, 9, 18)}
-_HIDDEN = {3: 1200, 1: 400}
-_ALL = 3  # channels of readings, of which the last is along the normal
+_HIDDEN_WIDTHS = {3: 1200, 1: 400}
+_NUM_FORCE_CHANNELS = 3  # the last of which is along the normal
 
 
 class MSCNN(TactileModel):
     r"""The MS-CNN of the "Morphology-Specific Convolutional Neural Networks for Tactile Object
-    Recognition with a Multi-Fingered Hand" paper (:doc:`P4 </papers>`): three convolutions, each on
-    maps of patches, of fingers or of the whole hand, whose outputs are put together as the patches
-    are on the hand; then the joint angles join, and two fully connected layers follow.
+    Recognition with a Multi-Fingered Hand" paper (:doc:`P4 </papers>`). It has three convolutions,
+    each on maps of patches, of fingers or of the hand. Their outputs are joined as the patches are
+    arranged on the hand. Two fully connected layers on the features and joint angles follow.
 
-    What a map is at each convolution is the :obj:`pattern`, a row of
-    :obj:`~torch_geometric_tactile.nn.models._hand_maps.PATTERNS`:
+    The :obj:`pattern` determines the maps of each convolution
+    (:obj:`~torch_geometric_tactile.nn.models._hand_maps.PATTERNS`):
 
-    * I: the whole hand, with zeros above the thumb;
+    * I: the hand, with zeros above the thumb;
     * II: patches, then the hand; III: patches twice, then the hand;
     * IV, the best of the paper: patches, then fingers, then the hand;
     * V: patches, then fingers twice; VI: patches only; VII: fingers only.
 
-    There is neither padding nor pooling, so that an output is smaller than its map. Widths are 3,
-    14, 28 and 56 (1, 5, 9 and 18 with one channel), followed by 1200 (400). As in the paper,
-    weights begin as a normal distribution of standard deviation 0.1, cut at two of them; that
-    biases begin at zero is ours.
+    There is neither padding nor pooling, so that an output is smaller than its map. The widths are
+    3, 14, 28 and 56 (1, 5, 9 and 18 with one channel), followed by 1200 (400). As in the paper, the
+    initial weights are drawn from a normal distribution of standard deviation 0.1, truncated at two
+    standard deviations. The paper does not state the initial biases, which are zero here.
 
-    The paper's little finger is the layout's ring finger. Weights are shared between maps of equal
-    size with filters of equal size.
+    The paper's little finger is the layout's ring finger. Weights are shared between maps of the
+    same size with filters of the same size.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
-            a layout file. Its :obj:`image_map` has the patches of a digit one above the other,
-            fingertips up, and digits side by side; the digit called :obj:`"thumb"` is the thumb.
+            a layout file. On its :obj:`image_map`, the patches of a digit must be one above the
+            other with the fingertip at the top, and the digits side by side. The digit named
+            :obj:`"thumb"` is the thumb.
         out_channels (int): Number of classes :math:`C`.
         pattern (str): :obj:`"I"` to :obj:`"VII"`.
         share_weights (bool): Whether maps share their filters.
-        channels (int): 3 for all forces, 1 for those along the normal: of readings with three
-            channels the last one, and readings with one channel as they are.
-        num_joints (int): Number of joint angles; 16 for an Allegro hand, 0 for none.
+        channels (int): 3 for all force components, or 1 for the component along the normal, which
+            is the last of three channels or the only channel.
+        num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
         hidden_channels (int, optional): Width of the fully connected layer, if not 1200 or 400.
 
     Shapes:
@@ -68,8 +69,8 @@ class MSCNN(TactileModel):
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If the pattern is unknown or does not fit the layout, the layout has no map, a
-            size is below one, or an input is missing or of another shape.
+        ValueError: If the pattern is unknown or does not fit the layout, the layout has no image
+            map, a size is below one, or an input is missing or of another shape.
 
     Examples:
         >>> model = MSCNN(pattern="IV", share_weights=True)
@@ -98,7 +99,7 @@ class MSCNN(TactileModel):
         layout = load_layout(layout, "its image map")
         need(pattern in PATTERNS, f"'pattern' must be one of {list(PATTERNS)} (got {pattern!r})")
         need(channels in _WIDTHS, f"'channels' must be 3 or 1 (got {channels!r})")
-        hidden_channels = _HIDDEN[channels] if hidden_channels is None else hidden_channels
+        hidden_channels = _HIDDEN_WIDTHS[channels] if hidden_channels is None else hidden_channels
         need(hidden_channels >= 1, "'hidden_channels' must be at least 1", hidden_channels)
         super().__init__(
             layout,
@@ -111,40 +112,40 @@ class MSCNN(TactileModel):
         self.pattern = pattern
         self.share_weights = share_weights
         self.num_channels = channels
-        table = PATTERNS[pattern]
-        maps, width = input_maps(layout, table[0].level), int(channels)
+        stages = PATTERNS[pattern]
+        maps, width = input_maps(layout, stages[0].level), int(channels)
         self.stages = ModuleList()
-        for stage, out_width in zip(table, _WIDTHS[channels], strict=True):
-            maps = joined_maps(maps, stage.level, layout)
+        for stage, out_width in zip(stages, _WIDTHS[channels], strict=True):
+            maps = join_maps(maps, stage.level, layout)
             convs = MapStage(width, out_width, maps, stage, share_weights)
             self.stages.append(convs)
             maps, width = convs.maps, out_width
-        num_features = width * sum(one.cell.size for one in maps) + num_joints
+        num_features = width * sum(hand_map.cell.size for hand_map in maps) + num_joints
         self.head = PooledMLP(num_features, out_channels, (hidden_channels,), (1,))
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
+        r"""Resets all learnable parameters."""
         reset(self.stages)
         for lin in (*self.head.lins, self.head.lin_out):
-            trunc_normal_(lin.weight, std=SD, a=-2 * SD, b=2 * SD)
+            trunc_normal_(lin.weight, std=INIT_STD, a=-2 * INIT_STD, b=2 * INIT_STD)
             zeros_(lin.bias)
 
-    def collect(self, name: str, x: Tensor, *others: OptTensor) -> Tensor:
-        r"""Returns the readings of each taxel :math:`(B, N, F)`, whatever the form of the data.
+    def collect(self, name: str, x: Tensor, *unused: OptTensor) -> Tensor:
+        r"""Returns the readings of each taxel as :math:`(B, N, F)`.
 
         Args:
             name (str): :obj:`"tactile"`.
             x (torch.Tensor): Readings.
-            *others (torch.Tensor, optional): Not used.
+            *unused (torch.Tensor, optional): Not used.
         """
-        if self.num_channels == 1 and x.size(-1) == _ALL:
-            x = x[..., _ALL - 1 :]
-        return super().collect(name, x, *others)
+        if self.num_channels == 1 and x.size(-1) == _NUM_FORCE_CHANNELS:
+            x = x[..., _NUM_FORCE_CHANNELS - 1 :]
+        return super().collect(name, x, *unused)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
         r"""Returns the features of each cell of the last maps :math:`(B, M, F)`."""
-        h = F.pad(parts["tactile"], (0, 0, 0, 1))  # a zero for the cells without a taxel
+        h = F.pad(parts["tactile"], (0, 0, 0, 1))  # appends zeros for cells without a taxel
         for stage in self.stages:
             h = stage(h)
         return h

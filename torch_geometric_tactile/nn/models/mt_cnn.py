@@ -1,4 +1,4 @@
-r"""A thread of convolutions on a map of the hand for each input."""
+r"""A network with a thread of convolutions on the image map of a hand for each input."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Optional
@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.nn import ModuleDict
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._inputs import side_by_side
+from torch_geometric_tactile.nn.models._inputs import concatenate_inputs
 from torch_geometric_tactile.nn.models._taxel_image import checked_map
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models._thread_widths import thread_settings
@@ -17,23 +17,24 @@ from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 class MTCNN(TactileModel):
     r"""The MT-CNN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`): a thread of
-    convolutions on the map of the hand for each input, with the widths of
-    :class:`~torch_geometric_tactile.nn.models.MTGCN`, whose features are concatenated before the
-    fully connected layers.
+    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It has a thread of
+    convolutions on the image map of the hand for each input, with the widths of
+    :class:`~torch_geometric_tactile.nn.models.MTGCN`. The features of the threads are concatenated
+    before the fully connected layers.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
-            a layout file; it must have an :obj:`image_map`.
+            a layout file. It must have an :obj:`image_map`.
         out_channels (int): Number of labels or classes :math:`C`.
-        inputs (sequence of str): Some of :obj:`"tactile"`, :obj:`"absolute"` and
-            :obj:`"position"`; each gets a thread, in this order.
-        threads (dict, optional): The settings of a thread by input, :obj:`widths` and :obj:`pools`,
-            if not the paper's.
-        num_joints (int): Number of joint angles; 16 for an Allegro hand, 0 for none.
+        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"absolute"` and
+            :obj:`"position"`. Each has a thread, in this order.
+        threads (dict, optional): Settings :obj:`widths` and :obj:`pools` of a thread by input, if
+            they differ from the paper.
+        num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
         channels (dict, optional): Features of a taxel by input, if not 3 or 4.
         head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): How many channels share one maximum, after each of them.
+        head_pools (sequence of int): Number of channels for each maximum, after each fully
+            connected layer.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
@@ -42,7 +43,8 @@ class MTCNN(TactileModel):
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If the layout has no map, or an input is unknown, missing or of another shape.
+        ValueError: If the layout has no image map, or an input is unknown, missing or of another
+            shape.
 
     Examples:
         >>> MTCNN().head.in_channels
@@ -70,12 +72,18 @@ class MTCNN(TactileModel):
         )
         image_map = checked_map(layout, self.inputs)
         self.threads, width = ModuleDict(), 0
-        for name, own in settings.items():
-            thread = CNNThread(self.channels[name], image_map, own["widths"], own["pools"])
+        for name, thread_setting in settings.items():
+            thread = CNNThread(
+                self.channels[name], image_map, thread_setting["widths"], thread_setting["pools"]
+            )
             self.threads[name] = thread
             width += thread.out_channels
         self.add_head(width, head_widths, head_pools)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers."""
-        return side_by_side({name: self.threads[name](part) for name, part in parts.items()})
+        r"""Returns the features of each taxel before the fully connected layers
+        :math:`(B, N, F)`.
+        """
+        return concatenate_inputs(
+            {name: self.threads[name](features) for name, features in parts.items()}
+        )

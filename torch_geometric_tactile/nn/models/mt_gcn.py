@@ -1,4 +1,4 @@
-r"""A thread of graph convolutions for each input."""
+r"""A network with a thread of graph convolutions for each input."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Optional, Union
@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn import Module, ModuleDict
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._inputs import side_by_side
+from torch_geometric_tactile.nn.models._inputs import concatenate_inputs
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models._thread_widths import thread_settings
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
@@ -18,38 +18,39 @@ from torch_geometric_tactile.sensors import check_edges
 
 class MTGCN(TactileModel):
     r"""The MT-GCN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`): a
-    :class:`~torch_geometric_tactile.nn.models.GCNThread` for each input, whose features are
-    concatenated before the fully connected layers.
+    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It has a
+    :class:`~torch_geometric_tactile.nn.models.GCNThread` for each input. The features of the
+    threads are concatenated before the fully connected layers.
 
     .. math::
         \mathbf{H} = \left( f_1(\mathbf{H}_1, \mathbf{A}_1), \ldots,
         f_M(\mathbf{H}_M, \mathbf{A}_M) \right)
 
     The defaults are the paper's: "14, 28, 56(P)28, 112(P)28, 112(P)7" for readings and "7, 14,
-    28(P)14, 28(P)14, 56(P)7" for all other inputs. (The table prints 28 for the last number, which
-    does not give the printed input of the fully connected layers, :math:`384 \cdot 7` a thread.)
+    28(P)14, 28(P)14, 56(P)7" for all other inputs. The paper's table has 28 as the last number,
+    which contradicts its input of the fully connected layers, :math:`384 \cdot 7` per thread.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
-            of a layout file, or the number of taxels. Named adjacencies need a layout.
+            of a layout file, or the number of taxels. Names of adjacencies require a layout.
         out_channels (int): Number of labels or classes :math:`C`.
-        inputs (sequence of str): Some of :obj:`"tactile"`, :obj:`"edge"`, :obj:`"absolute"` and
-            :obj:`"position"`; each gets a thread, in this order.
-        threads (dict, optional): The settings of a thread by input, if not the paper's:
-            :obj:`widths`, :obj:`pools`, and :obj:`adjacency`, edges :math:`(2, |\mathcal{E}_m|)` (a
-            tensor or lists) or their name in the layout, which replace the data's; PyG's explainers
-            then say nothing about the edges of this thread.
+        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"edge"`, :obj:`"absolute"` and
+            :obj:`"position"`. Each has a thread, in this order.
+        threads (dict, optional): Settings of a thread by input, if they differ from the paper:
+            :obj:`widths`, :obj:`pools` and :obj:`adjacency`. The latter are edges
+            :math:`(2, |\mathcal{E}_m|)` (a tensor or lists) or their name in the layout. They
+            replace the edges of the data, and PyG's explainers do not explain them.
         num_edges (int, optional): Number of edges, for the dense encoder of :obj:`"edge"`.
-        num_joints (int): Number of joint angles; 16 for an Allegro hand, 0 for none.
+        num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
         channels (dict, optional): Features of a taxel by input, if not 3 or 4.
-        encoder (str or torch.nn.Module): The encoder of edge features: :obj:`"dense"` is the
-            paper's; :obj:`"message"` and :obj:`"attention"` are ours.
+        encoder (str or torch.nn.Module): Encoder of edge features: :obj:`"dense"`, which is the
+            paper's, :obj:`"message"`, :obj:`"attention"` or a module.
         head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): How many channels share one maximum, after each of them.
-        fast (bool): Whether to compute batches of eight samples and more on a processor with the
-            operations of :mod:`torch_geometric_tactile.nn._pooled_gcn`. They give the same numbers,
-            but have no second derivative.
+        head_pools (sequence of int): Number of channels for each maximum, after each fully
+            connected layer.
+        fast (bool): Whether to compute batches of at least eight samples on a processor by
+            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
+            second derivative.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
@@ -58,8 +59,8 @@ class MTGCN(TactileModel):
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If an input is unknown or missing, or has another shape, or an adjacency joins
-            other taxels.
+        ValueError: If an input is unknown or missing, or has another shape, or an adjacency has
+            indices out of range.
 
     Examples:
         >>> model = MTGCN(inputs=("tactile", "edge"), num_edges=1401, num_joints=16)
@@ -85,48 +86,55 @@ class MTGCN(TactileModel):
         fast: bool = True,
     ) -> None:
         settings = thread_settings(inputs, threads, ("widths", "pools", "adjacency"))
-        if any(isinstance(own.get("adjacency"), str) for own in settings.values()):
+        if any(isinstance(setting.get("adjacency"), str) for setting in settings.values()):
             layout = load_layout(layout, "an adjacency by name")
         super().__init__(
             layout, out_channels, inputs=inputs, num_joints=num_joints, channels=channels
         )
         self.add_encoder(encoder, num_edges)
-        own_edges = [own.get("adjacency") is not None for own in settings.values()]
-        self.needs_edges = "edge" in self.inputs or not all(own_edges)
+        have_adjacency = [setting.get("adjacency") is not None for setting in settings.values()]
+        self.needs_edges = "edge" in self.inputs or not all(have_adjacency)
         self.threads, width = ModuleDict(), 0
-        for name, own in settings.items():
-            thread = GCNThread(self.channels[name], own["widths"], own["pools"], fast=fast)
-            adjacency = own.get("adjacency")
+        for name, setting in settings.items():
+            thread = GCNThread(self.channels[name], setting["widths"], setting["pools"], fast=fast)
+            adjacency = setting.get("adjacency")
             if isinstance(adjacency, str):
                 adjacency = load_layout(layout, "an adjacency by name").edge_index(adjacency)
             if adjacency is not None:
                 adjacency = _checked_edges(name, adjacency, self.num_nodes)
                 for conv, _ in thread.layers():
-                    conv.explain = False  # an explainer's mask is of the data's edges
-            # Not in the state: it is an argument, and a checkpoint must not overrule it.
+                    conv.explain = False  # an explainer's mask is for the edges of the data
+            # Not saved in the state, so that a checkpoint cannot override the argument.
             self.register_buffer(f"{name}_edge_index", adjacency, persistent=False)
             self.threads[name] = thread
             width += thread.out_channels
         self.add_head(width, head_widths, head_pools)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers."""
+        r"""Returns the features of each taxel before the fully connected layers
+        :math:`(B, N, F)`.
+        """
         outs = {}
-        for name, part in parts.items():
-            thread, own = self.threads[name], getattr(self, f"{name}_edge_index")
+        for name, features in parts.items():
+            thread, thread_edges = self.threads[name], getattr(self, f"{name}_edge_index")
             assert isinstance(thread, GCNThread)
-            edges = edge_index if own is None else own
-            outs[name] = self.convolve(thread, part, x, edges, own is not None)
-        return side_by_side(outs)
+            edges = edge_index if thread_edges is None else thread_edges
+            outs[name] = self.convolve(thread, features, x, edges, thread_edges is not None)
+        return concatenate_inputs(outs)
 
 
 def _checked_edges(
     name: str, edges: Union[Sequence[Sequence[int]], Tensor], num_nodes: int
 ) -> Tensor:
-    r"""Returns the edges of a thread's own :math:`(2, |\mathcal{E}_m|)`.
+    r"""Returns the edges of a thread's adjacency as a tensor :math:`(2, |\mathcal{E}_m|)`.
 
-    Shapes:
-        - **num_nodes:** Number of taxels :math:`N`.
+    Args:
+        name (str): Input of the thread, for the message.
+        edges (sequence or torch.Tensor): Edges.
+        num_nodes (int): Number of taxels :math:`N`.
+
+    Raises:
+        ValueError: If the edges have another shape or indices out of range.
     """
-    edges = torch.as_tensor(edges, device="cpu")  # to be checked
+    edges = torch.as_tensor(edges, device="cpu")  # values cannot be checked on the meta device
     return check_edges(edges, num_nodes, f"the adjacency of '{name}'")

@@ -1,4 +1,4 @@
-r"""Fully connected layers, with the maximum over channels between them."""
+r"""Fully connected layers with pooling over channels."""
 
 from collections.abc import Sequence
 
@@ -13,22 +13,23 @@ from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 class PooledMLP(Module):
     r"""The fully connected layers of the "Tactile Object Property Recognition using Geometrical
-    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper: each is a linear map, a
-    :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU; a linear map to the logits
-    follows. The defaults are the paper's "1536(P)768, 384(P)192, 96(P)48".
+    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper. Each is a linear map, a
+    :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU, and a linear map to the
+    logits follows. The defaults are the paper's "1536(P)768, 384(P)192, 96(P)48".
 
     Args:
         in_channels (int): Width of the input.
         out_channels (int): Number of logits.
         widths (sequence of int): Width of each layer.
-        pools (sequence of int): How many channels share one maximum, after each layer.
+        pools (sequence of int): Number of channels for each maximum, after each layer.
 
     Shapes:
         - **input:** features :math:`(B, F)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If widths and pools do not fit each other, or a size is below one.
+        ValueError: If a pool does not divide its width, the numbers of widths and pools differ, or
+            a size is below one.
 
     Examples:
         >>> PooledMLP(2688, 6)
@@ -52,12 +53,12 @@ class PooledMLP(Module):
         self.lin_out = Linear(sizes[-1], out_channels)
 
     def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
+        r"""Resets all learnable parameters."""
         reset(self.lins)
         self.lin_out.reset_parameters()
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Returns the logits.
+        r"""Returns the logits :math:`(B, C)`.
 
         Args:
             x (torch.Tensor): Features.

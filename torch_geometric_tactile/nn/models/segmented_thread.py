@@ -1,4 +1,4 @@
-r"""Graph convolutions in a row, segment by segment."""
+r"""A thread of graph convolutions with separate weights for each segment."""
 
 from collections.abc import Sequence
 from typing import Union
@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn._pooled_gcn import may_merge, may_run_fast, pooled_thread
+from torch_geometric_tactile.nn._pooled_gcn import is_pooled_gcn_faster, may_merge, pooled_thread
 from torch_geometric_tactile.nn.conv import SegmentedGCNConv
 from torch_geometric_tactile.nn.conv._static_adjacency import (
     AdjacencyCache,
@@ -17,40 +17,40 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
     dense_norm,
     edge_pattern,
 )
-from torch_geometric_tactile.nn.models._inputs import given_edges, weight_like
+from torch_geometric_tactile.nn.models._inputs import required_edges, weight_like
 from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class SegmentedThread(Thread):
-    r"""The small graph convolutional networks of all segments of a hand, each with weights of its
-    own, of the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional
-    Networks using Topological Graph Segmentation" paper: each layer is a
+    r"""The small graph convolutional networks of all segments of a hand, with separate weights, of
+    the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional Networks
+    using Topological Graph Segmentation" paper. Each layer is a
     :class:`~torch_geometric_tactile.nn.conv.SegmentedGCNConv`, a
     :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU.
 
     The defaults are the paper's "14, 56(P)7". Segments of equal size (the 18 planar patches, the
-    four fingertips) are multiplied at once. The fast path multiplies all segments at once, as in
+    four fingertips) are multiplied together. The fast path multiplies all segments together, as in
     :class:`~torch_geometric_tactile.nn.models.GCNThread`.
 
     Args:
         in_channels (int): Features of each taxel.
-        segment (sequence of int or torch.Tensor): The segment of each taxel :math:`(N,)`, from zero
-            without gaps.
+        segment (sequence of int or torch.Tensor): Segment of each taxel :math:`(N,)`, numbered from
+            zero without gaps.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): How many channels share one maximum, after each convolution.
-        fast (bool): Whether to compute batches of eight samples and more on a processor with the
-            operations of :mod:`torch_geometric_tactile.nn._pooled_gcn`. They give the same numbers,
-            but have no second derivative.
+        pools (sequence of int): Number of channels for each maximum, after each convolution.
+        fast (bool): Whether to compute batches of at least eight samples on a processor by
+            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
+            second derivative.
 
     Shapes:
         - **input:** node features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
           :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`
-        - **output:** node features of the same leading shape; their width is the last width divided
-          by the last pool
+        - **output:** node features of the same leading shape, with the last width divided by the
+          last pool
 
     Raises:
-        ValueError: If widths and pools do not fit each other, :obj:`segment` has gaps, or
-            :obj:`x` has other taxels or channels.
+        ValueError: If a pool does not divide its width, the numbers of widths and pools differ,
+            :obj:`segment` has gaps, or :obj:`x` has another number of taxels or channels.
 
     Examples:
         >>> thread = SegmentedThread(3, [0, 0, 1])
@@ -75,18 +75,18 @@ class SegmentedThread(Thread):
             return SegmentedGCNConv(segment, in_channels, out_channels)
 
         super().__init__(in_channels, widths, pools, conv, fast=fast)
-        first, _ = self.layers()[0]
-        self.num_segments = first.num_segments
-        self._kept = AdjacencyCache()
-        self._add_groups(first.segment)
+        first_conv, _ = self.layers()[0]
+        self.num_segments = first_conv.num_segments
+        self._edge_cache = AdjacencyCache()
+        self._add_groups(first_conv.segment)
 
     def _add_groups(self, segment: Tensor) -> None:
-        # For each size of segments: their numbers (S,) and their taxels (S, n).
+        # Registers, for each size of segments, their indices (S,) and their taxels (S, n).
         counts = segment.bincount()
         order, self.num_groups = [], 0
         for size in counts.unique().tolist():
             members = (counts == size).nonzero().view(-1)
-            nodes = torch.stack([(segment == s).nonzero().view(-1) for s in members])
+            nodes = torch.stack([(segment == member).nonzero().view(-1) for member in members])
             self.register_buffer(f"members_{self.num_groups}", members, persistent=False)
             self.register_buffer(f"nodes_{self.num_groups}", nodes, persistent=False)
             order.append(nodes.flatten())
@@ -96,35 +96,43 @@ class SegmentedThread(Thread):
     def forward(
         self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
     ) -> Tensor:
-        r"""Convolves node features.
+        r"""Returns the convolved node features.
 
         Args:
             x (torch.Tensor): Node features.
-            edge_index (torch.Tensor): Edges; those between segments do not count.
-            edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
+            edge_index (torch.Tensor): Edges. Those between segments are ignored.
+            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
         """
-        edge_index, edge_weight = given_edges(edge_index), weight_like(edge_weight, x)
+        edge_index, edge_weight = required_edges(edge_index), weight_like(edge_weight, x)
         layers = self.layers()
         segment: Tensor = layers[0][0].segment
         if x.dim() != 3 or x.size(1) != len(segment) or not may_merge(layers):
             return self._by_layers(x, edge_index, edge_weight)
         if x.size(-1) != self.in_channels:
             raise ValueError(f"'x' must have {self.in_channels} features (got {x.size(-1)})")
-        kept = self._kept.get(edge_index, edge_weight, len(segment), x.dtype, segment)
-        if kept is not None and self.fast and may_run_fast(x):
-            return pooled_thread(x, layers, kept, segment)
-        finite = all_finite(x)
-        if finite is False:  # zero times infinity would be in every sum of a segment
+        cached_adjacency = self._edge_cache.get(
+            edge_index, edge_weight, len(segment), x.dtype, segment
+        )
+        if cached_adjacency is not None and self.fast and is_pooled_gcn_faster(x):
+            return pooled_thread(x, layers, cached_adjacency, segment)
+        is_finite = all_finite(x)
+        # Dense products would spread infinite readings to the whole segment, as zero times infinity
+        # is NaN. If it is unknown whether all are finite (None), contained products are used.
+        if is_finite is False:
             return self._by_layers(x, edge_index, edge_weight)
-        if kept is None:
+        if cached_adjacency is None:
             dense = dense_norm(edge_index, edge_weight, len(segment), x.dtype, segment)
         outs = []
         for i in range(self.num_groups):
             members, nodes = getattr(self, f"members_{i}"), getattr(self, f"nodes_{i}")
-            adjacency = adjacency_blocks(dense, nodes) if kept is None else kept.blocks(i, nodes)
-            # (B, S, n, F); as an export has it in one operation.
+            adjacency = (
+                adjacency_blocks(dense, nodes)
+                if cached_adjacency is None
+                else cached_adjacency.blocks(i, nodes)
+            )
+            # Features (B, S, n, F). `index_select` is a single operation in an export.
             h = x.index_select(1, nodes.flatten()).unflatten(1, nodes.shape)
-            pattern = None if finite else edge_pattern(adjacency)
+            pattern = None if is_finite else edge_pattern(adjacency)
             for conv, pool in layers:
                 h = adjacency @ h if pattern is None else contained_product(adjacency, pattern, h)
                 h = h @ conv.weight[members].transpose(1, 2)

@@ -1,4 +1,4 @@
-r"""A small convolutional network on a map of the taxels."""
+r"""A small convolutional network on the image map of a layout."""
 
 from collections.abc import Sequence
 
@@ -9,30 +9,31 @@ from torch.nn import functional as F
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.nn._sizes import check_sizes, is_of_taxels
+from torch_geometric_tactile.nn._sizes import check_sizes, has_taxels
 from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxel_image import TaxelImage
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 
-_MOST_HALVINGS = 8
+_MAX_LAYERS = 8  # each halves the rows and columns, so that 8 suffice for maps of 256 x 256 cells
 
 
 class SmallCNN(BaseModel):
-    r"""A plain convolutional network as a baseline, for layouts with an :obj:`image_map`: 3 x 3
-    convolutions with zeros around the map, each with batch normalisation, ReLU and the maximum of 2
-    x 2 cells, then one fully connected layer with batch normalisation, ReLU and dropout. It is not
-    from a paper; it is a common first choice for pressure images.
+    r"""A plain convolutional network as a baseline, for layouts with an :obj:`image_map`. It has
+    3 x 3 convolutions with zero padding, each with batch normalisation, ReLU and max pooling of
+    2 x 2 cells, then one fully connected layer with batch normalisation, ReLU and dropout. It is
+    not from a paper, but a common first choice for pressure images.
 
     Cells of the map without a taxel are zero.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
-            a layout file; it must have an :obj:`image_map`.
+            a layout file. It must have an :obj:`image_map`.
         out_channels (int): Number of labels or classes :math:`C`.
         in_channels (int): Features of each taxel.
         widths (sequence of int): Width of each convolution.
         hidden_channels (int): Width of the fully connected layer.
-        dropout (float): Which part of its input and of its output is left out in training.
+        dropout (float): Probability of dropping an input or output of the fully connected layer in
+            training.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
@@ -40,8 +41,8 @@ class SmallCNN(BaseModel):
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If the layout has no map, a size is below one, or the readings have another
-            shape.
+        ValueError: If the layout has no image map, a size is below one, or the readings have
+            another shape.
 
     Examples:
         >>> import torch
@@ -70,8 +71,8 @@ class SmallCNN(BaseModel):
             out_channels=out_channels, in_channels=in_channels, hidden_channels=hidden_channels
         )
         need(
-            1 <= len(widths) <= _MOST_HALVINGS and min(widths) >= 1,
-            f"'widths' must be 1 to {_MOST_HALVINGS} positive numbers",
+            1 <= len(widths) <= _MAX_LAYERS and min(widths) >= 1,
+            f"'widths' must be 1 to {_MAX_LAYERS} positive numbers",
             widths,
         )
         self.image = TaxelImage(layout)
@@ -80,12 +81,13 @@ class SmallCNN(BaseModel):
         self.out_channels = out_channels
         self.widths = widths
         self.size = self.image.size
-        ins = (in_channels, *widths[:-1])
+        input_widths = (in_channels, *widths[:-1])
         self.convs = ModuleList(
-            Conv2d(a, b, 3, padding=1, bias=False) for a, b in zip(ins, widths, strict=True)
+            Conv2d(in_width, out_width, 3, padding=1, bias=False)
+            for in_width, out_width in zip(input_widths, widths, strict=True)
         )
-        # Maps of one channel take the memory format of the weights. Training on images of 28 x 50
-        # then takes 0.7 of the time on a processor.
+        # Images of one channel take the memory format of the weights. Channels-last training on
+        # images of 28 x 50 takes 0.7 of the time on a processor.
         self.convs.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.norms = ModuleList(BatchNorm2d(width) for width in widths)
         rows, cols = self.size
@@ -97,7 +99,7 @@ class SmallCNN(BaseModel):
         self.lin2 = Linear(hidden_channels, out_channels)
 
     def _logits(self, x: Tensor, **unused: OptTensor) -> Tensor:
-        if not is_of_taxels(x, self.num_nodes, self.in_channels):
+        if not has_taxels(x, self.num_nodes, self.in_channels):
             raise ValueError(
                 f"'x' must have {self.num_nodes} taxels and {self.in_channels} channels (got shape "
                 f"{tuple(x.shape)})"

@@ -1,4 +1,4 @@
-r"""Fully connected layers on all inputs."""
+r"""A fully connected network on the inputs of all taxels."""
 
 from collections.abc import Mapping, Sequence
 from typing import Optional
@@ -6,27 +6,27 @@ from typing import Optional
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._inputs import check_no_edges, side_by_side
+from torch_geometric_tactile.nn.models._inputs import check_no_edges, concatenate_inputs
 from torch_geometric_tactile.nn.models._taxels import LayoutLike
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 
 class TactileFNN(TactileModel):
     r"""The FNN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`), which does not use
-    the hand's graph: fully connected layers "32768(P)16384, 4096(P)2048, 1024(P)512" on the inputs
-    of all taxels.
+    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It has fully
+    connected layers "32768(P)16384, 4096(P)2048, 1024(P)512" on the inputs of all taxels, and does
+    not use the hand's graph.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
             of a layout file, or the number of taxels.
         out_channels (int): Number of labels or classes :math:`C`.
-        inputs (sequence of str): Some of :obj:`"tactile"`, :obj:`"absolute"` and
+        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"absolute"` and
             :obj:`"position"`.
-        num_joints (int): Number of joint angles; 16 for an Allegro hand, 0 for none.
+        num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
         channels (dict, optional): Features of a taxel by input, if not 3 or 4.
         widths (sequence of int): Width of each layer.
-        pools (sequence of int): How many channels share one maximum, after each layer.
+        pools (sequence of int): Number of channels for each maximum, after each layer.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
@@ -62,5 +62,5 @@ class TactileFNN(TactileModel):
         self.add_head(sum(self.channels[name] for name in self.inputs), widths, pools)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers."""
-        return side_by_side(parts)
+        r"""Returns the concatenated inputs of each taxel :math:`(B, N, F)`."""
+        return concatenate_inputs(parts)

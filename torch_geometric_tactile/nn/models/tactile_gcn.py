@@ -1,4 +1,4 @@
-r"""One thread of graph convolutions over all inputs, of the whole hand or of its segments."""
+r"""A network with one thread of graph convolutions, on the hand or on its segments."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal, Optional, Union
@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.nn import Module
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._inputs import side_by_side
+from torch_geometric_tactile.nn.models._inputs import concatenate_inputs
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
@@ -20,15 +20,15 @@ class TactileGCN(TactileModel):
     r"""The GCNs of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
     and Multi-Thread Graph Convolutional Network" and "Multifingered Object Recognition with Tactile
     Sensors and Graph Convolutional Networks using Topological Graph Segmentation" papers (:doc:`P1
-    and P2 </papers>`): the inputs of each taxel side by side, graph convolutions, and fully
-    connected layers.
+    and P2 </papers>`). They have graph convolutions on the concatenated inputs of each taxel,
+    followed by fully connected layers.
 
     * :obj:`segments=None` (the GCN of the first paper, X of the second): one
-      :class:`~torch_geometric_tactile.nn.models.GCNThread` on the whole hand, "14, 28, 56(P)28,
+      :class:`~torch_geometric_tactile.nn.models.GCNThread` on all taxels, "14, 28, 56(P)28,
       112(P)28, 112(P)7".
     * :obj:`segments="digit"` (I) and :obj:`segments="patch"` (II): a
-      :class:`~torch_geometric_tactile.nn.models.SegmentedThread` with weights of its own for each
-      digit and the palm (five on the Allegro hand), or for each patch (22), "14, 56(P)7".
+      :class:`~torch_geometric_tactile.nn.models.SegmentedThread` with separate weights for each
+      digit and the palm (5 segments of the Allegro hand), or for each patch (22), "14, 56(P)7".
 
     The inputs of the first paper are :obj:`"tactile"` (T), :obj:`"edge"` (E) and :obj:`"absolute"`
     (A), those of the second :obj:`"tactile"` (Tac) and :obj:`"position"` (Pos), in all
@@ -36,35 +36,36 @@ class TactileGCN(TactileModel):
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
-            of a layout file, or the number of taxels. :obj:`segments` needs a layout.
+            of a layout file, or the number of taxels. Segments require a layout.
         out_channels (int): Number of labels or classes :math:`C`.
         segments (str, optional): :obj:`"digit"`, :obj:`"patch"` or :obj:`None`.
-        inputs (sequence of str): Some of :obj:`"tactile"`, :obj:`"edge"`, :obj:`"absolute"` and
+        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"edge"`, :obj:`"absolute"` and
             :obj:`"position"`.
         num_edges (int, optional): Number of edges, for the dense encoder of :obj:`"edge"`.
-        num_joints (int): Number of joint angles; 16 for an Allegro hand, 0 for none.
+        num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
         channels (dict, optional): Features of a taxel by input, if not 3 or 4.
-        encoder (str or torch.nn.Module): The encoder of edge features: :obj:`"dense"` is the
-            paper's; :obj:`"message"` and :obj:`"attention"` are ours.
-        widths (sequence of int, optional): Width of each convolution; the paper's if left out.
-        pools (sequence of int, optional): How many channels share one maximum, after each
-            convolution; the paper's if left out.
+        encoder (str or torch.nn.Module): Encoder of edge features: :obj:`"dense"`, which is the
+            paper's, :obj:`"message"`, :obj:`"attention"` or a module.
+        widths (sequence of int, optional): Width of each convolution. Defaults to the paper's.
+        pools (sequence of int, optional): Number of channels for each maximum, after each
+            convolution. Defaults to the paper's.
         head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): How many channels share one maximum, after each of them.
-        fast (bool): Whether to compute batches of eight samples and more on a processor with the
-            operations of :mod:`torch_geometric_tactile.nn._pooled_gcn`. They give the same numbers,
-            but have no second derivative.
+        head_pools (sequence of int): Number of channels for each maximum, after each fully
+            connected layer.
+        fast (bool): Whether to compute batches of at least eight samples on a processor by
+            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
+            second derivative.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
-          :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)` (those between segments do not
-          count); further inputs as in
+          :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)` (those between segments are
+          ignored); further inputs as in
           :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If :obj:`segments` is unknown or :obj:`layout` has none, or an input is unknown,
-            missing or of another shape.
+        ValueError: If :obj:`segments` is unknown or not part of :obj:`layout`, or an input is
+            unknown, missing or of another shape.
 
     Examples:
         >>> model = TactileGCN(inputs=("tactile", "edge"), num_edges=1401, num_joints=16)
@@ -117,8 +118,10 @@ class TactileGCN(TactileModel):
         self.add_head(self.thread.out_channels, head_widths, head_pools)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers."""
-        return self.convolve(self.thread, side_by_side(parts), x, edge_index)
+        r"""Returns the features of each taxel before the fully connected layers
+        :math:`(B, N, F)`.
+        """
+        return self.convolve(self.thread, concatenate_inputs(parts), x, edge_index)
 
     def extra_repr(self) -> str:
         r"""Returns the sizes, inputs and segments for :obj:`repr`."""

@@ -1,4 +1,4 @@
-r"""What the models of a hand share: their inputs, the forms of the data, their joints."""
+r"""The base class of the models of a hand."""
 
 from collections.abc import Mapping, Sequence
 from typing import Optional, Union
@@ -20,35 +20,36 @@ from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_samples,
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
 from torch_geometric_tactile.nn.models.thread import Thread
 
-# The inputs by name: which attribute of the data they are, and how many features of a taxel.
+# Attribute of the data and default number of features for each input.
 _ATTRIBUTES = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "position": "pos"}
 _CHANNELS = {"tactile": 3, "edge": 4, "absolute": 4, "position": 3}
 
 
 class TactileModel(BaseModel):
-    r"""The base class of the models of a hand: collects the inputs of each taxel from any form of
-    the data, and ends in fully connected layers, to which joint angles may be added.
+    r"""The base class of the models of a hand. It collects the inputs of each taxel from static
+    data, PyG batches or single samples. Fully connected layers, which may take joint angles,
+    compute the logits.
 
     Inputs are :obj:`"tactile"` (the readings :obj:`x`), :obj:`"edge"` (:obj:`edge_attr`, through an
     encoder), :obj:`"absolute"` (the positions :obj:`absolute` with their distance from the hand's
     origin) and :obj:`"position"` (:obj:`pos`).
 
-    A subclass calls :meth:`add_head` and defines :meth:`extract`. Its attribute
-    :obj:`needs_edges` is :obj:`False` if it has no graph, so that data without edges will do.
+    A subclass calls :meth:`add_head` and defines :meth:`extract`. Without a graph, it sets the
+    attribute :obj:`needs_edges` to :obj:`False`, so that the data may have no edges.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
             of a layout file, or the number of taxels.
         out_channels (int): Number of labels or classes :math:`C`.
         inputs (sequence of str): Names of the inputs.
-        num_joints (int): Number of joint angles that join before the fully connected layers; 0 for
-            a model without them.
+        num_joints (int): Number of joint angles that are inputs of the fully connected layers, or 0
+            for none.
         channels (dict, optional): Features of a taxel by input, if not 3 (:obj:`"tactile"`,
-            :obj:`"position"`) or 4 (:obj:`"edge"`, :obj:`"absolute"`). Those of :obj:`"edge"` are
-            the features of an edge, and what its encoder returns.
+            :obj:`"position"`) or 4 (:obj:`"edge"`, :obj:`"absolute"`). For :obj:`"edge"`, it is
+            both the size of edge features and the output size of the encoder.
 
     Raises:
-        ValueError: If an input is unknown or there is none, or a size is below one.
+        ValueError: If an input is unknown, there is no input, or a size is below one.
 
     Examples:
         >>> import torch
@@ -76,8 +77,8 @@ class TactileModel(BaseModel):
     ) -> None:
         super().__init__()
         inputs = tuple(inputs)
-        unknown = [name for name in (*inputs, *(channels or ())) if name not in _ATTRIBUTES]
-        if unknown or not inputs or len(set(inputs)) < len(inputs):
+        unknown_names = [name for name in (*inputs, *(channels or ())) if name not in _ATTRIBUTES]
+        if unknown_names or not inputs or len(set(inputs)) < len(inputs):
             raise ValueError(f"'inputs' must be some of {list(_ATTRIBUTES)} (got {inputs})")
         self.num_nodes = count_taxels(layout)
         check_sizes(out_channels=out_channels)
@@ -90,17 +91,17 @@ class TactileModel(BaseModel):
 
     @property
     def modalities(self) -> tuple[str, ...]:
-        r"""The attributes of a batch that :meth:`forward` needs by keyword, in addition to
-        :obj:`x` and :obj:`edge_index`.
+        r"""Names of the attributes of a batch that are passed to :meth:`forward` by keyword, in
+        addition to :obj:`x` and :obj:`edge_index`.
         """
         names = [_ATTRIBUTES[name] for name in self.inputs if name != "tactile"]
         return (*names, *super().modalities)
 
     def add_encoder(self, encoder: Union[str, Module], num_edges: Optional[int]) -> None:
-        r"""Adds the encoder of edge features, if they are an input.
+        r"""Adds the encoder of edge features if they are an input.
 
         Args:
-            encoder (str or torch.nn.Module): :obj:`"dense"` (the paper's), :obj:`"message"`,
+            encoder (str or torch.nn.Module): :obj:`"dense"` (from the paper), :obj:`"message"`,
                 :obj:`"attention"`, or a module that is called as
                 :obj:`encoder(edge_attr, edge_index, num_nodes)`.
             num_edges (int, optional): Number of edges, for :obj:`"dense"`.
@@ -108,15 +109,15 @@ class TactileModel(BaseModel):
         if "edge" not in self.inputs:
             return
         width = self.channels["edge"]
-        self.encoder = _make_encoder(encoder, self.num_nodes, num_edges, width)
+        self.encoder = _create_encoder(encoder, self.num_nodes, num_edges, width)
 
     def add_head(self, in_channels: int, widths: Sequence[int], pools: Sequence[int]) -> None:
         r"""Adds the fully connected layers.
 
         Args:
-            in_channels (int): Features of each taxel before them.
+            in_channels (int): Features of each taxel before these layers.
             widths (sequence of int): Width of each layer.
-            pools (sequence of int): How many channels share one maximum, after each layer.
+            pools (sequence of int): Number of channels for each maximum, after each layer.
         """
         width = self.num_nodes * in_channels + self.num_joints
         self.head = PooledMLP(width, self.out_channels, widths, pools)
@@ -137,11 +138,11 @@ class TactileModel(BaseModel):
         thread: Optional[str] = None,
     ) -> Tensor:
         r"""Returns the features of each taxel before the fully connected layers :math:`(B, N, F)`,
-        of all threads side by side. The arguments are those of :meth:`forward`, and:
+        concatenated for all threads. The arguments are those of :meth:`forward`, and:
 
         Args:
-            thread (str, optional): The input whose thread alone to compute, in a model that has a
-                thread for each input.
+            thread (str, optional): Input of the only thread to compute, in a model with a thread
+                for each input.
         """
         threads = [name for name in self.inputs if name in getattr(self, "threads", ())]
         if thread is not None and thread not in threads:
@@ -156,9 +157,9 @@ class TactileModel(BaseModel):
         r"""Returns the features of each taxel before the fully connected layers :math:`(B, N, F)`.
 
         Args:
-            parts (dict): The inputs of each taxel by name :math:`(B, N, F_m)`.
-            x (torch.Tensor): Readings, in the form of the data.
-            edge_index (torch.Tensor, optional): Edges, in the form of the data.
+            parts (dict): Inputs of each taxel by name :math:`(B, N, F_m)`.
+            x (torch.Tensor): Readings with the shape of the data.
+            edge_index (torch.Tensor, optional): Edges of the data.
         """
         raise NotImplementedError
 
@@ -171,55 +172,67 @@ class TactileModel(BaseModel):
         absolute: OptTensor,
         pos: OptTensor,
     ) -> Tensor:
-        r"""Returns one input of each taxel :math:`(B, N, F)`, whatever the form of the data.
+        r"""Returns one input of each taxel as :math:`(B, N, F)`.
 
         Args:
             name (str): Name of the input.
             x, edge_index, edge_attr, absolute, pos: As in :meth:`forward`.
+
+        Raises:
+            ValueError: If the input is missing or has another shape.
         """
         num_samples = self.num_samples(x)
-        value = {"tactile": x, "edge": edge_attr, "absolute": absolute, "position": pos}[name]
+        features = {"tactile": x, "edge": edge_attr, "absolute": absolute, "position": pos}[name]
         key, width = _ATTRIBUTES[name], self.channels[name]
-        if value is None:
+        if features is None:
             raise ValueError(f"'{key}' must be given: the model's inputs are {self.inputs}")
-        if value.dim() not in (2, 3) or value.size(-1) != width:
-            raise ValueError(f"'{key}' must have {width} features (got shape {tuple(value.shape)})")
-        given = tuple(value.shape)
+        if features.dim() not in (2, 3) or features.size(-1) != width:
+            raise ValueError(
+                f"'{key}' must have {width} features (got shape {tuple(features.shape)})"
+            )
+        input_shape = tuple(features.shape)
         if name == "edge":
             assert self.encoder is not None
             num_nodes = self.num_nodes * (num_samples if x.dim() == 2 else 1)
-            value = self.encoder(value, edge_index, num_nodes)
-        if value.dim() == 2 and value.size(0) == self.num_nodes:
-            return value.expand(num_samples, -1, -1)
-        return _by_sample(value, num_samples, self.num_nodes, key, given)
+            features = self.encoder(features, edge_index, num_nodes)
+        if features.dim() == 2 and features.size(0) == self.num_nodes:
+            return features.expand(num_samples, -1, -1)
+        return _split_samples(features, num_samples, self.num_nodes, key, input_shape)
 
     def num_samples(self, x: Tensor) -> int:
         r"""Returns the number of samples in readings.
 
         Args:
-            x (torch.Tensor): Readings, in any form.
+            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch.
 
         Raises:
-            ValueError: If they are not of the model's taxels.
+            ValueError: If the number of taxels is not that of the model.
         """
         return count_samples(x, self.num_nodes)
 
     def convolve(
-        self, thread: Thread, h: Tensor, x: Tensor, edge_index: OptTensor, own: bool = False
+        self,
+        thread: Thread,
+        h: Tensor,
+        x: Tensor,
+        edge_index: OptTensor,
+        fixed_edges: bool = False,
     ) -> Tensor:
-        r"""Runs a thread on the inputs of each taxel :math:`(B, N, F)`: on one topology if the data
-        has one, and as a PyG batch if the data is one or an explainer is attached.
+        r"""Returns the output of a thread for the inputs of each taxel :math:`(B, N, F')`.
+
+        The inputs are passed as a PyG batch if the data are one or an explainer is attached, and as
+        samples on one topology otherwise.
 
         Args:
             thread (Thread): The thread.
-            h (torch.Tensor): The inputs.
-            x (torch.Tensor): Readings, whose form is that of the data.
+            h (torch.Tensor): Inputs :math:`(B, N, F)`.
+            x (torch.Tensor): Readings with the shape of the data.
             edge_index (torch.Tensor): Edges.
-            own (bool): Whether the edges are the thread's own, those of one sample, which
-                explainers do not mask.
+            fixed_edges (bool): Whether the edges are those of one sample and part of the model, so
+                that explainers do not mask them.
         """
         num_samples = h.size(0)
-        if x.dim() == 3 or own or (num_samples == 1 and not thread.explained):
+        if x.dim() == 3 or fixed_edges or (num_samples == 1 and not thread.explained):
             return thread(h, edge_index)
         return thread(h.flatten(0, 1), edge_index).unflatten(0, (num_samples, self.num_nodes))
 
@@ -229,25 +242,33 @@ class TactileModel(BaseModel):
         return f"{self.num_nodes}, {self.out_channels}, inputs={self.inputs}{joints}"
 
 
-def _by_sample(
-    value: Tensor, num_samples: int, num_nodes: int, key: str, given: tuple[int, ...]
+def _split_samples(
+    features: Tensor, num_samples: int, num_nodes: int, key: str, input_shape: tuple[int, ...]
 ) -> Tensor:
-    num_rows, num_features = num_nodes * num_samples, value.size(-1)
-    if value.size(-2) not in (num_nodes, num_rows) or value.numel() != num_rows * num_features:
+    # Reshapes features to (B, N, F). `key` and `input_shape` are for the message.
+    num_rows, num_features = num_nodes * num_samples, features.size(-1)
+    has_valid_size = features.size(-2) in (num_nodes, num_rows)
+    if not has_valid_size or features.numel() != num_rows * num_features:
         raise ValueError(
             f"'{key}' must be of {num_samples} samples of {num_nodes} taxels, as 'x' "
-            f"(got shape {given})"
+            f"(got shape {input_shape})"
         )
-    return value.reshape(num_samples, num_nodes, num_features)
+    return features.reshape(num_samples, num_nodes, num_features)
 
 
-def _make_encoder(
+def _create_encoder(
     encoder: Union[str, Module], num_nodes: int, num_edges: Optional[int], width: int
 ) -> Module:
     r"""Returns an encoder of edge features.
 
-    Shapes:
-        - **num_nodes:** Number of taxels :math:`N`.
+    Args:
+        encoder (str or torch.nn.Module): Name of an encoder, or a module, which is returned.
+        num_nodes (int): Number of taxels :math:`N`.
+        num_edges (int, optional): Number of edges, for the dense encoder.
+        width (int): Size of edge features and of the encoded node features.
+
+    Raises:
+        ValueError: If the encoder is unknown, or the number of edges is missing.
     """
     if isinstance(encoder, Module):
         return encoder

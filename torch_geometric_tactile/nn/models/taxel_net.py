@@ -1,4 +1,4 @@
-r"""The model of tactile readings to begin with."""
+r"""The default model for single frames of readings."""
 
 from collections.abc import Sequence
 from typing import Literal, Optional, Union
@@ -20,14 +20,14 @@ from torch_geometric_tactile.nn.models._taxel_levels import (
     ReadingNorm,
     TaxelLevel,
     TaxelNorm,
+    layout_pools,
     level_widths,
-    pooled_layouts,
 )
 from torch_geometric_tactile.nn.models._taxels import (
     check_taxel_dropout,
     load_layout,
-    seen_taxels,
     stacked_readings,
+    taxel_mask,
 )
 from torch_geometric_tactile.nn.pool import TaxelPool
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -37,19 +37,25 @@ from torch_geometric_tactile.sensors._described import (
     descriptor_tables,
 )
 
-_DIRECT = 128
-# Added to the variance of each taxel, where that of a channel is one: the noise of a taxel that is
-# hardly ever pressed is not blown up.
-_FLOOR = 0.05
+_DIRECT_CHANNELS = 128
+# Added to the variance of each taxel (that of a channel is one), so that the noise of taxels that
+# are rarely pressed is not amplified.
+_VARIANCE_FLOOR = 0.05
+# Features of each kind of head.
 _HEADS = {"flat": ("flat",), "mean": ("mean",), "max": ("max",), "all": ("flat", "mean", "max")}
 
 
 class _DescriptorPath(Module):
-    r"""A layer on the descriptors of readings, in which dropped taxels count as missing.
+    r"""A fully connected layer on the descriptors of readings. Dropped taxels count as missing.
+
+    Args:
+        layout (TaxelLayout): The layout.
+        in_channels (int): Number of channels :math:`F`.
+        out_channels (int): Width of the layer :math:`H`.
 
     Shapes:
-        - **input:** readings :math:`(B, N, F)`, and which taxels are seen :math:`(B, N)`
-        - **output:** :math:`(B, H)`
+        - **input:** readings :math:`(B, N, F)`, mask of the taxels :math:`(B, N)`
+        - **output:** features :math:`(B, H)`
     """
 
     def __init__(self, layout: TaxelLayout, in_channels: int, out_channels: int) -> None:
@@ -57,9 +63,9 @@ class _DescriptorPath(Module):
         *tables, self.bounds = descriptor_tables(layout)
         for name, table in zip(DescriptorTables._fields, tables, strict=False):
             self.register_buffer(name, table, persistent=False)
-        blank = torch.zeros(1, layout.num_taxels, in_channels)
-        size = described(blank, self._tables()).size(1)
-        self.norm = ReadingNorm(size, _FLOOR)
+        zeros = torch.zeros(1, layout.num_taxels, in_channels)
+        size = described(zeros, self._tables()).size(1)
+        self.norm = ReadingNorm(size, _VARIANCE_FLOOR)
         self.lin = Linear(size, out_channels, bias=False)
         self.norm_out = TaxelNorm(out_channels)
 
@@ -67,62 +73,71 @@ class _DescriptorPath(Module):
         tables = {name: self.get_buffer(name) for name in DescriptorTables._fields[:-1]}
         return DescriptorTables(**tables, bounds=self.bounds)
 
-    def forward(self, x: Tensor, seen: OptTensor = None) -> Tensor:
-        r"""Describes readings."""
-        if seen is not None:
-            x = x.masked_fill(~seen.unsqueeze(-1), torch.nan)
+    def forward(self, x: Tensor, mask: OptTensor = None) -> Tensor:
+        r"""Returns the features of the descriptors.
+
+        Args:
+            x (torch.Tensor): Readings.
+            mask (torch.Tensor, optional): Mask of the taxels that are not dropped.
+        """
+        if mask is not None:
+            x = x.masked_fill(~mask.unsqueeze(-1), torch.nan)
         rows = self.norm(described(x.detach(), self._tables()).unsqueeze(1)).squeeze(1)
         return self.norm_out(self.lin(rows)).relu()
 
 
 class TaxelNet(BaseModel):
-    r"""The first model to try for the readings of any layout: convolutions that use directions,
-    with residuals and batch normalisation, pooling over neighbours if the layout is large, and a
-    head that uses the features of the single taxels, their mean and their maximum. It is ours, not
-    from a paper.
+    r"""The first model to try for the readings of any layout. It has convolutions with a weight for
+    each direction, pooling over neighbours if the layout is large, and a head on the features of
+    all taxels, their mean and their maximum. It is not from a paper.
 
-    Levels of blocks, each a :class:`~torch_geometric_tactile.nn.conv.SectorConv`, batch
-    normalisation, a residual where widths are equal, and ReLU. Between levels, a
-    :class:`~torch_geometric_tactile.nn.pool.TaxelPool` keeps the maximum over about :math:`2
-    \times 2` neighbours of a patch, until at most :obj:`max_taxels` are left: never on 24
-    electrodes, three times on :math:`28 \times 50` taxels. A hidden layer and the logits follow.
+    Its levels consist of blocks, each with a
+    :class:`~torch_geometric_tactile.nn.conv.SectorConv`, batch normalisation, a residual connection
+    if the widths are equal, and ReLU. Between levels, a
+    :class:`~torch_geometric_tactile.nn.pool.TaxelPool` takes the maximum over about
+    :math:`2 \times 2` neighbours of a patch, until there are at most :obj:`max_taxels`: never for
+    24 electrodes, three times for :math:`28 \times 50` taxels. A hidden layer and the logits
+    follow.
 
-    It finds its neighbours in the layout: :obj:`edge_index` is accepted and not used, and the data
-    need not have any. Readings are scaled by batch normalisation with one scale for all taxels of a
-    channel, so that raw counts will do; a tare or a common mode before it is the user's choice.
+    Neighbours are computed from the layout. The argument :obj:`edge_index` is ignored, and the data
+    may have no edges. Readings are scaled by batch normalisation with one scale for all taxels of a
+    channel, so that raw counts can be used. Add a tare or the subtraction of a common mode as a
+    transform if needed.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
             of a layout file.
         out_channels (int): Number of labels or classes :math:`C`.
-        in_channels (int): Features of each taxel :math:`F`: its channels, or the frames of each.
-        widths (sequence of int, optional): Width of each level, the last for all further ones. If
-            left out, 32 without pooling, and 16, 32 and 64 with it.
-        depth (int): Blocks of each level; the first of several has one.
-        conv (str): :obj:`"sector"`, or :obj:`"self"` and :obj:`"difference"` for the forms of
-            :class:`~torch_geometric_tactile.nn.conv.SelfGCNConv`, which know no directions.
+        in_channels (int): Features of each taxel :math:`F`, which are its channels or, for windows,
+            the frames of all channels.
+        widths (sequence of int, optional): Width of each level. The last width is repeated for
+            further levels. Defaults to 32 without pooling, and to 16, 32 and 64 with pooling.
+        depth (int): Number of blocks in each level. If there are several levels, the first has one.
+        conv (str): :obj:`"sector"`, or :obj:`"self"` or :obj:`"difference"` for a
+            :class:`~torch_geometric_tactile.nn.conv.SelfGCNConv`, which ignores directions.
         num_sectors (int): Number of directions.
-        head (str): What the last level gives: :obj:`"flat"` (all taxels side by side),
-            :obj:`"mean"`, :obj:`"max"` or :obj:`"all"` three.
+        head (str): Features of the last level for the head: :obj:`"flat"` (those of all taxels),
+            :obj:`"mean"`, :obj:`"max"`, or :obj:`"all"` for all three.
         hidden_channels (int): Width of the hidden layer.
-        direct_channels (int, optional): Width of a layer on all readings side by side that joins
-            before the hidden layer, as of a fully connected network; 0 for none. If left out, 128
-            where nothing is pooled, since small sensors are known by their single taxels, and none
-            otherwise.
+        direct_channels (int, optional): Width of a fully connected layer on all readings, whose
+            output is concatenated before the hidden layer, or 0 for none. Defaults to 128 without
+            pooling, since single taxels are informative on small sensors, and to 0 with pooling.
         descriptor_channels (int): Width of a layer on the descriptors of the readings
-            (:func:`~torch_geometric_tactile.sensors.taxel_descriptors`) that joins before the
-            hidden layer; 0 for none. It pays with few labels. Zero must then be rest, and the
-            readings scaled: :obj:`ZScore(scale_per="channel", with_mean=False)`.
-        dropout (float): Part of the features dropped in training before each layer of the head.
-        taxel_dropout (float): Part of the taxels that read nothing in training, drawn anew for each
-            sample: no answer rests on a few of them.
-        max_taxels (int): Number of taxels above which a level is pooled.
-        head_taxels (int, optional): Number of taxels above which the last level is pooled once
-            more, without convolutions, before the head, as in a convolutional network; if left out,
-            it is not.
-        num_joints (int): Number of joint angles that join before the hidden layer; 0 for none.
-        fast (bool): As of :class:`~torch_geometric_tactile.nn.conv.SectorConv`; without it, there
-            are second derivatives.
+            (:func:`~torch_geometric_tactile.sensors.taxel_descriptors`), whose output is
+            concatenated before the hidden layer, or 0 for none. Useful with few labels. Requires
+            readings that are zero at rest; scale them with
+            :obj:`ZScore(scale_per="channel", with_mean=False)`.
+        dropout (float): Probability of dropping a feature in training before each layer of the
+            head.
+        taxel_dropout (float): Probability of dropping a taxel of a sample in training, so that
+            predictions do not depend on few taxels.
+        max_taxels (int): Maximum number of taxels of the last level. Larger layouts are pooled.
+        head_taxels (int, optional): Maximum number of taxels of the features for the head. They are
+            pooled further without convolutions, as in convolutional networks. If left out, they are
+            not.
+        num_joints (int): Number of joint angles that are inputs of the hidden layer, or 0 for none.
+        fast (bool): Argument of :class:`~torch_geometric_tactile.nn.conv.SectorConv`. Second
+            derivatives require :obj:`False`.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
@@ -131,7 +146,7 @@ class TaxelNet(BaseModel):
 
     Raises:
         ValueError: If :obj:`layout` is a number, :obj:`conv` or :obj:`head` is unknown, a size is
-            below one, or :obj:`x` has other taxels or features.
+            below one, or :obj:`x` has another number of taxels or features.
 
     Examples:
         >>> model = TaxelNet("biotac_sp", 2)
@@ -187,33 +202,35 @@ class TaxelNet(BaseModel):
         self.head = head
         self.taxel_dropout = check_taxel_dropout(taxel_dropout)
         self.num_joints = num_joints
-        pools = pooled_layouts(layout, max_taxels)
+        pools = layout_pools(layout, max_taxels)
         self.widths = level_widths(widths, 1 + len(pools))
         self.norm = ReadingNorm(in_channels)
         self.levels = ModuleList()
         width = in_channels
-        for i, after in enumerate(self.widths):
-            blocks = 1 if i == 0 and pools else depth
+        for i, level_width in enumerate(self.widths):
+            num_blocks = 1 if i == 0 and pools else depth
             pool = pools[i - 1] if i else None
-            level = (width, *[after] * blocks)
-            on = layout if pool is None else pool.coarse
-            self.levels.append(TaxelLevel(on, pool, level, conv, num_sectors, fast))
-            width = after
+            block_widths = (width, *[level_width] * num_blocks)
+            level_layout = layout if pool is None else pool.coarse
+            self.levels.append(
+                TaxelLevel(level_layout, pool, block_widths, conv, num_sectors, fast)
+            )
+            width = level_width
         last_layout = pools[-1].coarse if pools else layout
         self.head_pools = ModuleList(
-            [] if head_taxels is None else pooled_layouts(last_layout, head_taxels)
+            [] if head_taxels is None else layout_pools(last_layout, head_taxels)
         )
         pools += [pool for pool in self.head_pools if isinstance(pool, TaxelPool)]
         self.taxels = (self.num_nodes, *(pool.num_clusters for pool in pools))
         if direct_channels is None:
-            direct_channels = 0 if pools else _DIRECT
-        parts = {"flat": self.taxels[-1] * width, "mean": width, "max": width}
-        size = sum(parts[part] for part in _HEADS[head])
+            direct_channels = 0 if pools else _DIRECT_CHANNELS
+        feature_sizes = {"flat": self.taxels[-1] * width, "mean": width, "max": width}
+        size = sum(feature_sizes[name] for name in _HEADS[head])
         size += direct_channels + descriptor_channels + num_joints
         self.direct: Optional[Linear] = None
         if direct_channels:
             direct_size = self.num_nodes * in_channels
-            self.norm_readings = ReadingNorm(direct_size, _FLOOR)
+            self.norm_readings = ReadingNorm(direct_size, _VARIANCE_FLOOR)
             self.direct = Linear(direct_size, direct_channels, bias=False)
             self.norm_direct = TaxelNorm(direct_channels)
         self.described: Optional[_DescriptorPath] = None
@@ -225,24 +242,24 @@ class TaxelNet(BaseModel):
         self.lin_out = Linear(hidden_channels, out_channels)
 
     def _logits(self, x: Tensor, joint: OptTensor = None, **unused: OptTensor) -> Tensor:
-        given = stacked_readings(x, self.num_nodes, self.in_channels, "features")
-        x = self.norm(given)
-        seen = seen_taxels(x, self.taxel_dropout if self.training else 0.0)
-        h = x if seen is None else x * seen.unsqueeze(-1)
+        readings = stacked_readings(x, self.num_nodes, self.in_channels, "features")
+        x = self.norm(readings)
+        mask = taxel_mask(x, self.taxel_dropout if self.training else 0.0)
+        h = x if mask is None else x * mask.unsqueeze(-1)
         for level in self.levels:
             h = level(h)
         for pool in self.head_pools:
             h = pool(h)
-        parts = {"flat": h.flatten(1), "mean": h.mean(dim=1), "max": h.amax(dim=1)}
-        found = [parts[part] for part in _HEADS[self.head]]
+        pooled = {"flat": h.flatten(1), "mean": h.mean(dim=1), "max": h.amax(dim=1)}
+        features = [pooled[name] for name in _HEADS[self.head]]
         if self.direct is not None:
             rows = self.norm_readings(x.flatten(1).unsqueeze(1)).squeeze(1)
-            if seen is not None:  # behind the scale, which is that of all taxels
-                rows = (rows.view(x.shape) * seen.unsqueeze(-1)).flatten(1)
-            found.append(self.norm_direct(self.direct(rows)).relu())
+            if mask is not None:  # after the scaling, so that dropped taxels do not change it
+                rows = (rows.view(x.shape) * mask.unsqueeze(-1)).flatten(1)
+            features.append(self.norm_direct(self.direct(rows)).relu())
         if self.described is not None:
-            found.append(self.described(given, seen))
-        rows = with_joints(self.dropout(torch.cat(found, dim=1)), joint, self.num_joints)
+            features.append(self.described(readings, mask))
+        rows = with_joints(self.dropout(torch.cat(features, dim=1)), joint, self.num_joints)
         return self.lin_out(self.dropout(self.norm_hidden(self.lin(rows)).relu()))
 
     def extra_repr(self) -> str:

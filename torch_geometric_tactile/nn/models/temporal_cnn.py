@@ -1,4 +1,4 @@
-r"""A plain convolutional network over time."""
+r"""A residual convolutional network over time."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -11,22 +11,27 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import split_frames
-from torch_geometric_tactile.nn._sizes import check_sizes, given_widths
+from torch_geometric_tactile.nn._sizes import check_sizes, checked_layer_widths
 from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels, stacked_readings
 
 
 class _ResidualBlock(Module):
-    r"""Convolutions over time with batch normalisation and ReLU, and the input added before the
-    last ReLU, through a linear map where the widths differ.
+    r"""Convolutions over time with batch normalisation and ReLU, with a residual connection before
+    the last ReLU. If the widths differ, the connection has a linear map.
+
+    Args:
+        in_channels (int): Size of each input feature.
+        out_channels (int): Size of each output feature.
+        kernel_sizes (sequence of int): Length of each convolution in frames.
     """
 
     def __init__(self, in_channels: int, out_channels: int, kernel_sizes: Sequence[int]) -> None:
         super().__init__()
         widths = [in_channels, *[out_channels] * len(kernel_sizes)]
         self.convs = ModuleList(
-            Conv1d(before, after, size, padding=size // 2, bias=False)
-            for (before, after), size in zip(pairwise(widths), kernel_sizes, strict=True)
+            Conv1d(in_width, out_width, size, padding=size // 2, bias=False)
+            for (in_width, out_width), size in zip(pairwise(widths), kernel_sizes, strict=True)
         )
         self.norms = ModuleList(BatchNorm1d(out_channels) for _ in kernel_sizes)
         self.shortcut: Module = Identity()
@@ -35,7 +40,7 @@ class _ResidualBlock(Module):
             self.shortcut = Sequential(conv, BatchNorm1d(out_channels))
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Convolves signals :math:`(B, F, T)`."""
+        r"""Returns the output :math:`(B, F', T)` for signals :math:`(B, F, T)`."""
         h = x
         for i, (conv, norm) in enumerate(zip(self.convs, self.norms, strict=True)):
             h = norm(conv(h))
@@ -45,33 +50,32 @@ class _ResidualBlock(Module):
 
 
 class TemporalCNN(BaseModel):
-    r"""A plain convolutional network over time as a baseline for windows that are judged as a
-    whole: the residual network of the `"Time Series Classification from Scratch with Deep Neural
+    r"""The residual network of the `"Time Series Classification from Scratch with Deep Neural
     Networks: A Strong Baseline" <https://arxiv.org/abs/1611.06455>`_ paper (Wang et al., 2017) on
-    the readings of all taxels side by side.
+    the concatenated readings of all taxels, as a baseline for windows with one label.
 
-    Blocks of convolutions over time, each with batch normalisation and ReLU, have the input of the
-    block added. The mean over the frames, as in the paper, and the maximum, which we added, go
-    to the logits. It knows no graph, and takes windows of any number of frames.
+    It has residual blocks of convolutions over time, each with batch normalisation and ReLU. The
+    logits are computed from the mean over the frames, as in the paper, and the maximum, which is an
+    addition. It uses no graph, and windows may have any number of frames.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
             of a layout file, or the number of taxels :math:`N`.
         out_channels (int): Number of labels or classes :math:`O`.
         in_channels (int): Channels of each taxel in one frame :math:`C`.
-        widths (sequence of int): Width of each block; 64, 128 and 128 in the paper.
-        kernel_sizes (sequence of int): Length of each convolution of a block in frames, odd; 8, 5
-            and 3 in the paper.
-        dropout (float): Part of the pooled features dropped in training.
+        widths (sequence of int): Width of each block (64, 128 and 128 in the paper).
+        kernel_sizes (sequence of int): Length of each convolution of a block in frames (8, 5 and 3
+            in the paper). Must be odd.
+        dropout (float): Probability of dropping a pooled feature in training.
 
     Shapes:
         - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or those of a PyG
-          batch :math:`(B \cdot N, C \cdot T)`, channel outer and time inner
+          batch :math:`(B \cdot N, C \cdot T)`, with the frames of each channel side by side
         - **output:** logits :math:`(B, O)`
 
     Raises:
-        ValueError: If a size is below one, a kernel size is even, or :obj:`x` has other taxels or
-            no whole number of frames.
+        ValueError: If a size is below one, a kernel size is even, or :obj:`x` has another number of
+            taxels or a number of columns that :math:`C` does not divide.
 
     Examples:
         >>> model = TemporalCNN("biotac", 2, in_channels=3)
@@ -82,7 +86,7 @@ class TemporalCNN(BaseModel):
     """
 
     needs_edges = False
-    splits_frames = True  # `in_channels` is that of one frame, whatever their number
+    splits_frames = True  # `in_channels` is the number of channels in one frame
 
     def __init__(
         self,
@@ -99,17 +103,20 @@ class TemporalCNN(BaseModel):
         check_sizes(out_channels=out_channels, in_channels=in_channels)
         self.out_channels = out_channels
         self.in_channels = in_channels
-        self.widths = given_widths(widths)
+        self.widths = checked_layer_widths(widths)
         self.kernel_sizes = tuple(kernel_sizes)
-        are_odd = all(isinstance(s, Integral) and s >= 1 and s % 2 for s in self.kernel_sizes)
+        are_odd = all(
+            isinstance(size, Integral) and size >= 1 and size % 2 for size in self.kernel_sizes
+        )
         need(
             self.kernel_sizes and are_odd,
             "'kernel_sizes' must be odd numbers of frames",
             self.kernel_sizes,
         )
-        sizes = pairwise((self.num_nodes * in_channels, *self.widths))
+        block_widths = pairwise((self.num_nodes * in_channels, *self.widths))
         self.blocks = ModuleList(
-            _ResidualBlock(before, after, self.kernel_sizes) for before, after in sizes
+            _ResidualBlock(in_width, out_width, self.kernel_sizes)
+            for in_width, out_width in block_widths
         )
         self.dropout = Dropout(dropout)
         self.lin_out = Linear(2 * self.widths[-1], out_channels)
@@ -118,8 +125,8 @@ class TemporalCNN(BaseModel):
         size = x.size(-1) if x.dim() else 0
         need(
             size > 0 and size % self.in_channels == 0,
-            f"'x' must have the frames of {self.in_channels} channels side by side, at least one "
-            "of each",
+            f"'x' must have the same number of frames, at least one, for each of "
+            f"{self.in_channels} channels",
             f"shape {tuple(x.shape)}",
         )
         x = stacked_readings(x, self.num_nodes, size, "features")

@@ -1,123 +1,121 @@
-r"""The model of windows of frames to begin with."""
+r"""The default model for windows and streams of frames."""
 
 from collections.abc import Sequence
 from typing import Literal, Optional, Union
 
 import torch
 from torch import Tensor
-from torch.nn import ModuleList
+from torch.nn import Linear, Module, ModuleList
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import split_frames
 from torch_geometric_tactile.nn._sizes import check_sizes
+from torch_geometric_tactile.nn.conv import CausalTemporalConv
 from torch_geometric_tactile.nn.models._base_model import BaseModel
+from torch_geometric_tactile.nn.models._inputs import with_joints
 from torch_geometric_tactile.nn.models._taxel_levels import (
     CONVS,
+    ByteDropout,
     ConvName,
     ReadingNorm,
     TaxelLevel,
+    TaxelNorm,
+    layout_pools,
     level_widths,
-    pooled_layouts,
 )
 from torch_geometric_tactile.nn.models._taxels import (
     check_taxel_dropout,
     load_layout,
-    seen_taxels,
     stacked_readings,
-)
-from torch_geometric_tactile.nn.models._temporal_blocks import (
-    FrameFilters,
-    FrameHead,
-    TemporalBlock,
-    in_frames,
+    taxel_mask,
 )
 from torch_geometric_tactile.sensors import TaxelLayout
 
-# The past frames that each convolution over time has seen.
+# Past frames of the input of each convolution over time.
 _TemporalState = tuple[Tensor, ...]
 _POOLS = ("last", "mean", "max", "mean_max")
-_NEEDS_LAST = "'pool' must be 'last' for '{}', which answers frame by frame"
+_POOL_MESSAGE = "'pool' must be 'last' for '{}', which returns logits frame by frame"
 
 
 class TemporalTaxelNet(BaseModel):
-    r"""The first model to try for windows of frames of any layout, and frame by frame on a robot:
-    convolutions over neighbouring taxels and causal convolutions over time. It is ours, not from
-    a paper.
+    r"""The first model to try for windows of frames of any layout, and for streams of frames. It
+    has convolutions over neighbouring taxels and causal convolutions over time. It is not from a
+    paper.
 
-    Filters of :obj:`filter_size` frames see the readings of each taxel, so that an offset of a
-    taxel need not hide what changes. Levels of :class:`~torch_geometric_tactile.nn.conv.SectorConv`
-    with pooling between them follow in each frame, as of
-    :class:`~torch_geometric_tactile.nn.models.TaxelNet`. Then come blocks of
-    :class:`~torch_geometric_tactile.nn.conv.CausalTemporalConv` over the features of each taxel,
-    with dilations :math:`D, 2 D, 4 D` and so on and residuals. All taxels side by side, their mean
-    and their maximum go through a hidden layer to the logits of a frame.
+    Filters of :obj:`filter_size` frames are applied to the readings of each taxel, so that changes
+    are visible in spite of a constant offset. In each frame, levels of
+    :class:`~torch_geometric_tactile.nn.conv.SectorConv` with pooling between them follow, as in
+    :class:`~torch_geometric_tactile.nn.models.TaxelNet`. Residual blocks of
+    :class:`~torch_geometric_tactile.nn.conv.CausalTemporalConv` over the features of each taxel
+    follow, with dilations :math:`D, 2 D, 4 D` and so on. A hidden layer on the features of all
+    taxels, their mean and their maximum computes the logits of a frame.
 
-    An answer rests on :obj:`receptive_field` frames,
+    The logits of a frame depend on :obj:`receptive_field` frames,
 
     .. math::
         R = F + (K - 1) D (2^L - 1)
 
-    with filters of :math:`F` frames and :math:`L` blocks of kernel size :math:`K`; before the first
-    frame, all features are zero. By default, the answer of a window is that of its last frame, for
-    which only the features that it rests on are computed: every :math:`D`-th frame, then every
-    :math:`2 D`-th, and so on. With :obj:`per_frame`, all are.
+    with filters of :math:`F` frames and :math:`L` blocks of kernel size :math:`K`. Before the first
+    frame, all features are zero. By default, the logits of a window are those of its last frame.
+    Only the features that they depend on are computed: every :math:`D`-th frame, then every
+    :math:`2 D`-th, and so on. With :obj:`per_frame`, the logits of all frames are computed.
 
-    A window or trial that is **judged as a whole**, such as a slide over a surface, needs other
-    settings: :obj:`pool="mean_max"` answers from the mean and the maximum of the features over the
-    frames, of which every :math:`D`-th is computed. With :obj:`mixed_channels`, the blocks do not
-    look at each taxel by itself: a convolution over :math:`K` frames, which adds :math:`K - 1` to
-    :math:`R`, joins the features of all taxels first.
+    For windows or trials **with one label for all frames**, such as slides over a surface, use
+    :obj:`pool="mean_max"`. The logits are then computed from the mean and the maximum over every
+    :math:`D`-th frame. With :obj:`mixed_channels`, a convolution over :math:`K` frames mixes the
+    features of all taxels before the blocks, which adds :math:`K - 1` to :math:`R`.
 
-    :meth:`step` takes one frame and a state, a tuple of tensors. From :meth:`initial_state` on it
-    gives the numbers of :meth:`forward` on the same frames, and after :math:`R` frames those of any
-    window that ends here and has at least :math:`R`.
+    :meth:`step` processes one frame and a state, which is a tuple of tensors. Starting from
+    :meth:`initial_state`, its results equal those of :meth:`forward` on the same frames. After
+    :math:`R` frames, they equal those of any window of at least :math:`R` frames with the same end.
 
-    It finds its neighbours in the layout: :obj:`edge_index` is accepted and not used. Readings are
-    scaled by batch normalisation with one scale for all taxels of a channel, so that raw counts
-    will do. Missing readings (NaN) have to be filled before.
+    Neighbours are computed from the layout; :obj:`edge_index` is ignored. Readings are scaled by
+    batch normalisation with one scale for all taxels of a channel, so that raw counts can be used.
+    Missing readings (NaN) must be filled first.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
             of a layout file.
         out_channels (int): Number of labels or classes.
-        in_channels (int): Channels of each taxel in one frame :math:`C`: axes or fingers.
+        in_channels (int): Number of channels of each taxel in one frame :math:`C`, such as axes or
+            fingers.
         num_filters (int, optional): Number of filters of the readings. If :obj:`None`, the readings
-            themselves go into the first level, and :math:`F = 1`.
+            are inputs of the first level without filters, and :math:`F = 1`.
         filter_size (int): Length of the filters in frames :math:`F`.
-        widths (sequence of int, optional): Width of each level, the last for all further ones. If
-            left out, 32 without pooling, and 16, 32 and 64 with it.
-        depth (int): Graph convolutions of each level; the first of several has one.
-        conv (str): As of :class:`~torch_geometric_tactile.nn.models.TaxelNet`.
+        widths (sequence of int, optional): Width of each level. The last width is repeated for
+            further levels. Defaults to 32 without pooling, and to 16, 32 and 64 with pooling.
+        depth (int): Number of graph convolutions in each level. If there are several levels, the
+            first has one.
+        conv (str): Convolution, as in :class:`~torch_geometric_tactile.nn.models.TaxelNet`.
         num_sectors (int): Number of directions.
-        kernel_size (int): Frames that the convolution of a block sees :math:`K`.
-        dilation (int): Distance of these frames in the first block :math:`D`.
+        kernel_size (int): Number of frames in the kernel of a block :math:`K`.
+        dilation (int): Distance between these frames in the first block :math:`D`.
         num_blocks (int): Number of blocks :math:`L`.
-        pool (str): What the answer of a window rests on: the features of its :obj:`"last"` frame,
-            or their :obj:`"mean"` or :obj:`"max"` over the frames, or both (:obj:`"mean_max"`).
-            Streams need :obj:`"last"`.
-        mixed_channels (int): Width of the blocks on the joined features of all taxels; 0 for blocks
-            on the features of each taxel.
-        hidden_channels (int, optional): Width of the hidden layer; if :obj:`None`, the logits
-            follow from the features without one.
-        dropout (float): Part of the features dropped in training before each layer of the head, and
-            half of it in the blocks.
-        taxel_dropout (float): Part of the taxels that read nothing in training, drawn anew for each
-            window.
-        max_taxels (int): Number of taxels above which a level is pooled.
-        num_joints (int): Number of joint angles that join before the hidden layer; 0 for none.
-        fast (bool): As of :class:`~torch_geometric_tactile.nn.conv.SectorConv`.
+        pool (str): Features for the logits of a window: those of its :obj:`"last"` frame, their
+            :obj:`"mean"` or :obj:`"max"` over the frames, or both (:obj:`"mean_max"`). Streams
+            require :obj:`"last"`.
+        mixed_channels (int): Width of the blocks on the mixed features of all taxels, or 0 for
+            blocks on the features of each taxel.
+        hidden_channels (int, optional): Width of the hidden layer, or :obj:`None` for none.
+        dropout (float): Probability of dropping a feature in training before each layer of the
+            head. In the blocks, it is half as large.
+        taxel_dropout (float): Probability of dropping a taxel of a window in training.
+        max_taxels (int): Maximum number of taxels of the last level. Larger layouts are pooled.
+        num_joints (int): Number of joint angles that are inputs of the hidden layer, or 0 for none.
+        fast (bool): Argument of :class:`~torch_geometric_tactile.nn.conv.SectorConv`.
 
     Shapes:
         - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or those of a PyG
-          batch :math:`(B \cdot N, C \cdot T)`, channel outer and time inner; joint angles in
-          radians :math:`(B, J)`, or :math:`(B, T, J)` for all frames
-        - **output:** logits :math:`(B, O)`, or :math:`(B, T, O)` of all frames
+          batch :math:`(B \cdot N, C \cdot T)`, with the frames of each channel side by side; joint
+          angles in radians :math:`(B, J)`, or :math:`(B, T, J)` for all frames
+        - **output:** logits :math:`(B, O)`, or :math:`(B, T, O)` for all frames
 
     Raises:
         ValueError: If :obj:`layout` is a number, :obj:`conv` is unknown, a size is below one, or
-            :obj:`x` has other taxels or no whole number of frames.
+            :obj:`x` has another number of taxels or a number of columns that :math:`C` does not
+            divide.
 
     Examples:
         >>> model = TemporalTaxelNet("biotac", 2, in_channels=3)
@@ -131,7 +129,7 @@ class TemporalTaxelNet(BaseModel):
         torch.Size([5, 2])
     """
 
-    splits_frames = True  # `in_channels` is that of one frame, whatever their number
+    splits_frames = True  # `in_channels` is the number of channels in one frame
 
     def __init__(
         self,
@@ -184,33 +182,35 @@ class TemporalTaxelNet(BaseModel):
         self.taxel_dropout = check_taxel_dropout(taxel_dropout)
         self.num_joints = num_joints
         self.receptive_field = 1 + (kernel_size - 1) * dilation * (2**num_blocks - 1)
-        pools = pooled_layouts(layout, max_taxels)
+        pools = layout_pools(layout, max_taxels)
         self.widths = level_widths(widths, 1 + len(pools))
         self.taxels = (self.num_nodes, *(pool.num_clusters for pool in pools))
         self.norm = ReadingNorm(in_channels)
-        self.filters: Optional[FrameFilters] = None
+        self.filters: Optional[_FrameFilters] = None
         if num_filters is not None:
-            self.filters = FrameFilters(in_channels, num_filters, filter_size)
+            self.filters = _FrameFilters(in_channels, num_filters, filter_size)
             self.receptive_field += filter_size - 1
-        ons = [layout, *(pool.coarse for pool in pools)]
-        before = [num_filters or in_channels, *self.widths]
+        layouts = [layout, *(pool.coarse for pool in pools)]
+        input_widths = [num_filters or in_channels, *self.widths]
         self.levels = ModuleList()
         for i, width in enumerate(self.widths):
-            level = (before[i], *[width] * (1 if i == 0 and pools else depth))
-            before_level = pools[i - 1] if i else None
-            self.levels.append(TaxelLevel(ons[i], before_level, level, conv, num_sectors, fast))
+            block_widths = (input_widths[i], *[width] * (1 if i == 0 and pools else depth))
+            level_pool = pools[i - 1] if i else None
+            self.levels.append(
+                TaxelLevel(layouts[i], level_pool, block_widths, conv, num_sectors, fast)
+            )
         width, num_nodes = self.widths[-1], self.taxels[-1]
-        self.mixer: Optional[FrameFilters] = None
+        self.mixer: Optional[_FrameFilters] = None
         if mixed_channels:
-            self.mixer = FrameFilters(num_nodes * width, mixed_channels, kernel_size)
+            self.mixer = _FrameFilters(num_nodes * width, mixed_channels, kernel_size)
             self.receptive_field += kernel_size - 1
             width, num_nodes = mixed_channels, 1
         self.blocks = ModuleList(
-            TemporalBlock(width, kernel_size, dilation * 2**i, dropout / 2)
+            _TemporalBlock(width, kernel_size, dilation * 2**i, dropout / 2)
             for i in range(num_blocks)
         )
         width *= 2 if pool == "mean_max" else 1
-        self.head = FrameHead(
+        self.head = _FrameHead(
             *(num_nodes, width, out_channels, hidden_channels, dropout, num_joints),
             are_mixed=bool(mixed_channels),
         )
@@ -226,25 +226,27 @@ class TemporalTaxelNet(BaseModel):
         *,
         per_frame: bool = False,
     ) -> Tensor:
-        r"""Returns the logits of the window, or those of all frames.
+        r"""Returns the logits of each window :math:`(B, O)`, or those of all frames
+        :math:`(B, T, O)`.
 
-        The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
+        The order of the arguments is that of
+        :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
 
         Args:
             x (torch.Tensor): Windows of readings.
             edge_index, edge_attr, absolute, pos (torch.Tensor, optional): Not used.
-            joint (torch.Tensor, optional): Joint angles in radians, if the model has them: those of
-                the last frame, or with :obj:`per_frame` of all.
-            per_frame (bool): Whether to return the logits of each frame, as to train on all; needs
-                :obj:`pool="last"`.
+            joint (torch.Tensor, optional): Joint angles in radians of the last frame or, with
+                :obj:`per_frame`, of all frames, if :obj:`num_joints` is not 0.
+            per_frame (bool): Whether to return the logits of each frame, for example to train on
+                all frames. Requires :obj:`pool="last"`.
         """
-        need(not per_frame or self.pool == "last", _NEEDS_LAST.format("per_frame"), self.pool)
-        x = _frames(x, self.num_nodes, self.in_channels)
-        seen = seen_taxels(x[:, :, 0], self.taxel_dropout if self.training else 0.0)
+        need(not per_frame or self.pool == "last", _POOL_MESSAGE.format("per_frame"), self.pool)
+        x = _split_channels(x, self.num_nodes, self.in_channels)
+        mask = taxel_mask(x[:, :, 0], self.taxel_dropout if self.training else 0.0)
         x = self.norm(x.flatten(1, 2)).view_as(x)
-        if seen is not None:  # behind the scale, which is that of all taxels
-            x = x * seen[:, :, None, None]
-        # Of every frame, or of those that the answer rests on.
+        if mask is not None:  # after the scaling, so that dropped taxels do not change it
+            x = x * mask[:, :, None, None]
+        # The logits of a window depend only on every `dilation`-th frame after filters and mixer.
         stride = 1 if per_frame else self.dilation
         first_stride = stride if self.mixer is None else 1
         if self.filters is None:
@@ -252,28 +254,28 @@ class TemporalTaxelNet(BaseModel):
         else:
             h = self.filters(x, first_stride)
         for level in self.levels:
-            h = in_frames(level, h)
+            h = _apply_to_frames(level, h)
         if self.mixer is not None:
             h = self.mixer(h.transpose(1, 2).flatten(2).unsqueeze(1), stride)
-        for block in _temporal(self.blocks):
+        for block in _temporal_blocks(self.blocks):
             if per_frame:
                 h = block(h)
             elif self.pool == "last":
                 h = block(h, block.conv.dilation, 2)
             else:
                 h = block(h, self.dilation)
-        return self.head(h if per_frame else self._pooled(h), joint)
+        return self.head(h if per_frame else self._pool_frames(h), joint)
 
-    def _pooled(self, h: Tensor) -> Tensor:
-        # Features (B, M, T, F) of frames as those of the window.
+    def _pool_frames(self, h: Tensor) -> Tensor:
+        # Returns the features of the windows (B, M, F') for those of their frames (B, M, T, F).
         if self.pool == "last":
             return h[:, :, -1]
-        parts = {"mean": h.mean(dim=2), "max": h.amax(dim=2)}
-        return torch.cat([parts[name] for name in self.pool.split("_")], dim=-1)
+        pooled = {"mean": h.mean(dim=2), "max": h.amax(dim=2)}
+        return torch.cat([pooled[name] for name in self.pool.split("_")], dim=-1)
 
     @property
     def can_step(self) -> bool:
-        r"""Whether the model answers frame by frame, with :meth:`step`."""
+        r"""Whether the model supports :meth:`step`, which returns logits frame by frame."""
         return self.pool == "last"
 
     def initial_state(
@@ -282,24 +284,24 @@ class TemporalTaxelNet(BaseModel):
         device: torch.device | str | None = None,
         dtype: torch.dtype | None = None,
     ) -> _TemporalState:
-        r"""Returns the state before the first frame: tensors whose first size is the number of
-        streams, so that states can be joined, cut and exported.
+        r"""Returns the state before the first frame. Its tensors have the streams in the first
+        dimension, so that states can be concatenated, sliced and exported.
 
         Args:
             batch_size (int): Number of streams :math:`B`.
-            device (torch.device, optional): That of the weights, if left out.
-            dtype (torch.dtype, optional): Likewise.
+            device (torch.device, optional): Device of the state. Defaults to that of the weights.
+            dtype (torch.dtype, optional): Data type of the state. Defaults to that of the weights.
         """
-        need(self.can_step, _NEEDS_LAST.format("initial_state"), self.pool)
+        need(self.can_step, _POOL_MESSAGE.format("initial_state"), self.pool)
         num_nodes = self.taxels[-1] if self.mixer is None else 1
-        convs = [block.conv for block in _temporal(self.blocks)]
+        convs = [block.conv for block in _temporal_blocks(self.blocks)]
         convs = convs if self.mixer is None else [self.mixer.conv, *convs]
-        taxels = [num_nodes] * len(convs)
+        num_taxels = [num_nodes] * len(convs)
         if self.filters is not None:
-            convs, taxels = [self.filters.conv, *convs], [self.num_nodes, *taxels]
+            convs, num_taxels = [self.filters.conv, *convs], [self.num_nodes, *num_taxels]
         return tuple(
-            conv.initial_state(batch_size, count, device=device, dtype=dtype)
-            for conv, count in zip(convs, taxels, strict=True)
+            conv.initial_state(batch_size, size, device=device, dtype=dtype)
+            for conv, size in zip(convs, num_taxels, strict=True)
         )
 
     def step(
@@ -309,33 +311,33 @@ class TemporalTaxelNet(BaseModel):
         state: _TemporalState,
         joint: OptTensor = None,
     ) -> tuple[Tensor, _TemporalState]:
-        r"""Returns the logits after the next frame, and the state after it.
+        r"""Returns the logits of the next frame, and the next state.
 
         Args:
-            frame (torch.Tensor): Readings of one frame :math:`(B, N, C)`.
+            frame (torch.Tensor): Readings of the frame :math:`(B, N, C)`.
             edge_index (torch.Tensor, optional): Not used.
-            state (tuple of torch.Tensor): The state before it.
-            joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`, if the model has
-                them.
+            state (tuple of torch.Tensor): State before the frame.
+            joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`, if
+                :obj:`num_joints` is not 0.
         """
         x = stacked_readings(frame, self.num_nodes, self.in_channels, "channels")
-        need(self.can_step, _NEEDS_LAST.format("step"), self.pool)
+        need(self.can_step, _POOL_MESSAGE.format("step"), self.pool)
         layers = [layer for layer in (self.filters, self.mixer) if layer is not None]
         _check_state(state, len(layers) + len(self.blocks))
-        before, after = list(state), []
+        old_state, new_state = list(state), []
         h = self.norm(x)
         if self.filters is not None:
-            h, layer_state = self.filters.step(h, before.pop(0))
-            after.append(layer_state)
+            h, layer_state = self.filters.step(h, old_state.pop(0))
+            new_state.append(layer_state)
         for level in self.levels:
             h = level(h)
         if self.mixer is not None:
-            h, layer_state = self.mixer.step(h.flatten(1).unsqueeze(1), before.pop(0))
-            after.append(layer_state)
-        for block, layer_state in zip(_temporal(self.blocks), before, strict=True):
+            h, layer_state = self.mixer.step(h.flatten(1).unsqueeze(1), old_state.pop(0))
+            new_state.append(layer_state)
+        for block, layer_state in zip(_temporal_blocks(self.blocks), old_state, strict=True):
             h, layer_state = block.step(h, layer_state)
-            after.append(layer_state)
-        return self.head(h, joint), tuple(after)
+            new_state.append(layer_state)
+        return self.head(h, joint), tuple(new_state)
 
     def extra_repr(self) -> str:
         r"""Returns the sizes for :obj:`repr`."""
@@ -349,25 +351,171 @@ class TemporalTaxelNet(BaseModel):
         )
 
 
-def _temporal(blocks: ModuleList) -> list[TemporalBlock]:
-    return [block for block in blocks if isinstance(block, TemporalBlock)]
+class _FrameFilters(Module):
+    r"""Causal filters of the readings of each taxel, followed by normalisation and ReLU. All taxels
+    share the filters.
+
+    Args:
+        in_channels (int): Number of channels :math:`C`.
+        out_channels (int): Number of filters.
+        kernel_size (int): Length of the filters in frames.
+    """
+
+    def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
+        super().__init__()
+        self.conv = CausalTemporalConv(in_channels, out_channels, kernel_size, bias=False)
+        self.norm = TaxelNorm(out_channels)
+
+    def forward(self, x: Tensor, stride: int = 1) -> Tensor:
+        r"""Returns the filtered readings.
+
+        Args:
+            x (torch.Tensor): Readings :math:`(B, N, T, C)`.
+            stride (int): Distance between the output frames.
+        """
+        return self._normalize(self.conv(x, stride=stride))
+
+    def step(self, x: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+        r"""Returns the filtered readings of the next frame, and the next state.
+
+        Args:
+            x (torch.Tensor): Readings of the frame :math:`(B, N, C)`.
+            state (torch.Tensor): State before the frame.
+        """
+        out, state = self.conv.step(x, state)
+        return self._normalize(out), state
+
+    def _normalize(self, h: Tensor) -> Tensor:
+        return self.norm(h.flatten(0, -2)).relu().view(h.shape)
 
 
-def _check_state(state: _TemporalState, count: int) -> None:
-    if len(state) != count:
+class _TemporalBlock(Module):
+    r"""A causal convolution over the features of each taxel, normalisation, ReLU and dropout, with
+    a residual connection.
+
+    Args:
+        channels (int): Size of each input and output feature.
+        kernel_size (int): Number of frames in the kernel.
+        dilation (int): Distance between the kernel's frames.
+        dropout (float): Probability of dropping a feature in training.
+    """
+
+    def __init__(self, channels: int, kernel_size: int, dilation: int, dropout: float) -> None:
+        super().__init__()
+        self.conv = CausalTemporalConv(channels, channels, kernel_size, dilation, bias=False)
+        self.norm = TaxelNorm(channels)
+        self.dropout = ByteDropout(dropout)
+
+    def forward(self, h: Tensor, spacing: int = 1, stride: int = 1) -> Tensor:
+        r"""Returns the output for features :math:`(B, M, T, F)`. The arguments are those of
+        :meth:`CausalTemporalConv.forward`.
+        """
+        out = self.conv(h, spacing=spacing, stride=stride)
+        h = h[:, :, (h.size(2) - 1) % stride :: stride]
+        return self._add_residual(h, out)
+
+    def step(self, h: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+        r"""Returns the output for the features of the next frame, and the next state.
+
+        Args:
+            h (torch.Tensor): Features of the frame :math:`(B, M, F)`.
+            state (torch.Tensor): State before the frame.
+        """
+        out, state = self.conv.step(h, state)
+        return self._add_residual(h, out), state
+
+    def _add_residual(self, h: Tensor, out: Tensor) -> Tensor:
+        return h + self.dropout(self.norm(out.flatten(0, -2)).relu()).view(out.shape)
+
+
+class _FrameHead(Module):
+    r"""Computes the logits of a frame from the features of all taxels, their mean and their
+    maximum, with an optional hidden layer. Mixed features are used without mean and maximum.
+
+    Args:
+        num_nodes (int): Number of taxels :math:`M`.
+        width (int): Size of each taxel's features :math:`F`.
+        out_channels (int): Number of labels or classes :math:`O`.
+        hidden_channels (int, optional): Width of the hidden layer, or :obj:`None` for none.
+        dropout (float): Probability of dropping a feature in training.
+        num_joints (int): Number of joint angles.
+        are_mixed (bool): Whether the features are those of all taxels together.
+    """
+
+    def __init__(
+        self,
+        num_nodes: int,
+        width: int,
+        out_channels: int,
+        hidden_channels: int | None,
+        dropout: float,
+        num_joints: int,
+        are_mixed: bool = False,
+    ) -> None:
+        super().__init__()
+        self.num_joints = num_joints
+        self.are_mixed = are_mixed
+        in_channels = width if are_mixed else (num_nodes + 2) * width
+        self.dropout = ByteDropout(dropout)
+        width = in_channels + num_joints
+        self.lin: Linear | None = None
+        if hidden_channels is not None:
+            self.lin = Linear(width, hidden_channels, bias=False)
+            self.norm = TaxelNorm(hidden_channels)
+            width = hidden_channels
+        self.lin_out = Linear(width, out_channels)
+
+    def forward(self, h: Tensor, joint: OptTensor) -> Tensor:
+        r"""Returns the logits of one frame :math:`(B, O)`, or of all frames :math:`(B, T, O)`.
+
+        Args:
+            h (torch.Tensor): Features of one frame :math:`(B, M, F)`, or of all frames
+                :math:`(B, M, T, F)`.
+            joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`, or
+                :math:`(B, T, J)` for all frames.
+        """
+        rows = h if h.dim() == 3 else h.transpose(1, 2).flatten(0, 1)
+        features = rows.flatten(1)
+        if not self.are_mixed:
+            features = torch.cat([features, rows.mean(dim=1), rows.amax(dim=1)], dim=1)
+        features = with_joints(self.dropout(features), joint, self.num_joints)
+        if self.lin is not None:
+            features = self.dropout(self.norm(self.lin(features)).relu())
+        out: Tensor = self.lin_out(features)
+        return out if h.dim() == 3 else out.unflatten(0, (h.size(0), h.size(2)))
+
+
+def _apply_to_frames(layer: Module, h: Tensor) -> Tensor:
+    r"""Returns the output of a layer for each frame :math:`(B, M, T, O)`.
+
+    Args:
+        layer (torch.nn.Module): A layer from :math:`(S, N, F)` to :math:`(S, M, O)`.
+        h (torch.Tensor): Features :math:`(B, N, T, F)`.
+    """
+    out: Tensor = layer(h.transpose(1, 2).flatten(0, 1))
+    return out.unflatten(0, (h.size(0), h.size(2))).transpose(1, 2)
+
+
+def _temporal_blocks(blocks: ModuleList) -> list[_TemporalBlock]:
+    # Iterating over a ModuleList gives plain modules to type checkers.
+    return [block for block in blocks if isinstance(block, _TemporalBlock)]
+
+
+def _check_state(state: _TemporalState, num_tensors: int) -> None:
+    if len(state) != num_tensors:
         raise ValueError(
-            f"'state' must be the {count} tensors of 'initial_state' or of the step before (got "
-            f"{len(state)})"
+            f"'state' must be the {num_tensors} tensors returned by 'initial_state' or by the "
+            f"previous 'step' (got {len(state)})"
         )
 
 
-def _frames(x: Tensor, num_nodes: int, in_channels: int) -> Tensor:
-    # As (B, N, T, C).
-    num_frames, rest = divmod(x.size(-1), in_channels) if x.dim() else (0, 0)
-    if rest or num_frames == 0:
+def _split_channels(x: Tensor, num_nodes: int, in_channels: int) -> Tensor:
+    # Returns windows as (B, N, T, C).
+    num_frames, remainder = divmod(x.size(-1), in_channels) if x.dim() else (0, 0)
+    if remainder or num_frames == 0:
         raise ValueError(
-            f"'x' must have the frames of {in_channels} channels side by side, at least one of "
-            f"each (got shape {tuple(x.shape)})"
+            f"'x' must have the same number of frames, at least one, for each of {in_channels} "
+            f"channels (got shape {tuple(x.shape)})"
         )
     x = stacked_readings(x, num_nodes, x.size(-1), "features")
     return split_frames(x, num_frames)

@@ -1,4 +1,4 @@
-r"""What all threads share: convolutions in a row, with the maximum over channels between them."""
+r"""The base class of threads, which are sequences of convolutions with pooling over channels."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,20 +14,20 @@ from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 
 class Thread(Module):
-    r"""The base class of threads: each layer is a convolution, a
+    r"""The base class of threads. Each layer is a convolution, a
     :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU.
 
-    A subclass says how a convolution is made and defines :meth:`forward`.
+    A subclass passes a constructor of convolutions and defines :meth:`forward`.
 
     Args:
         in_channels (int): Features of each taxel.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): How many channels share one maximum, after each convolution.
-        conv (callable): Makes a convolution of its input and output width.
-        pool_dim (int): The dimension of the channels in the output of a convolution.
-        fast (bool): Whether to use the operations of
-            :mod:`torch_geometric_tactile.nn._pooled_gcn` where they apply: for many samples on one
-            topology, on a processor. They give the same numbers, but have no second derivative.
+        pools (sequence of int): Number of channels for each maximum, after each convolution.
+        conv (callable): Returns a convolution for an input and an output width.
+        pool_dim (int): Dimension of the channels in the output of a convolution.
+        fast (bool): Whether to compute many samples on one topology on a processor by
+            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
+            second derivative.
 
     Raises:
         ValueError: If there is no layer, the numbers of widths and pools differ, a pool does not
@@ -64,7 +64,7 @@ class Thread(Module):
         self.pools = ModuleList(ChannelMaxPool(pool, pool_dim) for pool in self.pool_sizes)
 
     def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
+        r"""Resets all learnable parameters."""
         reset(self.convs)
 
     def layers(self) -> list[tuple[Any, ChannelMaxPool]]:
@@ -73,18 +73,18 @@ class Thread(Module):
 
     @property
     def explained(self) -> bool:
-        r"""Whether an explainer is attached, which needs messages edge by edge."""
+        r"""Whether an explainer is attached, which needs the messages of all edges."""
         return any(isinstance(conv, MessagePassing) and conv.explain for conv in self.convs)
 
     def forward(
         self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
     ) -> Tensor:
-        r"""Convolves the features of the taxels.
+        r"""Returns the convolved features of the taxels.
 
         Args:
             x (torch.Tensor): Features.
             edge_index (torch.Tensor, optional): Edges, for graph convolutions.
-            edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
+            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
         """
         raise NotImplementedError
 

@@ -8,22 +8,23 @@ from torch_geometric_tactile.nn._sizes import check_sizes
 
 class ChannelMaxPool(torch.nn.Module):
     r"""The max pooling over feature channels of the "Tactile Object Property Recognition using
-    Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network" paper, which it
-    writes "(P)": each taxel keeps the largest of every :obj:`kernel_size` neighbouring channels.
+    Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network" paper, where it is
+    denoted by "(P)". For each taxel, it returns the maximum of every :obj:`kernel_size`
+    neighbouring channels.
 
     .. math::
         x'_c = \max_{0 \le j < k} x_{k c + j}
 
     Args:
-        kernel_size (int): How many channels :math:`k` share one maximum.
-        dim (int): The dimension of the channels, the last if left out.
+        kernel_size (int): Number of channels :math:`k` for each maximum.
+        dim (int): Dimension of the channels.
 
     Shapes:
         - **input:** features :math:`(*, F)`, or with the channels :math:`F` at :obj:`dim`
-        - **output:** features :math:`(*, F / k)`, likewise
+        - **output:** features :math:`(*, F / k)`, with the channels at :obj:`dim`
 
     Raises:
-        ValueError: If :obj:`kernel_size` is below one or does not divide the channels.
+        ValueError: If :obj:`kernel_size` is below one or does not divide the number of channels.
 
     Examples:
         >>> ChannelMaxPool(2)(torch.tensor([[1.0, 4.0, 3.0, 2.0]]))
@@ -37,7 +38,7 @@ class ChannelMaxPool(torch.nn.Module):
         self.dim = dim
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Takes the maxima.
+        r"""Returns the maximum of each group of neighbouring channels.
 
         Args:
             x (torch.Tensor): Features.

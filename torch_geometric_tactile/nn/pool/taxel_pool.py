@@ -1,4 +1,4 @@
-r"""Pooling over taxels."""
+r"""Pooling over clusters of taxels."""
 
 from collections.abc import Sequence
 from typing import Literal, Union
@@ -9,13 +9,13 @@ from torch.nn.functional import max_pool2d
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.nn._sizes import is_of_taxels
+from torch_geometric_tactile.nn._sizes import has_taxels
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, taxel_clusters
 
 
 class TaxelPool(torch.nn.Module):
-    r"""Pools the features of neighbouring taxels: those of a patch, of a digit, or of a voxel of a
-    given size. :obj:`coarse` is the coarser layout, on which further convolutions may follow.
+    r"""Pools the features of the taxels in each cluster: a patch, a digit, or a voxel of a fixed
+    size. The attribute :obj:`coarse` is the layout of the clusters, for further convolutions.
 
     .. math::
         \mathbf{x}'_c = \max_{i \in c} \mathbf{x}_i \qquad \text{or} \qquad
@@ -24,9 +24,9 @@ class TaxelPool(torch.nn.Module):
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
             of a layout file.
-        by (str, float or sequence of float): What is pooled, as in
+        by (str, float or sequence of float): Clusters, as in
             :func:`~torch_geometric_tactile.sensors.taxel_clusters`: :obj:`"patch"`,
-            :obj:`"digit"`, or the edge length of voxels in metres, one number or one each along
+            :obj:`"digit"`, or the edge length of voxels in metres, as one number or one for each of
             :math:`x` and :math:`y`. On a grid, twice the pitch pools :math:`2 \times 2` taxels.
         aggr (str): :obj:`"max"` or :obj:`"mean"`.
 
@@ -37,7 +37,8 @@ class TaxelPool(torch.nn.Module):
           :math:`(B \cdot M, F)`
 
     Raises:
-        ValueError: If :obj:`by` or :obj:`aggr` is unknown, or :obj:`x` has other taxels.
+        ValueError: If :obj:`by` or :obj:`aggr` is unknown, or :obj:`x` has another number of
+            taxels.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -59,47 +60,48 @@ class TaxelPool(torch.nn.Module):
     ) -> None:
         super().__init__()
         need(aggr in ("max", "mean"), f"'aggr' must be 'max' or 'mean' (got {aggr!r})")
-        with torch.device("cpu"):  # on the meta device, a layout would lose its numbers
-            found = taxel_clusters(as_layout(layout), by)
-            members, share = _table(found.cluster)
+        with torch.device("cpu"):  # on the meta device, a layout would lose its values
+            clusters = taxel_clusters(as_layout(layout), by)
+            members, share = _cluster_members(clusters.cluster)
         self.by = by if isinstance(by, str | float | int) else tuple(by)
         self.aggr = aggr
-        self.coarse = found.layout
-        self.num_taxels = len(found.cluster)
-        self.num_clusters = found.layout.num_taxels
-        self._has_free_places = bool((share == 0).any())
-        # Not in the state: they follow from the arguments.
+        self.coarse = clusters.layout
+        self.num_taxels = len(clusters.cluster)
+        self.num_clusters = clusters.layout.num_taxels
+        self._has_padding = bool((share == 0).any())
+        # Not saved in the state, since they are computed from the arguments.
         self.register_buffer("members", members, persistent=False)
         self.register_buffer("share", share, persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Pools features.
+        r"""Returns the pooled features of each cluster.
 
         Args:
             x (torch.Tensor): Features.
         """
         num_taxels = self.num_taxels
-        if not is_of_taxels(x, num_taxels):
+        if not has_taxels(x, num_taxels):
             raise ValueError(
                 f"'x' must have {num_taxels} taxels, as the layout (got shape {tuple(x.shape)})"
             )
         rows = x if x.dim() == 3 else x.reshape(-1, num_taxels, x.size(-1))
-        # Taxel by taxel or sample by sample, as they lie: whole rows are copied.
-        swapped = not rows.is_contiguous()
-        if swapped:
+        # Memory may be ordered by sample or, after some layers, by taxel. In both orders, the
+        # selection copies contiguous rows.
+        is_taxel_major = not rows.is_contiguous()
+        if is_taxel_major:
             rows = rows.transpose(0, 1).flatten(1).unsqueeze(0)
-        near = rows.index_select(1, self.members.view(-1))
-        near = near.unflatten(1, (self.num_clusters, -1))
+        members = rows.index_select(1, self.members.view(-1))
+        members = members.unflatten(1, (self.num_clusters, -1))
         if self.aggr == "max":
-            # As of an image, channels last: twice as fast as a maximum over one dimension.
-            out = max_pool2d(near.permute(0, 3, 1, 2), (1, near.size(2)))
+            # Pooling of a channels-last image is twice as fast as a maximum over one dimension.
+            out = max_pool2d(members.permute(0, 3, 1, 2), (1, members.size(2)))
             out = out.permute(0, 2, 3, 1).squeeze(2)
         else:
-            near = near * self.share.to(x.dtype).unsqueeze(-1)
-            if self._has_free_places:  # with a share of zero, which times infinity is NaN
-                near = near.masked_fill((self.share == 0).unsqueeze(-1), 0.0)
-            out = near.sum(dim=2)
-        if swapped:
+            members = members * self.share.to(x.dtype).unsqueeze(-1)
+            if self._has_padding:  # with a share of zero, and zero times infinity is NaN
+                members = members.masked_fill((self.share == 0).unsqueeze(-1), 0.0)
+            out = members.sum(dim=2)
+        if is_taxel_major:
             out = out.view(self.num_clusters, -1, x.size(-1)).transpose(0, 1)
         return out if x.dim() == 3 else out.reshape(-1, x.size(-1))
 
@@ -110,13 +112,14 @@ class TaxelPool(torch.nn.Module):
         )
 
 
-def _table(cluster: Tensor) -> tuple[Tensor, Tensor]:
-    # The taxels of each cluster (M, K), the first again in free places, and their share of a mean.
+def _cluster_members(cluster: Tensor) -> tuple[Tensor, Tensor]:
+    # Returns the taxels of each cluster (M, K), padded with its first taxel, and their share in the
+    # mean (M, K), which is zero for padding.
     count = cluster.bincount()
     order = cluster.argsort(stable=True)
-    place = torch.arange(len(cluster)) - (count.cumsum(0) - count)[cluster[order]]
+    column = torch.arange(len(cluster)) - (count.cumsum(0) - count)[cluster[order]]
     members = order[count.cumsum(0) - count].unsqueeze(1).repeat(1, int(count.max()))
     share = torch.zeros(members.shape)
-    members[cluster[order], place] = order
-    share[cluster[order], place] = 1 / count[cluster[order]].float()
+    members[cluster[order], column] = order
+    share[cluster[order], column] = 1 / count[cluster[order]].float()
     return members, share

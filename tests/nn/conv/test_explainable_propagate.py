@@ -13,7 +13,7 @@ if {early}:
     MessagePassing()
 from torch_geometric_tactile.nn import SectorConv, SegmentedGCNConv
 from torch_geometric_tactile.nn import SelfGCNConv, StaticGATConv, StaticGATv2Conv, StaticGCNConv
-from torch_geometric_tactile.nn.conv._own_propagate import restore_propagate
+from torch_geometric_tactile.nn.conv._explainable_propagate import restore_propagate
 
 class Scaled(StaticGCNConv):
     def message(self, x_j, edge_weight, scale: float = 3.0):
