@@ -1,4 +1,4 @@
-r"""What a module writes into its checkpoints, and takes from them."""
+r"""The content that a module adds to its checkpoints and restores from them."""
 
 import warnings
 from collections.abc import Mapping
@@ -21,32 +21,32 @@ _STATES = "random_states"
 
 
 class CheckpointedModule(L.LightningModule):
-    r"""A module that decides by a threshold, and whose checkpoints carry the layout of the sensor
-    and what a predictor needs, and are read without running what is in them.
+    r"""A Lightning module with a decision threshold. Its checkpoints contain the layout of the
+    sensor and the description of the predictor, and are read without executing code from the file.
 
-    They keep the states of the sources of random numbers as well: resumed from a checkpoint of the
-    end of an epoch, weights are those of the training that was never stopped, bit by bit on a CPU.
+    Checkpoints also contain the states of all random number generators. A training that is resumed
+    at the end of an epoch gives, on a CPU, exactly the weights of an uninterrupted training.
     """
 
     model: nn.Module
     task: Task
     layout: TaxelLayout | None
     decision_threshold: float | None
-    #: The configuration that the module was built from: checkpoints keep it to be compared.
+    #: The configuration of the module, stored in checkpoints for :func:`compare_settings`.
     config: Mapping[str, Any] | None = None
     threshold: float | ThresholdMetric | None
     val_threshold: BestThreshold | None
     _random_states: dict[str, Any] | None = None
 
     def arguments(self) -> dict[str, Any]:
-        r"""Returns the arguments of the constructor, but for model, optimizer and scheduler, that
-        checkpoints keep: plain values.
+        r"""Returns the arguments of the constructor that checkpoints store: all except model,
+        optimizer and scheduler, as plain values.
         """
         raise NotImplementedError
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        r"""Puts into the checkpoint the layout, the description of the model, and what
-        :class:`~torch_geometric_tactile.predictor.Predictor` needs beside the weights.
+        r"""Adds the layout, the description of the model, the states of the random number
+        generators and the description of the :class:`~torch_geometric_tactile.predictor.Predictor`.
         """
         states = RandomStates.now().to_dict()
         if torch.cuda.is_available() and torch.cuda.is_initialized():
@@ -71,24 +71,26 @@ class CheckpointedModule(L.LightningModule):
             )
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        r"""Takes the layout from the checkpoint, or compares it with that of the data."""
-        self._take_random_states(checkpoint)
+        r"""Restores the layout and the threshold. Raises a :class:`ValueError` if the data has
+        another layout.
+        """
+        self._load_random_states(checkpoint)
         if self._trainer is None:
-            _warn_of_scaling(checkpoint)
+            _warn_of_missing_transforms(checkpoint)
         if "decision_threshold" in checkpoint:
             self.decision_threshold = float(checkpoint["decision_threshold"])
         if "layout" not in checkpoint:
             return
-        trained_on = TaxelLayout.from_dict(checkpoint["layout"])
-        if self.layout is not None and not self.layout.matches(trained_on):
+        layout = TaxelLayout.from_dict(checkpoint["layout"])
+        if self.layout is not None and not self.layout.matches(layout):
             raise ValueError(
-                f"the checkpoint must be of layout '{self.layout.name}' with "
-                f"{self.layout.num_taxels} taxels, as the data (got '{trained_on.name}' with "
-                f"{trained_on.num_taxels}); train again, or load the data it was trained on"
+                f"the checkpoint must have layout '{self.layout.name}' with "
+                f"{self.layout.num_taxels} taxels, as the data (got '{layout.name}' with "
+                f"{layout.num_taxels}); train again, or load the data it was trained on"
             )
-        self.layout = trained_on
+        self.layout = layout
 
-    def _take_random_states(self, checkpoint: dict[str, Any]) -> None:
+    def _load_random_states(self, checkpoint: dict[str, Any]) -> None:
         self._random_states = None
         if self._trainer is None or self.trainer.state.fn != "fit":
             return
@@ -100,15 +102,15 @@ class CheckpointedModule(L.LightningModule):
                 raise ValueError(
                     f"'{self.trainer.ckpt_path}' cannot be resumed: {error}; train again"
                 ) from error
-        # Up to version 0.2.1, checkpoints held states of our loaders, which no longer take any.
+        # Up to version 0.2.1, checkpoints held states of our loaders, which no longer have a state.
         fit_loop = checkpoint.get("loops", {}).get("fit_loop", {})
         loaders = fit_loop.get("state_dict", {}).get("combined_loader", [])
         loaders[:] = [state for state in loaders if "num_batches" not in state]
-        if self.trainer.strategy.restore_checkpoint_after_setup:  # then training starts next
+        if self.trainer.strategy.restore_checkpoint_after_setup:  # on_fit_start has already run
             self._restore_random_states()
 
     def on_fit_start(self) -> None:
-        r"""Restores the random states: models and optimizers are built, and no batch is drawn."""
+        r"""Restores the random states, after the model is built and before the first batch."""
         self._restore_random_states()
 
     def _restore_random_states(self) -> None:
@@ -130,76 +132,77 @@ class CheckpointedModule(L.LightningModule):
         weights_only: bool | None = None,
         **kwargs: Any,
     ) -> Self:
-        r"""Loads a module, without the transforms of its data (for live use, take
-        :class:`~torch_geometric_tactile.predictor.Predictor`). Its checksums are compared, and
-        nothing in the file runs: models of this package are built by their names, any other is
-        given as :obj:`model`.
+        r"""Loads a module, without the transforms of its data. For live use, see
+        :class:`~torch_geometric_tactile.predictor.Predictor`.
+
+        Checksums are verified, and no code from the file is executed: models of this package are
+        built by their names, any other is passed as :obj:`model`.
 
         Args:
             checkpoint_path (str or PathLike): The checkpoint.
-            map_location (optional): Where to put the tensors: the CPU if left out.
+            map_location (optional): Device of the tensors; the CPU if left out.
             hparams_file (optional): Not supported.
-            strict (bool, optional): Whether all weights must be there and known; yes if left out.
+            strict (bool, optional): If :obj:`False`, missing and unexpected weights are ignored.
             weights_only (bool, optional): Must not be :obj:`False`.
-            **kwargs (optional): Arguments of the module, instead of those in the checkpoint:
-                :obj:`model` (it is copied), and :obj:`optimizer` and :obj:`lr_scheduler`, which a
-                checkpoint does not keep.
+            **kwargs (optional): Arguments of the module that replace those in the checkpoint, such
+                as :obj:`model` (it is copied), and :obj:`optimizer` and :obj:`lr_scheduler`, which
+                a checkpoint does not store.
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If the file is damaged, is no checkpoint or one of an older version, or its
-                model is not of this package and not given.
+            ValueError: If the file is damaged, is not a checkpoint or is one of an older version,
+                or its model is neither a class of this package nor passed as :obj:`model`.
         """
-        for name, value in (
+        for name, is_set in (
             ("weights_only", weights_only is False),
             ("hparams_file", hparams_file),
         ):
-            if value:
-                raise ValueError(f"'{name}' must be left out, since it may run code (got it)")
+            if is_set:
+                raise ValueError(f"'{name}' must be left out, since it may run code")
         return load_module(cls, checkpoint_path, map_location, strict, kwargs)
 
     def _datamodule(self) -> Any:
         return None if self._trainer is None else getattr(self.trainer, "datamodule", None)
 
     def set_threshold(self, threshold: float | ThresholdMetric | None) -> None:
-        r"""Sets the threshold, or the metric that chooses it.
+        r"""Sets the decision threshold, or the metric by which it is chosen.
 
         Args:
-            threshold (float or str, optional): The threshold, or a metric.
+            threshold (float or str, optional): The threshold, or the name of a metric.
         """
         self.threshold = threshold
         self.decision_threshold = None if isinstance(threshold, str) else threshold
         self.val_threshold = BestThreshold(threshold) if isinstance(threshold, str) else None
 
     def choose_threshold(self) -> None:
-        r"""Chooses and logs the threshold at the end of a validation in training."""
+        r"""Chooses and logs the threshold at the end of a validation epoch of training."""
         if self.val_threshold is None:
             return
-        if self.trainer.state.fn == "fit":  # a trained model keeps what it was trained with
+        if self.trainer.state.fn == "fit":  # a trained model keeps its threshold
             self.decision_threshold = float(self.val_threshold.compute())
             self.log("val/threshold", self.decision_threshold, sync_dist=True)
         self.val_threshold.reset()
 
     def probability(self, logits: Tensor) -> Tensor:
-        r"""Returns the probabilities of the classes or of each label :math:`(B, C)`; the numbers of
-        a regression as they are.
+        r"""Returns the probabilities of the classes or of each label :math:`(B, C)`. The numbers of
+        a regression are returned unchanged.
 
         Args:
-            logits (torch.Tensor): What the model returned :math:`(B, C)`.
+            logits (torch.Tensor): Outputs of the model :math:`(B, C)`.
         """
         if self.task == "regression":
             return logits
         return logits.sigmoid() if self.task == "multilabel" else logits.softmax(dim=-1)
 
 
-def _warn_of_scaling(checkpoint: Mapping[str, Any]) -> None:
-    r"""Warns if the model of a checkpoint was trained on readings that fitted transforms, such as
-    scalers, had changed.
+def _warn_of_missing_transforms(checkpoint: Mapping[str, Any]) -> None:
+    r"""Warns if the model of a checkpoint was trained on readings changed by fitted transforms,
+    such as scalers.
     """
     names = fitted_names(checkpoint)
     if names:
         warnings.warn(
-            f"this model was trained on readings that {', '.join(names)} transformed, but a module "
+            f"this model was trained on readings transformed by {', '.join(names)}, but a module "
             "from a checkpoint has no transforms: for raw readings use "
             "Predictor.from_checkpoint(path); to test it, use "
             "trainer.test(module, datamodule=data, ckpt_path=path)",
@@ -208,17 +211,17 @@ def _warn_of_scaling(checkpoint: Mapping[str, Any]) -> None:
 
 
 def fitted_names(checkpoint: Mapping[str, Any]) -> list[str]:
-    r"""Returns the classes of the fitted transforms that a checkpoint holds for the predictor."""
+    r"""Returns the class names of the fitted transforms in the predictor of a checkpoint."""
     entry = checkpoint.get("predictor")
     header = entry.get("header") if isinstance(entry, Mapping) else None
-    left = [header.get("transform")] if isinstance(header, Mapping) else []
+    pending = [header.get("transform")] if isinstance(header, Mapping) else []
     names = []
-    while left:  # not by recursion, whose depth a received file could choose
-        value = left.pop()
-        if isinstance(value, Mapping):
-            if value.get("state") and isinstance(value.get("class"), str):
-                names.append(value["class"])
-            left += reversed(list(value.values()))
-        elif isinstance(value, list):
-            left += reversed(value)
+    while pending:  # no recursion: a hostile file could nest deeper than its limit
+        node = pending.pop()
+        if isinstance(node, Mapping):
+            if node.get("state") and isinstance(node.get("class"), str):
+                names.append(node["class"])
+            pending += reversed(list(node.values()))
+        elif isinstance(node, list):
+            pending += reversed(node)
     return names

@@ -1,4 +1,4 @@
-r"""The arguments of ``fit`` and its like before they are parsed, to build the data first."""
+r"""Arguments of ``fit``, ``validate`` and ``test`` before parsing, to build the data first."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,70 +12,72 @@ _SECTIONS = ("data", "model", "trainer")
 
 
 @dataclass
-class GivenArguments:
-    r"""Configuration files joined in their order, and the other arguments."""
+class UnparsedArguments:
+    r"""Configuration files merged in their order, and the remaining arguments."""
 
     config: dict[str, Any] = field(default_factory=dict)
-    others: list[str] = field(default_factory=list)
+    remaining: list[str] = field(default_factory=list)
 
     @classmethod
     def read(cls, args: Sequence[str]) -> Self:
         r"""Reads the configuration files that arguments name."""
-        found, others = parted(args, CONFIG.__contains__)
-        given = cls(others=others)
-        for flag, path in found:
+        configs, remaining = extract_options(args, CONFIG.__contains__)
+        arguments = cls(remaining=remaining)
+        for flag, path in configs:
             if path is None:
-                given.others.append(flag)
+                arguments.remaining.append(flag)
             else:
-                given.config = merged(given.config, read_config(Path(path)))
-        return given
+                arguments.config = merged(arguments.config, read_config(Path(path)))
+        return arguments
 
     @property
-    def only_informs(self) -> bool:
-        r"""Whether nothing is to be run, only help or the configuration to be printed."""
-        flags = [arg.partition("=")[0] for arg in self.others]
+    def only_prints(self) -> bool:
+        r"""If :obj:`True`, help or the configuration is printed and nothing is run."""
+        flags = [arg.partition("=")[0] for arg in self.remaining]
         is_help = any(flag in ("-h", "--help") or flag.endswith(".help") for flag in flags)
         return is_help or self.prints_config
 
     @property
     def prints_config(self) -> bool:
-        r"""Whether the configuration is to be printed."""
-        return any(arg.partition("=")[0] == "--print_config" for arg in self.others)
+        r"""If :obj:`True`, the configuration is printed."""
+        return any(arg.partition("=")[0] == "--print_config" for arg in self.remaining)
 
-    def of(self, section: str) -> list[str]:
+    def section_arguments(self, section: str) -> list[str]:
         r"""Returns the arguments that change a section of the configuration."""
         start = f"--{section}"
-        found, _ = parted(self.others, lambda flag: f"{flag}.".startswith(f"{start}."))
-        return [f"{flag}={value or ''}" for flag, value in found]
+        options, _ = extract_options(
+            self.remaining, lambda flag: f"{flag}.".startswith(f"{start}.")
+        )
+        return [f"{flag}={value or ''}" for flag, value in options]
 
-    def last(self, *names: str) -> str | None:
-        r"""Returns the last value of an option; :obj:`None` if it is not given."""
-        found, _ = parted(self.others, {f"--{name}" for name in names}.__contains__)
-        return found[-1][1] if found else None
+    def last_value(self, *names: str) -> str | None:
+        r"""Returns the last value of an option; :obj:`None` if the option is absent."""
+        options, _ = extract_options(self.remaining, {f"--{name}" for name in names}.__contains__)
+        return options[-1][1] if options else None
 
 
-def parted(
-    args: Sequence[str], is_wanted: Callable[[str], bool]
+def extract_options(
+    args: Sequence[str], is_match: Callable[[str], bool]
 ) -> tuple[list[tuple[str, str | None]], list[str]]:
-    r"""Returns some options with their values, :obj:`None` where there is none, and what is left of
-    the arguments.
+    r"""Returns the matching options with their values (:obj:`None` for a missing value), and the
+    remaining arguments.
     """
-    found, others, rest = [], [], iter(args)
-    for arg in rest:
+    options, remaining, arguments = [], [], iter(args)
+    for arg in arguments:
         flag, equals, value = arg.partition("=")
-        if is_wanted(flag):
-            found.append((flag, value if equals else next(rest, None)))
+        if is_match(flag):
+            options.append((flag, value if equals else next(arguments, None)))
         else:
-            others.append(arg)
-    return found, others
+            remaining.append(arg)
+    return options, remaining
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    r"""Reads a configuration file, with the sections that are files of their own."""
-    content = _mapping(path)
-    for section in _SECTIONS:  # a section may be a file of its own, beside this one
+    r"""Reads a configuration file, and the files that its sections refer to."""
+    content = _read_mapping(path)
+    for section in _SECTIONS:  # a section may be the name of a file in the same folder
         if isinstance(content.get(section), str):
-            content[section] = _mapping(path.parent / content[section])
+            content[section] = _read_mapping(path.parent / content[section])
         value = content.get(section)
         if value is not None and not isinstance(value, Mapping):
             raise ValueError(
@@ -84,7 +86,7 @@ def read_config(path: Path) -> dict[str, Any]:
     return content
 
 
-def _mapping(path: Path) -> dict[str, Any]:
+def _read_mapping(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise FileNotFoundError(f"there is no configuration '{path}'")
     content = read_yaml(path)

@@ -1,4 +1,4 @@
-r"""The configurations shipped with the package, alone or as the experiments of a table."""
+r"""The configurations shipped with the package: single files, and experiments of templates."""
 
 from pathlib import Path
 from typing import Any
@@ -30,14 +30,14 @@ def config_names() -> list[str]:
 
 def find_config(name: str) -> Path:
     r"""Returns the path of a configuration: a file, a shipped configuration by its name, or an
-    experiment of a shipped template as :obj:`TEMPLATE/EXPERIMENT`. The latter is written to a
-    temporary file that exists as long as this process.
+    experiment of a shipped template as :obj:`TEMPLATE/EXPERIMENT`. An experiment is written to a
+    temporary file that exists until this process ends.
 
     Args:
         name (str): Path of a file, or name of a shipped configuration.
 
     Raises:
-        FileNotFoundError: If there is neither; the message lists what is shipped.
+        FileNotFoundError: If there is neither; the message lists the shipped configurations.
 
     Examples:
         >>> find_config("grasp_gcn_df").name

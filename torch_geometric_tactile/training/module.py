@@ -51,53 +51,55 @@ class TactileModule(CheckpointedModule):
     and computes its metrics.
 
     Batches may be :class:`~torch_geometric_tactile.data.StaticData` or PyG's
-    :class:`~torch_geometric.data.Batch`. A checkpoint carries the layout of the sensor that it was
-    trained on, and refuses to be loaded for another.
+    :class:`~torch_geometric.data.Batch`. A checkpoint contains the layout of the sensor, and
+    loading it for data with another layout is an error.
 
-    For the validation and test parts it logs the metrics of
-    :mod:`torch_geometric_tactile.training.metrics`. A class or label that the part lacks does not
-    count in :obj:`auroc`, which is NaN if all are lacking. The names of the data stand in place of
-    numbers, as in :obj:`label_accuracy_slippery`.
+    For the validation and test parts, the module logs the metrics of
+    :mod:`torch_geometric_tactile.training.metrics`. A class or label that no sample of the part has
+    does not count in :obj:`auroc`, which is NaN if no class is left. Labels are logged by the names
+    in the data where it has some, as in :obj:`label_accuracy_slippery`.
 
     With a :class:`TactileDataModule`, labels, outputs and attributes are checked before the first
     batch.
 
     Args:
-        model (torch.nn.Module): Called as :obj:`model(x, edge_index)`, and with the attributes of
-            the batch that its attribute :obj:`modalities` names by keyword, or without one those of
-            the further arguments of its :obj:`forward` that have no default, such as
-            :obj:`edge_attr`; returns logits or numbers :math:`(B, C)`. One whose :obj:`forward` has
-            an argument :obj:`batch`, as PyG's models have it, is called as :obj:`model(x,
-            edge_index, batch=batch)` on a PyG batch, also of static data. For data without edges,
-            :obj:`edge_index` is :obj:`None`, which a model refuses that has a true attribute
-            :obj:`needs_edges`, or passes messages along edges without a default.
-        optimizer (callable): Makes an optimizer of parameters.
-        lr_scheduler (callable, optional): Makes a scheduler of an optimizer, stepped every epoch.
-            :class:`~torch_geometric_tactile.training.CosineAnnealing` knows the epochs of the run.
-        num_classes (int, optional): Number of classes, labels or targets :math:`C`. If left out,
-            that of the data module, or two without one.
-        task (str): :obj:`"multiclass"`, where :obj:`y` is one class a sample :math:`(B,)`, trained
-            with the cross entropy; :obj:`"multilabel"`, where it is a 0 or 1 for each label
-            :math:`(B, C)`, trained with the binary cross entropy; or :obj:`"regression"`, where it
-            is a number :math:`(B,)` or several :math:`(B, C)`.
+        model (torch.nn.Module): Called as :obj:`model(x, edge_index)`; returns logits or numbers
+            :math:`(B, C)`. Further attributes of the batch, such as :obj:`edge_attr`, are passed by
+            keyword: those listed in the model's attribute :obj:`modalities`, or, without this
+            attribute, those named like the arguments of its :obj:`forward` without a default. If
+            :obj:`forward` has an argument :obj:`batch`, as PyG's models have, the model is called
+            as :obj:`model(x, edge_index, batch=batch)` on a PyG batch, also for static data. For
+            data without edges, :obj:`edge_index` is :obj:`None`; this is an error for models with
+            :obj:`needs_edges = True` and for models that pass messages along required edges.
+        optimizer (callable): Function that builds an optimizer from parameters.
+        lr_scheduler (callable, optional): Function that builds a scheduler, stepped every epoch,
+            from an optimizer. :class:`~torch_geometric_tactile.training.CosineAnnealing` takes the
+            number of epochs from the trainer.
+        num_classes (int, optional): Number of classes, labels or targets :math:`C`. If left out, it
+            is taken from the data module, or is two without a data module.
+        task (str): :obj:`"multiclass"`, where :obj:`y` is one class per sample :math:`(B,)`,
+            trained with the cross entropy; :obj:`"multilabel"`, where :obj:`y` is a 0 or 1 for each
+            label :math:`(B, C)`, trained with the binary cross entropy; or :obj:`"regression"`,
+            where :obj:`y` is one number per sample :math:`(B,)` or several :math:`(B, C)`.
         loss (str, optional): Loss of a regression: :obj:`"mse"` (mean squared error, if left out),
             :obj:`"l1"` (mean absolute error) or :obj:`"huber"`.
         class_weights (sequence of float or str, optional): Weight of each class in the training
             loss, or of the samples that have each label; :obj:`"balanced"` computes them from the
             training part (see
             :func:`~torch_geometric_tactile.training._losses.balanced_weights`).
-        label_smoothing (float): What part of the target is spread over all classes in the training
-            loss. Neither this nor the weights change the losses of validation and test, which stay
-            comparable.
-        threshold (float or str, optional): Of two classes, the probability of class 1 above which
-            it is predicted, one half if left out; or the metric by which it is chosen on the
+        label_smoothing (float): Fraction of the target that is distributed over all classes in the
+            training loss. The losses of validation and test use neither label smoothing nor class
+            weights, so that they stay comparable.
+        threshold (float or str, optional): For two classes, the probability above which class 1 is
+            predicted (one half if left out); or the metric by which the threshold is chosen on the
             validation part after every epoch: :obj:`"accuracy"`, :obj:`"balanced_accuracy"`,
-            :obj:`"f1"` or :obj:`"f1_positive"`. It goes into checkpoints and predictors, and counts
-            in the test; what is logged of the validation part that it was chosen on is without it.
+            :obj:`"f1"` or :obj:`"f1_positive"`. The threshold is stored in checkpoints and
+            predictors and is used in the test. The metrics logged for the validation part do not
+            use it, since it was chosen on this part.
 
     Raises:
         ValueError: If :obj:`task` is unknown or does not fit the loss or :obj:`y`, a batch lacks
-            what the model needs, or a checkpoint of another layout is loaded.
+            an input of the model, or a checkpoint of another layout is loaded.
 
     Examples:
         >>> from torch_geometric_tactile.nn.models import TaxelNet
@@ -137,18 +139,18 @@ class TactileModule(CheckpointedModule):
         self.class_names: list[str] = []
         self.layout = None
         self.test_sessions: dict[int, str] = {}
-        self._classes_given = num_classes is not None
+        self._has_num_classes = num_classes is not None
         if num_classes is None:
             num_classes = 1 if task == "regression" else 2
         self._set_num_classes(num_classes)
-        # Only of training, and made again by `setup`: a checkpoint need not have it.
+        # Used in training only and rebuilt by `setup`, so it is not stored in checkpoints.
         self.register_buffer("class_weight", None, persistent=False)
         if class_weights is not None and not isinstance(class_weights, str):
             self.class_weight = torch.tensor(list(class_weights), dtype=torch.float)
         self.session_metrics = nn.ModuleList()
 
     def arguments(self) -> dict[str, Any]:
-        r"""Returns the arguments of the constructor that checkpoints keep, as plain values."""
+        r"""Returns the arguments of the constructor that checkpoints store, as plain values."""
         weights = self.class_weights
         return {
             "num_classes": self.num_classes,
@@ -165,27 +167,28 @@ class TactileModule(CheckpointedModule):
         self.test_metrics = make_metrics(num_classes, self.task).to(self.device)
 
     def setup(self, stage: str) -> None:
-        r"""Takes the layout of the sensor and the names of the classes from the data module."""
+        r"""Takes layout and class names from the data module, and checks the data of a stage."""
         data = self._datamodule()
         self.layout = getattr(data, "layout", None)
         self.class_names = list(getattr(data, "class_names", ()))
-        of_data = isinstance(data, TactileDataModule)
-        num_classes = num_outputs(data, self.task) if of_data else 0
-        # One class cannot be told from another; and no class is known without labels.
-        if not self._classes_given and num_classes > (self.task == "multiclass"):
+        has_data_module = isinstance(data, TactileDataModule)
+        num_classes = num_outputs(data, self.task) if has_data_module else 0
+        # A single class gives nothing to learn, and 0 means that the data has no labels.
+        if not self._has_num_classes and num_classes > (self.task == "multiclass"):
             self._set_num_classes(num_classes)
         if stage == "test":
-            # Every process must hold the same metrics, whatever sessions its own batches have.
+            # All processes must have the same metrics, even if their batches cover different
+            # sessions.
             self.test_sessions = dict(getattr(data, "test_sessions", {}))
             self.session_metrics = nn.ModuleList(
                 session_metric(self.num_classes, self.task) for _ in self.test_sessions
             ).to(self.device)
-        if of_data:
+        if has_data_module:
             check_data(self, data, stage)
         if self.threshold is not None:
             check_has_threshold(self, data, stage)
         if stage == "fit":
-            self._set_class_weight(data if of_data else None)
+            self._set_class_weight(data if has_data_module else None)
 
     def _set_class_weight(self, data: TactileDataModule | None) -> None:
         if self.class_weights == "balanced":
@@ -198,35 +201,35 @@ class TactileModule(CheckpointedModule):
         return call_model(self.model, batch, self.inputs(batch))
 
     def inputs(self, batch: Data) -> dict[str, Any]:
-        r"""Returns the attributes of a batch that the model takes by keyword.
+        r"""Returns the attributes of a batch that are passed to the model by keyword.
 
         Args:
             batch (Data): The batch.
 
         Raises:
-            ValueError: If one of them is missing, or the edges of a model that needs some.
+            ValueError: If an attribute is missing, or the model needs edges and there are none.
         """
 
-        def there() -> str:
-            keys = sorted(key for key, other in batch.to_dict().items() if other is not None)
+        def describe_batch() -> str:
+            keys = sorted(key for key, value in batch.to_dict().items() if value is not None)
             return f"the batch has {keys}"
 
-        joint = "take a data set with joint angles"
-        return needed_inputs(self.model, batch, there, edge_index=EDGE_SOURCE, joint=joint)
+        joint = "use a data set with joint angles"
+        return needed_inputs(self.model, batch, describe_batch, edge_index=EDGE_SOURCE, joint=joint)
 
     def loss(self, logits: Tensor, y: Tensor) -> Tensor:
         r"""Returns the loss of a batch, without class weights and label smoothing.
 
         Args:
-            logits (torch.Tensor): What the model returned :math:`(B, C)`.
+            logits (torch.Tensor): Outputs of the model :math:`(B, C)`.
             y (torch.Tensor): Classes :math:`(B,)`, labels :math:`(B, C)` or numbers.
         """
         return task_loss(logits, y, self.task, loss=self.regression_loss)
 
     def training_step(self, batch: Data, batch_idx: int) -> Tensor:
         r"""Returns the training loss of a batch, which must be finite."""
-        check = BatchCheck.of_step(self, "train", batch, batch_idx)
-        if self.device.type == "cpu":  # elsewhere each look would wait: the loss tells as well
+        check = BatchCheck.from_step(self, "train", batch, batch_idx)
+        if self.device.type == "cpu":  # on a GPU this would synchronize; the loss check suffices
             check.inputs()
         out = self(batch)
         loss = task_loss(
@@ -242,29 +245,29 @@ class TactileModule(CheckpointedModule):
         return loss
 
     def validation_step(self, batch: Data, batch_idx: int) -> None:
-        r"""Measures a batch of the validation part."""
-        score, y = self._measure("val", batch, batch_idx, self.val_metrics)
+        r"""Adds a batch of the validation part to the metrics."""
+        score, y = self._update_metrics("val", batch, batch_idx, self.val_metrics)
         if self.val_threshold is not None:
             self.val_threshold.update(score, y)
 
     def on_validation_epoch_end(self) -> None:
-        r"""Logs what was measured on the validation part."""
+        r"""Logs the metrics of the validation part, and chooses the threshold."""
         self._log_metrics("val", self.val_metrics)
         self.choose_threshold()
 
     def test_step(self, batch: Data, batch_idx: int) -> None:
-        r"""Measures a batch of the test part, also by recording session."""
+        r"""Adds a batch of the test part to the metrics, and to those of its recording sessions."""
         threshold = self.decision_threshold
-        score, y = self._measure("test", batch, batch_idx, self.test_metrics, threshold)
+        score, y = self._update_metrics("test", batch, batch_idx, self.test_metrics, threshold)
         if "session" in batch:
             for session, metric in zip(self.test_sessions, self.session_metrics, strict=True):
                 assert isinstance(metric, Metric)
-                of_session = batch.session == session
-                if of_session.any():
-                    said = score if threshold is None else predicted_classes(score, threshold)
-                    metric.update(said[of_session], y[of_session])
+                in_session = batch.session == session
+                if in_session.any():
+                    prediction = score if threshold is None else predicted_classes(score, threshold)
+                    metric.update(prediction[in_session], y[in_session])
 
-    def _measure(
+    def _update_metrics(
         self,
         stage: str,
         batch: Data,
@@ -274,9 +277,9 @@ class TactileModule(CheckpointedModule):
     ) -> tuple[Tensor, Tensor]:
         out = self(batch)
         score, y = self.probability(out), batch.y
-        BatchCheck.of_step(self, stage, batch, batch_idx).scores(score)
+        BatchCheck.from_step(self, stage, batch, batch_idx).scores(score)
         self.log(f"{stage}/loss", self.loss(out, y), batch_size=len(y), sync_dist=True)
-        if self.task == "regression":  # in double: large numbers may vary little
+        if self.task == "regression":  # in float64: large numbers may vary little
             score, y = score.double(), numbers_like(y, out).double()
         elif self.task == "multilabel":
             y = y.long()
@@ -284,7 +287,7 @@ class TactileModule(CheckpointedModule):
         return score, y
 
     def on_test_epoch_end(self) -> None:
-        r"""Logs what was measured on the test part, and the accuracy or MAE of each session."""
+        r"""Logs the metrics of the test part, and the accuracy or MAE of each session."""
         self._log_metrics("test", self.test_metrics)
         name = "mae" if self.task == "regression" else "accuracy"
         for session, metric in zip(self.test_sessions.values(), self.session_metrics, strict=True):
@@ -297,11 +300,11 @@ class TactileModule(CheckpointedModule):
         :math:`(B, C)`.
         """
         score = self.probability(self(batch))
-        BatchCheck.of_step(self, "predict", batch, batch_idx).warn(score)
+        BatchCheck.from_step(self, "predict", batch, batch_idx).warn(score)
         return score
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
-        r"""Makes the optimizer and its scheduler."""
+        r"""Builds the optimizer and its scheduler."""
         optimizer = self.optimizer(self.parameters())
         if self.lr_scheduler is None:
             return optimizer
@@ -312,30 +315,31 @@ class TactileModule(CheckpointedModule):
 
     def _log_metrics(self, stage: str, metrics: MetricCollection) -> None:
         names = self.class_names if len(self.class_names) == self.num_classes else ()
-        by_number = {f"label_accuracy_{i}": f"label_accuracy_{n}" for i, n in enumerate(names)}
+        log_names = {f"label_accuracy_{i}": f"label_accuracy_{n}" for i, n in enumerate(names)}
         for name, value in read_metrics(metrics).items():
-            shown = name in ("accuracy", "f1", "mae")
-            name = by_number.get(name, name)
-            self.log(f"{stage}/{name}", value, prog_bar=shown, sync_dist=True)
+            is_in_progress_bar = name in ("accuracy", "f1", "mae")
+            name = log_names.get(name, name)
+            self.log(f"{stage}/{name}", value, prog_bar=is_in_progress_bar, sync_dist=True)
         metrics.reset()
 
 
 def classifier_from_config(
     config: Mapping[str, Any], data: TactileDataModule | DataSizes | None = None
 ) -> TactileModule:
-    r"""Builds a module from the :obj:`model` section of a configuration of the user's own, which
-    may name any class.
+    r"""Builds a module from the :obj:`model` section of a configuration.
+
+    The section may name any class, so the configuration must come from a trusted source.
 
     Args:
         config (Mapping): The arguments of :class:`TactileModule`, classes as
             :obj:`{"class_path", "init_args"}`.
-        data (TactileDataModule or DataSizes, optional): The data that sizes are taken from if the
-            configuration leaves them out (see
+        data (TactileDataModule or DataSizes, optional): The data, from which sizes missing in the
+            configuration are taken (see
             :func:`~torch_geometric_tactile.training.sizes.fill_sizes`).
 
     Raises:
-        ValueError: If the configuration has a size that is not that of the data, or cannot be
-            built.
+        ValueError: If a size in the configuration differs from that of the data, or the module
+            cannot be built.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -350,8 +354,8 @@ def classifier_from_config(
         classifier: TactileModule = instantiate_module(TactileModule, dict(config))
     except (ImportError, OSError, ValueError):
         raise
-    except Exception as error:  # whatever other values lead to, in jsonargparse or a constructor
-        text = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ValueError(f"'config' must describe a TactileModule ({text})") from error
+    except Exception as error:  # jsonargparse and constructors may raise any error
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"'config' must describe a TactileModule ({reason})") from error
     classifier.config = plain_section(config)
     return classifier
