@@ -74,7 +74,7 @@ def subject(task="multilabel", inputs=("tactile", "edge")):
 
 @pytest.fixture
 def only_tsne(monkeypatch):
-    monkeypatch.setattr(analysis_sections, "_PLACES", (("tsne", 2),))
+    monkeypatch.setattr(analysis_sections, "_EMBEDDINGS", (("tsne", 2),))
 
 
 @pytest.fixture
@@ -138,7 +138,7 @@ def test_bad_input_is_named(tmp_path, capsys):
     assert "there is no predictor or checkpoint" in capsys.readouterr().err
     subject()[0].save(tmp_path / "a.predictor")
     assert main(["analyze", str(tmp_path / "a.predictor"), "--out", str(tmp_path)]) == 1
-    assert "give it with '--config'" in capsys.readouterr().err
+    assert "pass it with '--config'" in capsys.readouterr().err
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -157,8 +157,8 @@ def test_command_reads_the_run_of_a_checkpoint(tmp_path, monkeypatch, capsys):
     assert "`last.ckpt`, after 2 epochs" in text
     model = "GraspGCN(24, 2, in_channels=1, hidden_channels=64, num_fingers=3, fusion='data')"
     assert f"`{model}`" in text
-    assert "does not say; split by trial, split seed 0" in text
-    assert "the layout is of another sensor" in text
+    assert "measured or generated; split by trial, split seed 0" in text
+    assert "the layout is not that of the Allegro hand" in text
 
     # The same from a file that needs no checkpoint.
     assert main(["predict", checkpoint, "--save", "grasp.predictor"]) == 0

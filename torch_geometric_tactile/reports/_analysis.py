@@ -1,4 +1,4 @@
-r"""The page of an analysis: what a model has learnt, in numbers and pictures."""
+r"""The analysis of a trained model, as a page of numbers and pictures."""
 
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.data._torch_file import read_torch_file
 from torch_geometric_tactile.predictor import Predictor, is_checkpoint
-from torch_geometric_tactile.reports._analysis_sections import Section, Subject
+from torch_geometric_tactile.reports._analysis_sections import PredictorAnalysis, Section
 from torch_geometric_tactile.reports._run_data import load_data, open_predictor, test_part
 
 
@@ -25,15 +25,15 @@ def write_analysis(
     frames: int = 200,
     seed: int = 0,
 ) -> Path:
-    r"""Analyses a checkpoint of ``tactile fit``, or a predictor, on the test part of its data, and
-    returns the page.
+    r"""Analyses a checkpoint of ``tactile fit``, or a predictor, on the test part of its data.
+    Returns the path of the page.
     """
     predictor = open_predictor(model, config)
     data = load_data(model, config, root)
     facts = {
-        **_origin(Path(model)),
+        **_model_facts(Path(model)),
         "Model": f"`{predictor.model}`".splitlines()[0].rstrip("`(") + "`",
-        "Data": _source(data),
+        "Data": _describe_data(data),
     }
     return analyze(
         predictor,
@@ -42,20 +42,22 @@ def write_analysis(
         facts=facts,
         frames=frames,
         seed=seed,
-        name=_name(Path(model)),
+        name=_run_name(Path(model)),
     )
 
 
-def _name(path: Path) -> str | None:
-    # RUN/version_0/checkpoints/last.ckpt, as `tactile fit` names them
+def _run_name(path: Path) -> str | None:
+    # `tactile fit` writes checkpoints as RUN/version_0/checkpoints/last.ckpt.
     if not is_checkpoint(path):
         return path.stem
     parts = path.resolve().parts
-    is_of_run = len(parts) > 4 and parts[-2] == "checkpoints" and parts[-3].startswith("version_")
-    return parts[-4] if is_of_run else None
+    is_run_folder = (
+        len(parts) > 4 and parts[-2] == "checkpoints" and parts[-3].startswith("version_")
+    )
+    return parts[-4] if is_run_folder else None
 
 
-def _origin(path: Path) -> dict[str, str]:
+def _model_facts(path: Path) -> dict[str, str]:
     if not is_checkpoint(path):
         return {"Predictor": f"`{path.name}`"}
     epoch = read_torch_file(path, mmap=True).get("epoch")
@@ -75,7 +77,7 @@ def analyze(
     seed: int = 0,
     name: str | None = None,
 ) -> Path:
-    r"""Analyses a predictor on labelled samples that it was not trained on, and returns the
+    r"""Analyses a predictor on labelled samples that it was not trained on. Returns the path of the
     page.
     """
     need(frames >= 2, "'frames' must be at least 2", frames)
@@ -84,7 +86,7 @@ def analyze(
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     index = torch.linspace(0, len(samples) - 1, min(frames, len(samples))).round().long()
-    sections = list(Subject(predictor, samples, index, out, seed, name).sections())
+    sections = list(PredictorAnalysis(predictor, samples, index, out, seed, name).sections())
     facts = {
         **(facts or {}),
         "Test part": f"{len(samples):,} frames; {len(index)} of them, evenly spaced, for "
@@ -97,14 +99,14 @@ def analyze(
     return page
 
 
-def _source(data: Any) -> str:
+def _describe_data(data: Any) -> str:
     dataset: Any = data.dataset if data.test_dataset is None else data.test_dataset
-    said = "measured or generated, the data set does not say"
+    origin = "unknown whether measured or generated"
     if hasattr(dataset, "synthetic"):
-        said = "**simulated**, not a result of a real hand" if dataset.synthetic else "measured"
+        origin = "**simulated**, not a result of a real hand" if dataset.synthetic else "measured"
     split = getattr(dataset, "split_by", data.split if isinstance(data.split, str) else "given")
     seed = getattr(dataset, "split_seed", data.seed)
-    return f"`{type(dataset).__name__}`, {said}; split by {split}, split seed {seed}"
+    return f"`{type(dataset).__name__}`, {origin}; split by {split}, split seed {seed}"
 
 
 def _markdown(facts: dict[str, str], sections: list[Section]) -> str:

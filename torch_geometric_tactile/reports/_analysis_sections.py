@@ -1,4 +1,4 @@
-r"""The sections of the page of an analysis: numbers, pictures and how to read them."""
+r"""The sections of an analysis: numbers, pictures and explanations."""
 
 import copy
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.nn.conv import EdgeFeatureEncoder
 from torch_geometric_tactile.nn.models import MTGCN
 from torch_geometric_tactile.predictor import Predictor
-from torch_geometric_tactile.reports._predictions import predicted
+from torch_geometric_tactile.reports._predictions import predict_batches
 from torch_geometric_tactile.sensors import HandKinematics
 from torch_geometric_tactile.visualization import (
     plot_confusion,
@@ -28,22 +28,26 @@ from torch_geometric_tactile.visualization import (
     save_figure,
 )
 
-_NUM_UNTRAINED = 3
-_NUM_STEPS = 8
-_PLACES: tuple[tuple[Literal["tsne", "umap"], int], ...] = (("tsne", 2), ("tsne", 3), ("umap", 2))
+_NUM_UNTRAINED_MODELS = 3
+_NUM_STEPS = 8  # of integrated gradients; each costs a pass through the model for every frame
+_EMBEDDINGS: tuple[tuple[Literal["tsne", "umap"], int], ...] = (
+    ("tsne", 2),
+    ("tsne", 3),
+    ("umap", 2),
+)
 _METHOD_NAMES = {"tsne": "t-SNE", "umap": "UMAP"}
 
 
 class Section(NamedTuple):
-    r"""A part of the page."""
+    r"""A section of the page, with the names of its pictures."""
 
     title: str
     text: str
     pictures: tuple[str, ...] = ()
 
 
-class Subject:
-    r"""The predictor and the samples that are analysed."""
+class PredictorAnalysis:
+    r"""The analysis of a predictor on labelled samples, section by section."""
 
     def __init__(
         self,
@@ -62,15 +66,17 @@ class Subject:
         self.out = out
         self.seed = seed
         self.layout = predictor.layout
-        self.logits, self.y = self._logits()
+        self.logits, self.y = self._predict()
         self.names = [name.replace("_", " ") for name in predictor.names(self.logits.size(1))]
 
     def sections(self) -> Iterator[Section]:
-        r"""Yields the sections that model and layout allow, and names those left out."""
+        r"""Yields the sections that model and layout support, and notes on those left out."""
         yield self.scores()
         links = set(HandKinematics.allegro().link_names)
         if not links.issuperset(self.layout.link_names):
-            yield Section("Left out", "Drawings on the hand: the layout is of another sensor.")
+            yield Section(
+                "Left out", "Drawings on the hand: the layout is not that of the Allegro hand."
+            )
             return
         encoder = getattr(self.model, "encoder", None)
         if isinstance(encoder, EdgeFeatureEncoder):
@@ -87,17 +93,21 @@ class Subject:
             yield Section("Left out", "Attribution: this model takes no readings.")
 
     def scores(self) -> Section:
-        r"""Counts errors on the whole test part."""
+        r"""Returns the confusion matrices and ROC curves of the full test part."""
         logits, y = self.logits, self.y
-        # Not probabilities: those of sure predictions all round to one.
+        # Logits or log-probabilities, since probabilities of confident predictions all round to
+        # one.
         is_multilabel = self.predictor.task == "multilabel"
         score = logits.double() if is_multilabel else logits.double().log_softmax(dim=-1)
         curves = analysis.roc_curves(y, score, self.names)
         if is_multilabel:
             prediction = (logits > 0).long()
             counts = analysis.label_confusion(y, prediction)
-            right = (prediction == y).double()
-            text = f"All labels right: {right.amin(dim=1).mean():.1%}; each: {right.mean():.1%}."
+            is_correct = (prediction == y).double()
+            text = (
+                f"All labels correct: {is_correct.amin(dim=1).mean():.1%}; single labels: "
+                f"{is_correct.mean():.1%}."
+            )
             figure = plot_label_confusions(
                 counts, self.names, f"{self.name}: labels of the test part"
             )
@@ -107,56 +117,64 @@ class Subject:
             text = f"Accuracy: {(prediction == y).double().mean():.1%}."
             figure = plot_confusion(counts, self.names, f"{self.name}: classes of the test part")
         save_figure(figure, self.out / "confusion.png")
-        kind = "each label, with it against without" if is_multilabel else "each class against all"
-        figure = plot_roc(curves, f"{self.name}: ROC of {kind}", bold=MACRO)
+        contrast = (
+            "each label, samples with it against samples without it"
+            if is_multilabel
+            else "each class against all"
+        )
+        figure = plot_roc(curves, f"{self.name}: ROC of {contrast}", bold=MACRO)
         save_figure(figure, self.out / "roc.png")
         text += f" Area under the ROC curve, mean of all: {curves[MACRO].auc:.3f}."
         return Section("Confusion and ROC", text, ("confusion.png", "roc.png"))
 
     def encoder(self, encoder: EdgeFeatureEncoder) -> Section:
-        r"""Draws the map of the edge encoder, and measures which edges it separates."""
+        r"""Draws the map of the edge encoder, and measures how well it separates edges."""
         edge_index = self.batch.edge_index
-        dims = (encoder.edge_dim, encoder.out_channels)
-        value = analysis.encoder_map(encoder, self.layout.num_taxels, edge_index.size(1), *dims)
-        blocks = analysis.encoder_blocks(encoder, edge_dim=dims[0], out_channels=dims[1])
+        widths = (encoder.edge_dim, encoder.out_channels)
+        edge_value = analysis.encoder_map(
+            encoder, self.layout.num_taxels, edge_index.size(1), *widths
+        )
+        blocks = analysis.encoder_blocks(encoder, edge_dim=widths[0], out_channels=widths[1])
         variance = (blocks - blocks.mean(dim=0)).square().sum()
-        share = float(value.double().square().sum() / variance) if variance > 0 else 0.0
-        size = self.batch.edge_attr.abs().mean(dim=-1)
-        size = size.mean(dim=0) if size.dim() == 2 else size
+        explained = float(edge_value.double().square().sum() / variance) if variance > 0 else 0.0
+        input_size = self.batch.edge_attr.abs().mean(dim=-1)
+        input_size = input_size.mean(dim=0) if input_size.dim() == 2 else input_size
         assert self.layout.link is not None
         rows = []
         for name, segment in (("patches", self.layout.patch), ("links", self.layout.link)):
             assert segment is not None
-            found = analysis.edge_separation(value, edge_index, segment)
-            fresh = analysis.untrained_separation(encoder, edge_index, segment, 5, *dims)
-            inputs = analysis.edge_separation(size, edge_index, segment)
+            separation = analysis.edge_separation(edge_value, edge_index, segment)
+            random_aucs = analysis.untrained_separation(encoder, edge_index, segment, 5, *widths)
+            input_separation = analysis.edge_separation(input_size, edge_index, segment)
             rows.append(
-                f"| between {name} | {found.num_between} of {len(value)} | {found.auc:.3f} | "
-                f"{fresh.mean():.3f} ± {fresh.std():.3f} | {inputs.auc:.3f} |"
+                f"| between {name} | {separation.num_between} of {len(edge_value)} | "
+                f"{separation.auc:.3f} | {random_aucs.mean():.3f} ± {random_aucs.std():.3f} | "
+                f"{input_separation.auc:.3f} |"
             )
-        constant = int((size == 0).sum())
+        num_constant = int((input_size == 0).sum())
         text = "\n".join(
             [
                 "One value for each edge: the first principal component of the encoder's mean "
-                f"absolute weights ({share:.0%} of their variance), larger for larger weights. "
-                "AUC says how well it separates edges (0.5: not at all, 1: larger for all, 0: "
-                "smaller for all). Compare it with encoders with random weights, and with the "
-                "size of the encoder's input from each edge (mean absolute edge feature, scaled "
-                "as for the model), which decides how far training can move its weights:",
+                f"absolute weights ({explained:.0%} of their variance), larger for larger "
+                "weights. The AUC measures how well this value separates edges between segments "
+                "from edges within them (0.5: not at all, 1: larger between, 0: smaller between). "
+                "Compare it with encoders with random weights, and with the size of the encoder's "
+                "input from each edge (mean absolute edge feature, scaled as for the model), which "
+                "limits how far training can move the weights:",
                 "",
                 "| edges | number | this encoder | 5 untrained | size of the input |",
                 "|---|---|---|---|---|",
                 *rows,
                 "",
-                f"{constant} edges have features that are zero in each of these frames; training "
-                "cannot move their weights.",
+                f"{num_constant} edges have zero features in all of these frames; training cannot "
+                "change their weights.",
             ]
         )
-        # Relative, so that the maps of two models can be compared.
+        # Normalized, so that the maps of two models can be compared.
         figure = plot_hand(
             self.layout,
             adjacency=edge_index,
-            edge_value=value / (value.abs().max() or 1.0),
+            edge_value=edge_value / (edge_value.abs().max() or 1.0),
             edge_limits=(-1.0, 1.0),
             edge_cmap="sequential",
             edge_label="first principal component of the mean |weight|, relative to its largest",
@@ -166,80 +184,90 @@ class Subject:
         return Section("Encoder of edge features", text, ("encoder_map.png",))
 
     def features(self) -> Section:
-        r"""Embeds node features, and measures clusters by segment."""
+        r"""Draws embeddings of the node features, and measures their clustering by segment."""
         segments = {by: self.layout.segments(by) for by in ("patch", "digit")}
-        trained = self._features(self.model)
-        described = {"this model": [trained], "readings": [self.batch.x]}
-        fresh = [self._features(self._untrained(self.seed + i)) for i in range(_NUM_UNTRAINED)]
-        described[f"{_NUM_UNTRAINED} untrained models"] = fresh
+        trained = self._node_features(self.model)
+        compared_features = {"this model": [trained], "readings": [self.batch.x]}
+        untrained = [
+            self._node_features(self._untrained_model(self.seed + i))
+            for i in range(_NUM_UNTRAINED_MODELS)
+        ]
+        compared_features[f"{_NUM_UNTRAINED_MODELS} untrained models"] = untrained
         rows = []
-        for name, features in described.items():
+        for name, features in compared_features.items():
             cells = []
             for segment in segments.values():
-                found = [analysis.segment_clustering(f, segment) for f in features]
-                cells.append(f"{_mean(found, 'silhouette'):.3f}")
-                cells.append(f"{_mean(found, 'neighbor_share'):.1%}")
+                clusterings = [analysis.segment_clustering(f, segment) for f in features]
+                cells.append(f"{_mean(clusterings, 'silhouette'):.3f}")
+                cells.append(f"{_mean(clusterings, 'neighbor_share'):.1%}")
             rows.append(f"| {name} | {' | '.join(cells)} |")
         pictures = []
-        for method, dims in _PLACES:
-            places, twin = (
+        for method, dims in _EMBEDDINGS:
+            trained_points, untrained_points = (
                 analysis.embed_nodes(features, method, dims, self.seed)
-                for features in (trained, fresh[0])
+                for features in (trained, untrained[0])
             )
             name = _METHOD_NAMES[method]
             title = f"{self.name}: {name} of node features in {dims} dimensions"
             figure = plot_embedding(
-                places, self.layout, axis_name=name, title=title, untrained=twin
+                trained_points, self.layout, axis_name=name, title=title, untrained=untrained_points
             )
             pictures.append(f"{method}_{dims}d.png")
             save_figure(figure, self.out / pictures[-1])
         text = "\n".join(
             [
-                f"Each taxel is described by its features ({trained.size(-1)} channels) in all "
+                f"Each taxel is represented by its features ({trained.size(-1)} channels) in all "
                 "frames, each channel scaled to mean zero and standard deviation one. The table "
-                "has the silhouette, and the share of a taxel's 10 nearest neighbours that belong "
-                "to its segment, both in the space of the features:",
+                "gives the silhouette, and the share of a taxel's 10 nearest neighbours that "
+                "belong to its segment, both in the space of the features:",
                 "",
                 "| features of | silhouette by patch | neighbours in patch | silhouette by digit | "
                 "neighbours in digit |",
                 "|---|---|---|---|---|",
                 *rows,
                 "",
-                "Only the difference from the untrained models was learnt.",
+                "Only the difference from the untrained models is due to training.",
             ]
         )
         return Section("Node features", text, tuple(pictures))
 
     def attribution(self) -> Section:
-        r"""Draws how much taxels and patches contribute to each class or label."""
+        r"""Draws the contributions of taxels and patches to each class or label."""
         y = self.batch.y.long()
         patch = self.layout.segments("patch")
-        scores, drops, agreement, lines = {}, {}, [], []
+        scores, drops, correlations, rows = {}, {}, [], []
         for i, name in enumerate(self.names):
-            chosen = y[:, i] == 1 if y.dim() == 2 else y == i
-            if int(chosen.sum()) < 2:
+            in_class = y[:, i] == 1 if y.dim() == 2 else y == i
+            if int(in_class.sum()) < 2:
                 continue
-            batch = self.batch.index_select(chosen)
+            batch = self.batch.index_select(in_class)
             reference = self.batch.x.mean(dim=0)
             algorithm = analysis.IntegratedGradients(_NUM_STEPS)
             score = analysis.taxel_attribution(self.model, batch, i, algorithm=algorithm)
             drop = analysis.patch_occlusion(self.model, batch, i, patch, reference=reference)
-            by_patch = torch.zeros(len(drop)).index_add(0, patch, score)
-            agreement.append(float(torch.corrcoef(torch.stack([by_patch, drop]))[0, 1]))
-            first = drop.topk(min(3, len(drop))).indices.tolist()
-            patches = [markdown_text(self.layout.patch_names[k]) for k in first]
-            best = ", ".join(f"{p} ({drop[k]:+.2f})" for p, k in zip(patches, first, strict=True))
-            cells = [markdown_text(name), str(int(chosen.sum())), best, f"{agreement[-1]:.2f}"]
-            lines.append(f"| {' | '.join(cells)} |")
+            patch_score = torch.zeros(len(drop)).index_add(0, patch, score)
+            correlations.append(float(torch.corrcoef(torch.stack([patch_score, drop]))[0, 1]))
+            top = drop.topk(min(3, len(drop))).indices.tolist()
+            top_names = [markdown_text(self.layout.patch_names[k]) for k in top]
+            top_drops = ", ".join(
+                f"{p} ({drop[k]:+.2f})" for p, k in zip(top_names, top, strict=True)
+            )
+            cells = [
+                markdown_text(name),
+                str(int(in_class.sum())),
+                top_drops,
+                f"{correlations[-1]:.2f}",
+            ]
+            rows.append(f"| {' | '.join(cells)} |")
             scores[name], drops[name] = score, drop[patch]
         if not scores:
-            return Section("Attribution", "No class has two of the frames.")
+            return Section("Attribution", "No class has two or more of the frames.")
         columns = 3 if len(scores) in (3, 5, 6) else 4
-        for file, values, label in (
+        for file_name, values, label in (
             ("attribution.png", scores, "attribution (logit)"),
             ("occlusion.png", drops, "drop of the logit without the patch"),
         ):
-            # A few taxels must not take the colour from all others.
+            # The 99 % quantile, so that a few taxels do not determine the colour scale.
             limit = float(torch.cat(list(values.values())).abs().quantile(0.99)) or None
             figure = plot_hand_panels(
                 self.layout,
@@ -247,9 +275,9 @@ class Subject:
                 label=label,
                 columns=columns,
                 limit=limit,
-                title=f"{self.name}: what speaks for each class or label",
+                title=f"{self.name}: evidence for each class or label",
             )
-            save_figure(figure, self.out / file)
+            save_figure(figure, self.out / file_name)
         text = "\n".join(
             [
                 "Attribution shows which readings raise the logit of a class or label (integrated "
@@ -259,35 +287,37 @@ class Subject:
                 "",
                 "| class or label | frames | largest drops | correlation |",
                 "|---|---|---|---|",
-                *lines,
+                *rows,
             ]
         )
         return Section("Attribution", text, ("attribution.png", "occlusion.png"))
 
-    def _logits(self) -> tuple[Tensor, Tensor]:
-        found = [(logits, data.y) for logits, data in predicted(self.predictor, self.samples)]
-        logits, y = (torch.cat(parts) for parts in zip(*found, strict=True))
+    def _predict(self) -> tuple[Tensor, Tensor]:
+        batches = [
+            (logits, data.y) for logits, data in predict_batches(self.predictor, self.samples)
+        ]
+        logits, y = (torch.cat(parts) for parts in zip(*batches, strict=True))
         return logits, y.long()
 
-    def _features(self, model: Module) -> Tensor:
+    def _node_features(self, model: Module) -> Tensor:
         names = getattr(model, "modalities", ())
         inputs = {name: self.batch[name] for name in names}
-        is_tactile = isinstance(model, MTGCN) and "tactile" in model.threads
-        thread = {"thread": "tactile"} if is_tactile else {}
+        has_tactile_thread = isinstance(model, MTGCN) and "tactile" in model.threads
+        arguments = {"thread": "tactile"} if has_tactile_thread else {}
         with torch.no_grad():
-            out: Tensor = model.node_features(  # type: ignore[operator]
-                self.batch.x, self.batch.edge_index, **inputs, **thread
+            features: Tensor = model.node_features(  # type: ignore[operator]
+                self.batch.x, self.batch.edge_index, **inputs, **arguments
             )
-        return out
+        return features
 
-    def _untrained(self, seed: int) -> Module:
-        fresh = copy.deepcopy(self.model)
+    def _untrained_model(self, seed: int) -> Module:
+        model = copy.deepcopy(self.model)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            fresh.reset_parameters()  # type: ignore[operator]
-        return fresh
+            model.reset_parameters()  # type: ignore[operator]
+        return model
 
 
-def _mean(found: list[analysis.SegmentClustering], name: str) -> float:
-    values: list[float] = [getattr(one, name) for one in found]
+def _mean(clusterings: list[analysis.SegmentClustering], name: str) -> float:
+    values: list[float] = [getattr(clustering, name) for clustering in clusterings]
     return sum(values) / len(values)
