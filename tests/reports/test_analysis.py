@@ -13,7 +13,7 @@ from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.nn.models import MTGCN
 from torch_geometric_tactile.predictor import Predictor
-from torch_geometric_tactile.reports import _analysis_sections as analysis_sections
+from torch_geometric_tactile.reports import _analysis
 from torch_geometric_tactile.reports._analysis import analyze
 from torch_geometric_tactile.sensors import TaxelLayout
 
@@ -74,12 +74,12 @@ def subject(task="multilabel", inputs=("tactile", "edge")):
 
 @pytest.fixture
 def only_tsne(monkeypatch):
-    monkeypatch.setattr(analysis_sections, "_EMBEDDINGS", (("tsne", 2),))
+    monkeypatch.setattr(_analysis, "_EMBEDDINGS", (("tsne", 2),))
 
 
 @pytest.fixture
 def no_pictures(only_tsne, monkeypatch):
-    monkeypatch.setattr(analysis_sections, "save_figure", lambda figure, path: None)
+    monkeypatch.setattr(_analysis, "save_figure", lambda figure, path: None)
 
 
 @pytest.mark.parametrize("task", ["multilabel", "multiclass"])

@@ -11,8 +11,11 @@ from fake_configs import fake_config, fake_dataset
 from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.training._given_arguments import UnparsedArguments
-from torch_geometric_tactile.training._lightning_cli import TactileCLI, fit_summary
+from torch_geometric_tactile.training._lightning_cli import (
+    TactileCLI,
+    UnparsedArguments,
+    fit_summary,
+)
 
 CONFIG = fake_config("TactileGCN", 60, val=0.2, split="group")
 

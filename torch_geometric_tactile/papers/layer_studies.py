@@ -102,8 +102,8 @@ class FeatureEmbedding(Study):
         self.seed = seed
 
     def measure(self, trained: Trained) -> dict[str, Any] | None:
-        r"""Returns :obj:`place` (two coordinates of each sample), :obj:`label` (the class names)
-        and :obj:`what` (the name of the features).
+        r"""Returns the coordinates of the samples (:obj:`place`), their class names
+        (:obj:`label`), and the name of the features.
         """
         index = self._draw_samples(trained.test.y.numpy())
         features = self._features(trained, trained.test.index_select(torch.from_numpy(index)))

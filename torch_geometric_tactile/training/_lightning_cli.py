@@ -6,10 +6,11 @@ import sys
 import traceback
 import warnings
 from argparse import ArgumentError
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import lightning as L
 import yaml
@@ -27,13 +28,7 @@ from tabulate import tabulate
 from torch_geometric_tactile._own_modules import find_own_modules
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._checkpoint_file import compare_settings
-from torch_geometric_tactile.training._config_files import merged, scratch_folder
-from torch_geometric_tactile.training._given_arguments import (
-    CONFIG,
-    UnparsedArguments,
-    extract_options,
-    read_config,
-)
+from torch_geometric_tactile.training._config_files import merged, read_yaml, scratch_folder
 from torch_geometric_tactile.training._layout_text import plain_section
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.config import find_config
@@ -41,8 +36,99 @@ from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileModule
 from torch_geometric_tactile.training.sizes import fill_sizes
 
+_CONFIG_FLAGS = ("--config", "-c")
+_SECTIONS = ("data", "model", "trainer")
 _ADVERT_PREFIX = "💡 Tip:"
 _ADVERT_LOGGERS = ("lightning.pytorch.utilities.rank_zero", "lightning.fabric.utilities.rank_zero")
+
+
+@dataclass
+class UnparsedArguments:
+    r"""Configuration files merged in their order, and the remaining arguments."""
+
+    config: dict[str, Any] = field(default_factory=dict)
+    remaining: list[str] = field(default_factory=list)
+
+    @classmethod
+    def read(cls, args: Sequence[str]) -> Self:
+        r"""Reads the configuration files that arguments name."""
+        configs, remaining = extract_options(args, _CONFIG_FLAGS.__contains__)
+        arguments = cls(remaining=remaining)
+        for flag, path in configs:
+            if path is None:
+                arguments.remaining.append(flag)
+            else:
+                arguments.config = merged(arguments.config, read_config(Path(path)))
+        return arguments
+
+    @property
+    def only_prints(self) -> bool:
+        r"""If :obj:`True`, help or the configuration is printed and nothing is run."""
+        flags = [arg.partition("=")[0] for arg in self.remaining]
+        is_help = any(flag in ("-h", "--help") or flag.endswith(".help") for flag in flags)
+        return is_help or self.prints_config
+
+    @property
+    def prints_config(self) -> bool:
+        r"""If :obj:`True`, the configuration is printed."""
+        return any(arg.partition("=")[0] == "--print_config" for arg in self.remaining)
+
+    def section_arguments(self, section: str) -> list[str]:
+        r"""Returns the arguments that change a section of the configuration."""
+        start = f"--{section}"
+        options, _ = extract_options(
+            self.remaining, lambda flag: f"{flag}.".startswith(f"{start}.")
+        )
+        return [f"{flag}={value or ''}" for flag, value in options]
+
+    def last_value(self, *names: str) -> str | None:
+        r"""Returns the last value of an option; :obj:`None` if the option is absent."""
+        options, _ = extract_options(self.remaining, {f"--{name}" for name in names}.__contains__)
+        return options[-1][1] if options else None
+
+
+def extract_options(
+    args: Sequence[str], is_match: Callable[[str], bool]
+) -> tuple[list[tuple[str, str | None]], list[str]]:
+    r"""Returns the matching options with their values (:obj:`None` for a missing value), and the
+    remaining arguments.
+    """
+    options, remaining, arguments = [], [], iter(args)
+    for arg in arguments:
+        flag, equals, value = arg.partition("=")
+        if is_match(flag):
+            options.append((flag, value if equals else next(arguments, None)))
+        else:
+            remaining.append(arg)
+    return options, remaining
+
+
+def read_config(path: Path) -> dict[str, Any]:
+    r"""Reads a configuration file, and the files that its sections refer to."""
+    content = _read_mapping(path)
+    for section in _SECTIONS:  # a section may be the name of a file in the same folder
+        if isinstance(content.get(section), str):
+            content[section] = _read_mapping(path.parent / content[section])
+        value = content.get(section)
+        if value is not None and not isinstance(value, Mapping):
+            raise ValueError(
+                f"'{section}' of configuration '{path}' must be a mapping (got {value!r})"
+            )
+    return content
+
+
+def _read_mapping(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no configuration '{path}'")
+    content = read_yaml(path)
+    if content is None:
+        return {}
+    if not isinstance(content, Mapping):
+        raise ValueError(
+            f"configuration '{path}' must be a mapping with the keys {', '.join(_SECTIONS)} (got "
+            f"{type(content).__name__})"
+        )
+    return dict(content)
 
 
 class TactileCLI(LightningCLI):
@@ -293,7 +379,7 @@ def resolve_config_names(args: Sequence[str]) -> tuple[list[str], str | None]:
     resolved, name = list(args), None
     for i, arg in enumerate(resolved):
         flag, equals, value = arg.partition("=")
-        if flag not in CONFIG:
+        if flag not in _CONFIG_FLAGS:
             continue
         if equals:
             path = find_config(value)

@@ -1,8 +1,10 @@
 r"""The training, validation and test steps of a model."""
 
+import warnings
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
+import lightning as L
 import torch
 from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable, instantiate_module
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
@@ -10,10 +12,14 @@ from torch import Tensor, nn
 from torch_geometric.data import Data
 from torchmetrics import Metric, MetricCollection
 
-from torch_geometric_tactile._typing import ThresholdMetric
+from torch_geometric_tactile._typing import PathLike, ThresholdMetric
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.loader._random_states import RandomStates
 from torch_geometric_tactile.nn.models._calls import call_model
 from torch_geometric_tactile.nn.models._inputs import needed_inputs
-from torch_geometric_tactile.training._checkpointed_module import CheckpointedModule
+from torch_geometric_tactile.predictor import checkpoint_entry, model_entry
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.training._checkpoint_file import load_module
 from torch_geometric_tactile.training._checks import (
     EDGE_SOURCE,
     check_data,
@@ -40,13 +46,15 @@ from torch_geometric_tactile.training._losses import (
     numbers_like,
     task_loss,
 )
-from torch_geometric_tactile.training._threshold import check_threshold
+from torch_geometric_tactile.training._threshold import BestThreshold, check_threshold
 from torch_geometric_tactile.training.cosine_annealing import CosineAnnealing
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
+_STATES = "random_states"  # the key in checkpoints
 
-class TactileModule(CheckpointedModule):
+
+class TactileModule(L.LightningModule):
     r"""Trains a model for classification (one class or several labels per sample) or regression,
     and computes its metrics.
 
@@ -61,6 +69,10 @@ class TactileModule(CheckpointedModule):
 
     With a :class:`TactileDataModule`, labels, outputs and attributes are checked before the first
     batch.
+
+    Checkpoints also contain the description of the predictor and the states of all random number
+    generators, and are read without executing code from the file. A training that is resumed at
+    the end of an epoch gives, on a CPU, exactly the weights of an uninterrupted training.
 
     Args:
         model (torch.nn.Module): Called as :obj:`model(x, edge_index)`; returns logits or numbers
@@ -109,7 +121,13 @@ class TactileModule(CheckpointedModule):
         'multiclass'
     """
 
+    #: The configuration of the module, stored in checkpoints to be compared when they are loaded.
+    config: Mapping[str, Any] | None = None
     class_weight: Tensor | None
+    decision_threshold: float | None
+    threshold: float | ThresholdMetric | None
+    val_threshold: BestThreshold | None
+    _random_states: dict[str, Any] | None = None
 
     def __init__(
         self,
@@ -137,7 +155,7 @@ class TactileModule(CheckpointedModule):
         self.label_smoothing = label_smoothing
         self.set_threshold(threshold)
         self.class_names: list[str] = []
-        self.layout = None
+        self.layout: TaxelLayout | None = None
         self.test_sessions: dict[int, str] = {}
         self._has_num_classes = num_classes is not None
         if num_classes is None:
@@ -160,6 +178,16 @@ class TactileModule(CheckpointedModule):
             "label_smoothing": self.label_smoothing,
             "threshold": self.threshold,
         }
+
+    def set_threshold(self, threshold: float | ThresholdMetric | None) -> None:
+        r"""Sets the decision threshold, or the metric by which it is chosen.
+
+        Args:
+            threshold (float or str, optional): The threshold, or the name of a metric.
+        """
+        self.threshold = threshold
+        self.decision_threshold = None if isinstance(threshold, str) else threshold
+        self.val_threshold = BestThreshold(threshold) if isinstance(threshold, str) else None
 
     def _set_num_classes(self, num_classes: int) -> None:
         self.num_classes = num_classes
@@ -217,6 +245,17 @@ class TactileModule(CheckpointedModule):
         joint = "use a data set with joint angles"
         return needed_inputs(self.model, batch, describe_batch, edge_index=EDGE_SOURCE, joint=joint)
 
+    def probability(self, logits: Tensor) -> Tensor:
+        r"""Returns the probabilities of the classes or of each label :math:`(B, C)`. The numbers of
+        a regression are returned unchanged.
+
+        Args:
+            logits (torch.Tensor): Outputs of the model :math:`(B, C)`.
+        """
+        if self.task == "regression":
+            return logits
+        return logits.sigmoid() if self.task == "multilabel" else logits.softmax(dim=-1)
+
     def loss(self, logits: Tensor, y: Tensor) -> Tensor:
         r"""Returns the loss of a batch, without class weights and label smoothing.
 
@@ -254,6 +293,15 @@ class TactileModule(CheckpointedModule):
         r"""Logs the metrics of the validation part, and chooses the threshold."""
         self._log_metrics("val", self.val_metrics)
         self.choose_threshold()
+
+    def choose_threshold(self) -> None:
+        r"""Chooses and logs the threshold at the end of a validation epoch of training."""
+        if self.val_threshold is None:
+            return
+        if self.trainer.state.fn == "fit":  # a trained model keeps its threshold
+            self.decision_threshold = float(self.val_threshold.compute())
+            self.log("val/threshold", self.decision_threshold, sync_dist=True)
+        self.val_threshold.reset()
 
     def test_step(self, batch: Data, batch_idx: int) -> None:
         r"""Adds a batch of the test part to the metrics, and to those of its recording sessions."""
@@ -321,6 +369,158 @@ class TactileModule(CheckpointedModule):
             name = log_names.get(name, name)
             self.log(f"{stage}/{name}", value, prog_bar=is_in_progress_bar, sync_dist=True)
         metrics.reset()
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        r"""Adds the layout, the description of the model, the states of the random number
+        generators and the description of the :class:`~torch_geometric_tactile.predictor.Predictor`.
+        """
+        states = RandomStates.now().to_dict()
+        if torch.cuda.is_available() and torch.cuda.is_initialized():
+            states["cuda"] = torch.cuda.get_rng_state_all()
+        checkpoint[_STATES] = states
+        checkpoint["module"] = {
+            "arguments": self.arguments(),
+            **model_entry(self.model, self.layout),
+        }
+        if self.config is not None:
+            checkpoint["config"] = dict(self.config)
+        if self.layout is not None:
+            checkpoint["layout"] = self.layout.to_dict()
+        if self.decision_threshold is not None:
+            checkpoint["decision_threshold"] = self.decision_threshold
+        data = self._datamodule()
+        dataset = getattr(data, "dataset", None)
+        if isinstance(dataset, StaticDataset):
+            transform = getattr(data, "transform", None)
+            checkpoint["predictor"] = checkpoint_entry(
+                self.model, dataset, transform, self.task, self.decision_threshold
+            )
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        r"""Restores the layout and the threshold. Raises a :class:`ValueError` if the data has
+        another layout.
+        """
+        self._load_random_states(checkpoint)
+        if self._trainer is None:
+            _warn_of_missing_transforms(checkpoint)
+        if "decision_threshold" in checkpoint:
+            self.decision_threshold = float(checkpoint["decision_threshold"])
+        if "layout" not in checkpoint:
+            return
+        layout = TaxelLayout.from_dict(checkpoint["layout"])
+        if self.layout is not None and not self.layout.matches(layout):
+            raise ValueError(
+                f"the checkpoint must have layout '{self.layout.name}' with "
+                f"{self.layout.num_taxels} taxels, as the data (got '{layout.name}' with "
+                f"{layout.num_taxels}); train again, or load the data it was trained on"
+            )
+        self.layout = layout
+
+    def _load_random_states(self, checkpoint: dict[str, Any]) -> None:
+        self._random_states = None
+        if self._trainer is None or self.trainer.state.fn != "fit":
+            return
+        self._random_states = checkpoint.get(_STATES)
+        if self._random_states is not None:
+            try:
+                RandomStates.from_dict(self._random_states)
+            except ValueError as error:
+                raise ValueError(
+                    f"'{self.trainer.ckpt_path}' cannot be resumed: {error}; train again"
+                ) from error
+        # Up to version 0.2.1, checkpoints held states of our loaders, which no longer have a state.
+        fit_loop = checkpoint.get("loops", {}).get("fit_loop", {})
+        loaders = fit_loop.get("state_dict", {}).get("combined_loader", [])
+        loaders[:] = [state for state in loaders if "num_batches" not in state]
+        if self.trainer.strategy.restore_checkpoint_after_setup:  # on_fit_start has already run
+            self._restore_random_states()
+
+    def on_fit_start(self) -> None:
+        r"""Restores the random states, after the model is built and before the first batch."""
+        self._restore_random_states()
+
+    def _restore_random_states(self) -> None:
+        states, self._random_states = self._random_states, None
+        if states is None:
+            return
+        RandomStates.from_dict(states).restore()
+        cuda = states.get("cuda", ())
+        if torch.cuda.is_available() and len(cuda) == torch.cuda.device_count():
+            torch.cuda.set_rng_state_all([state.cpu() for state in cuda])
+
+    @classmethod
+    def load_from_checkpoint(
+        cls,
+        checkpoint_path: Any,
+        map_location: Any = None,
+        hparams_file: PathLike | None = None,
+        strict: bool | None = None,
+        weights_only: bool | None = None,
+        **kwargs: Any,
+    ) -> Self:
+        r"""Loads a module, without the transforms of its data. For live use, see
+        :class:`~torch_geometric_tactile.predictor.Predictor`.
+
+        Checksums are verified, and no code from the file is executed: models of this package are
+        built by their names, any other is passed as :obj:`model`.
+
+        Args:
+            checkpoint_path (str or PathLike): The checkpoint.
+            map_location (optional): Device of the tensors; the CPU if left out.
+            hparams_file (optional): Not supported.
+            strict (bool, optional): If :obj:`False`, missing and unexpected weights are ignored.
+            weights_only (bool, optional): Must not be :obj:`False`.
+            **kwargs (optional): Arguments of the module that replace those in the checkpoint, such
+                as :obj:`model` (it is copied), and :obj:`optimizer` and :obj:`lr_scheduler`, which
+                a checkpoint does not store.
+
+        Raises:
+            FileNotFoundError: If there is no such file.
+            ValueError: If the file is damaged, is not a checkpoint or is one of an older version,
+                or its model is neither a class of this package nor passed as :obj:`model`.
+        """
+        for name, is_set in (
+            ("weights_only", weights_only is False),
+            ("hparams_file", hparams_file),
+        ):
+            if is_set:
+                raise ValueError(f"'{name}' must be left out, since it may run code")
+        return load_module(cls, checkpoint_path, map_location, strict, kwargs)
+
+    def _datamodule(self) -> Any:
+        return None if self._trainer is None else getattr(self.trainer, "datamodule", None)
+
+
+def _warn_of_missing_transforms(checkpoint: Mapping[str, Any]) -> None:
+    r"""Warns if the model of a checkpoint was trained on readings changed by fitted transforms,
+    such as scalers.
+    """
+    names = fitted_names(checkpoint)
+    if names:
+        warnings.warn(
+            f"this model was trained on readings transformed by {', '.join(names)}, but a module "
+            "from a checkpoint has no transforms: for raw readings use "
+            "Predictor.from_checkpoint(path); to test it, use "
+            "trainer.test(module, datamodule=data, ckpt_path=path)",
+            stacklevel=3,
+        )
+
+
+def fitted_names(checkpoint: Mapping[str, Any]) -> list[str]:
+    r"""Returns the class names of the fitted transforms in the predictor of a checkpoint."""
+    entry = checkpoint.get("predictor")
+    header = entry.get("header") if isinstance(entry, Mapping) else None
+    pending = [header.get("transform")] if isinstance(header, Mapping) else []
+    names = []
+    while pending:  # no recursion: a hostile file could nest deeper than its limit
+        node = pending.pop()
+        if isinstance(node, Mapping):
+            if node.get("state") and isinstance(node.get("class"), str):
+                names.append(node["class"])
+            pending += reversed(list(node.values()))
+        elif isinstance(node, list):
+            pending += reversed(node)
+    return names
 
 
 def classifier_from_config(
