@@ -21,9 +21,9 @@ from torch_geometric_tactile.training import (
     TactileModule,
     classifier_from_config,
 )
-from torch_geometric_tactile.training.module import fitted_names
 from torch_geometric_tactile.training._finite import BatchCheck, model_inputs
 from torch_geometric_tactile.training._predictions import collect_predictions
+from torch_geometric_tactile.training.module import fitted_names
 from torch_geometric_tactile.transforms import DropTaxels, FillMissing, ZScore
 
 SPLIT = Split(torch.arange(36), torch.arange(36, 48), torch.arange(48, 60))
