@@ -74,11 +74,11 @@ def test_labels_that_are_no_classes(labelled, y, match):
     [
         (torch.zeros(4), "multilabel", r"must have shape \(S, C\) .*got \(4,\).*'multiclass'"),
         (torch.full((4, 2), 0.5), "multilabel", r"must be 0 or 1 .*got 0.5 to 0.5.*'regression'"),
-        (torch.zeros(4, 2), "multilabel", r"must have 3 numbers a sample.*\(got 2\)"),
+        (torch.zeros(4, 2), "multilabel", r"must have 3 numbers per sample.*\(got 2\)"),
         (torch.zeros(4).long(), "regression", r"floating-point .*got torch.int64.*y.float\(\)"),
         (torch.tensor([0.0, torch.nan]), "regression", r"'y' of 'part' must be finite"),
         (torch.zeros(4, 2, 2), "regression", r"must have shape \(S,\) or \(S, C\)"),
-        (torch.zeros(4), "regression", r"must have 3 numbers a sample.*\(got 1\)"),
+        (torch.zeros(4), "regression", r"must have 3 numbers per sample.*\(got 1\)"),
     ],
 )
 def test_labels_that_do_not_fit_their_task(y, task, match):

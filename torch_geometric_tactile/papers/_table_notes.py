@@ -19,7 +19,7 @@ from torch_geometric_tactile.papers._table_numbers import (
     pooled_predictions,
 )
 
-_COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
+_COMPARISON_COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
 _AREA_TOLERANCE = 0.0015  # published areas and accuracies are rounded
 _MIN_RANKED = 5  # with fewer models, a rank correlation says little
 _SQUARED_PERCENT = 100.0**2  # converts variances of fractions
@@ -70,14 +70,14 @@ def ordering_lines(run: PlanRun) -> list[str]:
         "its standard error: the larger of the one over the splits and the one over the test "
         f"trials. {RULE}",
         "",
-        *markdown_table(["ordering", "protocol", "holds"], _summary(comparisons)),
+        *markdown_table(["ordering", "protocol", "holds"], _verdict_rows(comparisons)),
         "",
-        *markdown_table(_COLUMNS, map(_cells, comparisons)),
+        *markdown_table(_COMPARISON_COLUMNS, map(_comparison_cells, comparisons)),
         "",
     ]
 
 
-def _summary(comparisons: list[OrderedPair]) -> Iterator[list[str]]:
+def _verdict_rows(comparisons: list[OrderedPair]) -> Iterator[list[str]]:
     groups: dict[tuple[str, str], list[str]] = {}
     for comparison in comparisons:
         groups.setdefault((comparison.ordering.name, comparison.protocol), []).append(
@@ -94,13 +94,13 @@ def _summary(comparisons: list[OrderedPair]) -> Iterator[list[str]]:
         yield [markdown_text(name), markdown_text(protocol), summary]
 
 
-def _cells(entry: OrderedPair) -> list[str]:
-    names = map(markdown_text, [entry.ordering.name, entry.protocol, *entry.pair])
+def _comparison_cells(comparison: OrderedPair) -> list[str]:
+    names = map(markdown_text, [comparison.ordering.name, comparison.protocol, *comparison.pair])
     return [
         *names,
-        _format_difference(entry.difference),
-        str(entry.difference.num_splits),
-        entry.verdict,
+        _format_difference(comparison.difference),
+        str(comparison.difference.num_splits),
+        comparison.verdict,
     ]
 
 

@@ -217,12 +217,12 @@ def _named_models(plan: Plan) -> dict[str, Cell]:
     codes_by_config: dict[str, set[str]] = {}
     for cell in plan.table.cells:
         codes_by_config.setdefault(_config_name(cell), set()).add(codes[cell.experiment])
-    names: dict[str, Cell] = {}
+    models: dict[str, Cell] = {}
     for cell in plan.table.cells:
         name = _config_name(cell)
-        is_shared = len(codes_by_config[name]) > 1 or cell.data
-        names[cell.experiment if is_shared else name] = cell
-    return names
+        is_ambiguous = len(codes_by_config[name]) > 1 or cell.data
+        models[cell.experiment if is_ambiguous else name] = cell
+    return models
 
 
 def _config_name(cell: Cell) -> str:
@@ -378,10 +378,8 @@ def _memory_name(run: PlanRun) -> str:
 
 def _drawn_groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
     groups = _groups(run)
-    published_groups = [group for group in groups if group[1][0][0] == PUBLISHED]
-    return [group for group in published_groups if "draws_variance" not in group[1][0]] or groups[
-        :1
-    ]
+    published = [group for group in groups if group[1][0][0] == PUBLISHED]
+    return [group for group in published if "draws_variance" not in group[1][0]] or groups[:1]
 
 
 def _panels(run: PlanRun) -> list[ComparisonPanel]:

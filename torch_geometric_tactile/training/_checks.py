@@ -59,24 +59,25 @@ def train_weights(data: TactileDataModule | None, task: Task, num_classes: int) 
     return balanced_weights(y, task, num_classes)
 
 
-def check_labels(y: Tensor, task: Task, name: str, outputs: int = 0) -> None:
+def check_labels(y: Tensor, task: Task, name: str, num_classes: int = 0) -> None:
     r"""Checks the shape, type and range of the labels of a task.
 
     Shapes:
         - **y:** Labels of all samples :math:`(S,)` or :math:`(S, C)`.
+        - **num_classes:** Number of classes, labels or targets :math:`C`; 0 if unknown.
     """
     {"multiclass": _check_classes, "multilabel": _check_flags}.get(task, _check_targets)(y, name)
-    if not outputs or not len(y):
+    if not num_classes or not len(y):
         return
     if task == "multiclass":
-        if int(y.max()) >= outputs:
+        if int(y.max()) >= num_classes:
             raise ValueError(
-                f"'y' of '{name}' must be classes from 0 to {outputs - 1} (got {int(y.max())})"
+                f"'y' of '{name}' must be classes from 0 to {num_classes - 1} (got {int(y.max())})"
             )
-    elif y.view(len(y), -1).size(1) != outputs:
+    elif y.view(len(y), -1).size(1) != num_classes:
         raise ValueError(
-            f"'y' of '{name}' must have {outputs} numbers a sample, one for each output of the "
-            f"model (got {y.view(len(y), -1).size(1)})"
+            f"'y' of '{name}' must have {num_classes} numbers per sample, one for each output of "
+            f"the model (got {y.view(len(y), -1).size(1)})"
         )
 
 

@@ -45,7 +45,7 @@ def read_yaml(path: Path) -> Any:
             content = yaml.load(text.decode(), Loader=_BoundedLoader)
         except Exception as error:  # besides YAML errors, those of invalid numbers and dates
             problem = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-    if problem or not _is_small(content):
+    if problem or not _is_within_limits(content):
         problem = problem or f"more than {_MAX_VALUES} values, or nested {_MAX_DEPTH} deep"
         raise ValueError(f"'{path}' cannot be read as YAML ({problem})")
     return content
@@ -70,7 +70,7 @@ class _BoundedLoader(yaml.SafeLoader):
         return content
 
 
-def _is_small(content: Any) -> bool:
+def _is_within_limits(content: Any) -> bool:
     # Counts a value shared by YAML aliases once for each alias, as copying and writing expand it.
     pending, num_values = [(content, 0)], 0
     while pending:
@@ -87,7 +87,7 @@ def _is_small(content: Any) -> bool:
 
 @cache
 def _expand(template: str) -> dict[str, dict[str, Any]]:
-    content = yaml.safe_load((_folder() / f"{template}.yaml").read_text(encoding="utf-8"))
+    content = yaml.safe_load((_config_folder() / f"{template}.yaml").read_text(encoding="utf-8"))
     base = content["base"]
     if isinstance(base, str):
         base_template, _, experiment = base.partition("/")
@@ -127,7 +127,7 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return config
 
 
-def _folder() -> Path:
+def _config_folder() -> Path:
     return Path(str(files("torch_geometric_tactile.configs")))
 
 

@@ -7,7 +7,7 @@ import yaml
 
 from torch_geometric_tactile.training._config_files import (
     TEMPLATES,
-    _folder,
+    _config_folder,
     expand_template,
     read_yaml,
     scratch_folder,
@@ -23,7 +23,7 @@ def config_names() -> list[str]:
     """
     return sorted(
         entry.name.removesuffix(".yaml")
-        for entry in _folder().iterdir()
+        for entry in _config_folder().iterdir()
         if entry.suffix == ".yaml" and entry.stem not in TEMPLATES
     )
 
@@ -59,7 +59,7 @@ def find_config(name: str) -> Path:
         raise FileNotFoundError(
             f"{missing}; choose {template}/NAME with one of: {', '.join(configs)}"
         )
-    shipped = _folder() / f"{name}.yaml"
+    shipped = _config_folder() / f"{name}.yaml"
     if shipped.is_file():
         return shipped
     raise FileNotFoundError(

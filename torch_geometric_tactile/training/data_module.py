@@ -209,7 +209,8 @@ class TactileDataModule(L.LightningDataModule):
         index = count if isinstance(count, Tensor) else _evenly_spaced(len(part), count)
         steps = [step for step in flat(self.transform) if scaled or not _is_fitted(step)]
         part = copy.copy(part)
-        with kept_rng():  # a copy, since a transform may have its own generator
+        with kept_rng():
+            # A copy of the transforms, since a transform may have its own generator.
             part.transform = copy.deepcopy(Compose([*flat(part.transform), *steps]))
             return part.batch(index)
 

@@ -111,8 +111,8 @@ def classification_metrics(
         raise ValueError(
             f"'y' must be between 0 and {max_label} (got {y.min().item()} to {y.max().item()})"
         )
-    decision = score if task == "multilabel" else predicted_classes(score, threshold)
-    positive, predicted = positives(y, num_classes), positives(decision, num_classes)
+    prediction = score if task == "multilabel" else predicted_classes(score, threshold)
+    positive, predicted = positives(y, num_classes), positives(prediction, num_classes)
     is_correct = positive == predicted
     values = {"accuracy": is_correct.all(dim=1)}
     if task == "multilabel":

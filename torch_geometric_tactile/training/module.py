@@ -168,7 +168,9 @@ class TactileModule(L.LightningModule):
         self.session_metrics = nn.ModuleList()
 
     def arguments(self) -> dict[str, Any]:
-        r"""Returns the arguments of the constructor that checkpoints store, as plain values."""
+        r"""Returns the arguments of the constructor that checkpoints store, as plain values. These
+        are all arguments except model, optimizer and scheduler.
+        """
         weights = self.class_weights
         return {
             "num_classes": self.num_classes,

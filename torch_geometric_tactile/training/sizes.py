@@ -164,11 +164,11 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     task: Task = filled.get("task") or "multiclass"
     check_task(task)
     sizes = data if isinstance(data, DataSizes) else DataSizes.from_data(data, task)
-    outputs = filled.get("num_classes") or sizes.num_outputs
+    num_outputs = filled.get("num_classes") or sizes.num_outputs
     init_args = dict(model.get("init_args") or {})
     parameters = _parameters(cls)
     for name, parameter in parameters.items():
-        value = _argument_size(name, parameter.annotation, sizes, outputs, init_args, cls)
+        value = _argument_size(name, parameter.annotation, sizes, num_outputs, init_args, cls)
         if value is None:
             continue
         if name == "num_joints" and init_args.get(name) == 0:
@@ -294,12 +294,14 @@ def _check_size(argument: str, value: Any, expected: Any, sizes: DataSizes) -> N
             for name in value.keys() & expected.keys():
                 _check_size(f"{argument} for '{name}'", value[name], expected[name], sizes)
         return
-    lower_bound = argument.startswith(("'out_channels'", "'num_classes'")) and not sizes.all_outputs
-    if value == expected or (lower_bound and value > expected):
+    is_lower_bound = (
+        argument.startswith(("'out_channels'", "'num_classes'")) and not sizes.all_outputs
+    )
+    if value == expected or (is_lower_bound and value > expected):
         return
-    bound = "at least " if lower_bound else ""
+    qualifier = "at least " if is_lower_bound else ""
     raise ValueError(
-        f"{argument} must be {bound}{expected}, as in the data (got {value}); leave it out to "
+        f"{argument} must be {qualifier}{expected}, as in the data (got {value}); leave it out to "
         "take it from the data"
     )
 
