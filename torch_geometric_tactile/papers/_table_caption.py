@@ -169,7 +169,7 @@ def _selection_text(source: DataSource, noun: str) -> str:
     settings: dict[str, Any] = {}
     arguments: Any = source.arguments
     while isinstance(arguments, Mapping):
-        settings = {**arguments, **settings}
+        settings = {**arguments, **settings}  # outer arguments take precedence
         inner = arguments.get("dataset")
         arguments = inner.get("init_args") if isinstance(inner, Mapping) else None
     settings |= source.selection
@@ -184,7 +184,7 @@ def _selection_text(source: DataSource, noun: str) -> str:
 
 
 def _ordinal(number: int) -> str:
-    last = 0 if number // 10 % 10 == 1 else number % 10  # 11th
+    last = 0 if number // 10 % 10 == 1 else number % 10  # 11th, 12th, 13th
     suffixes = ("th", "st", "nd", "rd")
     return f"{number}{suffixes[last] if last < len(suffixes) else 'th'}"
 

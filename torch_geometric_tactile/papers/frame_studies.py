@@ -69,8 +69,9 @@ class DeadRows(Study):
     def measure(self, trained: Trained) -> dict[str, Any]:
         r"""Returns :obj:`num_rows` and the :obj:`accuracy` for each number of dead rows."""
         layout = trained.layout
-        assert layout is not None  # tables have one layout
+        assert layout is not None  # tables have data sets with one layout
         coordinates = layout.pos[:, 1] if layout.image_map is None else layout.image_map[:, 0]
+        # Rounded, since the coordinates of a row may differ in their last digits.
         _, row_of_taxel = np.unique(np.round(coordinates.numpy(), 6), return_inverse=True)
         rest = trained.train.x.amin(dim=(0, 1))
         rng = np.random.default_rng(self.seed)

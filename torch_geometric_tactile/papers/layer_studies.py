@@ -109,6 +109,7 @@ class FeatureEmbedding(Study):
         features = self._features(trained, trained.test.index_select(torch.from_numpy(index)))
         if features is None or len(index) < 3:
             return None
+        # t-SNE needs more samples than three times its perplexity.
         perplexity = min(30.0, (len(index) - 1) / 3)
         reducer = TSNE(2, perplexity=perplexity, init="pca", random_state=self.seed)
         points = reducer.fit_transform(np.ascontiguousarray(features, dtype=np.float32))

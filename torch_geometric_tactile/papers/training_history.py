@@ -59,6 +59,7 @@ class _Recorder(L.Callback):
         self, trainer: L.Trainer, pl_module: L.LightningModule, optimizer: Any
     ) -> None:
         for name, weight in pl_module.named_parameters():
+            # Matrices only: gradients of biases have another scale.
             if weight.dim() > 1 and weight.grad is not None:
                 layer = name.removeprefix("model.").rpartition(".")[0] or name
                 size = float(weight.grad.detach().square().mean().sqrt())

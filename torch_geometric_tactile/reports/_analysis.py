@@ -267,7 +267,7 @@ class PredictorAnalysis:
             scores[name], drops[name] = score, drop[patch]
         if not scores:
             return Section("Attribution", "No class has two or more of the frames.")
-        columns = 3 if len(scores) in (3, 5, 6) else 4
+        columns = 3 if len(scores) in (3, 5, 6) else 4  # with few empty panels
         for file_name, values, label in (
             ("attribution.png", scores, "attribution (logit)"),
             ("occlusion.png", drops, "drop of the logit without the patch"),
@@ -344,6 +344,7 @@ def write_analysis(
     data = load_data(model, config, root)
     facts = {
         **_model_facts(Path(model)),
+        # The first line of a long representation ends with an open bracket.
         "Model": f"`{predictor.model}`".splitlines()[0].rstrip("`(") + "`",
         "Data": _describe_data(data),
     }

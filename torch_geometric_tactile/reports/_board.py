@@ -40,7 +40,8 @@ def _accuracy_cell(column: BoardColumn, name: str) -> str:
     if result is None:
         return ""
     mean, sd = (100 * value for value in result.scores["accuracy"])
-    text = f"{mean:.1f}" + (f" ± {sd:.1f}" if sd == sd else "")
+    text = f"{mean:.1f}" + (f" ± {sd:.1f}" if sd == sd else "")  # NaN for a single fold
+    # Two models that share the first place are both at 1.5.
     return f"**{text}**" if column.places()[name] < 2 else text
 
 
@@ -105,6 +106,7 @@ def write_board(
     paths = [Path(out) / name for name in texts]
     for path, text in zip(paths, texts.values(), strict=True):
         with atomic_path(path) as temporary:
+            # JSON has no NaN.
             temporary.write_text(text.replace("NaN", "null"), encoding="utf-8")
     return paths
 

@@ -137,6 +137,7 @@ def write_demo(comparisons: DemoComparisons, out: PathLike) -> list[Path]:
 
 
 def _percent(score: Summary) -> str:
+    # The standard deviation of a single run is NaN.
     spread = "" if score.sd != score.sd else f" ± {100 * score.sd:.1f}"
     return f"{100 * score.mean:.1f}{spread}"
 
@@ -259,6 +260,7 @@ def _example_grasps(dataset: StaticDataset) -> tuple[dict[str, Tensor], str]:
     r"""Returns a stable and a slipping grasp of one object in one session, and their names. They
     are the object and session with the most grasps of both outcomes.
     """
+    # Scaled by channel, so that the electrodes of a picture keep their proportions.
     data = fit_transform(Compose([CommonMode(), ZScore(per="channel")]), dataset)
     object_session = data.group * len(dataset.session_names) + data.session
     counts = torch.stack(

@@ -16,7 +16,7 @@ from torch_geometric_tactile.visualization._trial_figure import draw_trial
 from torch_geometric_tactile.visualization._truth import Truth, find_truth
 from torch_geometric_tactile.visualization.figure import save_figure
 
-MAX_PICTURES = 20  # drawing takes longer than predicting
+MAX_PICTURES = 20  # limits the time of drawing; further recordings are only counted
 _FILE_NAME = r"(?P<object>.+)_\d+"  # files of recordings are often named OBJECT_NUMBER
 
 

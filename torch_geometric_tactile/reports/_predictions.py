@@ -54,6 +54,7 @@ def write_recordings(
                 recording = predictor.preparation.matched(
                     in_column_order(recording, columns), resample=resample
                 )
+                # The first recording with named columns sets their order for all others.
                 columns = {**column_names(recording), **columns}
                 frames: Sequence[int] = range(recording.num_frames)
                 if adapt:
@@ -143,6 +144,7 @@ def _write_rows(
     with atomic_path(out) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         for cells, probability, lacks_contact in rows:
+            # A regression has labels only for frames without contact.
             has_labels = has_labels or lacks_contact is not None
             if not count:
                 names = predictor.names(len(probability))

@@ -15,7 +15,7 @@ from torch_geometric_tactile.io import read_recording, recording_format
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.recording import plot_recording
 
-# Limits that keep the text of any recording on one screen.
+# Limits of long lists and texts, so that the description stays readable.
 _MAX_INDICES = 12
 _MAX_ANNOTATIONS = 20
 _MAX_LETTERS = 100

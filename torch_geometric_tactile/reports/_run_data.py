@@ -17,7 +17,8 @@ from torch_geometric_tactile.predictor import (
 )
 from torch_geometric_tactile.transforms import fit_parts
 
-_CONFIG_OPTION = "'--config FILE', which may name any class"  # so only the user passes it
+# A configuration can run code by naming classes, so only a file that the user passes may do so.
+_CONFIG_OPTION = "'--config FILE', which may name any class"
 
 
 def open_predictor(path: PathLike, config: str | None = None) -> Predictor:
@@ -30,6 +31,7 @@ def open_predictor(path: PathLike, config: str | None = None) -> Predictor:
         raise FileNotFoundError(f"there is no predictor or checkpoint '{path}'")
     read = Predictor.from_checkpoint if is_checkpoint(path) else Predictor.load
     own_parts: dict[str, Any] = {}
+    # Each attempt names at most one missing part: the model or the transforms.
     while True:
         try:
             return read(path, **own_parts)

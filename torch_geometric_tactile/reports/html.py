@@ -13,7 +13,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.visualization._style import DPI, INSTALL
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-_CSS_PIXELS_PER_INCH = 96
+_CSS_PIXELS_PER_INCH = 96  # by definition; pictures are shown at their physical size
 
 
 class ReportTable(NamedTuple):
