@@ -131,7 +131,7 @@ class BigsRun(FinishedRun[BigsReport]):
         stable = [report for report in ordered if report.success][:1]
         object_name = (stable or ordered)[0].object_name
         lost = [report for report in ordered if report.lost is not None]
-        # The shake begins at 2.5 s or later. Objects lost before are the last choice.
+        # The shake begins by 2.25 s, so objects lost after 2.5 s were lost in the shake.
         lost.sort(
             key=lambda report: ((report.lost or 0.0) < 2.5, report.object_name != object_name)
         )
