@@ -161,7 +161,7 @@ def test_mistakes_are_one_line(folder, capsys):
         (["a.predictor", "nothing.h5"], "nothing.h5"),
         (["a.predictor", "notes.txt.zip"], "must end in one of"),
         (["a.predictor", "three.npz"], "'three.npz': a recording on layout .* 4 taxels"),
-        (["a.predictor"], "give it with '--config'"),
+        (["a.predictor"], "pass it with '--config'"),
         (
             ["a.predictor", "trial_0.npz", "--root", "b"],
             "'--root' must be left out where recordings are given",
@@ -255,7 +255,7 @@ def test_a_predictor_knows_the_columns_of_its_training(tmp_path, monkeypatch, ca
     assert main(["predict", "a.predictor", "new.csv"]) == 1
     error = capsys.readouterr().err
     assert "'new.csv' must have the column 'pad_z3' (got stamp, q," in error
-    assert "; say which columns of this file are those of the training by '--tactile'" in error
+    assert "; name the columns of this file that match the training data with '--tactile'" in error
     assert main(["predict", "a.predictor", "new.csv", *declared]) == 1
     assert "(got 'pad_t' in place of 'pad_z3')" in capsys.readouterr().err
 
@@ -264,7 +264,7 @@ def test_columns_of_a_file_are_asked_for_where_they_are_unknown(folder, capsys):
     glove(folder / "new.csv", [*PADS, "q"])
     assert main(["predict", "a.predictor", "new.csv", "--time", "stamp"]) == 1
     error = capsys.readouterr().err
-    assert "4 taxels (got 13); say which columns of this file are those" in error
+    assert "4 taxels (got 13); name the columns of this file that match" in error
     glove(folder / "more.csv", [*PADS[::-1], "q"])
     declared = ["--tactile", "pad_.*", "--num-channels", "3", "--time", "stamp"]
     assert main(["predict", "a.predictor", "new.csv", "more.csv", *declared]) == 0
@@ -297,7 +297,7 @@ def test_several_recordings_have_a_picture_each_and_no_more_than_twenty(
     pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
     from torch_geometric_tactile.reports import _prediction_pictures as pictures
 
-    monkeypatch.setattr(pictures, "MOST_PICTURES", 3)
+    monkeypatch.setattr(pictures, "MAX_PICTURES", 3)
     (folder / "other").mkdir()
     (folder / "other" / "trial_0.npz").write_bytes((folder / "trial_0.npz").read_bytes())
     names = ["trial_0.npz", "other/trial_0.npz", "trial_1.npz", "trial_0.npz", "trial_1.npz"]

@@ -73,7 +73,9 @@ def test_run_ends_with_one_line(quick, capsys):
     assert run() == 0
     output = capsys.readouterr()
     (line,) = output.out.splitlines()
-    assert line.startswith("4 trials (0 kept from before), 4 attempts, 100 % of them successful, ")
+    assert line.startswith(
+        "4 trials (0 from an earlier run), 4 attempts, 100 % of them successful, "
+    )
     assert line.endswith(f" s; simulated data, not measured, in '{out}'")
     assert output.err == ""  # no bar where there is no terminal
     assert files(out) == [
@@ -89,7 +91,7 @@ def test_run_goes_on_where_it_was(quick, capsys):
     out, run = quick
     assert run("--trials", 1) == 0
     assert run() == 0
-    assert "\n4 trials (2 kept from before), 4 attempts" in capsys.readouterr().out
+    assert "\n4 trials (2 from an earlier run), 4 attempts" in capsys.readouterr().out
     assert len(files(out)) == 5
     assert run("--seed", 1) == 1
     error = f"tactile: error: '{out / 'plastic_tube_000.h5'}' was made with another 'seed' (0, not"
@@ -106,7 +108,7 @@ def test_shapes_with_a_wide_spread(quick, capsys):
     out, run = quick
     chosen = ["--objects", "shapes", "--num-objects", 3, "--spread", "wide", "--seconds", 4]
     assert run(*chosen) == 0
-    assert capsys.readouterr().out.startswith("6 trials (0 kept from before), 6 attempts")
+    assert capsys.readouterr().out.startswith("6 trials (0 from an earlier run), 6 attempts")
     summary = json.loads((out / "simulation.json").read_text())
     assert summary["spread"]["lazy_finger"] == 0.3
     assert summary["preset"]["duration"] == 4.0
@@ -117,7 +119,7 @@ def test_shapes_with_a_wide_spread(quick, capsys):
 def test_squeezes(quick, capsys):
     out, run = quick
     assert run("--motion", "squeeze", "--seconds", 1, "--max-attempts", 20) == 0
-    assert capsys.readouterr().out.startswith("4 trials (0 kept from before)")
+    assert capsys.readouterr().out.startswith("4 trials (0 from an earlier run)")
     assert json.loads((out / "simulation.json").read_text())["motion"] == "squeeze"
 
 
@@ -126,9 +128,9 @@ def test_given_up_trials_are_listed_and_the_status_is_1(quick, capsys, monkeypat
     never_lifted(monkeypatch, "plastic_tube")
     assert run("--max-attempts", 3) == 1
     output = capsys.readouterr()
-    assert "4 trials (0 kept from before), 8 attempts, 25 % of them successful" in output.out
+    assert "4 trials (0 from an earlier run), 8 attempts, 25 % of them successful" in output.out
     assert output.err.endswith(
-        "tactile: error: 2 trials given up after 3 attempts each: plastic_tube 0, plastic_tube 1\n"
+        "tactile: error: 2 trials failed after 3 attempts each: plastic_tube 0, plastic_tube 1\n"
     )
     assert files(out) == ["simulation.json", "sponge_000.h5", "sponge_001.h5"]
 
@@ -251,10 +253,10 @@ def test_grasps_of_three_fingertips(tmp_path, capsys):
     flags = ["--out", str(out), "--objects", "bigs", "--jobs", "1", "--grasps"]
     assert main(["simulate", *flags, "2"]) == 0
     (line,) = capsys.readouterr().out.splitlines()
-    assert line.startswith("2 grasps (0 kept from before), held: box ")
+    assert line.startswith("2 grasps (0 from an earlier run), held: box ")
     assert main(["simulate", *flags, "3", "--preview"]) == 0
     first, second = capsys.readouterr().out.splitlines()
-    assert first.startswith("3 grasps (2 kept from before)")
+    assert first.startswith("3 grasps (2 from an earlier run)")
     picture = out / "preview" / "preview_grasps.png"
     assert second == f"drew {picture}"
     check_listed(["simulate", *flags, "3"], out, but=(".h5",))

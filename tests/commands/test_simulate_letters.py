@@ -16,14 +16,14 @@ def test_presses_and_their_picture(tmp_path, capsys):
     assert simulate(tmp_path, "--presses", "2") == 0
     output = capsys.readouterr()
     (line,) = output.out.splitlines()
-    assert line.startswith("52 presses (0 kept from before) of 26 letters, ")
+    assert line.startswith("52 presses (0 from an earlier run) of 26 letters, ")
     assert line.endswith(f" s; simulated data, not measured, in '{tmp_path}'")
     assert output.err == ""
     assert np.load(tmp_path / "Q" / "Q_0000.npy").shape == (2, 32, 32)
 
     assert simulate(tmp_path, "--presses", "2", "--preview") == 0
     first, second = capsys.readouterr().out.splitlines()
-    assert first.startswith("52 presses (52 kept from before)")
+    assert first.startswith("52 presses (52 from an earlier run)")
     picture = tmp_path / "preview_letters.png"
     assert second == f"drew {picture}"
     assert picture.read_bytes().startswith(b"\x89PNG")

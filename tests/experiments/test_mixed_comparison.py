@@ -57,8 +57,8 @@ def test_networks_are_compared_on_subjects_that_are_new(mixed):
 
 def test_page_names_what_is_left_out(mixed):
     page = comparison_markdown(summarize(mixed))
-    assert "The samples have 30 to 60 taxels, and no layout that all share" in page
-    left_out = page.partition("Left out are the models of one layout: ")[2].partition(".\n")[0]
+    assert "The samples have 30 to 60 taxels and share no layout" in page
+    left_out = page.partition("Models that need a layout are left out: ")[2].partition(".\n")[0]
     assert left_out.replace("\\_", "_").split(", ") == [
         m.name for m in MODELS if m.name != "constant"
     ]

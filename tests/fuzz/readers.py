@@ -351,7 +351,7 @@ def processed(path: Path) -> Any:
 
 
 def config(path: Path) -> Any:
-    from torch_geometric_tactile.training._given_arguments import read_config
+    from torch_geometric_tactile.training._lightning_cli import read_config
     from torch_geometric_tactile.training.config import load_config
 
     assert isinstance(load_config(str(path)), dict)

@@ -7,7 +7,11 @@ from dataclasses import replace
 from torch_geometric_tactile.experiments.differences import Difference
 from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers import load_table
-from torch_geometric_tactile.papers._table_notes import OrderedPair, _cells, _summary
+from torch_geometric_tactile.papers._table_notes import (
+    OrderedPair,
+    _comparison_cells,
+    _verdict_rows,
+)
 
 ORDERING = Ordering("a above b", (("a", "b"), ("c", "d")))
 
@@ -33,9 +37,9 @@ def test_verdict_is_that_of_the_difference(mean, error, verdict):
 
 def test_lines_of_the_page():
     entries = [compared(0.1, 0.03), compared(-0.2, 0.03, ("c", "d"))]
-    assert " ".join(_cells(entries[0])) == "a above b random a b +10.0 ± 3.0 5 yes"
-    assert list(_summary(entries)) == [["a above b", "random", "yes in 1 of 2, no in 1 of 2"]]
-    assert list(_summary(entries[:1])) == [["a above b", "random", "yes"]]
+    assert " ".join(_comparison_cells(entries[0])) == "a above b random a b +10.0 ± 3.0 5 yes"
+    assert list(_verdict_rows(entries)) == [["a above b", "random", "yes in 1 of 2, no in 1 of 2"]]
+    assert list(_verdict_rows(entries[:1])) == [["a above b", "random", "yes"]]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.source import DataFacts
 from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers import load_table
-from torch_geometric_tactile.papers._table_caption import NOTHING
+from torch_geometric_tactile.papers._table_caption import NO_NUMBER
 from torch_geometric_tactile.papers._table_numbers import table_numbers
 from torch_geometric_tactile.papers._table_part import selected_part
 from torch_geometric_tactile.papers.write_table import (
@@ -116,18 +116,18 @@ def test_markdown_by_hand(objects):
         "85.81 (variance 0.02)",
         "91.01 (variance 0.38)",
     ]
-    assert rows[1] == ["", "simulated, by trial", "50.0 (1 of 2)", NOTHING, NOTHING]
-    assert rows[2] == ["", "simulated, by frame", NOTHING, NOTHING, NOTHING]
+    assert rows[1] == ["", "simulated, by trial", "50.0 (1 of 2)", NO_NUMBER, NO_NUMBER]
+    assert rows[2] == ["", "simulated, by frame", NO_NUMBER, NO_NUMBER, NO_NUMBER]
     # The standard deviation of 80 and 84 is 2.83.
-    assert rows[7] == ["", "simulated, by trial", "82.0 ± 2.8", NOTHING, NOTHING]
-    assert rows[8] == ["", "simulated, by frame", "99.0 (1 of 2)", NOTHING, NOTHING]
+    assert rows[7] == ["", "simulated, by trial", "82.0 ± 2.8", NO_NUMBER, NO_NUMBER]
+    assert rows[8] == ["", "simulated, by frame", "99.0 (1 of 2)", NO_NUMBER, NO_NUMBER]
     auc = rows_of(markdown(objects), "Area under the ROC curve, with joint angles")
     assert auc[12][2:] == ["0.9599", "0.9232", "0.9549"]
-    assert auc[13][1:] == ["simulated, by trial: of scores", "0.920 ± 0.028", NOTHING, NOTHING]
+    assert auc[13][1:] == ["simulated, by trial: of scores", "0.920 ± 0.028", NO_NUMBER, NO_NUMBER]
     decided = "0.750 ± 0.000"  # one corner at a false-positive rate of 0 or 0.5
-    assert auc[14][1:] == ["simulated, by trial: of decisions", decided, NOTHING, NOTHING]
-    assert auc[15][2:] == [NOTHING] * 3  # it was not a number
-    assert "17 of 18 published ones are 1 - 0.571 · (1 - accuracy)" in markdown(objects)
+    assert auc[14][1:] == ["simulated, by trial: of decisions", decided, NO_NUMBER, NO_NUMBER]
+    assert auc[15][2:] == [NO_NUMBER] * 3  # it was not a number
+    assert "17 of 18 published areas are 1 - 0.571 · (1 - accuracy)" in markdown(objects)
     f1 = rows_of(markdown(objects), "F1 score in %, with joint angles")
     assert [row[1] for row in f1[2:4]] == ["simulated, by trial", "simulated, by frame"]
     costs = rows_of(markdown(objects), "Cost of the models")
@@ -181,7 +181,7 @@ def test_rank_correlation_with_the_published_accuracies():
         if shown is None:
             assert "Rank correlation" not in page
         else:
-            assert f"none in common: {shown} over 5 models (by trial)." in page
+            assert f"no relation: {shown} over 5 models (by trial)." in page
         del entries["x_tac", "trial", 0]
         assert "Rank correlation" not in markdown(run("p2-table2", entries, seeds=1))
 
@@ -206,8 +206,8 @@ def test_property_table_counts_labels_two_ways():
     gcn = next(i for i, row in enumerate(rows) if row[0] == "GCN")
     assert "batches of 32 or 128" in page  # fewer steps of the FNNs
     assert rows[gcn][2] == "79.47"
-    assert rows[gcn + 1][1:4] == ["simulated, by trial: all labels right", "25.0", NOTHING]
-    assert rows[gcn + 2][1:4] == ["simulated, by trial: mean of the labels", "50.0", NOTHING]
+    assert rows[gcn + 1][1:4] == ["simulated, by trial: all labels right", "25.0", NO_NUMBER]
+    assert rows[gcn + 2][1:4] == ["simulated, by trial: mean of the labels", "50.0", NO_NUMBER]
     assert rows[2][:5] == ["FNN", "published, real hand, private data", "73.52", "", "75.44"]
     numbers = {n.metric: n.mean for n in table_numbers(run("p1-table2", {}))}
     assert numbers == {"accuracy": pytest.approx(85.57)}  # of the last cell
@@ -223,10 +223,15 @@ def test_memory_table_has_ratios():
     page = markdown(run("p2-table4", entries))
     memory = rows_of(page, "Peak memory in MB, with joint angles")
     assert memory[2][2:] == ["1,531", "1,537", "1,488"]
-    assert memory[3][1:] == ["simulated, resident memory of the process", "124", NOTHING, NOTHING]
+    assert memory[3][1:] == [
+        "simulated, resident memory of the process",
+        "124",
+        NO_NUMBER,
+        NO_NUMBER,
+    ]
     assert memory[7][2] == "62 ± 3"
     ratio = rows_of(page, "Memory relative to X, with joint angles")
-    assert [row[2] for row in ratio[2:]] == ["1.00", "1.00", "0.49", NOTHING, "0.46", "0.50"]
+    assert [row[2] for row in ratio[2:]] == ["1.00", "1.00", "0.49", NO_NUMBER, "0.46", "0.50"]
 
 
 def test_csv_by_hand(objects):
@@ -302,7 +307,7 @@ def test_pictures_are_drawn_of_all_kinds(name, tmp_path):
     }
     paths = write_table(run(name, entries), tmp_path)
     assert paths[2].stat().st_size > 20_000
-    assert NOTHING not in paths[0].read_text()
+    assert NO_NUMBER not in paths[0].read_text()
 
 
 def with_data(whole, of_cell, **of_table):

@@ -13,7 +13,7 @@ from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.nn.models import MTGCN
 from torch_geometric_tactile.predictor import Predictor
-from torch_geometric_tactile.reports import _analysis_sections as analysis_sections
+from torch_geometric_tactile.reports import _analysis
 from torch_geometric_tactile.reports._analysis import analyze
 from torch_geometric_tactile.sensors import TaxelLayout
 
@@ -76,12 +76,12 @@ def subject(task="multilabel", inputs=("tactile", "edge")):
 
 @pytest.fixture
 def only_tsne(monkeypatch):
-    monkeypatch.setattr(analysis_sections, "_PLACES", (("tsne", 2),))
+    monkeypatch.setattr(_analysis, "_EMBEDDINGS", (("tsne", 2),))
 
 
 @pytest.fixture
 def no_pictures(only_tsne, monkeypatch):
-    monkeypatch.setattr(analysis_sections, "save_figure", lambda figure, path: None)
+    monkeypatch.setattr(_analysis, "save_figure", lambda figure, path: None)
 
 
 @pytest.mark.parametrize("task", ["multilabel", "multiclass"])
@@ -140,7 +140,7 @@ def test_bad_input_is_named(tmp_path, capsys):
     assert "there is no predictor or checkpoint" in capsys.readouterr().err
     subject()[0].save(tmp_path / "a.predictor")
     assert main(["analyze", str(tmp_path / "a.predictor"), "--out", str(tmp_path)]) == 1
-    assert "give it with '--config'" in capsys.readouterr().err
+    assert "pass it with '--config'" in capsys.readouterr().err
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -159,8 +159,8 @@ def test_command_reads_the_run_of_a_checkpoint(tmp_path, monkeypatch, capsys):
     assert "`last.ckpt`, after 2 epochs" in text
     model = "GraspGCN(24, 2, in_channels=1, hidden_channels=64, num_fingers=3, fusion='data')"
     assert f"`{model}`" in text
-    assert "does not say; split by trial, split seed 0" in text
-    assert "the layout is of another sensor" in text
+    assert "measured or generated; split by trial, split seed 0" in text
+    assert "the layout is not that of the Allegro hand" in text
 
     # The same from a file that needs no checkpoint.
     assert main(["predict", checkpoint, "--save", "grasp.predictor"]) == 0

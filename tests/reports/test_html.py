@@ -83,13 +83,13 @@ def test_report_refuses_bad_input_and_keeps_the_old_page(tmp_path):
     path = tmp_path / "r.html"
     before = write(path)
     (tmp_path / "text.png").write_text("no picture")
-    with pytest.raises(ValueError, match="'notice' must say which data was used"):
+    with pytest.raises(ValueError, match="'notice' must describe the data"):
         write(path, notice=" ")
     with pytest.raises(ValueError, match="'rows' of table 'Scores' must have 2 cells"):
         write(path, tables=[TABLE._replace(rows=[["GCN"]])])
     with pytest.raises(ValueError, match="must be a PNG file"):
         write(path, pictures=[ReportPicture(tmp_path / "text.png", "", "")])
-    with pytest.raises(FileNotFoundError, match=r"no picture at '.*none\.png'"):
+    with pytest.raises(FileNotFoundError, match=r"there is no picture '.*none\.png'"):
         write(path, pictures=[ReportPicture(tmp_path / "none.png", "", "")])
     assert path.read_text() == before
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["r.html", "text.png"]

@@ -122,8 +122,8 @@ def test_checkpoint_is_loaded(checkpoint):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"state_dict": None}, "is no checkpoint: it must hold 'state_dict'"),
-        ({"state_dict": [1]}, "is no checkpoint: it must hold 'state_dict'"),
+        ({"state_dict": None}, "is not a checkpoint: it must hold 'state_dict'"),
+        ({"state_dict": [1]}, "is not a checkpoint: it must hold 'state_dict'"),
         ({"state_dict": {}}, "RuntimeError: .*Missing key"),
         ({"state_dict": {"model.weight": 3}}, "no TactileModule can be built from"),
         ({"state_dict": {"model.weight": torch.zeros(3)}}, "no TactileModule can be built from"),
@@ -140,7 +140,7 @@ def test_checkpoint_with_other_contents_names_the_file(checkpoint, change, messa
     with pytest.raises(ValueError, match=rf"(?s)a\.ckpt'.*{message}|{message}.*a\.ckpt"):
         TactileModule.load_from_checkpoint(path)
     torch.save([content], path)
-    with pytest.raises(ValueError, match=r"a\.ckpt' is no checkpoint"):
+    with pytest.raises(ValueError, match=r"a\.ckpt' is not a checkpoint"):
         TactileModule.load_from_checkpoint(path)
 
 

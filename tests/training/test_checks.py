@@ -74,11 +74,11 @@ def test_labels_that_are_no_classes(labelled, y, match):
     [
         (torch.zeros(4), "multilabel", r"must have shape \(S, C\) .*got \(4,\).*'multiclass'"),
         (torch.full((4, 2), 0.5), "multilabel", r"must be 0 or 1 .*got 0.5 to 0.5.*'regression'"),
-        (torch.zeros(4, 2), "multilabel", r"must have 3 numbers a sample.*\(got 2\)"),
+        (torch.zeros(4, 2), "multilabel", r"must have 3 numbers per sample.*\(got 2\)"),
         (torch.zeros(4).long(), "regression", r"floating-point .*got torch.int64.*y.float\(\)"),
         (torch.tensor([0.0, torch.nan]), "regression", r"'y' of 'part' must be finite"),
         (torch.zeros(4, 2, 2), "regression", r"must have shape \(S,\) or \(S, C\)"),
-        (torch.zeros(4), "regression", r"must have 3 numbers a sample.*\(got 1\)"),
+        (torch.zeros(4), "regression", r"must have 3 numbers per sample.*\(got 1\)"),
     ],
 )
 def test_labels_that_do_not_fit_their_task(y, task, match):
@@ -102,7 +102,7 @@ def test_wrong_number_of_outputs_is_found_before_training(labelled):
 
 def test_missing_attribute_is_found_before_training(labelled):
     dataset = changed(labelled("multiclass"), joint=None)
-    with pytest.raises(ValueError, match=r"the model needs 'joint' .*: take a data set with joint"):
+    with pytest.raises(ValueError, match=r"the model needs 'joint' .*: use a data set with joint"):
         fit(TactileModule(Linear()), TactileDataModule(dataset))
 
 
@@ -264,7 +264,7 @@ class Normed(torch.nn.Module):
 def test_norm_that_mixes_samples_is_noticed(labelled, norm):
     data = TactileDataModule(labelled("multiclass"), val=0.2)
     module = TactileModule(Normed(norm), num_classes=3)
-    match = rf"'model.norm', PyG's {type(norm).__name__}, takes all samples .*mode='node'"
+    match = rf"'model.norm', PyG's {type(norm).__name__}, treats all samples .*mode='node'"
     with pytest.warns(UserWarning, match=match):
         fit(module, data, max_steps=1)
     assert not module.model.norm._forward_pre_hooks
@@ -276,4 +276,4 @@ def test_norm_that_keeps_samples_apart_is_not_warned_of(labelled, model):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         fit(TactileModule(model, num_classes=3), data, max_steps=1)
-    assert not [str(one.message) for one in caught if "takes all samples" in str(one.message)]
+    assert not [str(one.message) for one in caught if "treats all samples" in str(one.message)]

@@ -4,7 +4,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.nn.models import TaxelNet
 from torch_geometric_tactile.papers import load_table
-from torch_geometric_tactile.papers._grasp_twin import TaxelNetWithoutEdges
+from torch_geometric_tactile.papers._taxel_net_without_edges import TaxelNetWithoutEdges
 from torch_geometric_tactile.training import classifier_from_config
 from torch_geometric_tactile.training._lightning_cli import resolve_config_names
 from torch_geometric_tactile.training.config import config_names, find_config, load_config
@@ -33,12 +33,12 @@ def test_taxel_nets_differ_in_their_readings_only():
     assert isinstance(classifier_from_config(raw["model"]).model, TaxelNet)
 
 
-def test_twin_differs_in_its_class_only():
-    net, twin = (load_config(name) for name in ("grasp_common_mode", "grasp_no_edges"))
+def test_network_without_edges_differs_in_its_class_only():
+    net, without_edges = (load_config(name) for name in ("grasp_common_mode", "grasp_no_edges"))
     assert net["model"]["model"].pop("class_path").endswith(".TaxelNet")
-    class_path = twin["model"]["model"].pop("class_path")
+    class_path = without_edges["model"]["model"].pop("class_path")
     assert class_path == f"{TaxelNetWithoutEdges.__module__}.TaxelNetWithoutEdges"
-    assert twin == net
+    assert without_edges == net
 
 
 def test_gcn_sees_the_readings_of_the_taxel_net():

@@ -114,7 +114,7 @@ def test_augmentation_is_for_training_batches_only(labelled):
 
 
 def test_augmentation_is_not_fitted(labelled):
-    match = r"'train_transform' must have no parts that are fitted \(got ZScore\); put them into"
+    match = r"'train_transform' must not have fitted parts \(got ZScore\); put them into"
     with pytest.raises(ValueError, match=match):
         TactileDataModule(labelled(), train_transform=Compose([DropTaxels(), ZScore()]))
 
@@ -196,7 +196,7 @@ def test_no_validation_part_gives_no_validation_batches():
 def test_bad_arguments_are_named():
     with pytest.raises(ValueError, match=r"'split' must be one of .* \(got 'object'\)"):
         TactileDataModule(fake(), split="object")
-    with pytest.raises(ValueError, match="'test' must be 0 where 'test_dataset' is given"):
+    with pytest.raises(ValueError, match="'test' must be 0 if 'test_dataset' is given"):
         TactileDataModule(fake(), fake("test"), test=0.1)
     with pytest.raises(ValueError, match="'test_dataset' must have the layout 'biotac_sp'"):
         TactileDataModule(fake(), fake("test", layout=biotac()))
@@ -259,7 +259,7 @@ def test_sessions_without_names_are_numbered(labelled):
 
 
 def test_bad_validation_parts_are_named(labelled):
-    with pytest.raises(ValueError, match=r"'val' must be 0 where 'val_dataset' is given \(got 0"):
+    with pytest.raises(ValueError, match=r"'val' must be 0 if 'val_dataset' is given \(got 0"):
         TactileDataModule(labelled(), val=0.1, val_dataset=labelled())
     with pytest.raises(ValueError, match=r"'val_dataset' must have the layout .*got 'biotac_sp'"):
         TactileDataModule(labelled(), val_dataset=fake())

@@ -21,9 +21,9 @@ from torch_geometric_tactile.training import (
     TactileModule,
     classifier_from_config,
 )
-from torch_geometric_tactile.training._checkpointed_module import fitted_names
 from torch_geometric_tactile.training._finite import BatchCheck, model_inputs
 from torch_geometric_tactile.training._predictions import collect_predictions
+from torch_geometric_tactile.training.module import fitted_names
 from torch_geometric_tactile.transforms import DropTaxels, FillMissing, ZScore
 
 SPLIT = Split(torch.arange(36), torch.arange(36, 48), torch.arange(48, 60))
@@ -120,8 +120,8 @@ def test_only_samples_with_missing_numbers_are_read_twice(labelled, monkeypatch)
 
 
 def test_of_a_large_part_some_samples_are_looked_at(labelled, monkeypatch):
-    monkeypatch.setattr("torch_geometric_tactile.training._finite._LOOKED_AT", 100)
-    monkeypatch.setattr("torch_geometric_tactile.training._finite._SPREAD", 3)
+    monkeypatch.setattr("torch_geometric_tactile.training._finite._MAX_FULL_CHECK_BYTES", 100)
+    monkeypatch.setattr("torch_geometric_tactile.training._finite._NUM_PROBE_SAMPLES", 3)
     model = Net()
     with pytest.raises(ValueError, match=r"of the train part .*in 1 sample: 35 of trial 5"):
         trainer().fit(TactileModule(model), holed(labelled, [1, 35]))
@@ -165,7 +165,7 @@ def test_weights_that_are_not_finite_are_named(labelled):
 def test_loss_without_a_cause_in_the_model(labelled):
     data = holed(labelled, [])
     module = TactileModule(Net(), class_weights=[0.0, 0.0, 0.0])
-    with pytest.raises(ValueError, match=r"got nan from 12 samples.*outputs are finite: look at"):
+    with pytest.raises(ValueError, match=r"got nan from 12 samples.*outputs are finite: check"):
         trainer(limit_val_batches=0).fit(module, data)
 
 
@@ -284,7 +284,7 @@ def test_bare_model_of_scaled_data_warns(labelled, tmp_path, transform):
             TactileModule.load_from_checkpoint(path, weights_only=True)
         return
     assert names == ["ZScore"]
-    with pytest.warns(UserWarning, match=r"that ZScore transformed, .*Predictor.from_checkpoint"):
+    with pytest.warns(UserWarning, match=r"transformed by ZScore, .*Predictor.from_checkpoint"):
         bare = TactileModule.load_from_checkpoint(path, weights_only=True).eval()
     with warnings.catch_warnings():  # a trainer restores the scaling
         warnings.filterwarnings("error", message="this model was trained on readings")

@@ -177,8 +177,9 @@ def test_own_model_is_not_built_from_the_configuration_beside(run, tmp_path, pla
     for verb in (["predict", path, run], ["export", path, tmp_path / "a.onnx"], ["predict", path]):
         assert main([str(word) for word in verb]) == 1
         error = capsys.readouterr().err
-        assert "which is not built by name: give the configuration of '--config FILE'" in error or (
-            "needs the extra" in error
+        assert (
+            "which is not built by name; pass its configuration with '--config FILE'" in error
+            or ("needs the extra" in error)
         )
     assert not mark.exists()
 
@@ -230,7 +231,7 @@ def test_every_shipped_data_section_is_a_plain_description(monkeypatch, tmp_path
     monkeypatch.setattr(training, "TactileDataModule", Noted)
     names = [*config_names(), *(f"{t}/{e}" for t in TEMPLATES for e in expand_template(t))]
     for name in names:
-        run_data._described_data(load_config(name)["data"], Path(name), tmp_path)
+        run_data._data_from_description(load_config(name)["data"], Path(name), tmp_path)
         assert "class_path" not in repr(seen[-1])
     assert len(seen) == len(names) > 50
 
@@ -245,7 +246,7 @@ def test_own_model_needs_a_configuration_that_is_given(run, tmp_path, monkeypatc
     settings["model"]["model"] = {"class_path": "my_nets.OwnNet"}
     path = beside(run, tmp_path, settings, own=True)
     assert main(["predict", str(path)]) == 1
-    assert "give the configuration of '--config FILE'" in capsys.readouterr().err
+    assert "pass its configuration with '--config FILE'" in capsys.readouterr().err
     assert main(["predict", str(path), "--config", "config.yaml"]) == 0
 
 
@@ -271,7 +272,7 @@ def test_other_model_in_the_checkpoint_is_an_error(run, tmp_path, monkeypatch, c
     config["trainer"]["logger"] = False
     Path("a.yaml").write_text(yaml.safe_dump(config))
     assert main(["test", "--config", "a.yaml", "--ckpt_path", str(run)]) == 0
-    assert "taken from the configuration instead of" in caplog.text
+    assert "using settings of the configuration instead of" in caplog.text
     assert "'model.optimizer.init_args.lr' is 0.25, in the checkpoint 0.001" in caplog.text
     config["model"]["model"]["init_args"]["hidden_channels"] = 5
     Path("a.yaml").write_text(yaml.safe_dump(config))

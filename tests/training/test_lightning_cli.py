@@ -11,8 +11,11 @@ from fake_configs import fake_config, fake_dataset
 from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.training._given_arguments import GivenArguments
-from torch_geometric_tactile.training._lightning_cli import TactileCLI, fit_summary
+from torch_geometric_tactile.training._lightning_cli import (
+    TactileCLI,
+    UnparsedArguments,
+    fit_summary,
+)
 
 CONFIG = fake_config("TactileGCN", 60, val=0.2, split="group")
 
@@ -96,21 +99,21 @@ def test_configuration_without_its_data_is_printed_without_sizes(capsys):
 
 def test_arguments_are_sorted_by_section():
     args = "fit --data.val 0.2 --model.model=A --data.test=0 --trainer.devices 1"
-    given = GivenArguments.read(args.split())
-    assert given.of("data") == ["--data.val=0.2", "--data.test=0"]
-    assert given.last("model.model", "model.model.class_path") == "A"
-    assert given.last("data.val") == "0.2"
-    assert given.last("seed_everything") is None
-    assert not given.only_informs
-    assert GivenArguments.read(["fit", "--model.help", "A"]).only_informs
+    arguments = UnparsedArguments.read(args.split())
+    assert arguments.section_arguments("data") == ["--data.val=0.2", "--data.test=0"]
+    assert arguments.last_value("model.model", "model.model.class_path") == "A"
+    assert arguments.last_value("data.val") == "0.2"
+    assert arguments.last_value("seed_everything") is None
+    assert not arguments.only_prints
+    assert UnparsedArguments.read(["fit", "--model.help", "A"]).only_prints
 
 
 def test_files_that_are_no_configuration(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"there is no configuration 'none\.yaml'"):
-        GivenArguments.read(["--config", "none.yaml"])
+        UnparsedArguments.read(["--config", "none.yaml"])
     (tmp_path / "list.yaml").write_text("[1, 2]")
     with pytest.raises(ValueError, match=r"must be a mapping with the keys data, .*\(got list\)"):
-        GivenArguments.read(["--config", str(tmp_path / "list.yaml")])
+        UnparsedArguments.read(["--config", str(tmp_path / "list.yaml")])
 
 
 def test_summary_tells_what_comes_next(config):
@@ -129,7 +132,7 @@ def test_summary_without_parts(config):
     text = fit_summary(cli.trainer, cli.trainer.log_dir)
     assert "there is no validation part" in text
     assert "train/loss" in text
-    assert "There is no test part: give 'data.test_dataset', or a 'data.test' above 0." in text
+    assert "There is no test part: set 'data.test_dataset', or 'data.test' above 0." in text
 
 
 def test_summary_names_the_best_checkpoint(config):

@@ -144,7 +144,7 @@ def test_missing_numbers_are_named_by_their_samples(key):
 
 @pytest.mark.filterwarnings("ignore")
 def test_what_cannot_be_trained_on_different_sensors():
-    match = r"'model' must be called with .*forward\(x, edge_index, batch\), .* 30 to 60 taxels .*"
+    match = r"'model' must accept .*forward\(x, edge_index, batch\), .* 30 to 60 taxels .*"
     with pytest.raises(ValueError, match=rf"{match}OneLayer, without 'batch'"):
         trainer(fast_dev_run=True).fit(module(OneLayer(2, 30, 2)), parts())
     with pytest.raises(ValueError, match="on samples of the same taxels, unless with per"):
@@ -171,17 +171,17 @@ def test_other_tasks(task, y):
     model = Attention(2, 1 if task == "regression" else 3)
     data = parts(samples)
     trainer(fast_dev_run=True).fit(TactileModule(model, task=task), data)
-    assert DataSizes.of(data, task).num_outputs == (1 if task == "regression" else 3)
+    assert DataSizes.from_data(data, task).num_outputs == (1 if task == "regression" else 3)
 
 
 def test_sizes_of_different_sensors():
     data = parts(gloves())
-    sizes = DataSizes.of(data)
+    sizes = DataSizes.from_data(data)
     assert (sizes.layout, sizes.in_channels, sizes.num_outputs, sizes.num_edges) == (None, 2, 2, 0)
     model = classifier_from_config({"model": "own_models.Attention"}, data).model
     assert model.conv1.in_channels == 2
     match = (
-        r"Ring must be a model of any sensor, with forward\(x, edge_index, batch\) and without 'l"
+        r"Ring must be a model for any sensor, with forward\(x, edge_index, batch\) and without 'l"
     )
     with pytest.raises(ValueError, match=match):
         fill_sizes({"model": "own_models.Ring"}, data)

@@ -87,7 +87,7 @@ def test_checkpoint_of_another_layout_is_refused(tmp_path):
 def test_checkpoint_of_another_transform_is_refused(tmp_path):
     _, _, path = trained(tmp_path)
     data = TactileDataModule(fake(), fake("test"), batch_size=32)
-    with pytest.raises(ValueError, match=r"must be of 0 fitted transforms.*got 1"):
+    with pytest.raises(ValueError, match=r"must have 0 fitted transforms.*got 1"):
         trainer(tmp_path).test(classifier_from_config(CONFIG), data, ckpt_path=path)
 
 

@@ -76,7 +76,7 @@ def test_one_sample_has_no_r2():
     ("prediction", "y"), [((3,), (4,)), ((3, 2), (3,)), ((0,), (0,)), ((2, 2, 2), (2, 2, 2))]
 )
 def test_shapes_must_fit(prediction, y):
-    with pytest.raises(ValueError, match=r"'prediction' and 'y' must have one shape"):
+    with pytest.raises(ValueError, match=r"'prediction' and 'y' must have the same shape"):
         regression_metrics(torch.zeros(prediction), torch.zeros(y))
 
 

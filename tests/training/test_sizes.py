@@ -98,8 +98,8 @@ def test_sizes_are_those_after_all_transforms(labelled):
     steps = Compose([Posed(), ZScore(attr="pos"), GeometricEdgeAttr()])
     bare = labelled("multiclass")
     del bare._data.edge_attr
-    assert DataSizes.of(TactileDataModule(bare)).channels == {"tactile": 2}
-    sizes = DataSizes.of(TactileDataModule(bare, transform=steps))
+    assert DataSizes.from_data(TactileDataModule(bare)).channels == {"tactile": 2}
+    sizes = DataSizes.from_data(TactileDataModule(bare, transform=steps))
     assert (sizes.num_edges, sizes.channels) == (8, {"tactile": 2, "edge": 4, "position": 3})
 
 

@@ -96,7 +96,9 @@ def test_metrics_with_threshold():
     assert classification_metrics(score, y)["accuracy"] == 0.5
     values = classification_metrics(score, y, threshold=0.2)
     assert values["accuracy"] == values["recall_positive"] == values["precision_positive"] == 1.0
-    with pytest.raises(ValueError, match=r"'threshold' must be None unless of two classes \(got 3"):
+    with pytest.raises(
+        ValueError, match=r"'threshold' must be None unless there are 2 classes \(got 3"
+    ):
         classification_metrics(torch.rand(2, 3), y, threshold=0.2)
 
 

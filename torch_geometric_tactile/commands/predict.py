@@ -198,8 +198,8 @@ def run(arguments: argparse.Namespace) -> int:
         data = run_data.load_data(arguments.model, arguments.config, arguments.root)
         samples = run_data.test_part(data, predictor)
         count = predictions.write_samples(predictor, samples, arguments.out)
-    of_windows = predictor.window is not None
-    print(printable(predictions.describe_counts(count, arguments.out, of_windows)), flush=True)
+    has_windows = predictor.window is not None
+    print(printable(predictions.describe_counts(count, arguments.out, has_windows)), flush=True)
     if pictures is not None:
         _draw(pictures)
     elif has_pictures:

@@ -194,12 +194,12 @@ def run(arguments: argparse.Namespace) -> int:
     given = {name: getattr(arguments, name) for name in (*_SHARED, *own)}
     finished = start(arguments.out, **given)
     print(printable(finished.describe()), flush=True)
-    if finished.given_up:
-        print(f"tactile: error: {finished.describe_given_up()}", file=sys.stderr, flush=True)
-    if arguments.preview and len(finished.given_up) < len(finished.reports):
+    if finished.failures:
+        print(f"tactile: error: {finished.describe_failures()}", file=sys.stderr, flush=True)
+    if arguments.preview and len(finished.failures) < len(finished.reports):
         for path in finished.draw_preview():
             print(printable(f"drew {path}"))
-    return 1 if finished.given_up else 0
+    return 1 if finished.failures else 0
 
 
 def _check_left_out(arguments: argparse.Namespace) -> None:

@@ -1,4 +1,4 @@
-r"""What a table of ours is made of."""
+r"""The caption of a table: data, protocols, training and hardware."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,66 +8,72 @@ from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.source import DataSource
 
-NOTHING = "\N{EN DASH}"
+NO_NUMBER = "\N{EN DASH}"  # in cells without a number
 
 
 def caption(run: PlanRun) -> str:
-    r"""Returns what a table is made of: source, protocols, seeds, epochs, samples and hardware."""
+    r"""Returns the caption: data source, protocols, seeds, epochs, samples and hardware."""
     plan, results = run.plan, [result for _, result in run.results]
     table = plan.table
     seeds = "0" if plan.seeds == 1 else f"0 to {plan.seeds - 1}"
-    over = "folds" if plan.seeds == 1 and any(e.fold for e in plan.experiments) else "seeds"
-    parts = []
+    averaged_over = (
+        "folds"
+        if plan.seeds == 1 and any(experiment.fold for experiment in plan.experiments)
+        else "seeds"
+    )
+    sentences = []
     if table.is_published:
-        parts.append(
+        sentences.append(
             f"Published: {table.place} of *{table.paper}*, measured on a {table.measured_on}; its "
             f"recordings are {table.recordings}."
         )
-    parts += [
-        f"Our results have separate lines: {plan.data.caption}" if parts else plan.data.caption,
+    sentences += [
+        f"Our results have separate lines: {plan.data.caption}" if sentences else plan.data.caption,
         f"Seed{'' if plan.seeds == 1 else 's'} {seeds} of split and training; mean ± standard "
-        f"deviation over the {over}.",
+        f"deviation over the {averaged_over}.",
         _protocols(plan),
         f"{_parts(plan)}{_training(plan)}",
         _samples(run),
         f"Hardware: {'; '.join(sorted({result['machine'] for result in results})) or 'none yet'}.",
     ]
-    versions = {pair for e, _ in run.results for pair in e.identity()["versions"].items()}
+    versions = {
+        pair for experiment, _ in run.results for pair in experiment.identity()["versions"].items()
+    }
     if versions:
-        parts.append(", ".join(f"{name} {version}" for name, version in sorted(versions)) + ".")
+        sentences.append(", ".join(f"{name} {version}" for name, version in sorted(versions)) + ".")
     if run.missing:
-        total = run.missing + len(results)
-        parts.append(
-            f"**{run.missing} of {total} runs are missing** ({NOTHING} where all are, and in "
+        num_runs = run.missing + len(results)
+        sentences.append(
+            f"**{run.missing} of {num_runs} runs are missing** ({NO_NUMBER} where all are, and in "
             "brackets the number of seeds where some are)."
         )
-    return " ".join(part for part in parts if part)
+    return " ".join(sentence for sentence in sentences if sentence)
 
 
 def _protocols(plan: Plan) -> str:
     notes = [
-        f"*{entry.name if i else _capital(entry.name)}* {entry.note}"
+        f"*{entry.name if i else _capitalize(entry.name)}* {entry.note}"
         for i, entry in enumerate(entry for entry in plan.protocols if entry.note)
     ]
     if not notes:
         return ""
-    said = "; ".join(notes) + "."
+    text = "; ".join(notes) + "."
     if plan.table.paper_protocol:
-        return f"{said} The paper used *{plan.table.paper_protocol}*."
-    is_unsaid = plan.table.is_published and sum(bool(p.note) for p in plan.table.protocols) > 1
-    return f"{said} The paper does not say which it used." if is_unsaid else said
+        return f"{text} The paper used *{plan.table.paper_protocol}*."
+    is_unknown = plan.table.is_published and sum(bool(p.note) for p in plan.table.protocols) > 1
+    return f"{text} The paper does not say which it used." if is_unknown else text
 
 
 def _parts(plan: Plan) -> str:
-    # How much is held out: fractions in one sentence if they are the same, else each protocol.
+    # The held-out parts: one sentence if all protocols have the same fractions, else a list.
     fractions = {(entry.protocol.val, entry.protocol.test) for entry in plan.protocols}
     if len(fractions) == 1 and plan.protocols[0].protocol.test is not None:
         ((val, test),) = fractions
         assert val is not None
         assert test is not None
-        shown = [f"{100 * part:.0f} %" for part in (1 - val - test, val, test)]
-        unused = f", {shown[1]} unused (for validation)" if val else ""
-        return f"{shown[0]} to train{unused}, {shown[2]} to test, once, "
+        percents = [f"{100 * part:.0f} %" for part in (1 - val - test, val, test)]
+        unused = f", {percents[1]} unused (for validation)" if val else ""
+        return f"{percents[0]} to train{unused}, {percents[2]} to test, once, "
     held_out = "; ".join(
         f"{entry.name}: {entry.protocol.describe()}"
         + (", pooled before they are scored" if entry.protocol.folds else "")
@@ -77,22 +83,32 @@ def _parts(plan: Plan) -> str:
 
 
 def _training(plan: Plan) -> str:
-    networks = [e for e in map(plan.of_cell, plan.table.cells) if not e.is_estimator]
+    networks = [
+        experiment
+        for experiment in map(plan.of_cell, plan.table.cells)
+        if not experiment.is_estimator
+    ]
     if not networks:
         return "after the training (nothing was chosen by the test part)."
-    recipes = dict.fromkeys((_optimizer(e), e.epochs, e.batch_size) for e in networks)
-    learnt = dict.fromkeys(how for how, _, _ in recipes)
-    if len(learnt) > 1:  # each model has its own
-        told = " or ".join(f"{_epochs([n])} ({how}, batches of {b})" for how, n, b in recipes)
-        return f"after {told}; nothing was chosen by the test part."
-    sizes = " or ".join(map(str, sorted({b for _, _, b in recipes})))
+    recipes = dict.fromkeys(
+        (_optimizer(experiment), experiment.epochs, experiment.batch_size)
+        for experiment in networks
+    )
+    optimizers = dict.fromkeys(optimizer for optimizer, _, _ in recipes)
+    if len(optimizers) > 1:  # models with different optimizers
+        alternatives = " or ".join(
+            f"{_epochs_text([epochs])} ({optimizer}, batches of {batch_size})"
+            for optimizer, epochs, batch_size in recipes
+        )
+        return f"after {alternatives}; nothing was chosen by the test part."
+    sizes = " or ".join(map(str, sorted({batch_size for _, _, batch_size in recipes})))
     return (
-        f"after {_epochs([n for _, n, _ in recipes])} ({next(iter(learnt))}, batches of {sizes}; "
-        "nothing was chosen by the test part)."
+        f"after {_epochs_text([epochs for _, epochs, _ in recipes])} ({next(iter(optimizers))}, "
+        f"batches of {sizes}; nothing was chosen by the test part)."
     )
 
 
-def _epochs(numbers: Sequence[int]) -> str:
+def _epochs_text(numbers: Sequence[int]) -> str:
     text = " or ".join(map(str, sorted(set(numbers))))
     return f"{text} epoch{'' if text == '1' else 's'}"
 
@@ -102,88 +118,96 @@ def _optimizer(experiment: Experiment) -> str:
     name = config if isinstance(config, str) else "Adam"
     if isinstance(config, dict) and "class_path" in config:
         name, rate = config["class_path"], (config.get("init_args") or {}).get("lr")
-    return _last(name) + ("" if rate is None else f", learning rate {rate:g}")
+    return _class_name(name) + ("" if rate is None else f", learning rate {rate:g}")
 
 
-def _last(class_path: str) -> str:
+def _class_name(class_path: str) -> str:
     return class_path.rpartition(".")[2]
 
 
 def _samples(run: PlanRun) -> str:
-    # The samples of the table, and those of models and protocols with other ones.
+    # The samples of the table, then those of models and protocols that use other samples.
     plan, facts = run.plan, run.plan.facts
     noun = "frame" if 0 < facts.num_trials < facts.num_samples else "sample"
-    of_table = _selected(plan.data, noun)
-    selected = {(e.name, e.protocol_name): _selected(e.data, noun) for e in plan.experiments}
+    table_selection = _selection_text(plan.data, noun)
+    selected = {
+        (experiment.name, experiment.protocol_name): _selection_text(experiment.data, noun)
+        for experiment in plan.experiments
+    }
     sentences = []
-    for text in dict.fromkeys([of_table, *selected.values()]):
+    for text in dict.fromkeys([table_selection, *selected.values()]):
         if text not in selected.values():
             continue
         counts = []
         for name in (protocol.name for protocol in plan.protocols):
-            mine = [
+            results = [
                 result
-                for e, result in run.results
-                if e.protocol_name == name and _selected(e.data, noun) == text
+                for experiment, result in run.results
+                if experiment.protocol_name == name
+                and _selection_text(experiment.data, noun) == text
             ]
-            if mine:
-                train, test = (_range([r[key] for r in mine]) for key in ("num_train", "num_test"))
-                where = name if name.startswith("by ") else f"({name})"
-                counts.append(f"{train} to train and {test} to test {where}")
-        if text == of_table:
+            if results:
+                train, test = (
+                    _format_range([r[key] for r in results]) for key in ("num_train", "num_test")
+                )
+                protocol_label = name if name.startswith("by ") else f"({name})"
+                counts.append(f"{train} to train and {test} to test {protocol_label}")
+        if text == table_selection:
             sentences.append("; ".join([f"{text}: {facts.num_samples:,} in all", *counts]))
         else:
-            names = dict.fromkeys(name for (name, _), told in selected.items() if told == text)
-            listed = "" if len(names) == len(plan.table.cells) else f" for {', '.join(names)}"
-            told = f": {'; '.join(counts)}" if counts else ""
-            sentences.append(f"{text}{listed}{told}")
-    return f"{'. '.join(sentences)}.{_rest(plan.data.arguments.get('tare'))}"
+            names = dict.fromkeys(
+                name for (name, _), selection in selected.items() if selection == text
+            )
+            models = "" if len(names) == len(plan.table.cells) else f" for {', '.join(names)}"
+            counts_text = f": {'; '.join(counts)}" if counts else ""
+            sentences.append(f"{text}{models}{counts_text}")
+    return f"{'. '.join(sentences)}.{_tare_sentence(plan.data.arguments.get('tare'))}"
 
 
-def _selected(source: DataSource, noun: str) -> str:
-    # Which samples a source has: by its arguments, or by those of the frames that it shows.
-    given: dict[str, Any] = {}
+def _selection_text(source: DataSource, noun: str) -> str:
+    # The selection of samples by the arguments of a source and of the frames that it is cut from.
+    settings: dict[str, Any] = {}
     shown: DataSource | None = source
     while shown is not None:
-        given = {**shown.arguments, **given}
+        settings = {**shown.arguments, **settings}  # outer arguments take precedence
         shown = shown.frames
-    given |= source.selection
-    stride, phases = given.get("stride") or 1, given.get("phases")
-    every = f"Every {noun}" if stride == 1 else f"Every {_ordinal(stride)} {noun}"
-    rate, drawn = given.get("rate"), given.get("samples_per_trial")
+    settings |= source.selection
+    stride, phases = settings.get("stride") or 1, settings.get("phases")
+    text = f"Every {noun}" if stride == 1 else f"Every {_ordinal(stride)} {noun}"
+    rate, num_drawn = settings.get("rate"), settings.get("samples_per_trial")
     if rate is not None:
-        every += f" at {rate:g} Hz"
-    if drawn is not None:
-        every = f"{drawn} of each trial, drawn from {every[0].lower()}{every[1:]}"
-    return every if phases is None else f"{every} of the phases {', '.join(phases)}"
+        text += f" at {rate:g} Hz"
+    if num_drawn is not None:
+        text = f"{num_drawn} of each trial, drawn from {text[0].lower()}{text[1:]}"
+    return text if phases is None else f"{text} of the phases {', '.join(phases)}"
 
 
 def _ordinal(number: int) -> str:
-    last = 0 if number // 10 % 10 == 1 else number % 10  # 11th
+    last = 0 if number // 10 % 10 == 1 else number % 10  # 11th, 12th, 13th
     suffixes = ("th", "st", "nd", "rd")
     return f"{number}{suffixes[last] if last < len(suffixes) else 'th'}"
 
 
-def _rest(tare: float | str | None) -> str:
+def _tare_sentence(tare: float | str | None) -> str:
     if tare is None:
         return ""
-    if tare == "baseline":  # one recording for all trials, or so a phase is called
+    if tare == "baseline":  # the name of a phase, or one recording for all trials
         return " The mean of the baseline readings is subtracted."
-    rest = f"in the phase {tare}" if isinstance(tare, str) else f"in its first {tare:g} s"
-    return f" The mean of each trial's readings {rest} is subtracted."
+    where = f"in the phase {tare}" if isinstance(tare, str) else f"in its first {tare:g} s"
+    return f" The mean of each trial's readings {where} is subtracted."
 
 
-def _capital(text: str) -> str:
+def _capitalize(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _range(numbers: Sequence[int]) -> str:
+def _format_range(numbers: Sequence[int]) -> str:
     low, high = min(numbers), max(numbers)
     return f"{low:,}" if low == high else f"{low:,} to {high:,}"
 
 
 def cost_note(plan: Plan) -> str:
-    r"""Returns how the costs of a model were measured."""
+    r"""Returns an explanation of the columns of costs."""
     note = (
         "Means over all runs. Frames/s: training frames of all epochs divided by the seconds of "
         "the training loop, which include the transforms and other work on the machine."

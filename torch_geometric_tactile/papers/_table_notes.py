@@ -1,4 +1,4 @@
-r"""The notes of a table's page: which orderings hold, its positive class, draws of its samples."""
+r"""The notes of a table: orderings, positive class, ROC areas, rank correlation and draws."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -19,15 +19,15 @@ from torch_geometric_tactile.papers._table_numbers import (
     pooled_predictions,
 )
 
-_COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
-_AREA = 0.0015  # how far a published area may be from that of decisions
-_FEWEST_RANKED = 5  # accuracies whose order is compared
-_SQUARED_PERCENT = 100.0**2  # of a variance of parts
+_COMPARISON_COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
+_AREA_TOLERANCE = 0.0015  # published areas and accuracies are rounded
+_MIN_RANKED = 5  # with fewer models, a rank correlation says little
+_SQUARED_PERCENT = 100.0**2  # converts variances of fractions
 
 
 @dataclass(frozen=True)
 class OrderedPair:
-    r"""Two models of an ordering by one protocol."""
+    r"""Two models of an ordering, compared by one protocol."""
 
     ordering: Ordering
     protocol: str
@@ -36,8 +36,8 @@ class OrderedPair:
 
     @property
     def verdict(self) -> str:
-        r"""Whether the pair is ordered so: :obj:`"yes"` or :obj:`"no"` where the difference is
-        beyond the noise, and else why not.
+        r""":obj:`"yes"` or :obj:`"no"` if the difference is beyond the noise, else the reason why
+        the order is undecided.
         """
         if not self.difference.is_beyond_noise:
             return self.difference.verdict
@@ -45,23 +45,23 @@ class OrderedPair:
 
 
 def compare_orderings(run: PlanRun) -> list[OrderedPair]:
-    r"""Compares the pairs of all orderings of a table, by each protocol, on the splits that are
-    finished for both.
+    r"""Compares the pairs of all orderings of a table, by each protocol, on the splits for which
+    both models are finished.
     """
-    compared = []
+    comparisons = []
     for ordering in run.plan.table.orderings:
         for protocol in run.plan.protocols:
             for pair in ordering.pairs:
                 difference = run_difference(run, *pair, protocol.name)
                 if difference is not None:
-                    compared.append(OrderedPair(ordering, protocol.name, pair, difference))
-    return compared
+                    comparisons.append(OrderedPair(ordering, protocol.name, pair, difference))
+    return comparisons
 
 
 def ordering_lines(run: PlanRun) -> list[str]:
-    r"""Returns the section on orderings, line by line; nothing for a table without any."""
-    compared = compare_orderings(run)
-    if not compared:
+    r"""Returns the lines of the section on orderings; empty for a table without orderings."""
+    comparisons = compare_orderings(run)
+    if not comparisons:
         return []
     return [
         "## Which orderings hold",
@@ -70,54 +70,66 @@ def ordering_lines(run: PlanRun) -> list[str]:
         "its standard error: the larger of the one over the splits and the one over the test "
         f"trials. {RULE}",
         "",
-        *markdown_table(["ordering", "protocol", "holds"], _summary(compared)),
+        *markdown_table(["ordering", "protocol", "holds"], _verdict_rows(comparisons)),
         "",
-        *markdown_table(_COLUMNS, map(_cells, compared)),
+        *markdown_table(_COMPARISON_COLUMNS, map(_comparison_cells, comparisons)),
         "",
     ]
 
 
-def _summary(compared: list[OrderedPair]) -> Iterator[list[str]]:
+def _verdict_rows(comparisons: list[OrderedPair]) -> Iterator[list[str]]:
     groups: dict[tuple[str, str], list[str]] = {}
-    for entry in compared:
-        groups.setdefault((entry.ordering.name, entry.protocol), []).append(entry.verdict)
+    for comparison in comparisons:
+        groups.setdefault((comparison.ordering.name, comparison.protocol), []).append(
+            comparison.verdict
+        )
     for (name, protocol), verdicts in groups.items():
         count = {verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)}
-        told = next(iter(count))
+        summary = next(iter(count))
         if len(verdicts) > 1:
-            told = ", ".join(f"{verdict} in {n} of {len(verdicts)}" for verdict, n in count.items())
-        yield [markdown_text(name), markdown_text(protocol), told]
+            summary = ", ".join(
+                f"{verdict} in {num_pairs} of {len(verdicts)}"
+                for verdict, num_pairs in count.items()
+            )
+        yield [markdown_text(name), markdown_text(protocol), summary]
 
 
-def _cells(entry: OrderedPair) -> list[str]:
-    names = map(markdown_text, [entry.ordering.name, entry.protocol, *entry.pair])
-    return [*names, _shown(entry.difference), str(entry.difference.num_splits), entry.verdict]
+def _comparison_cells(comparison: OrderedPair) -> list[str]:
+    names = map(markdown_text, [comparison.ordering.name, comparison.protocol, *comparison.pair])
+    return [
+        *names,
+        _format_difference(comparison.difference),
+        str(comparison.difference.num_splits),
+        comparison.verdict,
+    ]
 
 
-def _shown(difference: Difference) -> str:
+def _format_difference(difference: Difference) -> str:
     text = f"{100 * difference.mean:+.1f}"
     return text if math.isnan(difference.error) else f"{text} ± {100 * difference.error:.1f}"
 
 
 def positive_note(run: PlanRun) -> str:
-    r"""Returns which class is the positive one, and how common it is, as sentences; empty for a
-    table without any.
+    r"""Returns a note on the positive class and its share of the test samples; empty for a table
+    without a positive class.
     """
     name = run.plan.table.positive
     if not name:
         return ""
     shares = _class_shares(run)
-    told = "; ".join(f"{100 * share:.1f} % ({protocol})" for protocol, share in shares.items())
-    counted = f" Its share of the test samples: {told}." if told else ""
+    share_text = "; ".join(
+        f"{100 * share:.1f} % ({protocol})" for protocol, share in shares.items()
+    )
+    share_sentence = f" Its share of the test samples: {share_text}." if share_text else ""
     return (
         f"Precision, recall and F1 score are those of the positive class, *{markdown_text(name)}* "
-        f"(class 1).{counted}"
+        f"(class 1).{share_sentence}"
     )
 
 
 def _class_shares(run: PlanRun) -> dict[str, float]:
-    r"""Returns the part of the positive class among the samples tested on, by protocol, over the
-    splits of the first experiment that is finished.
+    r"""Returns the fraction of test samples of the positive class, by protocol. It is the mean over
+    the finished splits of the first experiment with results.
     """
     shares: dict[str, list[float]] = {}
     for part, results in finished_parts(run).items():
@@ -128,8 +140,8 @@ def _class_shares(run: PlanRun) -> dict[str, float]:
 
 
 def area_note(run: PlanRun) -> str:
-    r"""Returns what the published areas under the ROC curve are of, as sentences; empty for a table
-    without any.
+    r"""Returns a note that published areas under the ROC curve are those of decisions, not of
+    scores; empty for a table without published areas.
     """
     pairs = [
         (cell.published["auc"], cell.published["accuracy"] / 100)
@@ -138,59 +150,70 @@ def area_note(run: PlanRun) -> str:
     ]
     if not has_areas(run.plan.table):
         return ""
+    # The ROC curve of decisions has one corner. For balanced classes, the mean area over the
+    # classes is 1 - slope * (1 - accuracy).
     slope = run.plan.facts.num_classes / (run.plan.facts.num_classes - 1) / 2
-    close = sum(abs(auc - (1 - slope * (1 - accuracy))) < _AREA for auc, accuracy in pairs)
+    num_equal = sum(
+        abs(auc - (1 - slope * (1 - accuracy))) < _AREA_TOLERANCE for auc, accuracy in pairs
+    )
     return (
-        f"Areas under the ROC curve: {close} of {len(pairs)} published ones are 1 - {slope:.3f} · "
-        f"(1 - accuracy) to {_AREA}. That is the area of decisions, which is smaller than that of "
-        "scores. Ours is shown of both."
+        f"Areas under the ROC curve: {num_equal} of {len(pairs)} published areas are 1 - "
+        f"{slope:.3f} · (1 - accuracy) to {_AREA_TOLERANCE}. That is the area of decisions, which "
+        "is smaller than that of scores. Our areas are given for both."
     )
 
 
 def correlation_notes(run: PlanRun, numbers: Iterable[Number]) -> list[str]:
-    r"""Returns how far our accuracies have the order of the published ones, and that of the columns
-    where these are numbers, as a sentence each; none for fewer than five accuracies, or equal ones.
+    r"""Returns notes on the rank correlation of our accuracies with the published accuracies, and
+    with the columns if these are numbers. Correlations of fewer than five or of equal accuracies
+    are left out.
     """
     numbers = [number for number in numbers if number.metric == "accuracy"]
-    published = {n.experiment: n.mean for n in numbers if n.source == PUBLISHED}
-    alike, along = [], []
+    published = {number.experiment: number.mean for number in numbers if number.source == PUBLISHED}
+    published_correlations, column_correlations = [], []
     for protocol in run.plan.protocols:
-        ours = {n.experiment: n.mean for n in numbers if n.source == protocol.name}
-        both = [name for name in published if name in ours]
+        ours = {
+            number.experiment: number.mean for number in numbers if number.source == protocol.name
+        }
+        common = [name for name in published if name in ours]
         correlation = _rank_correlation(
-            [published[name] for name in both], [ours[name] for name in both]
+            [published[name] for name in common], [ours[name] for name in common]
         )
         if correlation:
-            alike.append(f"{correlation} over {len(both)} models ({protocol.name})")
+            published_correlations.append(
+                f"{correlation} over {len(common)} models ({protocol.name})"
+            )
         for row in run.plan.table.rows if run.plan.table.axis else ():
-            cells = [c for c in run.plan.table.cells if c.row == row and c.experiment in ours]
+            cells = [
+                cell for cell in run.plan.table.cells if cell.row == row and cell.experiment in ours
+            ]
             columns = [float(cell.column) for cell in cells]
             correlation = _rank_correlation(columns, [ours[cell.experiment] for cell in cells])
             if correlation:
-                along.append(f"{row} {correlation} ({protocol.name})")
+                column_correlations.append(f"{row} {correlation} ({protocol.name})")
     notes = []
-    if alike:
+    if published_correlations:
         notes.append(
             "Rank correlation (Spearman) of published and our accuracies, 1 for the same order and "
-            f"0 for none in common: {', '.join(alike)}."
+            f"0 for no relation: {', '.join(published_correlations)}."
         )
-    if along:
+    if column_correlations:
         notes.append(
             f"Rank correlation (Spearman) of our mean accuracies with {run.plan.table.axis}: "
-            f"{', '.join(along)}."
+            f"{', '.join(column_correlations)}."
         )
     return notes
 
 
 def _rank_correlation(first: list[float], second: list[float]) -> str:
-    if len(first) < _FEWEST_RANKED or len(set(second)) == 1:
+    if len(first) < _MIN_RANKED or len(set(second)) == 1:
         return ""
     return f"{spearmanr(first, second)[0]:.2f}"
 
 
 def draws_note(run: PlanRun) -> str:
-    r"""Returns what draws are, and how much they can vary, as sentences; empty for a table without
-    any.
+    r"""Returns a note on the draws of test samples and the variance of their accuracies; empty for
+    a table without draws.
     """
     draws = run.plan.table.draws
     if draws is None:
@@ -208,25 +231,29 @@ def draws_note(run: PlanRun) -> str:
     )
     if not sizes:
         return text
-    total = sizes[-1]
-    drawn, most = draws.num_drawn(total), _SQUARED_PERCENT * draws.variance(0.5, total)
+    num_samples = sizes[-1]
+    num_drawn, max_variance = (
+        draws.num_drawn(num_samples),
+        _SQUARED_PERCENT * draws.variance(0.5, num_samples),
+    )
     text += (
-        f" Of {drawn:,} of {total:,} samples the variance is p(1 - p)/{drawn} · "
-        f"{total - drawn}/{total - 1} on average: at most {most:.2f} %², if half of the answers "
-        f"are right, and {_SQUARED_PERCENT * draws.variance(0.95, total):.2f} %² if 95 % are."
+        f" For {num_drawn:,} of {num_samples:,} samples, the variance is p(1 - p)/{num_drawn} · "
+        f"{num_samples - num_drawn}/{num_samples - 1} on average: at most {max_variance:.2f} %², "
+        "if half of the answers are correct, and "
+        f"{_SQUARED_PERCENT * draws.variance(0.95, num_samples):.2f} %² if 95 % are."
     )
     if not published:
         return text
-    by_draws = [
-        variance / (_SQUARED_PERCENT * draws.variance(accuracy / 100, total))
+    ratios = [
+        variance / (_SQUARED_PERCENT * draws.variance(accuracy / 100, num_samples))
         for variance, accuracy in published
     ]
     low, high = min(published)[0], max(published)[0]
     text += (
-        f" The published variances are {low:g} to {high:g}, {min(by_draws):.1f} to "
-        f"{max(by_draws):.1f} times the average of draws from one network at the published "
+        f" The published variances are {low:g} to {high:g}, {min(ratios):.1f} to "
+        f"{max(ratios):.1f} times the average of draws from one network at the published "
         "accuracy."
     )
-    if min(by_draws) <= 1:
+    if min(ratios) <= 1:
         return text
-    return f"{text} They must contain something else, which the paper does not name."
+    return f"{text} They must have a further source, which the paper does not name."

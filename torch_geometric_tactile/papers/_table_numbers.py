@@ -1,4 +1,4 @@
-r"""The numbers of a table: what is published, and what our runs gave."""
+r"""The numbers of a table: published numbers, and results of our runs."""
 
 import math
 import statistics
@@ -15,8 +15,8 @@ from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Table
 
 PUBLISHED = "published"
-ALL = "all runs"
-_PERCENT = (
+ALL_RUNS = "all runs"
+_PERCENT_METRICS = (
     "accuracy",
     "label_accuracy",
     "f1",
@@ -24,21 +24,25 @@ _PERCENT = (
     "precision_positive",
     "recall_positive",
 )
-_OF_PAPER = {
+# The metric for each key of published numbers.
+_PUBLISHED_METRICS = {
     "accuracy": "accuracy",
     "variance": "draws_variance",
     "f1": "f1_positive",
     "auc": "auroc",
     "memory": "peak_memory_mb",
 }
-_COSTS = ("peak_memory_mb", "frames_per_second", "num_parameters", "train_seconds")
+_COST_METRICS = ("peak_memory_mb", "frames_per_second", "num_parameters", "train_seconds")
 
 
 class Number(NamedTuple):
-    r"""A number of a table: :obj:`source` is :obj:`"published"`, the name of a protocol, or
-    :obj:`"all runs"` for what a protocol does not change; :obj:`spread` is the standard deviation
-    over the seeds, over the folds where there is one seed, NaN for less than two, or what the paper
-    prints; :obj:`runs` is how many seeds (or runs, for :obj:`"all runs"`) it is the mean of.
+    r"""A number of a table.
+
+    :obj:`source` is :obj:`"published"`, the name of a protocol, or :obj:`"all runs"` for costs,
+    which do not depend on the protocol. :obj:`spread` is the standard deviation over the seeds, or
+    over the folds if there is one seed (NaN for fewer than two values); for a published number, it
+    is the published spread. :obj:`runs` is the number of seeds in the mean, or of runs for
+    :obj:`"all runs"`.
     """
 
     experiment: str
@@ -58,98 +62,106 @@ class SeedRuns(NamedTuple):
 
 
 def finished_parts(run: PlanRun) -> dict[SeedRuns, list[dict[str, Any]]]:
-    r"""Returns the results of all folds of each part, where no fold is missing."""
-    planned = Counter(SeedRuns(e.name, e.protocol_name, e.seed) for e in run.plan.experiments)
-    found: dict[SeedRuns, list[dict[str, Any]]] = defaultdict(list)
-    for e, result in run.results:
-        found[SeedRuns(e.name, e.protocol_name, e.seed)].append(result)
-    return {part: results for part, results in found.items() if len(results) == planned[part]}
+    r"""Returns the results of all folds of each part. Parts with a missing fold are left out."""
+    planned = Counter(
+        SeedRuns(experiment.name, experiment.protocol_name, experiment.seed)
+        for experiment in run.plan.experiments
+    )
+    results_by_part: dict[SeedRuns, list[dict[str, Any]]] = defaultdict(list)
+    for experiment, result in run.results:
+        results_by_part[
+            SeedRuns(experiment.name, experiment.protocol_name, experiment.seed)
+        ].append(result)
+    return {
+        part: results for part, results in results_by_part.items() if len(results) == planned[part]
+    }
 
 
 def pooled_predictions(results: list[dict[str, Any]]) -> Predictions:
-    r"""Joins the folds of a part, so that every sample is judged once."""
+    r"""Returns the predictions of all folds of a part, which has every test sample once."""
     return Predictions.join([Predictions.from_dict(result["predictions"]) for result in results])
 
 
 def table_numbers(run: PlanRun) -> list[Number]:
     r"""Returns all numbers of a table, in the order of its cells. Accuracies and F1 scores are in
-    percent. Folds are pooled before they are scored.
+    percent. The predictions of all folds are pooled before scoring.
     """
     measured: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     folds: dict[tuple[str, str, str], list[float]] = defaultdict(list)
     for part, results in finished_parts(run).items():
-        for metric, value in _values(results, run.plan.table.draws):
+        for metric, value in _metric_values(results, run.plan.table.draws):
             measured[part.experiment, part.protocol][metric].append(value)
         if has_areas(run.plan.table):
-            area = _decided_auroc(pooled_predictions(results))
+            area = _decision_auroc(pooled_predictions(results))
             measured[part.experiment, part.protocol]["decided_auroc"].append(area)
         if run.plan.seeds == 1:
             for result in results:
-                for metric, value in _values([result]):
+                for metric, value in _metric_values([result]):
                     folds[part.experiment, part.protocol, metric].append(value)
     for experiment, result in run.results:
-        for metric in _COSTS:
+        for metric in _COST_METRICS:
             if result[metric] is not None:
-                measured[experiment.name, ALL][metric].append(result[metric])
-    sources = [*(protocol.name for protocol in run.plan.protocols), ALL]
+                measured[experiment.name, ALL_RUNS][metric].append(result[metric])
+    sources = [*(protocol.name for protocol in run.plan.protocols), ALL_RUNS]
     numbers = []
     for cell in run.plan.table.cells:
-        for key, metric in _OF_PAPER.items():
+        for key, metric in _PUBLISHED_METRICS.items():
             if key in cell.published:
                 spread = cell.published.get("spread", math.nan) if key == "accuracy" else math.nan
                 value = cell.published[key]
-                name = metric if key != "variance" or run.plan.table.draws else key  # of runs
+                name = metric if key != "variance" or run.plan.table.draws else key  # over runs
                 numbers.append(Number(cell.experiment, PUBLISHED, name, value, spread, 0))
         for source in sources:
             for metric, values in measured.get((cell.experiment, source), {}).items():
-                several = folds.get((cell.experiment, source, metric), values)
-                spread = statistics.stdev(several) if len(several) > 1 else math.nan
+                spread_values = folds.get((cell.experiment, source, metric), values)
+                spread = statistics.stdev(spread_values) if len(spread_values) > 1 else math.nan
                 mean = statistics.fmean(values)
                 numbers.append(Number(cell.experiment, source, metric, mean, spread, len(values)))
     return numbers
 
 
 def run_rows(run: PlanRun) -> list[dict[str, Any]]:
-    r"""Returns what each run gave, one row a run: from these, every mean and spread follows."""
-    names = dict.fromkeys(e.name for e in run.plan.experiments)
+    r"""Returns the metrics and costs of each run, one row per run, in the order of the models."""
+    names = dict.fromkeys(experiment.name for experiment in run.plan.experiments)
     order = {name: i for i, name in enumerate(names)}
     return [
         {
-            "experiment": e.name,
-            "protocol": e.protocol_name,
-            "seed": e.seed,
-            "fold": e.fold,
+            "experiment": experiment.name,
+            "protocol": experiment.protocol_name,
+            "seed": experiment.seed,
+            "fold": experiment.fold,
             "num_train": result["num_train"],
             "num_test": result["num_test"],
-            **dict(_values([result], run.plan.table.draws)),
-            **{metric: result[metric] for metric in _COSTS if result[metric] is not None},
+            **dict(_metric_values([result], run.plan.table.draws)),
+            **{metric: result[metric] for metric in _COST_METRICS if result[metric] is not None},
         }
-        for e, result in sorted(run.results, key=lambda found: order[found[0].name])
+        for experiment, result in sorted(run.results, key=lambda entry: order[entry[0].name])
     ]
 
 
 def has_areas(table: Table) -> bool:
-    r"""Whether areas under the ROC curve are shown, beside published ones of decisions."""
+    r"""Returns whether a table shows areas under the ROC curve, which needs published areas."""
     return table.shows == "accuracy" and any("auc" in cell.published for cell in table.cells)
 
 
-def _decided_auroc(said: Predictions) -> float:
-    # The area under the ROC curve of decisions, which has one corner, as the mean over the classes.
+def _decision_auroc(predictions: Predictions) -> float:
+    # The mean over the classes of the area under the ROC curve of decisions. The curve has one
+    # corner, so its area is the balanced accuracy.
     areas = [
-        balanced_accuracy_score(said.y == number, said.prediction == number)
-        for number in np.unique(said.y)
+        balanced_accuracy_score(predictions.y == label, predictions.prediction == label)
+        for label in np.unique(predictions.y)
     ]
     return float(np.mean(areas))
 
 
-def _values(
+def _metric_values(
     results: list[dict[str, Any]], draws: Draws | None = None
 ) -> Iterator[tuple[str, float]]:
     metrics = results[0]["metrics"] if len(results) == 1 else pooled_predictions(results).metrics()
     if draws is not None:
-        drawn = draws.metrics(pooled_predictions(results))
-        yield "draws_accuracy", 100 * drawn["draws_accuracy"]
-        yield "draws_variance", 100**2 * drawn["draws_variance"]
+        draw_metrics = draws.metrics(pooled_predictions(results))
+        yield "draws_accuracy", 100 * draw_metrics["draws_accuracy"]
+        yield "draws_variance", 100**2 * draw_metrics["draws_variance"]
     names = results[0]["label_names"] or []
     for metric, value in metrics.items():
         if value is None or math.isnan(value):
@@ -158,4 +170,4 @@ def _values(
         if stem == "label_accuracy" and number.isdigit():
             yield f"label_accuracy: {names[int(number)]}", 100 * value
         else:
-            yield metric, 100 * value if metric in _PERCENT else value
+            yield metric, 100 * value if metric in _PERCENT_METRICS else value

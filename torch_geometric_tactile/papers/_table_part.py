@@ -1,4 +1,4 @@
-r"""The part of a table that was asked for."""
+r"""Selection of a part of a table."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,23 +7,26 @@ from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 
 def selected_part(run: PlanRun, only: Sequence[str] | None) -> PlanRun:
-    r"""Returns the part of a table that was asked for, and what has runs from before.
+    r"""Returns the part of a table with the selected experiments, and with all experiments that
+    already have results.
 
     Args:
-        run (PlanRun): The whole table.
+        run (PlanRun): The run of the full table.
         only (sequence of str, optional): Patterns of names of experiments; all if left out.
     """
     if only is None:
         return run
     plan, table = run.plan, run.plan.table
-    names = {cell.experiment for cell in table.select(only)} | {e.name for e, _ in run.results}
+    names = {cell.experiment for cell in table.select(only)} | {
+        experiment.name for experiment, _ in run.results
+    }
     orderings = tuple(
         replace(ordering, pairs=pairs)
         for ordering in table.orderings
         if (pairs := tuple(pair for pair in ordering.pairs if names >= {*pair}))
     )
     cells = tuple(cell for cell in table.cells if cell.experiment in names)
-    experiments = tuple(e for e in plan.experiments if e.name in names)
+    experiments = tuple(experiment for experiment in plan.experiments if experiment.name in names)
     return run._replace(
         plan=replace(
             plan,

@@ -1,4 +1,4 @@
-r"""The part of a table's page on the studies of its models, with their pictures."""
+r"""The section of a table's page on studies of its models, and their pictures."""
 
 import math
 import statistics
@@ -14,7 +14,7 @@ from torch_geometric_tactile.analysis import class_confusion
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
-from torch_geometric_tactile.papers._table_caption import NOTHING
+from torch_geometric_tactile.papers._table_caption import NO_NUMBER
 from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_predictions
 from torch_geometric_tactile.visualization import (
     LearningCurves,
@@ -28,116 +28,123 @@ from torch_geometric_tactile.visualization import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WORST = 3
+_NUM_LISTED = 3  # classes with the best and the worst recall, and most frequent errors
 
 
 def study_lines(run: PlanRun) -> list[str]:
-    r"""Returns the sections on studies, line by line; nothing for a table without any."""
-    found = _studies(run)
-    if not found:
+    r"""Returns the lines of the sections on studies; empty for a table without studies."""
+    studies = _read_studies(run)
+    if not studies:
         return []
     lines = [
         "## Studies",
         "",
-        "Of the models of the first seed and fold, after the test.",
+        "Studies of the models of the first seed and fold, after the test.",
         "",
     ]
     for section in (_probe_lines, _time_lines, _dead_lines):
-        lines += section(run, found)
-    return lines + _confusion_lines(run, found) + _picture_lines(run, found)
+        lines += section(run, studies)
+    return lines + _confusion_lines(run, studies) + _picture_lines(run, studies)
 
 
 def study_pictures(run: PlanRun) -> dict[str, "Figure"]:
-    r"""Returns the pictures of studies, by what their files are called after the table's name."""
-    return {name: draw() for name, draw in _drawings(run, _studies(run)).items()}
+    r"""Returns the pictures of studies, by the suffixes of their file names."""
+    return {name: draw() for name, draw in _drawings(run, _read_studies(run)).items()}
 
 
-def _drawings(run: PlanRun, found: "_Found") -> dict[str, Callable[[], "Figure"]]:
-    where = f"{run.plan.data.kind}, {run.plan.protocols[0].name}, seed 0, first fold"
+def _drawings(run: PlanRun, studies: "_Studies") -> dict[str, Callable[[], "Figure"]]:
+    source = f"{run.plan.data.kind}, {run.plan.protocols[0].name}, seed 0, first fold"
     drawings: dict[str, Callable[[], Figure]] = {}
-    learnt = {
-        _name(cell): LearningCurves(**entry) for cell, entry in _of(run, found, "TrainingHistory")
+    curves = {
+        _cell_name(cell): LearningCurves(**entry)
+        for cell, entry in _study_results(run, studies, "TrainingHistory")
     }
-    if learnt:
-        title = f"How the networks learnt ({where}); nothing was chosen by what was held out"
-        drawings["training"] = partial(plot_training, learnt, title)
-    places = {
-        f"{_name(cell)}: {entry['what']}": (entry["place"], entry["label"])
-        for cell, entry in _of(run, found, "FeatureEmbedding")
+    if curves:
+        title = f"Training of the networks ({source}); nothing was chosen on held-out samples"
+        drawings["training"] = partial(plot_training, curves, title)
+    embeddings = {
+        f"{_cell_name(cell)}: {entry['what']}": (entry["place"], entry["label"])
+        for cell, entry in _study_results(run, studies, "FeatureEmbedding")
     }
-    if places:
-        title = f"t-SNE of samples that were held out ({where})"
-        drawings["t-sne"] = partial(plot_sample_embeddings, places, title)
-    for cell, entry in _of(run, found, "FeatureMaps"):
+    if embeddings:
+        title = f"t-SNE of held-out samples ({source})"
+        drawings["t-sne"] = partial(plot_sample_embeddings, embeddings, title)
+    for cell, entry in _study_results(run, studies, "FeatureMaps"):
         maps = {"maps with the largest activations": entry["maps"]}
         if "bilinear" in entry:
             maps["their bilinear features"] = entry["bilinear"]
-        title = f"Feature maps of {_name(cell)} ({where})"
+        title = f"Feature maps of {_cell_name(cell)} ({source})"
         drawings[f"maps-{cell.experiment}"] = partial(
             plot_feature_maps, entry["image"], maps, title
         )
-    for cell, entry in _of(run, found, "Confusion"):
-        predicted = _predictions(run, cell)
-        if predicted is not None:
+    for cell, entry in _study_results(run, studies, "Confusion"):
+        predictions = _first_seed_predictions(run, cell)
+        if predictions is not None:
             title = (
-                f"{_name(cell)}: percent of each class ({run.plan.data.kind}, all folds, seed 0)"
+                f"{_cell_name(cell)}: percent of each class "
+                f"({run.plan.data.kind}, all folds, seed 0)"
             )
             drawings[f"confusion-{cell.experiment}"] = partial(
-                plot_confusion, _counts(predicted, entry), entry["class_names"], title
+                plot_confusion, _confusion_counts(predictions, entry), entry["class_names"], title
             )
-    dead = _dead_curves(run, found)
-    if dead:
-        title = f"Accuracy where rows of the array are dead ({where}); not trained on such"
-        drawings["dead-rows"] = partial(plot_curves, dead, "dead rows", "Accuracy in %", title)
+    dead_curves = _dead_curves(run, studies)
+    if dead_curves:
+        title = f"Accuracy with dead rows of the array ({source}); trained without dead rows"
+        drawings["dead-rows"] = partial(
+            plot_curves, dead_curves, "dead rows", "Accuracy in %", title
+        )
     return drawings
 
 
-_Found = Mapping[str, Mapping[str, Any]]
+# The results of studies, by experiment and name of the study.
+_Studies = Mapping[str, Mapping[str, Any]]
 
 
-def _studies(run: PlanRun) -> _Found:
-    # What was found by experiment and study, of the first protocol.
-    first = run.plan.protocols[0].name
+def _read_studies(run: PlanRun) -> _Studies:
+    # Studies are shown for the first protocol only.
+    protocol = run.plan.protocols[0].name
     return {
-        e.name: result["studies"]
-        for e, result in run.results
-        if "studies" in result and e.protocol_name == first
+        experiment.name: result["studies"]
+        for experiment, result in run.results
+        if "studies" in result and experiment.protocol_name == protocol
     }
 
 
-def _of(run: PlanRun, found: _Found, study: str) -> Iterator[tuple[Cell, Any]]:
-    seen = set()
+def _study_results(run: PlanRun, studies: _Studies, name: str) -> Iterator[tuple[Cell, Any]]:
+    listed_codes = set()
     for cell in run.plan.table.cells:
-        entry = found.get(cell.experiment, {}).get(study)
+        entry = studies.get(cell.experiment, {}).get(name)
         code = run.plan.of_cell(cell).code
-        if entry is not None and code not in seen:  # two places may be of one configuration
-            seen.add(code)
+        if entry is not None and code not in listed_codes:  # two cells may show the same model
+            listed_codes.add(code)
             yield cell, entry
 
 
-def _name(cell: Cell) -> str:
+def _cell_name(cell: Cell) -> str:
     return f"{cell.row}: {cell.column}" if cell.column else cell.row
 
 
-def _probe_lines(run: PlanRun, found: _Found) -> list[str]:
-    entries = list(_of(run, found, "LayerProbes"))
+def _probe_lines(run: PlanRun, studies: _Studies) -> list[str]:
+    entries = list(_study_results(run, studies, "LayerProbes"))
     if not entries:
         return []
     layers = list(dict.fromkeys(name for _, entry in entries for name in entry["accuracy"]))
     rows = []
     for cell, entry in entries:
         if cell.layers:
-            printed = [f"{cell.layers[n]:.1f}" if n in cell.layers else "" for n in layers]
-            rows.append([markdown_text(_name(cell)), "published", *printed])
+            published = [
+                f"{cell.layers[layer]:.1f}" if layer in cell.layers else "" for layer in layers
+            ]
+            rows.append([markdown_text(_cell_name(cell)), "published", *published])
         accuracy = entry["accuracy"]
-        ours = [f"{100 * accuracy[n]:.1f}" if n in accuracy else "" for n in layers]
-        rows.append(["" if cell.layers else markdown_text(_name(cell)), "ours", *ours])
-    number = max(entry["num_samples"] for _, entry in entries)
+        ours = [f"{100 * accuracy[layer]:.1f}" if layer in accuracy else "" for layer in layers]
+        rows.append(["" if cell.layers else markdown_text(_cell_name(cell)), "ours", *ours])
+    num_samples = max(entry["num_samples"] for _, entry in entries)
     return [
         "### Accuracy of single layers in %",
         "",
         "Multinomial logistic regressions on the frozen features of one layer, each sample divided "
-        f"by its L2 norm, fitted on {number:,} samples of the training part. The paper does "
+        f"by its L2 norm, fitted on {num_samples:,} samples of the training part. The paper does "
         "not describe its probes.",
         "",
         *markdown_table(["model", "", *layers], rows),
@@ -145,18 +152,18 @@ def _probe_lines(run: PlanRun, found: _Found) -> list[str]:
     ]
 
 
-def _time_lines(run: PlanRun, found: _Found) -> list[str]:
-    entries = list(_of(run, found, "FrameTime"))
+def _time_lines(run: PlanRun, studies: _Studies) -> list[str]:
+    entries = list(_study_results(run, studies, "FrameTime"))
     if not entries:
         return []
     rows = []
     for cell, entry in entries:
-        mean, spread = _over_folds(run, cell)
+        mean, spread = _mean_and_spread(run, cell)
         milliseconds = cell.published.get("milliseconds")
         rows.append(
             [
-                markdown_text(_name(cell)),
-                _accuracy(mean, spread),
+                markdown_text(_cell_name(cell)),
+                _format_accuracy(mean, spread),
                 f"{entry['milliseconds']:.2f}",
                 "" if milliseconds is None else f"{milliseconds:g}",
             ]
@@ -173,95 +180,99 @@ def _time_lines(run: PlanRun, found: _Found) -> list[str]:
     ]
 
 
-def _accuracy(mean: float, spread: float) -> str:
+def _format_accuracy(mean: float, spread: float) -> str:
     if math.isnan(mean):
-        return NOTHING
+        return NO_NUMBER
     return f"{mean:.1f}" if math.isnan(spread) else f"{mean:.1f} ± {spread:.1f}"
 
 
-def _over_folds(run: PlanRun, cell: Cell) -> tuple[float, float]:
-    first = run.plan.protocols[0].name
+def _mean_and_spread(run: PlanRun, cell: Cell) -> tuple[float, float]:
+    protocol = run.plan.protocols[0].name
     values = [
         100 * result["metrics"]["accuracy"]
-        for e, result in run.results
-        if e.name == cell.experiment and e.protocol_name == first
+        for experiment, result in run.results
+        if experiment.name == cell.experiment and experiment.protocol_name == protocol
     ]
     if not values:
         return math.nan, math.nan
     return statistics.fmean(values), statistics.stdev(values) if len(values) > 1 else math.nan
 
 
-def _dead_lines(run: PlanRun, found: _Found) -> list[str]:
-    entries = list(_of(run, found, "DeadRows"))
+def _dead_lines(run: PlanRun, studies: _Studies) -> list[str]:
+    entries = list(_study_results(run, studies, "DeadRows"))
     if not entries:
         return []
-    numbers = entries[0][1]["num_rows"]
+    num_rows = entries[0][1]["num_rows"]
     rows = [
-        [markdown_text(_name(cell)), *(f"{100 * value:.1f}" for value in entry["accuracy"])]
+        [markdown_text(_cell_name(cell)), *(f"{100 * value:.1f}" for value in entry["accuracy"])]
         for cell, entry in entries
     ]
     return [
         "### Accuracy in % with dead rows",
         "",
-        "The given number of rows of each sample, drawn at random, have the reading at rest. No "
+        "In each sample, the given number of rows, drawn at random, have the reading at rest. No "
         "model was trained on such samples.",
         "",
-        *markdown_table(["model", *(f"{number} dead" for number in numbers)], rows),
+        *markdown_table(["model", *(f"{number} dead" for number in num_rows)], rows),
         "",
     ]
 
 
-def _dead_curves(run: PlanRun, found: _Found) -> dict[str, list[tuple[float, float, float]]]:
+def _dead_curves(run: PlanRun, studies: _Studies) -> dict[str, list[tuple[float, float, float]]]:
     return {
-        _name(cell): [
+        _cell_name(cell): [
             (float(number), 100 * value, math.nan)
             for number, value in zip(entry["num_rows"], entry["accuracy"], strict=True)
         ]
-        for cell, entry in _of(run, found, "DeadRows")
+        for cell, entry in _study_results(run, studies, "DeadRows")
     }
 
 
-def _predictions(run: PlanRun, cell: Cell) -> Predictions | None:
-    # Of the first seed, if all its folds are there.
-    first = run.plan.protocols[0].name
+def _first_seed_predictions(run: PlanRun, cell: Cell) -> Predictions | None:
+    # The predictions of the first seed, if all its folds are finished.
+    protocol = run.plan.protocols[0].name
     for part, results in finished_parts(run).items():
-        if (part.experiment, part.protocol, part.seed) == (cell.experiment, first, 0):
+        if (part.experiment, part.protocol, part.seed) == (cell.experiment, protocol, 0):
             return pooled_predictions(results)
     return None
 
 
-def _counts(predicted: Predictions, entry: Mapping[str, Any]) -> Any:
-    y, said = torch.from_numpy(predicted.y.copy()), torch.from_numpy(predicted.prediction.copy())
-    return class_confusion(y, said, len(entry["class_names"])).numpy()
+def _confusion_counts(predictions: Predictions, entry: Mapping[str, Any]) -> Any:
+    y, predicted = (
+        torch.from_numpy(predictions.y.copy()),
+        torch.from_numpy(predictions.prediction.copy()),
+    )
+    return class_confusion(y, predicted, len(entry["class_names"])).numpy()
 
 
-def _confusion_lines(run: PlanRun, found: _Found) -> list[str]:
+def _confusion_lines(run: PlanRun, studies: _Studies) -> list[str]:
     lines = []
-    for cell, entry in _of(run, found, "Confusion"):
-        predicted = _predictions(run, cell)
-        if predicted is None:
+    for cell, entry in _study_results(run, studies, "Confusion"):
+        predictions = _first_seed_predictions(run, cell)
+        if predictions is None:
             continue
-        counts, names = _counts(predicted, entry), entry["class_names"]
+        counts, names = _confusion_counts(predictions, entry), entry["class_names"]
         recall = counts.diagonal() / counts.sum(axis=1).clip(min=1)
         order = recall.argsort()
-        best = ", ".join(f"{names[i]} {100 * recall[i]:.1f}" for i in order[::-1][:_WORST])
-        worst = ", ".join(f"{names[i]} {100 * recall[i]:.1f}" for i in order[:_WORST])
-        wrong = counts - np.diag(counts.diagonal())
+        best = ", ".join(f"{names[i]} {100 * recall[i]:.1f}" for i in order[::-1][:_NUM_LISTED])
+        worst = ", ".join(f"{names[i]} {100 * recall[i]:.1f}" for i in order[:_NUM_LISTED])
+        errors = counts - np.diag(counts.diagonal())
         pairs = [
-            f"{names[i // len(names)]} predicted as {names[i % len(names)]} ({wrong.flat[i]} times)"
-            for i in wrong.ravel().argsort()[::-1][:_WORST]
-            if wrong.flat[i]
+            f"{names[i // len(names)]} predicted as {names[i % len(names)]} "
+            f"({errors.flat[i]} times)"
+            for i in errors.ravel().argsort()[::-1][:_NUM_LISTED]
+            if errors.flat[i]
         ]
         lines.append(
             markdown_text(
-                f"{_name(cell)}, accuracy of a class in %: best {best}; worst {worst}"
+                f"{_cell_name(cell)}, accuracy of a class in %: best {best}; worst {worst}"
                 + (f"; most frequent errors: {', '.join(pairs)}." if pairs else ".")
             )
         )
     return ["### Confusion", "", *(f"* {line}" for line in lines), ""] if lines else []
 
 
-def _picture_lines(run: PlanRun, found: _Found) -> list[str]:
+def _picture_lines(run: PlanRun, studies: _Studies) -> list[str]:
     name = run.plan.table.name
-    names = [f"`{name}-{suffix}.png`" for suffix in _drawings(run, found)]
+    names = [f"`{name}-{suffix}.png`" for suffix in _drawings(run, studies)]
     return [f"Pictures: {', '.join(names)}.", ""] if names else []

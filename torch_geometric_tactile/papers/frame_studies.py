@@ -1,4 +1,4 @@
-r"""What a model costs a frame, and what it makes of damaged arrays."""
+r"""Studies of the time per frame, and of the accuracy on damaged arrays."""
 
 import statistics
 import time
@@ -14,11 +14,11 @@ from torch_geometric_tactile.experiments.studies import Study, Trained
 
 
 class FrameTime(Study):
-    r"""Measures how long a model takes to classify one sample, from readings to a class, on one
-    thread: the median of single calls.
+    r"""Measures the time that a model takes to classify one sample, from readings to a class, on
+    one thread. The result is the median over single calls.
 
     Args:
-        num_calls (int): How many calls.
+        num_calls (int): Number of calls.
     """
 
     def __init__(self, num_calls: int = 300) -> None:
@@ -26,40 +26,40 @@ class FrameTime(Study):
 
     def measure(self, trained: Trained) -> dict[str, Any]:
         r"""Returns the median :obj:`milliseconds`."""
-        count = min(self.num_calls, trained.test.num_samples)
-        samples = [trained.test.index_select(torch.tensor([i])) for i in range(count)]
+        num_calls = min(self.num_calls, trained.test.num_samples)
+        samples = [trained.test.index_select(torch.tensor([i])) for i in range(num_calls)]
         inputs: list[Any] = samples
         if not trained.is_network:
             inputs = [estimator_input(trained.model, sample) for sample in samples]
-        threads = torch.get_num_threads()
+        num_threads = torch.get_num_threads()
         torch.set_num_threads(1)
         seconds = []
         try:
-            for given in inputs:
+            for sample_input in inputs:
                 start = time.perf_counter()
-                _classify(trained, given)
+                _classify(trained, sample_input)
                 seconds.append(time.perf_counter() - start)
         finally:
-            torch.set_num_threads(threads)
-        return {"milliseconds": 1000 * statistics.median(seconds), "num_calls": count}
+            torch.set_num_threads(num_threads)
+        return {"milliseconds": 1000 * statistics.median(seconds), "num_calls": num_calls}
 
 
-def _classify(trained: Trained, given: Any) -> Any:
+def _classify(trained: Trained, sample_input: Any) -> Any:
     if trained.is_network:
-        return trained.logits(given).argmax(dim=1)
-    return trained.model.predict(given)
+        return trained.logits(sample_input).argmax(dim=1)
+    return trained.model.predict(sample_input)
 
 
 class DeadRows(Study):
-    r"""Tests a model on arrays of which some rows, drawn for each sample, read nothing, as it
-    happens to a signal line that breaks. The model was not trained on such arrays. Rows are those
-    of the image map of the layout, or lines of equal :math:`y` where there is none.
+    r"""Tests a model on samples with dead rows, as caused by a broken signal line. The rows are
+    drawn at random for each sample, and the model was not trained on such samples. Rows are those
+    of the image map of the layout, or else taxels with equal :math:`y`.
 
-    What a dead taxel reads is the smallest reading of the training part, that of rest.
+    A dead taxel has the smallest reading of the training part, which is that at rest.
 
     Args:
-        num_rows (sequence of int): How many rows are dead, one accuracy each.
-        seed (int): Which rows.
+        num_rows (sequence of int): Numbers of dead rows, with one accuracy for each.
+        seed (int): Seed of the draw of rows.
     """
 
     def __init__(self, num_rows: Sequence[int] = (0, 1, 2, 4, 8), seed: int = 0) -> None:
@@ -67,25 +67,30 @@ class DeadRows(Study):
         self.seed = seed
 
     def measure(self, trained: Trained) -> dict[str, Any]:
-        r"""Returns :obj:`num_rows` and the :obj:`accuracy` with so many dead ones."""
+        r"""Returns :obj:`num_rows` and the :obj:`accuracy` for each number of dead rows."""
         layout = trained.layout
-        assert layout is not None  # that of the hand
-        places = layout.pos[:, 1] if layout.image_map is None else layout.image_map[:, 0]
-        _, row = np.unique(np.round(places.numpy(), 6), return_inverse=True)
+        assert layout is not None  # tables have data sets with one layout
+        coordinates = layout.pos[:, 1] if layout.image_map is None else layout.image_map[:, 0]
+        # Rounded, since the coordinates of a row may differ in their last digits.
+        _, row_of_taxel = np.unique(np.round(coordinates.numpy(), 6), return_inverse=True)
         rest = trained.train.x.amin(dim=(0, 1))
         rng = np.random.default_rng(self.seed)
-        order = np.argsort(rng.random((trained.test.num_samples, int(row.max()) + 1)), axis=1)
+        row_order = np.argsort(
+            rng.random((trained.test.num_samples, int(row_of_taxel.max()) + 1)), axis=1
+        )
         accuracy = []
-        for count in self.num_rows:
-            is_dead = np.zeros(order.shape, dtype=bool)
-            np.put_along_axis(is_dead, order[:, :count], True, axis=1)
-            dead = torch.from_numpy(is_dead[:, row])
-            samples = _with_x(trained.test, torch.where(dead[..., None], rest, trained.test.x))
+        for num_dead in self.num_rows:
+            is_dead = np.zeros(row_order.shape, dtype=bool)
+            np.put_along_axis(is_dead, row_order[:, :num_dead], True, axis=1)
+            dead = torch.from_numpy(is_dead[:, row_of_taxel])
+            samples = _replace_readings(
+                trained.test, torch.where(dead[..., None], rest, trained.test.x)
+            )
             accuracy.append(_accuracy(trained, samples))
         return {"num_rows": list(self.num_rows), "accuracy": accuracy}
 
 
-def _with_x(samples: StaticData, x: torch.Tensor) -> StaticData:
+def _replace_readings(samples: StaticData, x: torch.Tensor) -> StaticData:
     out = samples.clone()
     out.x = x
     return out
@@ -93,7 +98,7 @@ def _with_x(samples: StaticData, x: torch.Tensor) -> StaticData:
 
 def _accuracy(trained: Trained, samples: StaticData) -> float:
     if trained.is_network:
-        said = trained.logits(samples).argmax(dim=1).numpy()
+        predicted = trained.logits(samples).argmax(dim=1).numpy()
     else:
-        said = np.asarray(trained.model.predict(estimator_input(trained.model, samples)))
-    return float((said == samples.y.numpy()).mean())
+        predicted = np.asarray(trained.model.predict(estimator_input(trained.model, samples)))
+    return float((predicted == samples.y.numpy()).mean())

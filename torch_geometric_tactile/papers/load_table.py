@@ -12,57 +12,63 @@ from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile.experiments.tables import Table, read_table, table_of
 from torch_geometric_tactile.training._config_files import expand_template, merged
 
-_PLACE = ("section", "row", "column", "experiment")  # and what else a cell has is published
-_LEFT_OUT = ("like", "arguments", "variants", "template")
-_OF_PAPER = ("paper", "place")
+_CELL_KEYS = ("section", "row", "column", "experiment")  # all others are published numbers
+_DERIVATION_KEYS = ("like", "arguments", "variants", "template")
+_PUBLICATION_KEYS = ("paper", "place")
 
 
 @cache
-def _content() -> dict[str, dict[str, Any]]:
+def _table_contents() -> dict[str, dict[str, Any]]:
     path = files("torch_geometric_tactile.papers") / "tables.yaml"
     tables: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))["tables"]
-    return {name: _like(own, tables) if "like" in own else own for name, own in tables.items()}
+    return {
+        name: _derive_table(content, tables) if "like" in content else content
+        for name, content in tables.items()
+    }
 
 
-def _like(own: dict[str, Any], tables: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    other = tables[own["like"]]
-    configs = expand_template(other["template"])
-    content = {key: value for key, value in {**other, **own}.items() if key not in _LEFT_OUT}
-    if "variants" in own:
+def _derive_table(changes: dict[str, Any], tables: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    base = tables[changes["like"]]
+    configs = expand_template(base["template"])
+    content = {
+        key: value for key, value in {**base, **changes}.items() if key not in _DERIVATION_KEYS
+    }
+    if "variants" in changes:
         content["cells"] = [
             variant
-            for cell in other["cells"]
-            for variant in _variants(cell, configs[cell["experiment"]], own["variants"])
+            for cell in base["cells"]
+            for variant in _variants(cell, configs[cell["experiment"]], changes["variants"])
         ]
         return content
-    # The models of another table, which learn another task on other data.
-    task, cells = own.get("task", other["task"]), []
-    for cell in other["cells"]:
-        config = _with_arguments(configs[cell["experiment"]], own["arguments"])
-        place = {key: cell[key] for key in _PLACE}
-        cells.append({**place, "config": merged(config, {"model": {"task": task}})})
+    # The models of the base table with another task and other data.
+    task, cells = changes.get("task", base["task"]), []
+    for cell in base["cells"]:
+        config = _with_arguments(configs[cell["experiment"]], changes["arguments"])
+        identity = {key: cell[key] for key in _CELL_KEYS}
+        cells.append({**identity, "config": merged(config, {"model": {"task": task}})})
     content["cells"] = cells
-    return {key: value for key, value in content.items() if key not in _OF_PAPER}
+    return {key: value for key, value in content.items() if key not in _PUBLICATION_KEYS}
 
 
 def _variants(
     cell: dict[str, Any], config: dict[str, Any], variants: Iterable[Mapping[str, Any]]
 ) -> Iterator[dict[str, Any]]:
-    # A model of another table with other transforms behind some: a row of its own, with a column
-    # for each variant. The first is the published one; a model without these has no other.
-    first, *alternatives = variants
+    # One row for a model of the base table, with a column for each variant. The first variant is
+    # the published model. The others insert transforms after given ones, and are skipped for models
+    # without these.
+    original, *alternatives = variants
     row = f"{cell['row']}, {cell['column']}"
-    yield {**cell, "row": row, "column": first["column"], "config": config}
+    yield {**cell, "row": row, "column": original["column"], "config": config}
     for variant in alternatives:
         transforms = config["data"]["transform"]["init_args"]["transforms"]
-        longer = [
-            part
-            for one in transforms
-            for part in (one, variant["behind"].get(one["class_path"]))
-            if part is not None
+        extended = [
+            step
+            for transform in transforms
+            for step in (transform, variant["behind"].get(transform["class_path"]))
+            if step is not None
         ]
-        if len(longer) > len(transforms):
-            data = {"data": {"transform": {"init_args": {"transforms": longer}}}}
+        if len(extended) > len(transforms):
+            data = {"data": {"transform": {"init_args": {"transforms": extended}}}}
             yield {
                 "section": cell["section"],
                 "row": row,
@@ -73,33 +79,33 @@ def _variants(
 
 
 def _with_arguments(content: Any, arguments: Mapping[str, Any]) -> Any:
-    # Gives the classes that a configuration names further arguments.
+    # Adds arguments to the classes in a configuration.
     if isinstance(content, list):
         return [_with_arguments(value, arguments) for value in content]
     if not isinstance(content, Mapping):
         return content
-    laid = {key: _with_arguments(value, arguments) for key, value in content.items()}
-    more = arguments.get(laid.get("class_path", ""))
-    return laid if more is None else merged(laid, {"init_args": more})
+    config = {key: _with_arguments(value, arguments) for key, value in content.items()}
+    init_args = arguments.get(config.get("class_path", ""))
+    return config if init_args is None else merged(config, {"init_args": init_args})
 
 
 def table_names() -> list[str]:
     r"""Returns the names of the shipped tables."""
-    return list(_content())
+    return list(_table_contents())
 
 
 def load_table(name: str) -> Table:
-    r"""Returns a shipped table, or one that a user wrote.
+    r"""Returns a shipped table, or a table from a YAML file.
 
     Args:
-        name (str): Its name, such as :obj:`"p1-table2"`, or the path of a YAML file.
+        name (str): Name of the table, such as :obj:`"p1-table2"`, or path of a YAML file.
 
     Raises:
-        ValueError: If there is no such table, and the message lists those there are; or the file
-            is not as described on the page on experiments.
+        ValueError: If there is no such table (the message lists the shipped tables), or the format
+            of the file is invalid (see the page on experiments).
     """
-    if name in _content():
-        return table_of(name, _content()[name])
+    if name in _table_contents():
+        return table_of(name, _table_contents()[name])
     if Path(name).suffix not in (".yaml", ".yml"):
         raise ArgumentError(
             Argument("name"),

@@ -1,4 +1,4 @@
-r"""How a network of a table learnt."""
+r"""A study of losses, accuracy and gradients during training."""
 
 import statistics
 from typing import Any
@@ -14,32 +14,32 @@ _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 class TrainingHistory(Study):
-    r"""Records losses and accuracy after every epoch, and how large the gradients of each layer
-    are. Nothing is chosen by them. The losses are cross entropies, that of the training is the mean
-    over the batches of an epoch.
+    r"""Records losses and accuracy after every epoch, and the size of the gradients of each layer.
+    Nothing is chosen by these numbers. The losses are cross entropies; the training loss is the
+    mean over the batches of an epoch.
 
-    The gradient of a layer is its root mean square over the weights of the layer, one number a
-    step; of all steps, the quantiles 0.05, 0.25, 0.5, 0.75 and 0.95 are kept.
+    The size of a gradient is the root mean square over the weights of the layer, one number per
+    step. The study records the quantiles 0.05, 0.25, 0.5, 0.75 and 0.95 over all steps.
     """
 
     def __init__(self) -> None:
-        self._watch: _Watch | None = None
+        self._recorder: _Recorder | None = None
 
     def callback(self, data: Any) -> L.Callback:
-        r"""Returns what watches the training."""
-        self._watch = _Watch(data)
-        return self._watch
+        r"""Returns the callback that records the training."""
+        self._recorder = _Recorder(data)
+        return self._recorder
 
     def measure(self, trained: Trained) -> dict[str, Any] | None:
-        r"""Returns :obj:`train_loss`, :obj:`test_loss`, :obj:`test_accuracy` (one number an epoch)
-        and :obj:`gradients`, the quantiles of each layer.
+        r"""Returns :obj:`train_loss`, :obj:`test_loss` and :obj:`test_accuracy` (one number per
+        epoch), and :obj:`gradients`, the quantiles of each layer.
         """
-        if self._watch is None or not trained.is_network:
+        if self._recorder is None or not trained.is_network:
             return None
-        return self._watch.found()
+        return self._recorder.history()
 
 
-class _Watch(L.Callback):
+class _Recorder(L.Callback):
     def __init__(self, data: Any) -> None:
         self._data = data
         self._epoch: dict[str, list[float]] = {
@@ -59,23 +59,24 @@ class _Watch(L.Callback):
         self, trainer: L.Trainer, pl_module: L.LightningModule, optimizer: Any
     ) -> None:
         for name, weight in pl_module.named_parameters():
+            # Matrices only: gradients of biases have another scale.
             if weight.dim() > 1 and weight.grad is not None:
                 layer = name.removeprefix("model.").rpartition(".")[0] or name
                 size = float(weight.grad.detach().square().mean().sqrt())
                 self._gradients.setdefault(layer, []).append(size)
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        said = collect_predictions(pl_module, self._data.test_dataloader())  # type: ignore[arg-type]
-        right = said.probability.argmax(dim=1) == said.y
+        outputs = collect_predictions(pl_module, self._data.test_dataloader())  # type: ignore[arg-type]
+        is_correct = outputs.probability.argmax(dim=1) == outputs.y
         self._epoch["train_loss"].append(statistics.fmean(self._losses))
-        self._epoch["test_loss"].append(float(F.cross_entropy(said.logits, said.y)))
-        self._epoch["test_accuracy"].append(float(right.double().mean()))
+        self._epoch["test_loss"].append(float(F.cross_entropy(outputs.logits, outputs.y)))
+        self._epoch["test_accuracy"].append(float(is_correct.double().mean()))
         self._losses = []
 
-    def found(self) -> dict[str, Any]:
-        wanted = torch.tensor(_QUANTILES)
+    def history(self) -> dict[str, Any]:
+        quantiles = torch.tensor(_QUANTILES)
         gradients = {
-            layer: torch.tensor(sizes).quantile(wanted).tolist()
+            layer: torch.tensor(sizes).quantile(quantiles).tolist()
             for layer, sizes in self._gradients.items()
         }
         return {**self._epoch, "gradients": gradients}

@@ -1,4 +1,4 @@
-r"""A table of our numbers, beside the published ones if there are: Markdown, CSV and a picture."""
+r"""The files of a table: Markdown, CSV and pictures of our numbers and the published numbers."""
 
 import csv
 import io
@@ -16,7 +16,7 @@ from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.io._csv_table import text_to_cell
-from torch_geometric_tactile.papers._table_caption import NOTHING, caption, cost_note
+from torch_geometric_tactile.papers._table_caption import NO_NUMBER, caption, cost_note
 from torch_geometric_tactile.papers._table_notes import (
     area_note,
     correlation_notes,
@@ -25,13 +25,13 @@ from torch_geometric_tactile.papers._table_notes import (
     positive_note,
 )
 from torch_geometric_tactile.papers._table_numbers import (
-    ALL,
+    ALL_RUNS,
+    PUBLISHED,
     Number,
     has_areas,
     run_rows,
     table_numbers,
 )
-from torch_geometric_tactile.papers._table_numbers import PUBLISHED as OF_PAPER
 from torch_geometric_tactile.papers._table_studies import study_lines, study_pictures
 from torch_geometric_tactile.training._config_files import TEMPLATES
 from torch_geometric_tactile.visualization import (
@@ -44,6 +44,7 @@ from torch_geometric_tactile.visualization import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# Decimals of metrics that are not in percent.
 _DIGITS = {
     "auroc": 3,
     "decided_auroc": 3,
@@ -52,22 +53,23 @@ _DIGITS = {
     "frames_per_second": 0,
     "num_parameters": 0,
 }
-_PUBLISHED_AS = {
+# The key of published numbers for each metric that has another name in the tables.
+_PUBLISHED_KEYS = {
     "draws_variance": "variance",
     "auroc": "auc",
-    "f1": "",  # that of papers is of one class
+    "f1": "",  # papers publish the F1 score of one class
     "f1_positive": "f1",
     "peak_memory_mb": "memory",
     "ratio": "memory",
 }
-_Index = dict[tuple[str, str, str], Number]
-# A series of a table: its source and metric, and what it is called.
+_NumberIndex = dict[tuple[str, str, str], Number]
+# A line of a table or bar of a picture: source, metric and label.
 _Series = tuple[str, str, str]
 
 
 def write_table(run: PlanRun, out: PathLike) -> list[Path]:
-    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.png`, :obj:`NAME-runs.csv` (each run by
-    itself) and the pictures of studies, :obj:`NAME-*.png`, and returns their paths.
+    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.png`, :obj:`NAME-runs.csv` (one line per
+    run) and the pictures of studies, :obj:`NAME-*.png`. Returns their paths.
     """
     suffixes = (".md", ".csv", ".png", "-runs.csv")
     paths = [Path(out) / f"{run.plan.table.name}{suffix}" for suffix in suffixes]
@@ -85,27 +87,31 @@ def write_table(run: PlanRun, out: PathLike) -> list[Path]:
 def _picture(run: PlanRun) -> "Figure":
     if run.plan.table.axis:
         return plot_curves(_curves(run), run.plan.table.axis, "Accuracy in %", _title(run))
-    series = dict.fromkeys(name for _, group in _drawn(run) for _, _, name in group)
+    series = dict.fromkeys(name for _, group in _drawn_groups(run) for _, _, name in group)
     return plot_comparison(_panels(run), list(series), _title(run))
 
 
 def _curves(run: PlanRun) -> dict[str, list[tuple[float, float, float]]]:
-    # A line for each row and protocol along the columns, which are numbers.
-    index = _index(run)
+    # One line for each row and protocol. The columns are numbers, the positions on the axis.
+    index = _number_index(run)
     curves: dict[str, list[tuple[float, float, float]]] = {}
-    for source in (OF_PAPER, *(protocol.name for protocol in run.plan.protocols)):
+    for source in (PUBLISHED, *(protocol.name for protocol in run.plan.protocols)):
         for cell in run.plan.table.cells:
             number = index.get((cell.experiment, source, "accuracy"))
             if number is not None:
-                name = _of_paper(run) if source == OF_PAPER else f"{run.plan.data.kind}, {source}"
+                name = (
+                    _published_label(run)
+                    if source == PUBLISHED
+                    else f"{run.plan.data.kind}, {source}"
+                )
                 point = (float(cell.column), number.mean, number.spread)
                 curves.setdefault(f"{cell.row} ({name})", []).append(point)
     return {name: sorted(points) for name, points in curves.items()}
 
 
 def csv_text(run: PlanRun) -> str:
-    r"""Returns all numbers, one a line: its place in the table, its source, metric, mean,
-    standard deviation and number of runs.
+    r"""Returns all numbers as CSV, one number per line: its cell of the table, source, metric,
+    mean, standard deviation and number of runs.
     """
     cells = {cell.experiment: cell for cell in run.plan.table.cells}
     file = io.StringIO()
@@ -116,23 +122,23 @@ def csv_text(run: PlanRun) -> str:
     measured_on = f"{run.plan.table.measured_on}, {run.plan.table.recordings}"
     for number in table_numbers(run):
         cell = cells[number.experiment]
-        published = number.source == OF_PAPER
+        is_published = number.source == PUBLISHED
         writer.writerow(
             [
                 *map(text_to_cell, (cell.section, cell.row, cell.column, cell.experiment)),
                 text_to_cell(number.source),
-                measured_on if published else run.plan.data.kind,
+                measured_on if is_published else run.plan.data.kind,
                 text_to_cell(number.metric),
-                f"{number.mean:.6g}" if published else repr(number.mean),
+                f"{number.mean:.6g}" if is_published else repr(number.mean),
                 "" if math.isnan(number.spread) else f"{number.spread:.6g}",
-                "" if published else number.runs,
+                "" if is_published else number.runs,
             ]
         )
     return file.getvalue()
 
 
 def _runs_csv(run: PlanRun) -> str:
-    r"""Returns the metrics and costs of each run, one run a line; accuracies in percent."""
+    r"""Returns metrics and costs of each run as CSV, one run per line, accuracies in percent."""
     rows = run_rows(run)
     file = io.StringIO()
     writer = csv.DictWriter(file, dict.fromkeys(chain.from_iterable(rows)), lineterminator="\n")
@@ -150,10 +156,10 @@ def _runs_csv(run: PlanRun) -> str:
 
 
 def markdown(run: PlanRun) -> str:
-    r"""Returns the table as a page: what it is made of, our numbers beside the published ones, and
-    what each model costs.
+    r"""Returns the page of the table as Markdown: its caption, our numbers beside the published
+    numbers, and the cost of each model.
     """
-    table, index = run.plan.table, _index(run)
+    table, index = run.plan.table, _number_index(run)
     lines = [f"# {printable(table.title)}", "", printable(caption(run)), ""]
     notes = (positive_note(run), draws_note(run), area_note(run))
     for note in filter(None, (*correlation_notes(run, index.values()), *notes)):
@@ -171,11 +177,13 @@ def markdown(run: PlanRun) -> str:
                     [
                         markdown_text(row) if i == 0 else "",
                         markdown_text(name),
-                        *_row(run, index, section, row, source, metric),
+                        *_row_texts(run, index, section, row, source, metric),
                     ]
                     for row in table.rows
-                    if any(_at(cell, section, row) for cell in table.cells)
-                    for i, (source, metric, name) in enumerate(_of_row(run, section, row, series))
+                    if any(_is_in_row(cell, section, row) for cell in table.cells)
+                    for i, (source, metric, name) in enumerate(
+                        _row_series(run, section, row, series)
+                    )
                 ],
             )
             lines.append("")
@@ -183,55 +191,62 @@ def markdown(run: PlanRun) -> str:
     lines += study_lines(run)
     lines += ["## Cost of the models", "", cost_note(run.plan), ""]
     metrics = ("num_parameters", "frames_per_second", "peak_memory_mb", "train_seconds")
-    once = _named_models(run.plan)
+    models = _named_models(run.plan)
     lines += markdown_table(
         ["experiment", "parameters", "frames/s", "peak memory (MB)", "seconds of training"],
         [
             [
                 f"`{printable(name).replace('|', '')}`",
-                *(_shown(index.get((cell.experiment, ALL, metric))) for metric in metrics),
+                *(
+                    _format_number(index.get((cell.experiment, ALL_RUNS, metric)))
+                    for metric in metrics
+                ),
             ]
-            for name, cell in once.items()
+            for name, cell in models.items()
         ],
     )
     return "\n".join([*lines, ""])
 
 
 def _named_models(plan: Plan) -> dict[str, Cell]:
-    # Two places may have one model, which is trained once. Two models of one configuration, with
-    # other data or transforms, are named by their experiments.
-    codes = {c.experiment: replace(plan.of_cell(c), studies=[]).code for c in plan.table.cells}
-    of_config: dict[str, set[str]] = {}
+    # Two cells may show the same model, which is trained once and listed once. Models with the same
+    # configuration but other data or transforms are named by their experiments.
+    codes = {
+        cell.experiment: replace(plan.of_cell(cell), studies=[]).code for cell in plan.table.cells
+    }
+    codes_by_config: dict[str, set[str]] = {}
     for cell in plan.table.cells:
-        of_config.setdefault(_config_name(cell), set()).add(codes[cell.experiment])
-    names: dict[str, Cell] = {}
+        codes_by_config.setdefault(_config_name(cell), set()).add(codes[cell.experiment])
+    models: dict[str, Cell] = {}
     for cell in plan.table.cells:
         name = _config_name(cell)
-        is_shared = len(of_config[name]) > 1 or cell.data
-        names[cell.experiment if is_shared else name] = cell
-    return names
+        is_ambiguous = len(codes_by_config[name]) > 1 or cell.data
+        models[cell.experiment if is_ambiguous else name] = cell
+    return models
 
 
 def _config_name(cell: Cell) -> str:
-    # What `tactile fit --config` takes, where that is one of a template.
+    # The name for `tactile fit --config` if it is an experiment of a template.
     config = str(cell.config)
     return config if config.partition("/")[0] in TEMPLATES else cell.experiment
 
 
-def _row(
-    run: PlanRun, index: _Index, section: str, row: str, source: str, metric: str
+def _row_texts(
+    run: PlanRun, index: _NumberIndex, section: str, row: str, source: str, metric: str
 ) -> list[str]:
-    of_row = {cell.column: cell for cell in run.plan.table.cells if _at(cell, section, row)}
+    cells_by_column = {
+        cell.column: cell for cell in run.plan.table.cells if _is_in_row(cell, section, row)
+    }
     texts = []
     for column in run.plan.table.columns(section):
-        cell = of_row.get(column)
+        cell = cells_by_column.get(column)
         if cell is None:
-            texts.append("")  # the paper has no such model
+            texts.append("")  # not in the table of the paper
         elif metric == "ratio":
-            ratio = _ratio(run, index, cell, source)
-            texts.append(NOTHING if ratio is None else f"{ratio:.2f}")
+            ratio = _memory_ratio(run, index, cell, source)
+            texts.append(NO_NUMBER if ratio is None else f"{ratio:.2f}")
         else:
-            text = _shown(index.get((cell.experiment, source, metric)), run.plan.seeds)
+            text = _format_number(index.get((cell.experiment, source, metric)), run.plan.seeds)
             variance = index.get((cell.experiment, source, "variance"))
             if variance is not None and metric == "accuracy":
                 text += f" (variance {variance.mean:g})"
@@ -239,54 +254,60 @@ def _row(
     return texts
 
 
-def _of_row(run: PlanRun, section: str, row: str, series: Sequence[_Series]) -> list[_Series]:
-    # A model that is in no paper has no line for published numbers.
-    is_published = any(cell.published for cell in run.plan.table.cells if _at(cell, section, row))
-    return [entry for entry in series if is_published or entry[0] != OF_PAPER]
+def _row_series(run: PlanRun, section: str, row: str, series: Sequence[_Series]) -> list[_Series]:
+    # A model that is not in the paper has no line for published numbers.
+    is_published = any(
+        cell.published for cell in run.plan.table.cells if _is_in_row(cell, section, row)
+    )
+    return [entry for entry in series if is_published or entry[0] != PUBLISHED]
 
 
-def _at(cell: Cell, section: str, row: str) -> bool:
+def _is_in_row(cell: Cell, section: str, row: str) -> bool:
     return (cell.section, cell.row) == (section, row)
 
 
-def _shown(number: Number | None, seeds: int | None = None) -> str:
+def _format_number(number: Number | None, seeds: int | None = None) -> str:
     if number is None:
-        return NOTHING
-    digits = _DIGITS.get(number.metric, 2 if number.source == OF_PAPER else 1)
-    if number.metric == "auroc" and number.source == OF_PAPER:
+        return NO_NUMBER
+    digits = _DIGITS.get(number.metric, 2 if number.source == PUBLISHED else 1)
+    if number.metric == "auroc" and number.source == PUBLISHED:
         digits = 4
     text = f"{number.mean:,.{digits}f}" if digits == 0 else f"{number.mean:.{digits}f}"
     if number.metric in ("num_parameters", "frames_per_second", "train_seconds"):
         return text
     if not math.isnan(number.spread):
         text += f" ± {number.spread:.{digits}f}"
-    some = seeds is not None and number.source not in (OF_PAPER, ALL) and number.runs < seeds
-    return f"{text} ({number.runs} of {seeds})" if some else text
-
-
-def _ratio(run: PlanRun, index: _Index, cell: Cell, source: str) -> float | None:
-    # To the first model of the table with the same inputs.
-    base = next(
-        other
-        for other in run.plan.table.cells
-        if (other.section, other.column) == (cell.section, cell.column)
+    is_incomplete = (
+        seeds is not None and number.source not in (PUBLISHED, ALL_RUNS) and number.runs < seeds
     )
-    mine, first = (index.get((e.experiment, source, "peak_memory_mb")) for e in (cell, base))
-    return None if mine is None or first is None else mine.mean / first.mean
+    return f"{text} ({number.runs} of {seeds})" if is_incomplete else text
 
 
-def _index(run: PlanRun) -> _Index:
+def _memory_ratio(run: PlanRun, index: _NumberIndex, cell: Cell, source: str) -> float | None:
+    # The memory relative to the first model of the table with the same inputs.
+    base = next(
+        candidate
+        for candidate in run.plan.table.cells
+        if (candidate.section, candidate.column) == (cell.section, cell.column)
+    )
+    number, base_number = (
+        index.get((compared.experiment, source, "peak_memory_mb")) for compared in (cell, base)
+    )
+    return None if number is None or base_number is None else number.mean / base_number.mean
+
+
+def _number_index(run: PlanRun) -> _NumberIndex:
     numbers = table_numbers(run)
     return {(number.experiment, number.source, number.metric): number for number in numbers}
 
 
 def _groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
-    # The parts of the page, and the lines of each model in them.
+    # The headings of the page, with the series that each model has below them.
     table, ours = run.plan.table, run.plan.data.kind
     protocols = [protocol.name for protocol in run.plan.protocols]
     if table.shows == "memory":
         return [
-            (heading, [*_published(run, metric), (ALL, metric, _memory_name(run))])
+            (heading, [*_published_series(run, metric), (ALL_RUNS, metric, _memory_name(run))])
             for heading, metric in (
                 ("Peak memory in MB", "peak_memory_mb"),
                 (f"Memory relative to {table.rows[0]}", "ratio"),
@@ -300,40 +321,40 @@ def _groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
         for name in protocols
         for metric, kind in kinds.items()
     ]
-    groups = [("Accuracy in %", [*_published(run, "accuracy"), *accuracy])]
+    groups = [("Accuracy in %", [*_published_series(run, "accuracy"), *accuracy])]
     if table.draws is not None:
-        groups += [_of_draws(run)]
-    others = {"auroc": "Area under the ROC curve", "f1": "F1 score in %"}
+        groups += [_draws_group(run)]
+    headings = {"auroc": "Area under the ROC curve", "f1": "F1 score in %"}
     if table.positive:
-        others = {
+        headings = {
             "precision_positive": f"Precision of {table.positive} in %",
             "recall_positive": f"Recall of {table.positive} in %",
             "f1_positive": f"F1 score of {table.positive} in %",
-            "auroc": others["auroc"],
+            "auroc": headings["auroc"],
         }
-    for metric, heading in others.items():
+    for metric, heading in headings.items():
         series: list[_Series] = [(name, metric, f"{ours}, {name}") for name in protocols]
         if metric == "auroc" and has_areas(table):
-            both = {metric: "scores", "decided_auroc": "decisions"}
+            variants = {metric: "scores", "decided_auroc": "decisions"}
             series = [
-                (name, kind, f"{told}: of {what}")
-                for name, _, told in series
-                for kind, what in both.items()
+                (name, kind, f"{label}: of {variant}")
+                for name, _, label in series
+                for kind, variant in variants.items()
             ]
-        groups.append((heading, [*_published(run, metric), *series]))
+        groups.append((heading, [*_published_series(run, metric), *series]))
     return groups
 
 
-def _of_paper(run: PlanRun) -> str:
+def _published_label(run: PlanRun) -> str:
     return f"published, {run.plan.table.measured_on}, {run.plan.table.recordings} data"
 
 
-def _of_draws(run: PlanRun) -> tuple[str, list[_Series]]:
+def _draws_group(run: PlanRun) -> tuple[str, list[_Series]]:
     assert run.plan.table.draws is not None
     kinds = {"draws_accuracy": "mean, %", "draws_variance": "variance, %²"}
     published = [
         (source, metric, f"{name}: {kinds['draws_variance']}")
-        for source, metric, name in _published(run, "draws_variance")
+        for source, metric, name in _published_series(run, "draws_variance")
     ]
     ours = [
         (protocol.name, metric, f"{run.plan.data.kind}, {protocol.name}: {kind}")
@@ -344,10 +365,10 @@ def _of_draws(run: PlanRun) -> tuple[str, list[_Series]]:
     return f"Accuracy over {count} draws of the test samples", [*published, *ours]
 
 
-def _published(run: PlanRun, metric: str) -> list[_Series]:
-    key = _PUBLISHED_AS.get(metric, metric)
-    printed = any(key in cell.published for cell in run.plan.table.cells)
-    return [(OF_PAPER, metric, _of_paper(run))] if printed else []
+def _published_series(run: PlanRun, metric: str) -> list[_Series]:
+    key = _PUBLISHED_KEYS.get(metric, metric)
+    has_numbers = any(key in cell.published for cell in run.plan.table.cells)
+    return [(PUBLISHED, metric, _published_label(run))] if has_numbers else []
 
 
 def _memory_name(run: PlanRun) -> str:
@@ -355,23 +376,23 @@ def _memory_name(run: PlanRun) -> str:
     return f"{run.plan.data.kind}, {' and '.join(sorted(measures)) or 'no run yet'}"
 
 
-def _drawn(run: PlanRun) -> list[tuple[str, list[_Series]]]:
+def _drawn_groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
     groups = _groups(run)
-    drawn = [group for group in groups if group[1][0][0] == OF_PAPER]
-    return [group for group in drawn if "draws_variance" not in group[1][0]] or groups[:1]
+    published = [group for group in groups if group[1][0][0] == PUBLISHED]
+    return [group for group in published if "draws_variance" not in group[1][0]] or groups[:1]
 
 
 def _panels(run: PlanRun) -> list[ComparisonPanel]:
-    table, index = run.plan.table, _index(run)
+    table, index = run.plan.table, _number_index(run)
     panels = []
-    for heading, series in _drawn(run):
+    for heading, series in _drawn_groups(run):
         for section in table.sections:
             rows = {}
             for cell in (cell for cell in table.cells if cell.section == section):
                 values = {}
                 for source, metric, name in series:
                     number = index.get((cell.experiment, source, metric))
-                    ratio = _ratio(run, index, cell, source) if metric == "ratio" else None
+                    ratio = _memory_ratio(run, index, cell, source) if metric == "ratio" else None
                     if ratio is not None:
                         values[name] = (ratio, math.nan)
                     elif number is not None:
@@ -383,7 +404,7 @@ def _panels(run: PlanRun) -> list[ComparisonPanel]:
 
 def _title(run: PlanRun) -> str:
     table, ours = run.plan.table, run.plan.data.kind
-    beside = " beside published numbers" if table.is_published else ""
-    title = f"{table.title} ({ours} recordings{beside})"
+    note = " beside published numbers" if table.is_published else ""
+    title = f"{table.title} ({ours} recordings{note})"
     runs = "1 run" if run.missing == 1 else f"{run.missing} runs"
     return f"{title}; {runs} missing" if run.missing else title

@@ -1,4 +1,4 @@
-r"""The board as a page."""
+r"""The page of the board, which ranks models over data sets."""
 
 import json
 import statistics
@@ -12,42 +12,43 @@ from torch_geometric_tactile.experiments._board import BoardColumn
 
 
 def board_rows(columns: Sequence[BoardColumn]) -> tuple[list[str], list[list[str]]]:
-    r"""Returns the header and the rows of the board, the best mean place first."""
-    ranked = [column.places() for column in columns if column.board_set.ranks]
+    r"""Returns the header and the rows of the board, sorted by mean place."""
+    places_by_set = [column.places() for column in columns if column.board_set.ranks]
     names = list(dict.fromkeys(name for column in columns for name in column.results))
-    mean = {
-        name: statistics.fmean(found)
+    mean_place = {
+        name: statistics.fmean(model_places)
         for name in names
-        if (found := [places[name] for places in ranked if name in places])
+        if (model_places := [places[name] for places in places_by_set if name in places])
     }
-    count = {name: sum(name in places for places in ranked) for name in names}
+    num_sets = {name: sum(name in places for places in places_by_set) for name in names}
     header = ["model", "mean place", "of sets", *(column.board_set.name for column in columns)]
-    ordered = sorted(names, key=lambda name: (name not in mean, mean.get(name, 0.0)))
+    ordered = sorted(names, key=lambda name: (name not in mean_place, mean_place.get(name, 0.0)))
     rows = [
         [
             name,
-            f"{mean[name]:.1f}" if name in mean else "",
-            str(count[name]),
-            *(_cell(column, name) for column in columns),
+            f"{mean_place[name]:.1f}" if name in mean_place else "",
+            str(num_sets[name]),
+            *(_accuracy_cell(column, name) for column in columns),
         ]
         for name in ordered
     ]
     return header, rows
 
 
-def _cell(column: BoardColumn, name: str) -> str:
+def _accuracy_cell(column: BoardColumn, name: str) -> str:
     result = column.results.get(name)
     if result is None:
         return ""
     mean, sd = (100 * value for value in result.scores["accuracy"])
-    text = f"{mean:.1f}" + (f" ± {sd:.1f}" if sd == sd else "")
+    text = f"{mean:.1f}" + (f" ± {sd:.1f}" if sd == sd else "")  # NaN for a single fold
+    # Two models that share the first place are both at 1.5.
     return f"**{text}**" if column.places()[name] < 2 else text
 
 
 def board_markdown(columns: Sequence[BoardColumn], machine: str, hours: float) -> str:
-    r"""Returns the page of the board."""
+    r"""Returns the page of the board as Markdown."""
     header, rows = board_rows(columns)
-    described = [
+    set_rows = [
         [
             markdown_text(column.board_set.name),
             f"`{column.board_set.dataset}`",
@@ -63,11 +64,11 @@ def board_markdown(columns: Sequence[BoardColumn], machine: str, hours: float) -
         [
             "# The board",
             "",
-            "All models of `tactile compare`, with their default settings, on all real data sets "
-            "that were there, on readings as they are (no preparation but for scaling). Accuracy "
-            "in percent on the test part, mean and deviation over the folds; the best of a column "
-            "is bold. The mean place is over the sets that rank models and that a model fits: 1 is "
-            "the best.",
+            "All models of `tactile compare` with their default settings, on all real data sets "
+            "that were available. Readings are scaled and not prepared otherwise. Accuracy in "
+            "percent on the test part, mean and standard deviation over the folds; the best of "
+            "each column is bold. The mean place (1 is the best) is over the sets that rank models "
+            "and that the model supports.",
             "",
             *markdown_table(header, [[_code(row[0]), *row[1:]] for row in rows]),
             "",
@@ -75,13 +76,13 @@ def board_markdown(columns: Sequence[BoardColumn], machine: str, hours: float) -
             "",
             *markdown_table(
                 ["set", "class", "task and what is new in the test", "samples", "split", "ranks"],
-                described,
+                set_rows,
             ),
             "",
             f"Seed 0. {machine}; {hours:.1f} hours of training and testing in all runs.",
             "",
-            "`tactile board --data DIR` makes this page and goes on where it was stopped; `--own "
-            "my_nets.MyNet` adds a model of your own, by its import path.",
+            "`tactile board --data DIR` writes this page and resumes an interrupted run; `--own "
+            "my_nets.MyNet` adds your own model by its import path.",
             "",
         ]
     )
@@ -105,6 +106,7 @@ def write_board(
     paths = [Path(out) / name for name in texts]
     for path, text in zip(paths, texts.values(), strict=True):
         with atomic_path(path) as temporary:
+            # JSON has no NaN.
             temporary.write_text(text.replace("NaN", "null"), encoding="utf-8")
     return paths
 

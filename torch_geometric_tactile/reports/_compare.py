@@ -1,4 +1,4 @@
-r"""A comparison of models: Markdown, CSV, JSON and a picture."""
+r"""The files of a comparison of models: Markdown, CSV, JSON and a picture."""
 
 import csv
 import io
@@ -36,26 +36,26 @@ from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparis
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PERCENT = ("accuracy", "balanced_accuracy", "f1")
-_COLUMNS = (
+_PERCENT_METRICS = ("accuracy", "balanced_accuracy", "f1")
+_CSV_COLUMNS = (
     *("model", "kind", "metric", "mean", "sd", "splits"),
     *("difference", "over_splits", "over_units", "parameters", "seconds", "milliseconds"),
     *("validation", "over_seeds"),
 )
-_WHO_SEES_TIME = (
-    "The models temporal, lstm, temporal_cnn and minirocket process the frames in their order, and "
-    "svm_signal takes statistics of each signal; all others take the frames of a taxel as channels."
+_TIME_MODELS_NOTE = (
+    "The models temporal, lstm, temporal_cnn and minirocket process the frames in order, and "
+    "svm_signal uses statistics of each signal; all others use the frames of a taxel as channels."
 )
-_PARTS = "The test samples of all splits together, with the mean over their seeds."
-_KINDS = ("set", "session", "group", "trial")
-_MOST = 50
-_SIMULATED = "The samples are simulated: the results may not hold for a real hand."
-_SERIES = {False: "plain models", True: "graph models"}
+_PARTS_NOTE = "Scores on the test samples of all splits together, as the mean over the seeds."
+_UNIT_COLUMNS = ("set", "session", "group", "trial")
+_MAX_UNITS = 50  # rows of a table by set, session or group, to keep the page readable
+_SIMULATED_NOTE = "The samples are simulated: the results may not hold for a real hand."
+_SERIES_NAMES = {False: "plain models", True: "graph models"}
 
 
 def write_comparison(comparison: Comparison, out: PathLike) -> list[Path]:
-    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.json` and, if there is a result,
-    :obj:`NAME_predictions.csv` and :obj:`NAME.png`, and returns their paths.
+    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.json` and, if a model has results,
+    :obj:`NAME_predictions.csv` and :obj:`NAME.png`. Returns their paths.
     """
     name = comparison.run.plan.table.name
     texts = {
@@ -79,27 +79,31 @@ def write_comparison(comparison: Comparison, out: PathLike) -> list[Path]:
 
 
 def comparison_rows(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
-    r"""Returns the header and the rows of a table of a comparison, the best model first."""
-    names = [f"{NAMES[key]}{' (%)' if key in PERCENT else ''}" for key in comparison.metrics]
+    r"""Returns the header and the rows of the table of models, the best model first."""
+    names = [
+        f"{NAMES[key]}{' (%)' if key in _PERCENT_METRICS else ''}" for key in comparison.metrics
+    ]
     header = ["model", "kind", *names]
     if comparison.is_validated:
         header.append(f"validation {names[comparison.metrics.index(comparison.metric)]}")
     if comparison.best_plain is not None:
-        unit = " (points)" if comparison.metric in PERCENT else ""
-        errors = [name for name, _ in _errors(comparison, None)]
-        header += [f"to {comparison.best_plain}{unit}", *errors]
+        unit = " (points)" if comparison.metric in _PERCENT_METRICS else ""
+        error_names = [name for name, _ in _standard_errors(comparison, None)]
+        header += [f"to {comparison.best_plain}{unit}", *error_names]
     header += ["parameters", "seconds", "ms a sample"]
     ordered = sorted(comparison.results, key=comparison.merit, reverse=True)
     return header, [_row(comparison, result) for result in ordered]
 
 
-def _errors(comparison: Comparison, difference: Difference | None) -> list[tuple[str, float]]:
-    # The standard errors of a difference, by the headers of their columns.
-    over = Difference(math.nan, math.nan, math.nan, 0, 0) if difference is None else difference
-    columns = [(f"over {comparison.units.name}s", over.over_units)]
+def _standard_errors(
+    comparison: Comparison, difference: Difference | None
+) -> list[tuple[str, float]]:
+    # The headers of the columns with their standard errors, NaN without a difference.
+    errors = Difference(math.nan, math.nan, math.nan, 0, 0) if difference is None else difference
+    columns = [(f"over {comparison.units.name}s", errors.over_units)]
     if not comparison.has_given_parts:
-        return [("over splits", over.over_splits), *columns]
-    return [("over seeds", over.over_seeds), *columns] if comparison.num_seeds > 1 else columns
+        return [("over splits", errors.over_splits), *columns]
+    return [("over seeds", errors.over_seeds), *columns] if comparison.num_seeds > 1 else columns
 
 
 def _row(comparison: Comparison, result: ModelResult) -> list[str]:
@@ -109,25 +113,25 @@ def _row(comparison: Comparison, result: ModelResult) -> list[str]:
         text = shown_number(key, mean)
         scores.append(text if math.isnan(sd) else f"{text} ± {shown_number(key, sd)}")
     if comparison.is_validated:
-        value = math.nan if result.validation is None else result.validation
-        scores.append(shown_number(comparison.metric, value))
-    errors = _errors(comparison, result.difference)
-    difference = [] if comparison.best_plain is None else [""] * (1 + len(errors))
+        validation = math.nan if result.validation is None else result.validation
+        scores.append(shown_number(comparison.metric, validation))
+    errors = _standard_errors(comparison, result.difference)
+    difference_cells = [] if comparison.best_plain is None else [""] * (1 + len(errors))
     if result.difference is not None:
         mean = result.difference.mean
         sign = "+" if mean > 0 else ""
         number = shown_number(comparison.metric, mean)
         mark = " *" if result.difference.is_beyond_noise else ""
-        difference = [f"{sign}{number}{mark}"]
-        difference += [f"± {shown_number(comparison.metric, error)}" for _, error in errors]
-    size = "" if result.num_parameters is None else f"{result.num_parameters:,.0f}"
+        difference_cells = [f"{sign}{number}{mark}"]
+        difference_cells += [f"± {shown_number(comparison.metric, error)}" for _, error in errors]
+    num_parameters = "" if result.num_parameters is None else f"{result.num_parameters:,.0f}"
     kind = "graph" if result.model.is_graph else "plain"
     times = [f"{result.seconds:,.1f}", f"{result.milliseconds:.2g}"]
-    return [result.model.name, kind, *scores, *difference, size, *times]
+    return [result.model.name, kind, *scores, *difference_cells, num_parameters, *times]
 
 
 def comparison_markdown(comparison: Comparison) -> str:
-    r"""Returns a comparison as a page."""
+    r"""Returns the page of a comparison as Markdown."""
     plan = comparison.run.plan
     header, rows = comparison_rows(comparison)
     lines = [f"# {printable(plan.table.title)}", "", printable(advice(comparison)), ""]
@@ -137,10 +141,10 @@ def comparison_markdown(comparison: Comparison) -> str:
     lines += [
         "## Chosen settings",
         "",
-        *markdown_table(["model", "description", "chosen"], _escaped(_chosen(comparison))),
+        *markdown_table(["model", "description", "chosen"], _escaped(_settings_rows(comparison))),
     ]
     for kind, part_header, part_rows in _part_tables(comparison):
-        lines += ["", f"## {NAMES[comparison.metric].capitalize()} by {kind}", "", _PARTS, ""]
+        lines += ["", f"## {NAMES[comparison.metric].capitalize()} by {kind}", "", _PARTS_NOTE, ""]
         lines += markdown_table(part_header, _escaped(part_rows))
     if comparison.run.failed:
         lines += ["", "## Failed runs", ""]
@@ -153,23 +157,23 @@ def _facts(comparison: Comparison) -> list[str]:
     (protocol,) = plan.protocols
     facts = plan.facts
     splits = "1 split" if comparison.num_splits == 1 else f"{comparison.num_splits} splits"
-    held = f" of {facts.num_frames} frames" if facts.num_frames else ""
-    held += f", {facts.num_trials:,} trials" if facts.num_trials else ""
-    held += f", {facts.num_groups:,} groups" if facts.num_groups else ""
-    more = [_differences(comparison), describe_cut(plan.data), describe_sensors(plan)]
+    counts = f" of {facts.num_frames} frames" if facts.num_frames else ""
+    counts += f", {facts.num_trials:,} trials" if facts.num_trials else ""
+    counts += f", {facts.num_groups:,} groups" if facts.num_groups else ""
+    notes = [_differences_note(comparison), describe_cut(plan.data), describe_sensors(plan)]
     dataset = plan.data.load()
     if facts.num_frames is not None and not isinstance(dataset, GraphSamples):
-        more += [describe_left_out(dataset), _WHO_SEES_TIME]
-    more.append(_SIMULATED if plan.data.kind == "simulated" else "")
+        notes += [describe_left_out(dataset), _TIME_MODELS_NOTE]
+    notes.append(_SIMULATED_NOTE if plan.data.kind == "simulated" else "")
     return [
-        f"{facts.num_samples:,} samples{held}{facts.part_note}; {protocol.protocol.describe()}, "
-        f"{splits}. {_spread(comparison)}Settings were "
+        f"{facts.num_samples:,} samples{counts}{facts.part_note}; {protocol.protocol.describe()}, "
+        f"{splits}. {_spread_note(comparison)}Settings were "
         "chosen on a part of each training part; each test part was used once.",
-        *filter(None, [_choice_of_model(comparison), *more]),
+        *filter(None, [_model_choice_note(comparison), *notes]),
     ]
 
 
-def _spread(comparison: Comparison) -> str:
+def _spread_note(comparison: Comparison) -> str:
     if not comparison.has_given_parts:
         return "Mean ± standard deviation over the splits. "
     if comparison.num_seeds == 1:
@@ -177,51 +181,53 @@ def _spread(comparison: Comparison) -> str:
     return f"Mean ± standard deviation over {comparison.num_seeds} seeds of the training. "
 
 
-def _choice_of_model(comparison: Comparison) -> str:
+def _model_choice_note(comparison: Comparison) -> str:
     if not comparison.is_validated:
         return ""
     return (
-        "The model is recommended by the score on validation parts, which are held out of the "
-        "samples to train on (the given ones, if there are any); models are then trained again on "
-        "all of these. The test part chooses no model."
+        "The recommended model has the best score on validation parts, which are held out of the "
+        "training samples (or given by the data set); models are then trained again on all "
+        "training samples. The test part is not used to choose a model."
     )
 
 
 def describe_sensors(plan: Plan) -> str:
-    r"""Returns which models are left out where the samples have no layout that all share, and why;
-    nothing where they have one.
+    r"""Returns a note on the models that are left out because the samples have different layouts;
+    empty if all samples share a layout.
     """
     dataset = plan.data.load()
     if not isinstance(dataset, GraphSamples):
         return ""
     names = [model.name for model in MODELS if model.name != FLOOR]
     return (
-        f"The samples have {dataset.describe_taxels()}, and no layout that all share: networks run "
-        "that are called as forward(x, edge_index, batch), and the constant answer. Left out are "
-        f"the models of one layout: {', '.join(names)}."
+        f"The samples have {dataset.describe_taxels()} and share no layout. Compared are networks "
+        "called as forward(x, edge_index, batch) and the constant answer. Models that need a "
+        f"layout are left out: {', '.join(names)}."
     )
 
 
-def _differences(comparison: Comparison) -> str:
+def _differences_note(comparison: Comparison) -> str:
     if comparison.best_plain is None:
         return ""
     runs = "seeds" if comparison.has_given_parts else "splits"
     return (
         f"Differences are to {comparison.best_plain}, the best plain model, on the same samples, "
-        f"with their standard errors over the {runs} and over the {comparison.units.name}s; * is "
-        f"beyond the noise. {RULE}"
+        f"with their standard errors over the {runs} and over the {comparison.units.name}s; * "
+        f"marks a difference beyond the noise. {RULE}"
     )
 
 
-def _chosen(comparison: Comparison) -> list[list[str]]:
+def _settings_rows(comparison: Comparison) -> list[list[str]]:
     rows = []
-    transforms = {e.name: e.transform for e in comparison.run.plan.experiments}
+    transforms = {
+        experiment.name: experiment.transform for experiment in comparison.run.plan.experiments
+    }
     for result in comparison.results:
         transform = transforms[result.model.name]
-        texts = [describe_setting(chosen["setting"], transform) for chosen in result.chosen]
-        counted = {text: texts.count(text) for text in texts}
-        said = "; ".join(f"{text} ({n} x)" if n > 1 else text for text, n in counted.items())
-        rows.append([result.model.name, result.model.title, said])
+        descriptions = [describe_setting(choice["setting"], transform) for choice in result.chosen]
+        counts = {text: descriptions.count(text) for text in descriptions}
+        summary = "; ".join(f"{text} ({n} x)" if n > 1 else text for text, n in counts.items())
+        rows.append([result.model.name, result.model.title, summary])
     return rows
 
 
@@ -230,10 +236,12 @@ def _escaped(rows: Sequence[Sequence[str]]) -> list[list[str]]:
 
 
 def comparison_csv(comparison: Comparison) -> str:
-    r"""Returns all scores, one a line, and the differences of the score that is compared."""
+    r"""Returns all scores as CSV, one score per line, and the differences of the compared
+    metric.
+    """
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(_COLUMNS)
+    writer.writerow(_CSV_COLUMNS)
     for result in comparison.results:
         kind = "graph" if result.model.is_graph else "plain"
         for key in comparison.metrics:
@@ -242,30 +250,37 @@ def comparison_csv(comparison: Comparison) -> str:
             difference = result.difference if is_compared else None
             numbers: list[float | None] = [mean, sd, comparison.num_splits]
             numbers += [None] * 3 if difference is None else difference[:3]
-            more = [result.validation if is_compared else None]
-            more.append(None if difference is None else difference.over_seeds)
-            size = "" if result.num_parameters is None else result.num_parameters
-            row = [kind, key, *map(_cell, numbers), size, result.seconds, result.milliseconds]
-            row += map(_cell, more)
+            extra_numbers = [result.validation if is_compared else None]
+            extra_numbers.append(None if difference is None else difference.over_seeds)
+            num_parameters = "" if result.num_parameters is None else result.num_parameters
+            row = [
+                kind,
+                key,
+                *map(_number_cell, numbers),
+                num_parameters,
+                result.seconds,
+                result.milliseconds,
+            ]
+            row += map(_number_cell, extra_numbers)
             writer.writerow([text_to_cell(result.model.name), *row])
     return file.getvalue()
 
 
-def _cell(value: object) -> object:
+def _number_cell(value: object) -> object:
     return "" if value is None or (isinstance(value, float) and math.isnan(value)) else value
 
 
 def _picture(comparison: Comparison) -> "Figure":
     metric = comparison.metric
-    factor, unit = (100, " in %") if metric in PERCENT else (1, "")
+    factor, unit = (100, " in %") if metric in _PERCENT_METRICS else (1, "")
     ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
     rows = {
         result.model.name: {
-            _SERIES[result.model.is_graph]: tuple(factor * v for v in result.scores[metric])
+            _SERIES_NAMES[result.model.is_graph]: tuple(factor * v for v in result.scores[metric])
         }
         for result in ordered
     }
-    series = [name for name in _SERIES.values() if any(name in row for row in rows.values())]
+    series = [name for name in _SERIES_NAMES.values() if any(name in row for row in rows.values())]
     runs = "seeds" if comparison.has_given_parts else "splits"
     label = f"{NAMES[metric]}{unit}, mean and standard deviation over {runs}"
     if comparison.has_given_parts and comparison.num_seeds == 1:
@@ -275,72 +290,86 @@ def _picture(comparison: Comparison) -> "Figure":
 
 
 def _part_tables(comparison: Comparison) -> Iterator[tuple[str, list[str], list[list[str]]]]:
-    # The scores of the models on the test samples of each set, session or group, where there are 2
-    # to 50 of a kind.
+    # Tables with the scores of all models on the test samples of each set, session or group, for
+    # units of which there are 2 to 50.
     dataset, metric = comparison.run.plan.data.load(), comparison.metric
     ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
-    said: dict[str, list[Predictions]] = {result.model.name: [] for result in ordered}
+    run_predictions: dict[str, list[Predictions]] = {result.model.name: [] for result in ordered}
     for experiment, result in comparison.run.results:
-        if experiment.name in said:
-            said[experiment.name].append(Predictions.from_dict(result["predictions"]))
-    joined = {name: Predictions.join(predictions) for name, predictions in said.items()}
-    for kind in _KINDS[:-1]:
-        of_model = {name: _names(dataset, kind, j.index) for name, j in joined.items()}
-        once = _first_places(next(iter(joined.values()), None))
-        if column_of(dataset, kind) is None or once is None:
+        if experiment.name in run_predictions:
+            run_predictions[experiment.name].append(Predictions.from_dict(result["predictions"]))
+    joined = {name: Predictions.join(predictions) for name, predictions in run_predictions.items()}
+    for column in _UNIT_COLUMNS[:-1]:
+        names_by_model = {
+            name: _sample_names(dataset, column, prediction.index)
+            for name, prediction in joined.items()
+        }
+        first_rows = _first_rows(next(iter(joined.values()), None))
+        if column_of(dataset, column) is None or first_rows is None:
             continue
-        names, counts = np.unique(next(iter(of_model.values()))[once], return_counts=True)
-        if not 2 <= len(names) <= _MOST:
+        names, counts = np.unique(
+            next(iter(names_by_model.values()))[first_rows], return_counts=True
+        )
+        if not 2 <= len(names) <= _MAX_UNITS:
             continue
         rows = []
         for name, count in zip(names.tolist(), counts.tolist(), strict=True):
-            parts = [joined[model].select(of_model[model] == name) for model in joined]
-            scores = (prediction_scores(p.y, p.prediction, metric == "mae")[metric] for p in parts)
+            parts = [joined[model].select(names_by_model[model] == name) for model in joined]
+            scores = (
+                prediction_scores(part.y, part.prediction, metric == "mae")[metric]
+                for part in parts
+            )
             rows.append([name, f"{count:,}", *(shown_number(metric, score) for score in scores)])
-        yield kind, [kind, "test samples", *joined], rows
+        yield column, [column, "test samples", *joined], rows
 
 
-def _first_places(said: Predictions | None) -> np.ndarray | None:
-    # The first prediction of each sample, of which several seeds have predictions.
-    if said is None or said.index is None:
+def _first_rows(predictions: Predictions | None) -> np.ndarray | None:
+    # The row of the first prediction of each sample: with several seeds, a sample has several.
+    if predictions is None or predictions.index is None:
         return None
-    return np.unique(said.index, return_index=True)[1]
+    return np.unique(predictions.index, return_index=True)[1]
 
 
 def prediction_rows(comparison: Comparison) -> Iterator[list[Any]]:
-    r"""Yields the header of a table with a row for each model, split and test sample, and
-    its rows.
+    r"""Yields the header, then the rows, of a table with a row for each model, split and test
+    sample.
     """
     dataset = comparison.run.plan.data.load()
-    kinds = [kind for kind in _KINDS if column_of(dataset, kind) is not None]
+    unit_columns = [column for column in _UNIT_COLUMNS if column_of(dataset, column) is not None]
     y = column_of(dataset, "y")
-    width = [""] if y is None or y.ndim == 1 else [f"_{i}" for i in range(y.shape[1])]
-    answers = [f"{name}{end}" for name in ("y", "prediction") for end in width]
-    yield ["model", "seed", "fold", "index", *kinds, *answers]
+    suffixes = [""] if y is None or y.ndim == 1 else [f"_{i}" for i in range(y.shape[1])]
+    answers = [f"{name}{suffix}" for name in ("y", "prediction") for suffix in suffixes]
+    yield ["model", "seed", "fold", "index", *unit_columns, *answers]
     for experiment, result in comparison.run.results:
-        said = Predictions.from_dict(result["predictions"])
-        columns = [_names(dataset, kind, said.index).tolist() for kind in kinds]
-        for values in (said.y, said.prediction):
-            columns += _named(values, dataset.class_names).reshape(len(values), -1).T.tolist()
-        head = [experiment.name, experiment.seed, experiment.fold]
-        assert said.index is not None
-        for row in zip(said.index.tolist(), *columns, strict=True):
-            yield [*head, *row]
+        predictions = Predictions.from_dict(result["predictions"])
+        columns = [
+            _sample_names(dataset, column, predictions.index).tolist() for column in unit_columns
+        ]
+        for values in (predictions.y, predictions.prediction):
+            columns += (
+                _values_to_names(values, dataset.class_names).reshape(len(values), -1).T.tolist()
+            )
+        run_cells = [experiment.name, experiment.seed, experiment.fold]
+        assert predictions.index is not None
+        for row in zip(predictions.index.tolist(), *columns, strict=True):
+            yield [*run_cells, *row]
 
 
-def _names(dataset: SampleSet, kind: str, index: np.ndarray | None) -> np.ndarray:
-    # Of the samples with these places among all that the data set holds, selected or not.
-    column = column_of(dataset, kind)
+def _sample_names(dataset: SampleSet, column_name: str, index: np.ndarray | None) -> np.ndarray:
+    # `index` counts all samples of the data set, also those that are not selected.
+    column = column_of(dataset, column_name)
     if column is None or index is None:
         return np.array([])
-    place = np.zeros(dataset.len(), dtype=np.int64)
-    place[np.asarray(dataset.indices())] = np.arange(len(dataset))
+    position = np.zeros(dataset.len(), dtype=np.int64)
+    position[np.asarray(dataset.indices())] = np.arange(len(dataset))
     is_graphs = isinstance(dataset, GraphSamples)
-    names = dataset.names(kind) if is_graphs else dataset._names.get(kind, ())
-    return _named(column[place[index]], names)
+    names = dataset.names(column_name) if is_graphs else dataset._names.get(column_name, ())
+    return _values_to_names(column[position[index]], names)
 
 
-def _named(values: np.ndarray, names: Any) -> np.ndarray:
+def _values_to_names(values: np.ndarray, names: Any) -> np.ndarray:
     if values.dtype.kind == "f":
         return values
-    return np.array([names[v] if v < len(names) else str(v) for v in values.ravel().tolist()])
+    return np.array(
+        [names[value] if value < len(names) else str(value) for value in values.ravel().tolist()]
+    )

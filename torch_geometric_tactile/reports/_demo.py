@@ -1,4 +1,4 @@
-r"""The report of ``tactile demo``: one table of what is held out, pictures, and a conclusion."""
+r"""The report of ``tactile demo``: a table of accuracies, pictures and a conclusion."""
 
 import json
 from collections.abc import Mapping
@@ -36,18 +36,18 @@ from torch_geometric_tactile.visualization import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Comparisons by the preparation of the readings and by what is held out.
+# Comparisons by the preparation of the readings, then by the held-out part.
 DemoComparisons = Mapping[str, Mapping[str, Comparison]]
 
 _FINGERS = ("index finger", "middle finger", "thumb")
 _CAPTION = (
-    "Mean ± standard deviation over the splits, of the official test over the seeds. The first "
-    "three columns split the training set: random grasps, objects that no training grasp is of, "
-    "and one of the three recording sessions (palm poses). The official test has other objects in "
-    "other sessions. "
-    "Common mode: the mean over each finger's electrodes is subtracted in every reading. Settings "
-    "were chosen on a part of each training part; networks are trained for {epochs} epochs. The "
-    "row in bold is the model that is recommended on the official test."
+    "Mean ± standard deviation over the splits; for the official test, over the seeds. The first "
+    "three columns are splits of the training set that hold out random grasps, objects, or one of "
+    "the three recording sessions (palm poses). The official test has other objects in other "
+    "sessions. "
+    "Common mode: the mean over each finger's electrodes is subtracted from every reading. "
+    "Settings were chosen on a part of each training part; networks were trained for {epochs} "
+    "epochs. The row in bold is the model that is recommended on the official test."
 )
 
 
@@ -69,7 +69,7 @@ def demo_rows(comparisons: DemoComparisons) -> tuple[list[str], list[list[str]]]
 
 def main_model(comparisons: DemoComparisons) -> str:
     r"""Returns the model that the comparison on the official test recommends for readings without
-    their common mode, or the best one if it recommends none.
+    common mode, or the best model if none is recommended.
     """
     comparison = comparisons[COMMON_MODE][OFFICIAL_TEST]
     result = recommended(comparison) or comparison.best
@@ -85,32 +85,33 @@ def demo_conclusion(comparisons: DemoComparisons) -> str:
         return f"{100 * comparisons[readings][held_out].of(model).scores['accuracy'].mean:.1f} %"
 
     data = comparisons[COMMON_MODE][OFFICIAL_TEST].run.plan.data
-    generated = data.kind == "generated"
+    is_generated = data.kind == "generated"
     texts = [
-        "The data is generated: the numbers show that everything runs, no more."
-        if generated
+        "The data is generated: the numbers show only that everything runs."
+        if is_generated
         else "",
         "A robot hand holds an object between three sensor fingertips; from one reading, a model "
         "predicts whether the object will slip.",
-        f"On raw readings, {name} is right in {percent(RAW, RANDOM_GRASPS)} of random grasps, of "
-        f"objects and sessions that it was trained on, and in {percent(RAW, OFFICIAL_TEST)} of "
-        "the official test, where both are new.",
-        "" if generated else "Between sessions, the readings of whole fingers shift.",
-        "With the mean of each finger subtracted and the index finger left out, it is right in "
+        f"On raw readings, {name} is correct for {percent(RAW, RANDOM_GRASPS)} of random grasps of "
+        f"known objects in known sessions, and for {percent(RAW, OFFICIAL_TEST)} of the official "
+        "test, where objects and sessions are new.",
+        "" if is_generated else "Between sessions, all readings of a finger shift together.",
+        "With the mean of each finger subtracted and the index finger left out, it is correct for "
         f"{percent(COMMON_MODE, OFFICIAL_TEST)} of the official test; always giving the more "
-        f"frequent answer is right in {percent(COMMON_MODE, OFFICIAL_TEST, FLOOR)}.",
-        "A score holds only for what was held out: hold out what will be new on your robot.",
+        f"frequent answer is correct for {percent(COMMON_MODE, OFFICIAL_TEST, FLOOR)}.",
+        "A score is valid only for the conditions of its test part: hold out the objects or "
+        "sessions that will be new on your robot.",
     ]
     return " ".join(filter(None, texts))
 
 
 def write_demo(comparisons: DemoComparisons, out: PathLike) -> list[Path]:
-    r"""Writes :obj:`report.html`, its pictures and :obj:`comparisons.json`, and returns the paths
-    of the report and of the JSON file.
+    r"""Writes :obj:`report.html`, its pictures and :obj:`comparisons.json`. Returns the paths of
+    the report and of the JSON file.
     """
     out = Path(out)
-    main = comparisons[COMMON_MODE][OFFICIAL_TEST]
-    data = main.run.plan.data
+    official = comparisons[COMMON_MODE][OFFICIAL_TEST]
+    data = official.run.plan.data
     header, rows = demo_rows(comparisons)
     content = [
         {"readings": readings, "held_out": held_out, **to_dict(comparison)}
@@ -119,7 +120,7 @@ def write_demo(comparisons: DemoComparisons, out: PathLike) -> list[Path]:
     ]
     with atomic_path(out / "comparisons.json") as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    experiments = main.run.plan.experiments
+    experiments = official.run.plan.experiments
     epochs = max(experiment.epochs for experiment in experiments)
     caption = _CAPTION.format(epochs=epochs)
     write_report(
@@ -129,20 +130,21 @@ def write_demo(comparisons: DemoComparisons, out: PathLike) -> list[Path]:
         notice=data.caption,
         is_warning=data.kind == "generated",
         facts=_facts(comparisons),
-        tables=[ReportTable("Accuracy in % by what is held out", caption, header, rows)],
+        tables=[ReportTable("Accuracy in % by held-out part", caption, header, rows)],
         pictures=_pictures(comparisons, out),
     )
     return [out / "report.html", out / "comparisons.json"]
 
 
 def _percent(score: Summary) -> str:
+    # The standard deviation of a single run is NaN.
     spread = "" if score.sd != score.sd else f" ± {100 * score.sd:.1f}"
     return f"{100 * score.mean:.1f}{spread}"
 
 
 def _facts(comparisons: DemoComparisons) -> list[tuple[str, str]]:
-    main = comparisons[COMMON_MODE][OFFICIAL_TEST]
-    train, test = _parts(main)
+    official = comparisons[COMMON_MODE][OFFICIAL_TEST]
+    train, test = _parts(official)
     results = [
         result
         for by_held_out in comparisons.values()
@@ -150,18 +152,21 @@ def _facts(comparisons: DemoComparisons) -> list[tuple[str, str]]:
         for _, result in comparison.run.results
     ]
     seconds = sum(result["seconds"] for result in results)
-    models = "; ".join(f"{r.model.name}: {r.model.title}" for r in main.results)
+    models = "; ".join(f"{result.model.name}: {result.model.title}" for result in official.results)
     return [
         (
             "Data",
-            f"{len(train):,} grasps of {_num_objects(train)} objects to train, {len(test):,} "
+            f"{len(train):,} grasps of {_num_objects(train)} objects for training, {len(test):,} "
             f"grasps of {_num_objects(test)} other objects in the official test",
         ),
         ("Task", "will the object slip, from one reading of 3 fingers x 24 electrodes"),
         ("Models", models),
         (
             "Splits",
-            ", ".join(f"{held_out} {c.num_splits}" for held_out, c in comparisons[RAW].items()),
+            ", ".join(
+                f"{held_out} {comparison.num_splits}"
+                for held_out, comparison in comparisons[RAW].items()
+            ),
         ),
         ("Seeds", ", ".join(map(str, range(comparisons[RAW][RANDOM_GRASPS].run.plan.seeds)))),
         *(
@@ -174,8 +179,8 @@ def _facts(comparisons: DemoComparisons) -> list[tuple[str, str]]:
 
 
 def _parts(comparison: Comparison) -> tuple[StaticDataset, StaticDataset]:
-    first = comparison.run.plan.experiments[0]
-    train, test = first.data.parts(first.protocol, first.seed, first.fold)
+    experiment = comparison.run.plan.experiments[0]
+    train, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
     assert isinstance(train, StaticDataset)
     assert isinstance(test, StaticDataset)
     return train, test
@@ -188,12 +193,12 @@ def _num_objects(dataset: StaticDataset) -> int:
 
 def _pictures(comparisons: DemoComparisons, out: Path) -> list[ReportPicture]:
     train, _ = _parts(comparisons[RAW][OFFICIAL_TEST])
-    grasps, place = _example_grasps(train)
+    grasps, source = _example_grasps(train)
     name = main_model(comparisons)
     figures: dict[str, tuple[Figure, str, str]] = {
         "protocols": (
             plot_protocols(_accuracies(comparisons), chance=0.5),
-            "Accuracy by what is held out",
+            "Accuracy by held-out part",
             "Means over the splits (official test: over the seeds) in %; bars are standard "
             "deviations, the dashed line is 50 %.",
         ),
@@ -205,9 +210,9 @@ def _pictures(comparisons: DemoComparisons, out: Path) -> list[ReportPicture]:
                 edge_index=layout_sectors(train.layout).edge_index,
             ),
             "Electrodes of the three fingers",
-            f"A stable and a slipping grasp of one object in one session ({place}): the grasp of "
-            "each outcome that is nearest to the mean of its kind. Readings less the common mode "
-            "of each finger, with one scale for its electrodes. Lines are the edges of TaxelNet.",
+            f"A stable and a slipping grasp of one object in one session ({source}), each nearest "
+            "to the mean of its outcome. The common mode of each finger is subtracted, and all "
+            "electrodes have one scale. Lines are the edges of TaxelNet.",
         ),
         "confusion": (
             plot_confusion(
@@ -216,7 +221,7 @@ def _pictures(comparisons: DemoComparisons, out: Path) -> list[ReportPicture]:
                 f"Official test, {name}, seed 0, {COMMON_MODE}",
             ),
             "Confusion matrix",
-            "Rows are what happened, columns what the model predicted.",
+            "Rows are true outcomes, columns are predictions.",
         ),
     }
     pictures = []
@@ -235,13 +240,15 @@ def _accuracies(
         for held_out, comparison in by_held_out.items():
             for result in comparison.results:
                 if result.model.name != FLOOR:
-                    of_model = accuracies.setdefault(result.model.name, {})
-                    of_model.setdefault(held_out, {})[readings] = result.scores["accuracy"]
+                    by_part = accuracies.setdefault(result.model.name, {})
+                    by_part.setdefault(held_out, {})[readings] = result.scores["accuracy"]
     return accuracies
 
 
 def _confusion(comparison: Comparison, model: str) -> list[list[int]]:
-    result = next(result for e, result in comparison.run.results if e.name == model)
+    result = next(
+        result for experiment, result in comparison.run.results if experiment.name == model
+    )
     predictions = Predictions.from_dict(result["predictions"])
     matrix: list[list[int]] = confusion_matrix(
         predictions.y, predictions.prediction, labels=[0, 1]
@@ -250,17 +257,23 @@ def _confusion(comparison: Comparison, model: str) -> list[list[int]]:
 
 
 def _example_grasps(dataset: StaticDataset) -> tuple[dict[str, Tensor], str]:
-    r"""Returns a stable and a slipping grasp of the object and session that has most of both."""
+    r"""Returns a stable and a slipping grasp of one object in one session, and their names. They
+    are the object and session with the most grasps of both outcomes.
+    """
+    # Scaled by channel, so that the electrodes of a picture keep their proportions.
     data = fit_transform(Compose([CommonMode(), ZScore(per="channel")]), dataset)
-    place = data.group * len(dataset.session_names) + data.session
+    object_session = data.group * len(dataset.session_names) + data.session
     counts = torch.stack(
-        [torch.bincount(place[data.y == label], minlength=int(place.max()) + 1) for label in (0, 1)]
+        [
+            torch.bincount(object_session[data.y == label], minlength=int(object_session.max()) + 1)
+            for label in (0, 1)
+        ]
     )
-    best = int(counts.min(dim=0).values.argmax())
+    selected = int(counts.min(dim=0).values.argmax())
     grasps = {}
     for label, name in enumerate(dataset.class_names):
-        x = data.x[(place == best) & (data.y == label)]
+        x = data.x[(object_session == selected) & (data.y == label)]
         grasps[name] = x[(x - x.mean(0)).square().sum((1, 2)).argmin()]
-    group, session = divmod(best, len(dataset.session_names))
+    group, session = divmod(selected, len(dataset.session_names))
     session_name = dataset.session_names[session].replace("_", " ")
     return grasps, f"object '{dataset.group_names[group]}', {session_name}"

@@ -1,4 +1,4 @@
-r"""Pictures of predictions, beside their table."""
+r"""Pictures of predictions, in the folder of their table."""
 
 import os
 import re
@@ -16,13 +16,14 @@ from torch_geometric_tactile.visualization._trial_figure import draw_trial
 from torch_geometric_tactile.visualization._truth import Truth, find_truth
 from torch_geometric_tactile.visualization.figure import save_figure
 
-MOST_PICTURES = 20
-_OBJECT = r"(?P<object>.+)_\d+"  # as the names of files in data sets of recordings
+MAX_PICTURES = 20  # limits the time of drawing; further recordings are only counted
+_FILE_NAME = r"(?P<object>.+)_\d+"  # files of recordings are often named OBJECT_NUMBER
 
 
 class PredictionPictures:
-    r"""What is drawn of some recordings once their table is written: of the first
-    :obj:`MOST_PICTURES`, without their readings.
+    r"""The pictures of the first :obj:`MAX_PICTURES` recordings, drawn once their table is written.
+
+    The readings are not stored, so that the memory does not grow with them.
     """
 
     def __init__(self, table: PathLike) -> None:
@@ -38,7 +39,7 @@ class PredictionPictures:
         probability: Tensor,
         frames: Sequence[int],
     ) -> None:
-        r"""Keeps what is drawn of a recording; one without frames is left out.
+        r"""Stores the predictions of a recording. Recordings without frames are skipped.
 
         Shapes:
             - **probability:** :math:`(R, C)`
@@ -46,43 +47,43 @@ class PredictionPictures:
         """
         if recording.num_frames == 0:
             return
-        if len(self._trials) == MOST_PICTURES:
+        if len(self._trials) == MAX_PICTURES:
             self.num_left_out += 1
             return
         name = Path(os.fsdecode(path)).stem
         names = predictor.names(probability.size(1))
-        truth = find_truth(recording, names, predictor.task) or _truth_of_name(
+        truth = find_truth(recording, names, predictor.task) or _truth_from_name(
             name, recording, names, predictor.task
         )
         trial = PredictedTrial.of(predictor, recording, probability, frames, truth)
         self._trials.append((name, trial))
 
     def write(self) -> list[Path]:
-        r"""Draws the pictures, and returns their files: beside the table and called as it, of
-        several recordings each with its name.
+        r"""Draws the pictures and returns their paths. They are named after the table, and after
+        the recording if there are several.
         """
-        written: list[Path] = []
+        paths: list[Path] = []
         for name, trial in self._trials:
-            path = self._path(name, written)
+            path = self._path(name, paths)
             save_figure(draw_trial(trial), path)
-            written.append(path)
-        return written
+            paths.append(path)
+        return paths
 
-    def _path(self, name: str, written: Sequence[Path]) -> Path:
+    def _path(self, name: str, paths: Sequence[Path]) -> Path:
         table = self._table
-        start = table.name[:-4] if table.suffix.lower() == ".csv" else table.name
+        stem = table.name[:-4] if table.suffix.lower() == ".csv" else table.name
         if len(self._trials) == 1 and self.num_left_out == 0:
-            return table.with_name(f"{start}.png")
-        taken = {path.name.casefold() for path in written}
-        names = [f"{start}-{name}.png", *(f"{start}-{name}-{i}.png" for i in range(2, 99))]
-        return table.with_name(next(n for n in names if n.casefold() not in taken))
+            return table.with_name(f"{stem}.png")
+        used_names = {path.name.casefold() for path in paths}
+        names = [f"{stem}-{name}.png", *(f"{stem}-{name}-{i}.png" for i in range(2, 99))]
+        return table.with_name(next(n for n in names if n.casefold() not in used_names))
 
 
-def _truth_of_name(
+def _truth_from_name(
     name: str, recording: Recording, names: Sequence[str], task: str
 ) -> Truth | None:
-    found = re.fullmatch(_OBJECT, name)
-    if found is None or task != "multiclass":
+    match = re.fullmatch(_FILE_NAME, name)
+    if match is None or task != "multiclass":
         return None
-    said = replace(recording, meta={"file name": found["object"]}, privileged={})
-    return find_truth(said, names, task)
+    labelled = replace(recording, meta={"file name": match["object"]}, privileged={})
+    return find_truth(labelled, names, task)

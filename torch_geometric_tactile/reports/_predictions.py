@@ -1,4 +1,4 @@
-r"""Predictions as a table."""
+r"""Tables of predictions as CSV files."""
 
 import csv
 import itertools
@@ -25,7 +25,7 @@ from torch_geometric_tactile.reports._prediction_pictures import PredictionPictu
 
 _BATCH_SIZE = 256
 
-# The first cells of a row, its probabilities, and whether it lacks contact, if a rule tells it.
+# The first cells of a row, its probabilities, and whether it lacks contact (None without a rule).
 _Rows = Iterator[tuple[list[Any], Tensor, Tensor | None]]
 
 
@@ -39,9 +39,11 @@ def write_recordings(
     pictures: PredictionPictures | None = None,
     resample: bool = False,
 ) -> Counter[str]:
-    r"""Writes a row for each frame of some recordings: file, frame, time, prediction and
-    probabilities. With a model of windows, a row for each window, with its last frame. What
-    pictures show is added to them. A recording of another rate is resampled if asked for.
+    r"""Writes a row for each frame of all recordings: file, frame, time, prediction and
+    probabilities. For a model of windows, a row stands for a window and names its last frame.
+
+    The predictions are also added to the pictures. With :obj:`resample`, recordings with another
+    rate than that of the training are resampled.
     """
 
     def rows() -> _Rows:
@@ -52,6 +54,7 @@ def write_recordings(
                 recording = predictor.preparation.matched(
                     in_column_order(recording, columns), resample=resample
                 )
+                # The first recording with named columns sets their order for all others.
                 columns = {**column_names(recording), **columns}
                 frames: Sequence[int] = range(recording.num_frames)
                 if adapt:
@@ -64,27 +67,31 @@ def write_recordings(
                 raise ValueError(f"'{path}': {error}{hint}") from error
             if pictures is not None:
                 pictures.add(predictor, path, recording, probability, frames)
-            free: Iterable[Tensor | None] = [None] * len(probability)
+            lacks_contact: Iterable[Tensor | None] = [None] * len(probability)
             if predictor.contact is not None:
-                free = predictor.lacks_contact(recording)
-            for i, row, is_free in zip(frames, probability, free, strict=True):
-                yield [cell_text(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row, is_free
+                lacks_contact = predictor.lacks_contact(recording)
+            for frame, row, is_free in zip(frames, probability, lacks_contact, strict=True):
+                yield (
+                    [cell_text(os.fspath(path)), frame, f"{recording.time[frame]:.6f}"],
+                    row,
+                    is_free,
+                )
 
-    return _write(predictor, ["recording", "frame", "time"], rows(), out)
+    return _write_rows(predictor, ["recording", "frame", "time"], rows(), out)
 
 
 def open_recording(
     predictor: Predictor, path: PathLike, options: Mapping[str, Any] | None = None
 ) -> Recording:
-    r"""Reads a recording with the options of the training, as far as its format has them, and with
-    those that are given.
+    r"""Reads a recording with the given options, and with the options of the training that its file
+    format supports.
     """
-    chosen = options or {}
-    merged = {**predictor.read_options, **chosen}
-    taken = format_options(select_format(path, merged))
-    used = {k: v for k, v in merged.items() if k in taken or k in chosen}
+    explicit = options or {}
+    merged_options = {**predictor.read_options, **explicit}
+    supported = format_options(select_format(path, merged_options))
+    selected = {k: v for k, v in merged_options.items() if k in supported or k in explicit}
     try:
-        return read_recording(path, **used)
+        return read_recording(path, **selected)
     except ValueError as error:
         raise ValueError(f"{error}{_hint(str(error), path)}") from error
 
@@ -97,11 +104,11 @@ def _hint(error: str, path: PathLike, rest: float | None = None) -> str:
             "each recording"
         )
     if "call 'adapt'" in error:
-        return f"; 'tactile predict --rest {seconds}' and '--adapt' do so"
+        return f"; use 'tactile predict --rest {seconds}' or '--adapt'"
     if Path(path).suffix.lower() == ".csv" and re.search(r"must have (the col|\d+ taxels)", error):
         return (
-            "; say which columns of this file are those of the training by '--tactile', '--joint', "
-            "'--num-channels' and '--ignore', as to 'tactile inspect'"
+            "; name the columns of this file that match the training data with '--tactile', "
+            "'--joint', '--num-channels' and '--ignore', as for 'tactile inspect'"
         )
     return ""
 
@@ -111,17 +118,17 @@ def write_samples(predictor: Predictor, samples: StaticDataset, out: PathLike) -
 
     def rows() -> _Rows:
         number = itertools.count()
-        for logits, _ in predicted(predictor, samples):
+        for logits, _ in predict_batches(predictor, samples):
             for probability in predictor.probability(logits):
                 yield [next(number)], probability, None
 
-    return _write(predictor, ["index"], rows(), out)
+    return _write_rows(predictor, ["index"], rows(), out)
 
 
-def predicted(predictor: Predictor, samples: StaticDataset) -> Iterator[tuple[Tensor, StaticData]]:
-    r"""Yields the logits of some samples after the others, with the samples as the model
-    saw them.
-    """
+def predict_batches(
+    predictor: Predictor, samples: StaticDataset
+) -> Iterator[tuple[Tensor, StaticData]]:
+    r"""Yields the logits of a data set batch by batch, with the transformed samples."""
     for index in torch.arange(len(samples)).split(_BATCH_SIZE):
         with torch.inference_mode():
             data = predictor.prepare_samples(samples.batch(index))
@@ -129,18 +136,23 @@ def predicted(predictor: Predictor, samples: StaticDataset) -> Iterator[tuple[Te
         yield logits, data
 
 
-def _write(predictor: Predictor, head: Sequence[str], rows: _Rows, out: PathLike) -> Counter[str]:
+def _write_rows(
+    predictor: Predictor, first_columns: Sequence[str], rows: _Rows, out: PathLike
+) -> Counter[str]:
     has_labels = predictor.task != "regression"
     count: Counter[str] = Counter()
     with atomic_path(out) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         for cells, probability, lacks_contact in rows:
+            # A regression has labels only for frames without contact.
             has_labels = has_labels or lacks_contact is not None
             if not count:
                 names = predictor.names(len(probability))
                 prefix = "" if predictor.task == "regression" else "p_"
                 label = ["prediction"] if has_labels else []
-                writer.writerow([*head, *label, *(cell_text(f"{prefix}{name}") for name in names)])
+                writer.writerow(
+                    [*first_columns, *label, *(cell_text(f"{prefix}{name}") for name in names)]
+                )
             labels = predictor.labels(probability, lacks_contact)[0] if has_labels else []
             prediction = ";".join(labels)
             count[prediction] += 1
@@ -151,18 +163,20 @@ def _write(predictor: Predictor, head: Sequence[str], rows: _Rows, out: PathLike
 
 
 def cell_text(text: str) -> str:
-    r"""Returns a name for a cell of a CSV file: a class may be called -1, and the name of a file
-    may be no text.
+    r"""Returns a name as a safe cell of a CSV file. A class may be called -1, which is not escaped,
+    and the name of a file may contain bytes that are not text.
     """
     text = text.encode("utf-8", "backslashreplace").decode()
     return text if re.fullmatch(r"[+-]?[0-9.]+", text) else text_to_cell(text)
 
 
-def describe_counts(count: Counter[str], out: PathLike, of_windows: bool = False) -> str:
-    r"""Returns what was written, in words."""
+def describe_counts(count: Counter[str], out: PathLike, has_windows: bool = False) -> str:
+    r"""Returns a summary of a written table: its path, and the number of rows by prediction."""
     total = sum(count.values())
-    parts: Iterable[str] = (f"{name or 'none'} {n}" for name, n in count.most_common(8))
-    more = ", ..." if len(count) > 8 else ""
-    counts = "" if set(count) == {""} else f": {', '.join(parts)}{more}"
-    unit = "window" if of_windows else "frame"
+    parts: Iterable[str] = (
+        f"{name or 'none'} {num_rows}" for name, num_rows in count.most_common(8)
+    )
+    ellipsis = ", ..." if len(count) > 8 else ""
+    counts = "" if set(count) == {""} else f": {', '.join(parts)}{ellipsis}"
+    unit = "window" if has_windows else "frame"
     return f"{Path(out)}: {total} {unit}{'s' if total > 1 else ''}{counts}"

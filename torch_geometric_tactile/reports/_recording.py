@@ -1,4 +1,4 @@
-r"""A recording as text and as a picture."""
+r"""Descriptions of recordings as text, and their pictures."""
 
 import json
 from collections.abc import Sequence
@@ -15,9 +15,10 @@ from torch_geometric_tactile.io import read_recording, recording_format
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.recording import plot_recording
 
-_MOST_NAMES = 12
-_MOST_LINES = 20
-_MOST_LETTERS = 100
+# Limits of long lists and texts, so that the description stays readable.
+_MAX_INDICES = 12
+_MAX_ANNOTATIONS = 20
+_MAX_LETTERS = 100
 
 
 def describe_recording(recording: Recording) -> str:
@@ -42,9 +43,9 @@ def describe_recording(recording: Recording) -> str:
         frames += f" in {recording.duration:.6g} s, {recording.rate:.6g} per second"
     unit = UNITS.get(str(recording.meta.get("unit")), "(unit unknown)")
     missing, dead = recording.missing, recording.dead_taxels
-    cells = "none"
+    missing_text = "none"
     if missing.any():
-        cells = (
+        missing_text = (
             f"{int(missing.sum()):,} of {missing.size:,} readings of a taxel in a frame "
             f"({100 * missing.mean():.3g} %)"
         )
@@ -52,13 +53,13 @@ def describe_recording(recording: Recording) -> str:
         ("frames", [frames]),
         ("gaps", [_gap_line(recording)]),
         ("taxels", [f"{recording.num_taxels} of {recording.num_channels} channels"]),
-        ("readings", [_range(recording.tactile, unit)]),
+        ("readings", [_format_range(recording.tactile, unit)]),
         ("joints", _joint_lines(recording)),
-        ("dead taxels", [_indices(dead)]),
-        ("missing", [cells]),
+        ("dead taxels", [_format_indices(dead)]),
+        ("missing", [missing_text]),
         ("label", ["none" if recording.label is None else str(recording.label)]),
         *([("annotations", _annotation_lines(recording))] if recording.annotations else []),
-        ("metadata", [f"{key} = {_shortened(value)}" for key, value in recording.meta.items()]),
+        ("metadata", [f"{key} = {_shorten(value)}" for key, value in recording.meta.items()]),
         (
             "privileged",
             [f"{name} {value.shape}" for name, value in recording.privileged.items()],
@@ -73,7 +74,7 @@ def describe_recording(recording: Recording) -> str:
 
 
 def describe_file(path: PathLike, **options: Any) -> tuple[Recording, str]:
-    r"""Reads a recording's file, and returns it with the facts as lines of text."""
+    r"""Reads a recording from a file, and returns it with its facts as lines of text."""
     recording = read_recording(path, **options)
     return recording, (
         f"{'file':<13}{printable(path)}\n{'format':<13}{recording_format(path)}\n"
@@ -86,14 +87,14 @@ def draw_recording(recording: Recording, path: PathLike) -> None:
     save_figure(plot_recording(recording), path)
 
 
-def _range(values: np.ndarray, unit: str) -> str:
+def _format_range(values: np.ndarray, unit: str) -> str:
     present = values[~np.isnan(values)]
     if present.size == 0:
         return "none"
-    return f"{_number(present.min())} to {_number(present.max())} {unit}"
+    return f"{_format_number(present.min())} to {_format_number(present.max())} {unit}"
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return str(int(value)) if value == int(value) else f"{value:.4g}"
 
 
@@ -103,14 +104,14 @@ def _joint_lines(recording: Recording) -> list[str]:
     names = recording.meta.get("joint_names")
     if not isinstance(names, list) or len(names) != recording.num_joints:
         names = list(range(recording.num_joints))
-    lines = [f"{recording.num_joints}, {_range(recording.joint, 'rad')}"]
+    lines = [f"{recording.num_joints}, {_format_range(recording.joint, 'rad')}"]
     return lines + [
-        f"{name}: {_range(recording.joint[:, i], 'rad')}" for i, name in enumerate(names)
+        f"{name}: {_format_range(recording.joint[:, i], 'rad')}" for i, name in enumerate(names)
     ]
 
 
 def _gap_line(recording: Recording) -> str:
-    # Those in the times, and those that a recorder saw where no frame followed.
+    # Gaps between frames, and gaps at the end, which only the annotations of a recorder show.
     spans = [(float(start), float(end)) for start, end in recording.gaps]
     spans += [
         (start, end)
@@ -122,17 +123,20 @@ def _gap_line(recording: Recording) -> str:
 
 
 def _annotation_lines(recording: Recording) -> list[str]:
-    start, found = float(recording.time[0]) if recording.num_frames else 0.0, recording.annotations
-    lines = [f"{a.start - start:.2f} to {a.end - start:.2f} s  {a.label}" for a in found]
-    more = len(lines) - _MOST_LINES
-    return lines[:_MOST_LINES] + ([f"and {more} more"] if more > 0 else [])
+    start, annotations = (
+        float(recording.time[0]) if recording.num_frames else 0.0,
+        recording.annotations,
+    )
+    lines = [f"{a.start - start:.2f} to {a.end - start:.2f} s  {a.label}" for a in annotations]
+    num_hidden = len(lines) - _MAX_ANNOTATIONS
+    return lines[:_MAX_ANNOTATIONS] + ([f"and {num_hidden} more"] if num_hidden > 0 else [])
 
 
-def _indices(indices: np.ndarray) -> str:
+def _format_indices(indices: np.ndarray) -> str:
     count = f"{len(indices)}: " if len(indices) else ""
-    return count + short_list(indices.tolist(), _MOST_NAMES)
+    return count + short_list(indices.tolist(), _MAX_INDICES)
 
 
-def _shortened(value: object) -> str:
+def _shorten(value: object) -> str:
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= _MOST_LETTERS else f"{text[: _MOST_LETTERS - 3]}..."
+    return text if len(text) <= _MAX_LETTERS else f"{text[: _MAX_LETTERS - 3]}..."

@@ -1,4 +1,4 @@
-r"""The predictor of a run and the test part of its data."""
+r"""Loading of the predictor of a run, and of the test part of its data."""
 
 import copy
 from collections.abc import Mapping
@@ -17,57 +17,65 @@ from torch_geometric_tactile.predictor import (
 )
 from torch_geometric_tactile.transforms import fit_parts
 
+# A configuration can run code by naming classes, so only a file that the user passes may do so.
 _CONFIG_OPTION = "'--config FILE', which may name any class"
 
 
 def open_predictor(path: PathLike, config: str | None = None) -> Predictor:
     r"""Reads a predictor from its file, or from a checkpoint of ``tactile fit``.
 
-    A model or transforms of the user's own are built from a configuration that is given, never from
-    one that lies beside the checkpoint.
+    The user's own models and transforms are built only from the configuration :obj:`config`, never
+    from the file in the folder of the checkpoint, which may come from somebody else.
     """
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no predictor or checkpoint '{path}'")
     read = Predictor.from_checkpoint if is_checkpoint(path) else Predictor.load
-    own: dict[str, Any] = {}
+    own_parts: dict[str, Any] = {}
+    # Each attempt names at most one missing part: the model or the transforms.
     while True:
         try:
-            return read(path, **own)
+            return read(path, **own_parts)
         except MissingOwnError as error:
             if config is None:
-                raise ValueError(f"{error}: give the configuration of {_CONFIG_OPTION}") from error
-            if error.argument in own:
+                raise ValueError(
+                    f"{error}; pass its configuration with {_CONFIG_OPTION}"
+                ) from error
+            if error.argument in own_parts:
                 raise
-            own[error.argument] = _own_parts(config, error.argument)
+            own_parts[error.argument] = _parts_from_config(config, error.argument)
 
 
 def load_data(path: PathLike, config: str | None = None, root: PathLike | None = None) -> Any:
-    r"""Returns the data of a run as :class:`~torch_geometric_tactile.training.TactileDataModule`,
-    without a transform after those of its data sets, set up.
+    r"""Returns the data of a run as a :class:`~torch_geometric_tactile.training.TactileDataModule`
+    that is set up, with the transforms of its data sets only.
 
-    A configuration that is given may name any class. The one beside a checkpoint may be anyone's:
-    it is a plain description of data sets, transforms and splits of this package, and its folders
-    lie in the working directory.
+    The configuration :obj:`config` may name any class. The configuration in the folder of a
+    checkpoint may come from somebody else, so it may only describe data sets, transforms and splits
+    of this package, with folders in the working directory.
     """
-    beside = Path(path).absolute().parent.parent / "config.yaml"
-    if config is None and not beside.is_file():
+    run_config = Path(path).absolute().parent.parent / "config.yaml"
+    if config is None and not run_config.is_file():
         raise FileNotFoundError(
-            f"there is no '{beside}', the configuration of the run: give it with '--config'"
+            f"there is no '{run_config}', the configuration of the run: pass it with '--config'"
         )
-    settings = _data_section(config or str(beside))
+    settings = _data_section(config or str(run_config))
     if root is not None:
         for key in ("dataset", "val_dataset", "test_dataset"):
             if settings.get(key):
                 settings[key].setdefault("init_args", {})["root"] = str(root)
-    data = _own_data(settings) if config is not None else _described_data(settings, beside, root)
-    data.transform = None  # the predictor has the fitted one
+    data = (
+        _data_from_config(settings)
+        if config is not None
+        else _data_from_description(settings, run_config, root)
+    )
+    data.transform = None  # the predictor has the fitted transform
     data.setup()
     return data
 
 
 def test_part(data: Any, predictor: Predictor) -> StaticDataset:
-    r"""Returns the samples of the test part before the transform of their data set, and adapts the
-    predictor to recording sessions that it has not seen.
+    r"""Returns the samples of the test part without transforms, and fits the transforms of the
+    predictor on recording sessions that the training part does not have.
     """
     if not predictor.layout.matches(data.layout):
         raise ValueError(
@@ -89,24 +97,24 @@ def _data_section(config: str) -> dict[str, Any]:
     return dict(settings)
 
 
-def _own_parts(config: str, argument: str) -> Any:
+def _parts_from_config(config: str, argument: str) -> Any:
     from torch_geometric_tactile.training import classifier_from_config
     from torch_geometric_tactile.training.config import load_config
 
     if argument != "model":
-        data = _own_data(_data_section(config))
+        data = _data_from_config(_data_section(config))
         return [data.dataset.pre_transform, data.dataset.transform, data.transform]
     settings = load_config(config)
     if not isinstance(settings.get("model"), Mapping):
         raise ValueError(f"configuration '{config}' must hold 'model' (got none)")
     add_working_directory()
-    # Sizes that the configuration leaves out are those of its data.
+    # Sizes that the configuration leaves out are taken from its data.
     has_data = isinstance(settings.get("data"), Mapping)
-    data = _own_data(settings["data"]) if has_data else None
+    data = _data_from_config(settings["data"]) if has_data else None
     return classifier_from_config(settings["model"], data).model
 
 
-def _own_data(settings: dict[str, Any]) -> Any:
+def _data_from_config(settings: dict[str, Any]) -> Any:
     from lightning.pytorch.cli import instantiate_module
 
     from torch_geometric_tactile.training import TactileDataModule
@@ -115,51 +123,60 @@ def _own_data(settings: dict[str, Any]) -> Any:
     return instantiate_module(TactileDataModule, settings)
 
 
-def _described_data(settings: Mapping[str, Any], source: Path, root: PathLike | None) -> Any:
-    # Of plain values and names; no name is imported, and no text is parsed.
+def _data_from_description(settings: Mapping[str, Any], source: Path, root: PathLike | None) -> Any:
+    # Security: builds known classes by name from plain values. No import path is followed.
     from torch_geometric_tactile.training import TactileDataModule
     from torch_geometric_tactile.training._layout_text import layout_from_text
 
-    found = [Protocol, Split, Trials, Windows, *(getattr(datasets, n) for n in datasets.__all__)]
-    classes = {cls.__name__: cls for cls in found if isinstance(cls, type)} | transform_classes()
+    candidates = [
+        Protocol,
+        Split,
+        Trials,
+        Windows,
+        *(getattr(datasets, n) for n in datasets.__all__),
+    ]
+    classes = {
+        cls.__name__: cls for cls in candidates if isinstance(cls, type)
+    } | transform_classes()
 
-    def built(value: Any) -> Any:
+    def build(value: Any) -> Any:
         if isinstance(value, list):
-            return [built(item) for item in value]
+            return [build(item) for item in value]
         if not isinstance(value, Mapping):
             return value
         if "class_path" not in value:
-            return {key: built(item) for key, item in value.items()}
+            return {key: build(item) for key, item in value.items()}
         path, arguments = str(value["class_path"]), value.get("init_args") or {}
         cls = classes.get(path.rpartition(".")[2])
         if cls is None or not f"{cls.__module__}.".startswith(f"{path.partition('.')[0]}."):
-            raise ValueError(f"it names '{path}', which is not built by name")
+            raise ValueError(f"'{path}' is not a class of this package")
         folder = arguments.get("root")
         if folder is not None and str(folder) != str(root) and not _is_inside(folder):
             raise ValueError(
                 f"'root' must lie in the working directory (got '{folder}'), since processed files "
-                "are written there: give '--root'"
+                "are written there: pass '--root'"
             )
-        parts = {key: built(item) for key, item in arguments.items()}
+        parts = {key: build(item) for key, item in arguments.items()}
         if isinstance(parts.get("layout"), str):
             parts["layout"] = layout_from_text(parts["layout"])
         return cls(**parts)
 
-    unused = ("transform", "train_transform")  # the predictor has the fitted one
+    unused = ("transform", "train_transform")  # the predictor has the fitted transform
     try:
-        parts = {key: built(item) for key, item in settings.items() if key not in unused}
+        parts = {key: build(item) for key, item in settings.items() if key not in unused}
         data = TactileDataModule(**parts)
         data.setup()
         return data
     except OSError:
         raise
-    except Exception as error:  # whatever a constructor makes of arguments that it cannot take
-        told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    except Exception as error:  # constructors raise errors of any type for invalid arguments
+        reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
         raise ValueError(
-            f"'{source}' cannot be used: {told}; if it is your own, give it by {_CONFIG_OPTION}"
+            f"'{source}' cannot be used: {reason}; if you trust this file, pass it with "
+            f"{_CONFIG_OPTION}"
         ) from error
 
 
 def _is_inside(folder: Any) -> bool:
-    # PyG expands the home folder as well.
+    # PyG also expands '~' in a root.
     return Path(str(folder)).expanduser().resolve().is_relative_to(Path.cwd().resolve())

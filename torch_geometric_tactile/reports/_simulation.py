@@ -1,4 +1,4 @@
-r"""Simulations: a run with a progress bar, its summary and its pictures."""
+r"""Runs of simulations with a progress bar, their summaries and their pictures."""
 
 import time
 from abc import ABC, abstractmethod
@@ -38,19 +38,19 @@ _Report = TypeVar("_Report", TrialReport, BigsReport, LetterReport)
 
 @dataclass(frozen=True)
 class FinishedRun(ABC, Generic[_Report]):
-    r"""A finished run: its reports, how many seconds it took, and its folder."""
+    r"""A finished run: its reports, its duration in seconds and its folder."""
 
     reports: list[_Report]
     seconds: float
     out: Path
 
     @property
-    def given_up(self) -> list[_Report]:
-        r"""What was tried in vain."""
+    def failures(self) -> list[_Report]:
+        r"""The reports of trials without a successful attempt."""
         return []
 
     def describe(self) -> str:
-        r"""Returns the run in one line."""
+        r"""Returns a summary of the run in one line."""
         end = f"{self.seconds:.0f} s; simulated data, not measured, in '{self.out}'"
         return f"{self._counts()}, {end}"
 
@@ -59,42 +59,44 @@ class FinishedRun(ABC, Generic[_Report]):
 
     @abstractmethod
     def draw_preview(self) -> list[Path]:
-        r"""Draws some of the run to files beside the recordings, and returns them."""
+        r"""Draws examples of the run to files in its folder, and returns their paths."""
 
 
 @dataclass(frozen=True)
 class SimulatedRun(FinishedRun[TrialReport]):
-    r"""Trials of the Allegro hand, and the names of their objects in their order."""
+    r"""Trials of the Allegro hand, and the names of their objects in the order of the set."""
 
     object_names: list[str]
 
     @property
-    def given_up(self) -> list[TrialReport]:
-        r"""The trials in which no attempt lifted and held the object, or squeezed it."""
+    def failures(self) -> list[TrialReport]:
+        r"""The reports of trials in which no attempt lifted and held, or squeezed, the object."""
         return [report for report in self.reports if report.path is None]
 
     def _counts(self) -> str:
-        kept = sum(report.kept for report in self.reports)
-        attempts = sum(report.attempts for report in self.reports)
-        rate = (len(self.reports) - len(self.given_up)) / max(attempts, 1)
+        num_reused = sum(report.kept for report in self.reports)
+        num_attempts = sum(report.attempts for report in self.reports)
+        rate = (len(self.reports) - len(self.failures)) / max(num_attempts, 1)
         return (
-            f"{len(self.reports)} trials ({kept} kept from before), {attempts} attempts, "
-            f"{100 * rate:.0f} % of them successful"
+            f"{len(self.reports)} trials ({num_reused} from an earlier run), "
+            f"{num_attempts} attempts, {100 * rate:.0f} % of them successful"
         )
 
-    def describe_given_up(self) -> str:
-        r"""Returns what was given up in one line."""
-        names = sorted(f"{report.object_name} {report.trial}" for report in self.given_up)
-        attempts = self.given_up[0].attempts
-        return f"{len(names)} trials given up after {attempts} attempts each: {', '.join(names)}"
+    def describe_failures(self) -> str:
+        r"""Returns a list of the failed trials in one line."""
+        names = sorted(f"{report.object_name} {report.trial}" for report in self.failures)
+        attempts = self.failures[0].attempts
+        return f"{len(names)} trials failed after {attempts} attempts each: {', '.join(names)}"
 
     def draw_preview(self) -> list[Path]:
         r"""Draws the first trial of the first object, as a film and as forces."""
-        done = [report for report in self.reports if report.path is not None]
-        done.sort(key=lambda report: (self.object_names.index(report.object_name), report.trial))
-        need(done, "a preview must have a trial to show (got none that succeeded)")
-        assert done[0].path is not None
-        recording, hand = read_recording(done[0].path), HandKinematics.allegro()
+        successes = [report for report in self.reports if report.path is not None]
+        successes.sort(
+            key=lambda report: (self.object_names.index(report.object_name), report.trial)
+        )
+        need(successes, "a preview must have a successful trial (got none)")
+        assert successes[0].path is not None
+        recording, hand = read_recording(successes[0].path), HandKinematics.allegro()
         layout = stock_layout(recording.meta["sensor"])
         pictures = {
             self.out / "preview" / "preview_film.png": plot_grasp_film,
@@ -107,48 +109,56 @@ class SimulatedRun(FinishedRun[TrialReport]):
 
 @dataclass(frozen=True)
 class BigsRun(FinishedRun[BigsReport]):
-    r"""Grasps of the BiGS form."""
+    r"""Grasps in the format of BiGS."""
 
     def _counts(self) -> str:
-        kept = sum(report.kept for report in self.reports)
+        num_reused = sum(report.kept for report in self.reports)
         rates = []
         for name in sorted({report.object_name for report in self.reports}):
-            mine = [report.success for report in self.reports if report.object_name == name]
-            rates.append(f"{name} {sum(mine)} of {len(mine)}")
-        return f"{len(self.reports)} grasps ({kept} kept from before), held: {', '.join(rates)}"
+            successes = [report.success for report in self.reports if report.object_name == name]
+            rates.append(f"{name} {sum(successes)} of {len(successes)}")
+        return (
+            f"{len(self.reports)} grasps ({num_reused} from an earlier run), "
+            f"held: {', '.join(rates)}"
+        )
 
     def draw_preview(self) -> list[Path]:
-        r"""Draws the first grasp that held and, beside it, the first of the same object that was
-        lost in the shake, or if there is none any that was lost.
+        r"""Draws the first stable grasp and a grasp that lost its object. The latter is preferably
+        lost in the shake, and of the same object.
         """
         path = self.out / "preview" / "preview_grasps.png"
         ordered = sorted(self.reports, key=lambda report: report.trial)
-        held = [report for report in ordered if report.success][:1]
-        name = (held or ordered)[0].object_name
+        stable = [report for report in ordered if report.success][:1]
+        object_name = (stable or ordered)[0].object_name
         lost = [report for report in ordered if report.lost is not None]
-        lost.sort(key=lambda report: ((report.lost or 0.0) < 2.5, report.object_name != name))
-        shown = [read_recording(report.path) for report in [*held, *lost[:1]]]
-        save_figure(plot_bigs_grasps(shown), path)
+        # The shake begins by 2.25 s, so objects lost after 2.5 s were lost in the shake.
+        lost.sort(
+            key=lambda report: ((report.lost or 0.0) < 2.5, report.object_name != object_name)
+        )
+        recordings = [read_recording(report.path) for report in [*stable, *lost[:1]]]
+        save_figure(plot_bigs_grasps(recordings), path)
         return [path]
 
 
 @dataclass(frozen=True)
 class LettersRun(FinishedRun[LetterReport]):
-    r"""Presses of letters, and the taxels if they are not those of the letter array."""
+    r"""Presses of letters, and the layout; :obj:`None` for that of the letter array."""
 
     layout: TaxelLayout | None = None
 
     def _counts(self) -> str:
-        total = sum(report.presses for report in self.reports)
-        kept = sum(report.presses for report in self.reports if report.kept)
-        letters = len({report.letter for report in self.reports})
-        return f"{total} presses ({kept} kept from before) of {letters} letters"
+        num_presses = sum(report.presses for report in self.reports)
+        num_reused = sum(report.presses for report in self.reports if report.kept)
+        num_letters = len({report.letter for report in self.reports})
+        return f"{num_presses} presses ({num_reused} from an earlier run) of {num_letters} letters"
 
     def draw_preview(self) -> list[Path]:
-        r"""Draws the first press of each letter; not to a folder, which would be a letter."""
+        r"""Draws the first press of each letter. The picture is not in a subfolder, since the data
+        set takes each folder as a letter.
+        """
         path = self.out / "preview_letters.png"
-        first = {report.letter: report.path for report in self.reports if report.first == 0}
-        presses = np.stack([np.load(first[letter], mmap_mode="r")[0] for letter in LETTERS])
+        first_files = {report.letter: report.path for report in self.reports if report.first == 0}
+        presses = np.stack([np.load(first_files[letter], mmap_mode="r")[0] for letter in LETTERS])
         title = "Simulated presses of letters: the first of each"
         save_figure(plot_presses(presses, LETTERS, self.layout, title=title), path)
         return [path]
@@ -170,7 +180,7 @@ def run_simulation(
     motion: str = "lift",
 ) -> SimulatedRun:
     r"""Runs :func:`~torch_geometric_tactile.sim.simulate` with a progress bar on the terminal."""
-    running = simulate(
+    simulation = simulate(
         out,
         objects,
         trials,
@@ -187,20 +197,28 @@ def run_simulation(
     names = [item.name for item in object_set(objects, num_objects, seed)[1]]
     total = len(names) * (trials or PRESETS[preset].trials)
 
-    def in_words(reports: list[TrialReport]) -> str:
+    def format_progress(reports: list[TrialReport]) -> str:
         return f"{sum(report.attempts for report in reports)} attempts"
 
-    return SimulatedRun(*_watched(running, total, out, "trial", in_words), names)
+    return SimulatedRun(
+        *_run_with_progress(simulation, total, out, "trial", format_progress), names
+    )
 
 
 def run_bigs(out: PathLike, *, grasps: int | None = None, seed: int = 0, jobs: int = 1) -> BigsRun:
-    r"""Runs :func:`~torch_geometric_tactile.sim.simulate_bigs` likewise."""
+    r"""Runs :func:`~torch_geometric_tactile.sim.simulate_bigs` with a progress bar on the
+    terminal.
+    """
     total = BIGS_GRASPS if grasps is None else grasps
 
-    def in_words(reports: list[BigsReport]) -> str:
+    def format_progress(reports: list[BigsReport]) -> str:
         return f"{sum(report.success for report in reports)} held"
 
-    return BigsRun(*_watched(simulate_bigs(out, total, seed, jobs), total, out, "grasp", in_words))
+    return BigsRun(
+        *_run_with_progress(
+            simulate_bigs(out, total, seed, jobs), total, out, "grasp", format_progress
+        )
+    )
 
 
 def run_letters(
@@ -211,44 +229,48 @@ def run_letters(
     jobs: int = 1,
     layout: TaxelLayout | PathLike | None = None,
 ) -> LettersRun:
-    r"""Runs :func:`~torch_geometric_tactile.sim.simulate_letters` likewise."""
-    number = LETTER_PRESSES if presses is None else presses
+    r"""Runs :func:`~torch_geometric_tactile.sim.simulate_letters` with a progress bar on the
+    terminal.
+    """
+    num_presses = LETTER_PRESSES if presses is None else presses
     layout = None if layout is None else as_layout(layout)
-    running = simulate_letters(out, number, seed, jobs, layout=layout)
+    simulation = simulate_letters(out, num_presses, seed, jobs, layout=layout)
 
-    def in_words(reports: list[LetterReport]) -> str:
+    def format_progress(reports: list[LetterReport]) -> str:
         return f"letter {reports[-1].letter}"
 
-    total, files = num_letter_files(number), "[A-Z]/*.npy"
-    return LettersRun(*_watched(running, total, out, "file", in_words, files), layout)
+    total, file_pattern = num_letter_files(num_presses), "[A-Z]/*.npy"
+    return LettersRun(
+        *_run_with_progress(simulation, total, out, "file", format_progress, file_pattern), layout
+    )
 
 
-def _watched(
-    running: Generator[_Report, None, None],
+def _run_with_progress(
+    simulation: Generator[_Report, None, None],
     total: int,
     out: PathLike,
     unit: str,
-    in_words: Callable[[list[_Report]], str],
-    files: str = "*.h5",
+    format_progress: Callable[[list[_Report]], str],
+    file_pattern: str = "*.h5",
 ) -> tuple[list[_Report], float, Path]:
-    # The reports of a simulation with a progress bar, its seconds and its folder.
+    # Returns the reports of a simulation, its duration in seconds and its folder.
     from tqdm import tqdm
 
     start = time.monotonic()
     reports: list[_Report] = []
     try:
-        # Without a terminal there is no bar, and with Ctrl-C none stays.
+        # disable=None hides the bar without a terminal, leave=False clears it after Ctrl-C.
         with (
             tqdm(total=total, desc="Simulate", unit=unit, disable=None, leave=False) as bar,
-            closing(running),
+            closing(simulation),
         ):
-            for report in running:
+            for report in simulation:
                 reports.append(report)
-                bar.set_postfix_str(in_words(reports), refresh=False)
+                bar.set_postfix_str(format_progress(reports), refresh=False)
                 bar.update()
     except KeyboardInterrupt:
-        finished = len(list(Path(out).glob(files)))
-        raise KeyboardInterrupt(f"stopped; {finished} finished {unit}s are kept") from None
+        num_finished = len(list(Path(out).glob(file_pattern)))
+        raise KeyboardInterrupt(f"stopped; {num_finished} finished {unit}s are kept") from None
     except BrokenProcessPool as error:
         raise OSError(
             "a process of the simulation was killed, perhaps for lack of memory: run the same "

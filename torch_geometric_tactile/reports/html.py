@@ -1,4 +1,4 @@
-r"""A report on one page that needs no other file."""
+r"""Reports as self-contained HTML pages."""
 
 import base64
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.visualization._style import DPI, INSTALL
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-_CSS_PIXELS_PER_INCH = 96
+_CSS_PIXELS_PER_INCH = 96  # by definition; pictures are shown at their physical size
 
 
 class ReportTable(NamedTuple):
@@ -21,10 +21,10 @@ class ReportTable(NamedTuple):
 
     Args:
         title (str): Title above the table.
-        caption (str): What the numbers are; may be empty.
+        caption (str): Explanation of the numbers; may be empty.
         header (list of str): Names of the columns.
-        rows (list of list of str): The cells. A row whose first cell begins with :obj:`*` is drawn
-            bold, without the star.
+        rows (list of list of str): The cells. A row whose first cell begins with :obj:`*` is
+            shown in bold, without the asterisk.
 
     Examples:
         >>> table = ReportTable("Accuracy", "in %", ["model", "accuracy"], [["GCN", "84.0"]])
@@ -42,9 +42,9 @@ class ReportPicture(NamedTuple):
     r"""A picture of a report: the path of a PNG file, a title and a caption.
 
     Args:
-        path (str or PathLike): The PNG file; the report holds a copy.
+        path (str or PathLike): The PNG file; the report contains a copy.
         title (str): Title above the picture.
-        caption (str): What the picture shows; may be empty.
+        caption (str): Explanation of the picture; may be empty.
 
     Examples:
         >>> picture = ReportPicture("confusion.png", "Confusion", "Rows are true classes.")
@@ -68,25 +68,25 @@ def write_report(
     verdict: str = "",
     is_warning: bool = True,
 ) -> None:
-    r"""Writes a report as one HTML file that is either complete or absent. The file loads nothing,
-    runs no script, and can be read on a phone, in dark mode and on paper.
+    r"""Writes a report as one HTML file, atomically. The file loads no other files, contains no
+    scripts, and is readable on a phone, in dark mode and in print.
 
     Args:
         path (str or PathLike): The file.
         title (str): Title of the report.
-        notice (str): Whether the data is real or generated, and which it is.
+        notice (str): Description of the data, and whether it is measured or generated.
         facts (sequence of tuple of str): Names and values, such as split, seed and versions.
         tables (sequence of ReportTable): The tables.
         pictures (sequence of ReportPicture): The pictures, shown below the tables.
-        verdict (str): What to conclude, below the title; may be empty.
-        is_warning (bool): Whether :obj:`notice` is a warning, such as that the data is generated:
-            it is then the first line, in the colour of a warning. Otherwise it follows the verdict.
+        verdict (str): Conclusion, shown below the title; may be empty.
+        is_warning (bool): If :obj:`True`, :obj:`notice` is shown as a warning in the first line,
+            for example that the data is generated. Otherwise it follows the verdict.
 
     Raises:
         ImportError: If jinja2 is missing.
-        FileNotFoundError: If there is no such picture.
-        ValueError: If :obj:`notice` is empty, a row has another length than its header, or a
-            picture is no PNG file.
+        FileNotFoundError: If a picture does not exist.
+        ValueError: If :obj:`notice` is empty, the length of a row differs from that of its
+            header, or a picture is not a PNG file.
 
     Examples:
         >>> from tempfile import TemporaryDirectory
@@ -98,7 +98,7 @@ def write_report(
         ...     "84.0" in path.read_text(encoding="utf-8")
         True
     """
-    need(notice.strip(), "'notice' must say which data was used (got an empty text)")
+    need(notice.strip(), "'notice' must describe the data (got an empty text)")
     try:
         import jinja2
     except ImportError as error:
@@ -117,35 +117,35 @@ def write_report(
         verdict=verdict,
         is_warning=is_warning,
         facts=list(facts),
-        tables=[_table(table) for table in tables],
-        pictures=[_picture(picture) for picture in pictures],
+        tables=[_table_context(table) for table in tables],
+        pictures=[_picture_context(picture) for picture in pictures],
     )
     with atomic_path(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
 
 
-def _table(table: ReportTable) -> dict[str, Any]:
+def _table_context(table: ReportTable) -> dict[str, Any]:
     for row in table.rows:
         if len(row) != len(table.header) or not row:
             raise ValueError(
                 f"'rows' of table '{table.title}' must have {len(table.header)} cells, as its "
                 f"header (got {len(row)})"
             )
-    numeric = [
-        bool(table.rows) and not any(letter.isalpha() for row in table.rows for letter in row[i])
+    is_numeric = [
+        bool(table.rows) and not any(char.isalpha() for row in table.rows for char in row[i])
         for i in range(len(table.header))
     ]
     rows = [
         {"bold": row[0].startswith("*"), "cells": [row[0].removeprefix("*").lstrip(), *row[1:]]}
         for row in table.rows
     ]
-    return {**table._asdict(), "rows": rows, "numeric": numeric}
+    return {**table._asdict(), "rows": rows, "numeric": is_numeric}
 
 
-def _picture(picture: ReportPicture) -> dict[str, Any]:
+def _picture_context(picture: ReportPicture) -> dict[str, Any]:
     path = Path(picture.path)
     if not path.is_file():
-        raise FileNotFoundError(f"no picture at '{path}': write it with 'save_figure' first")
+        raise FileNotFoundError(f"there is no picture '{path}': write it with 'save_figure' first")
     content = path.read_bytes()
     if not content.startswith(_PNG) or len(content) < 24:
         raise ValueError(f"'path' of a picture must be a PNG file (got '{path}')")

@@ -14,25 +14,24 @@ from torch_geometric_tactile.data._torch_file import read_torch_file
 from torch_geometric_tactile.predictor import build_model
 from torch_geometric_tactile.sensors import TaxelLayout
 
-_MODEL = ("model", "num_classes", "task")  # settings that a model is another one by
-
+# Settings that define the model. All others concern the training only and may differ.
+_MODEL_SETTINGS = ("model", "num_classes", "task")
 
 _logger = logging.getLogger(__name__)
-
 
 _T = TypeVar("_T", bound=L.LightningModule)
 
 
 def read_checkpoint(
-    path: PathLike, map_location: Any | None = None, needs: Sequence[str] = ("state_dict",)
+    path: PathLike, map_location: Any | None = None, required_keys: Sequence[str] = ("state_dict",)
 ) -> dict[str, Any]:
-    r"""Reads a checkpoint as plain data and tensors, after its checksums were compared."""
+    r"""Reads a checkpoint as plain data and tensors, and verifies its checksums."""
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no checkpoint '{path}'")
     content = read_torch_file(path, map_location)
-    for name in needs:
-        if not isinstance(content, dict) or not isinstance(content.get(name), Mapping):
-            raise ValueError(f"'{path}' is no checkpoint: it must hold '{name}' (got none)")
+    for key in required_keys:
+        if not isinstance(content, dict) or not isinstance(content.get(key), Mapping):
+            raise ValueError(f"'{path}' is not a checkpoint: it must hold '{key}' (got none)")
     checkpoint: dict[str, Any] = content
     return checkpoint
 
@@ -44,14 +43,16 @@ def load_module(
     strict: bool | None,
     arguments: Mapping[str, Any],
 ) -> _T:
-    r"""Builds a module from the plain description and the weights of a checkpoint. Nothing in it is
-    parsed or imported: the model is one of this package by its name, or is given.
+    r"""Builds a module from the plain description and the weights of a checkpoint.
+
+    No code or import path of the file is executed: the model is a class of this package, looked up
+    by its name, or the argument :obj:`model`.
     """
     checkpoint = read_checkpoint(path, "cpu" if map_location is None else map_location)
     if not isinstance(checkpoint.get("module"), Mapping):
         raise ValueError(
             f"'{path}' must hold the description of its module (got none: until version 0.2.0 it "
-            "was kept as import paths, which are not followed any more): use "
+            "was stored as import paths, which are no longer followed): use "
             "Predictor.from_checkpoint(path), or build the module as for its training and use "
             "trainer.test(module, datamodule=data, ckpt_path=path), or train again"
         )
@@ -65,52 +66,58 @@ def load_module(
             module = cls(model, **{**entry["arguments"], **arguments})
         module.on_load_checkpoint(checkpoint)
         module.load_state_dict(weights, strict=strict is not False)
-    except Exception as error:  # whatever other contents lead to
+    except Exception as error:  # a damaged file may cause any error in a constructor
         reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
         raise ValueError(f"no {cls.__name__} can be built from '{path}': {reason}") from error
-    tensors = (value for value in weights.values() if isinstance(value, torch.Tensor))
+    tensors = (weight for weight in weights.values() if isinstance(weight, torch.Tensor))
     return module.to(next(tensors, torch.empty(0)).device)
 
 
 def compare_settings(config: Mapping[str, Any], path: PathLike) -> None:
-    r"""Compares the :obj:`model` section of a configuration with what a checkpoint was trained by.
-    What is of the training only, such as the optimizer, may differ; it is logged.
+    r"""Compares the :obj:`model` section of a configuration with the one stored in a checkpoint.
+    Differences in settings of the training, such as the optimizer, are only logged.
+
+    Raises:
+        ValueError: If the settings of the model differ.
     """
     stored = read_checkpoint(path, "cpu").get("config")
     if not isinstance(stored, Mapping):
         return
-    other = []
+    model_differences = []
     for key in stored.keys() & config.keys():
-        found = list(_differences(config[key], stored[key], f"model.{key}"))
-        if key in _MODEL:
-            other += found
-        elif found:
+        differences = list(_differences(config[key], stored[key], f"model.{key}"))
+        if key in _MODEL_SETTINGS:
+            model_differences += differences
+        elif differences:
             _logger.warning(
-                "taken from the configuration instead of '%s': %s", path, "; ".join(found)
+                "using settings of the configuration instead of '%s': %s",
+                path,
+                "; ".join(differences),
             )
-    if other:
+    if model_differences:
         raise ValueError(
-            f"checkpoint '{path}' must hold the model of the configuration ({'; '.join(other)}): "
-            "give the configuration of its training, such as the config.yaml of its run"
+            f"checkpoint '{path}' must hold the model of the configuration "
+            f"({'; '.join(model_differences)}); pass the configuration of its training, such as "
+            "the config.yaml of its run"
         )
 
 
-def _differences(config: Any, stored: Any, where: str) -> Iterator[str]:
+def _differences(config: Any, stored: Any, path: str) -> Iterator[str]:
     if isinstance(config, Mapping) and isinstance(stored, Mapping):
         classes = [str(part.get("class_path", "")).rpartition(".")[2] for part in (config, stored)]
         if classes[0] != classes[1]:
-            yield f"'{where}' is {classes[0]}, in the checkpoint {classes[1]}"
+            yield f"'{path}' is {classes[0]}, in the checkpoint {classes[1]}"
             return
         for key in config.keys() & stored.keys() - {"class_path", "layout"}:
-            yield from _differences(config[key], stored[key], f"{where}.{key}")
-    elif _plain(config) != _plain(stored):
-        yield f"'{where}' is {config!r}, in the checkpoint {stored!r}"
+            yield from _differences(config[key], stored[key], f"{path}.{key}")
+    elif _to_comparable(config) != _to_comparable(stored):
+        yield f"'{path}' is {config!r}, in the checkpoint {stored!r}"
 
 
-def _plain(value: Any) -> Any:
+def _to_comparable(value: Any) -> Any:
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [_to_comparable(item) for item in value]
     try:
-        return float(value)  # '1e-3' is a text to YAML
+        return float(value)  # YAML reads '1e-3' as a string
     except (TypeError, ValueError):
         return value

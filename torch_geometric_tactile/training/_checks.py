@@ -1,4 +1,4 @@
-r"""What is found before a training starts."""
+r"""Checks of data and model before a training starts."""
 
 import warnings
 from collections.abc import Sequence
@@ -25,9 +25,9 @@ from torch_geometric_tactile.training._finite import check_part
 from torch_geometric_tactile.training._losses import balanced_weights
 from torch_geometric_tactile.training.data_module import TactileDataModule
 
-# PyG's normalisations that give wrong numbers for stacked samples, without an error.
-_MIXING = (BatchNorm, GraphNorm, GraphSizeNorm, LayerNorm, MeanSubtractionNorm, PairNorm)
-# What gives a sample edges.
+# PyG's normalisations that silently give wrong numbers for stacked samples (B, N, F).
+_MIXING_NORMS = (BatchNorm, GraphNorm, GraphSizeNorm, LayerNorm, MeanSubtractionNorm, PairNorm)
+# Advice for samples without edges.
 EDGE_SOURCE = (
     "give the data set pre_transform=KNNGraph(k=2), or the edges of an adjacency of its layout"
 )
@@ -59,24 +59,25 @@ def train_weights(data: TactileDataModule | None, task: Task, num_classes: int) 
     return balanced_weights(y, task, num_classes)
 
 
-def check_labels(y: Tensor, task: Task, name: str, outputs: int = 0) -> None:
-    r"""Checks that labels are what a task needs.
+def check_labels(y: Tensor, task: Task, name: str, num_classes: int = 0) -> None:
+    r"""Checks the shape, type and range of the labels of a task.
 
     Shapes:
-        - **y:** The labels of all samples :math:`(S,)` or :math:`(S, C)`.
+        - **y:** Labels of all samples :math:`(S,)` or :math:`(S, C)`.
+        - **num_classes:** Number of classes, labels or targets :math:`C`; 0 if unknown.
     """
     {"multiclass": _check_classes, "multilabel": _check_flags}.get(task, _check_targets)(y, name)
-    if not outputs or not len(y):
+    if not num_classes or not len(y):
         return
     if task == "multiclass":
-        if int(y.max()) >= outputs:
+        if int(y.max()) >= num_classes:
             raise ValueError(
-                f"'y' of '{name}' must be classes from 0 to {outputs - 1} (got {int(y.max())})"
+                f"'y' of '{name}' must be classes from 0 to {num_classes - 1} (got {int(y.max())})"
             )
-    elif y.view(len(y), -1).size(1) != outputs:
+    elif y.view(len(y), -1).size(1) != num_classes:
         raise ValueError(
-            f"'y' of '{name}' must have {outputs} numbers a sample, one for each output of the "
-            f"model (got {y.view(len(y), -1).size(1)})"
+            f"'y' of '{name}' must have {num_classes} numbers per sample, one for each output of "
+            f"the model (got {y.view(len(y), -1).size(1)})"
         )
 
 
@@ -127,8 +128,8 @@ def _check_targets(y: Tensor, name: str) -> None:
 
 
 def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
-    r"""Checks the labels of the parts that a stage uses and that the model's inputs are finite, and
-    runs the model once on two samples, without gradients and without using up random numbers.
+    r"""Checks the labels and the model's inputs of the parts that a stage uses, and runs the model
+    once on two samples, without gradients and without advancing the random number generators.
     """
     names = {"fit": ("train", "val"), "validate": ("val",)}.get(stage, ("test",))
     parts = {name: part for name in names if len(part := data.part(name))}  # type: ignore[arg-type]
@@ -154,18 +155,18 @@ def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
 
 
 def check_takes_batch(model: Any, data: TactileDataModule) -> None:
-    r"""Checks that a model can be called on the samples of a batch that differ in their taxels."""
+    r"""Checks that the model accepts :obj:`batch` if samples differ in their taxels."""
     samples = data.dataset
     if isinstance(samples, GraphSamples) and samples.is_mixed and not takes_batch(model):
         name = model.__name__ if isinstance(model, type) else type(model).__name__
         raise ValueError(
-            f"'model' must be called with the sample of each taxel, forward(x, edge_index, batch), "
+            f"'model' must accept the sample index of each taxel, forward(x, edge_index, batch), "
             f"since the samples have {samples.describe_taxels()} (got {name}, without 'batch')"
         )
 
 
 def check_has_threshold(module: Any, data: Any, stage: str) -> None:
-    r"""Checks that there are two classes, and a validation part to choose their threshold on."""
+    r"""Checks that there are two classes, and a validation part for choosing the threshold."""
     if module.num_classes != 2:
         raise ValueError(
             f"'threshold' must be left out unless there are 2 classes (got {module.num_classes})"
@@ -174,46 +175,50 @@ def check_has_threshold(module: Any, data: Any, stage: str) -> None:
     if is_chosen and isinstance(data, TactileDataModule) and not len(data.part("val")):
         raise ValueError(
             f"'threshold' must be a number without a validation part to choose it on (got "
-            f"'{module.threshold}'): give a 'val' above 0, or a 'val_dataset'"
+            f"'{module.threshold}'); give a 'val' above 0, or a 'val_dataset'"
         )
 
 
-def _warn_of_missing_classes(y: Tensor, task: Task, outputs: int, names: Sequence[str]) -> None:
+def _warn_of_missing_classes(
+    y: Tensor, task: Task, num_classes: int, class_names: Sequence[str]
+) -> None:
     if task == "multiclass":
-        lacking = (torch.bincount(y, minlength=outputs) == 0).nonzero().view(-1).tolist()
-        what = "no sample of class"
+        missing = (torch.bincount(y, minlength=num_classes) == 0).nonzero().view(-1).tolist()
+        problem = "no sample of class"
     elif task == "multilabel":
-        lacking = (y == y[:1]).all(dim=0).nonzero().view(-1).tolist()
-        what = "only one value of label"
+        missing = (y == y[:1]).all(dim=0).nonzero().view(-1).tolist()
+        problem = "only one value of label"
     else:
         return
-    if lacking:
-        listed = ", ".join(f"'{names[i]}'" if i < len(names) else str(i) for i in lacking)
+    if missing:
+        missing_names = ", ".join(
+            f"'{class_names[i]}'" if i < len(class_names) else str(i) for i in missing
+        )
         warnings.warn(
-            f"the training part has {what} {listed}, which cannot be learnt; choose another "
-            "'split' or 'seed'",
+            f"the training part has {problem} {missing_names}, which cannot be learnt; choose "
+            "another 'split' or 'seed'",
             stacklevel=3,
         )
 
 
 def _check_outputs(module: Any, batch: Data) -> None:
-    modes = [(part, part.training) for part in module.modules()]
+    training_modes = [(part, part.training) for part in module.modules()]
     module.eval()
     hooks = [
-        part.register_forward_pre_hook(partial(_warn_of_mixing, name))
+        part.register_forward_pre_hook(partial(_warn_of_mixed_samples, name))
         for name, part in module.named_modules()
-        if isinstance(part, _MIXING) and getattr(part, "mode", "graph") == "graph"
+        if isinstance(part, _MIXING_NORMS) and getattr(part, "mode", "graph") == "graph"
     ]
     try:
         with torch.no_grad(), preserve_random_states():
             # Lightning names the device of the module before it moves the weights there.
             batch = batch.to(next(module.parameters(), torch.empty(0)).device)
-            module.inputs(batch)  # which tells itself what is missing
-            out = _run(module, batch)
+            module.inputs(batch)  # its errors name missing attributes
+            out = _run_model(module, batch)
     finally:
         for hook in hooks:
             hook.remove()
-        for part, training in modes:  # some may be frozen
+        for part, training in training_modes:  # not module.train(): some parts may be frozen
             part.training = training
     expected = (getattr(batch, "num_graphs", 1), module.num_classes)
     if tuple(out.shape) != expected:
@@ -225,17 +230,17 @@ def _check_outputs(module: Any, batch: Data) -> None:
         )
 
 
-def _warn_of_mixing(name: str, norm: Any, inputs: tuple[Any, ...]) -> None:
+def _warn_of_mixed_samples(name: str, norm: Any, inputs: tuple[Any, ...]) -> None:
     if inputs and isinstance(inputs[0], Tensor) and inputs[0].dim() == 3:
         warnings.warn(
-            f"'{name}', PyG's {type(norm).__name__}, takes all samples of a batch (B, N, F) for "
-            "one graph, so that each prediction depends on the others; use LayerNorm(mode='node') "
-            "or the forms of docs/static_data.md",
+            f"'{name}', PyG's {type(norm).__name__}, treats all samples of a batch (B, N, F) as "
+            "one graph, so that predictions depend on the other samples; use "
+            "LayerNorm(mode='node') or the forms of docs/static_data.md",
             stacklevel=2,
         )
 
 
-def _run(module: Any, batch: Data) -> Tensor:
+def _run_model(module: Any, batch: Data) -> Tensor:
     try:
         out: Tensor = module(batch)
     except Exception as error:

@@ -1,4 +1,4 @@
-r"""Metrics that are collected batch by batch."""
+r"""Metrics that are accumulated batch by batch."""
 
 from collections.abc import Sequence
 from typing import Literal, get_args
@@ -23,13 +23,13 @@ TASKS: tuple[Task, ...] = get_args(Task)
 
 
 def check_task(task: str) -> None:
-    r"""Raises a :class:`ValueError` if there is no such task."""
+    r"""Raises a :class:`ValueError` if the task is unknown."""
     need(task in TASKS, f"'task' must be one of {list(TASKS)} (got '{task}')")
 
 
-class KeptScores(Metric):
-    r"""Keeps the scores :math:`(B, C)` and the classes or labels of all batches until it is reset:
-    the base of metrics that need them all at once.
+class StoredScores(Metric):
+    r"""Base class of metrics that need the scores :math:`(B, C)` and the classes or labels of all
+    batches at once. It stores them until it is reset.
     """
 
     full_state_update = False
@@ -43,7 +43,7 @@ class KeptScores(Metric):
         self.add_state("targets", default=[], dist_reduce_fx="cat")
 
     def update(self, score: Tensor, y: Tensor) -> None:
-        r"""Takes the predictions of a batch.
+        r"""Stores the predictions of a batch.
 
         Shapes:
             - **score:** Probabilities :math:`(B, C)`.
@@ -52,26 +52,26 @@ class KeptScores(Metric):
         self.scores.append(score.detach())
         self.targets.append(y)
 
-    def kept(self) -> tuple[Tensor, Tensor]:
+    def scores_and_targets(self) -> tuple[Tensor, Tensor]:
         r"""Returns the scores and targets of all samples so far."""
         return dim_zero_cat(self.scores), dim_zero_cat(self.targets)
 
 
-class MacroAUROC(KeptScores):
-    r"""The mean area under the ROC curve of each class against the rest, or of each label; classes
-    that no sample has, or all have, are left out (torchmetrics counts them as zero).
+class MacroAUROC(StoredScores):
+    r"""The mean area under the ROC curve of each class against all others, or of each label.
+    Classes that no sample or every sample has are left out (torchmetrics counts them as zero).
     """
 
     def compute(self) -> Tensor:
         r"""Returns the mean of all samples so far."""
         if len(self.scores) == 0:
             return torch.tensor(torch.nan)
-        score, y = self.kept()
+        score, y = self.scores_and_targets()
         return macro_auroc(score, positives(y, score.size(1)))
 
 
 def positives(y: Tensor, num_classes: int) -> Tensor:
-    r"""Returns which samples are of each class, or have each label, as booleans.
+    r"""Returns a mask of the samples that belong to each class, or have each label.
 
     Shapes:
         - **y:** Classes :math:`(S,)`, or labels :math:`(S, C)`.
@@ -81,39 +81,39 @@ def positives(y: Tensor, num_classes: int) -> Tensor:
 
 
 def macro_auroc(score: Tensor, positive: Tensor) -> Tensor:
-    r"""Returns the mean area under the ROC curve, over the classes that some samples have and
-    some have not; NaN if there is none, or a score is NaN.
+    r"""Returns the mean area under the ROC curve, over the classes that some but not all samples
+    have. It is NaN if there is no such class, or a score is NaN.
 
     Shapes:
         - **input:** :math:`(S, C)` each
         - **output:** a scalar
     """
-    mixed = (positive.any(dim=0) & ~positive.all(dim=0)).nonzero().view(-1)
-    if len(mixed) == 0 or score.isnan().any():
+    rankable_classes = (positive.any(dim=0) & ~positive.all(dim=0)).nonzero().view(-1)
+    if len(rankable_classes) == 0 or score.isnan().any():
         return score.new_tensor(torch.nan)
     areas = [
         binary_auroc(score[:, i], positive[:, i].long(), validate_args=False)
-        for i in mixed.tolist()
+        for i in rankable_classes.tolist()
     ]
     return torch.stack(areas).mean()
 
 
 def macro_f1(true_positive: Tensor, false_positive: Tensor, false_negative: Tensor) -> Tensor:
-    r"""Returns the mean F1 score of the classes, without those neither present nor predicted; NaN
-    if none is left.
+    r"""Returns the mean F1 score of the classes, without those neither present nor predicted. It is
+    NaN if no class is left.
 
     Shapes:
         - **input:** :math:`(C,)` each
         - **output:** a scalar
     """
-    of_all = 2 * true_positive + false_positive + false_negative
-    counts = of_all > 0
-    return (2 * true_positive[counts] / of_all[counts]).mean()
+    denominator = 2 * true_positive + false_positive + false_negative
+    is_counted = denominator > 0
+    return (2 * true_positive[is_counted] / denominator[is_counted]).mean()
 
 
 def predicted_classes(score: Tensor, threshold: float | None = None) -> Tensor:
-    r"""Returns the class with the highest probability; of two classes, class 1 if its probability
-    is above a threshold.
+    r"""Returns the class with the highest probability. With a threshold for two classes, returns
+    class 1 where its probability is above the threshold.
 
     Shapes:
         - **input:** :math:`(S, C)`
@@ -122,7 +122,9 @@ def predicted_classes(score: Tensor, threshold: float | None = None) -> Tensor:
     if threshold is None:
         return score.argmax(dim=1)
     if score.size(1) != 2:
-        raise ValueError(f"'threshold' must be None unless of two classes (got {score.size(1)})")
+        raise ValueError(
+            f"'threshold' must be None unless there are 2 classes (got {score.size(1)})"
+        )
     return (score[:, 1] > threshold).long()
 
 
@@ -130,27 +132,29 @@ def positive_scores(
     true_positive: Tensor, false_positive: Tensor, false_negative: Tensor
 ) -> dict[str, Tensor]:
     r"""Returns :obj:`f1_positive`, :obj:`precision_positive` and :obj:`recall_positive` of class 1
-    of two; zero where there is nothing to divide by.
+    of two; a score is zero where its denominator is zero.
 
     Shapes:
         - **input:** :math:`(2,)` each
     """
-    found, wrong, missed = (n[1] for n in (true_positive, false_positive, false_negative))
+    tp, fp, fn = (n[1] for n in (true_positive, false_positive, false_negative))
     return {
-        "f1_positive": (2 * found / (2 * found + wrong + missed)).nan_to_num(),
-        "precision_positive": (found / (found + wrong)).nan_to_num(),
-        "recall_positive": (found / (found + missed)).nan_to_num(),
+        "f1_positive": (2 * tp / (2 * tp + fp + fn)).nan_to_num(),
+        "precision_positive": (tp / (tp + fp)).nan_to_num(),
+        "recall_positive": (tp / (tp + fn)).nan_to_num(),
     }
 
 
 def f1_scores(counts: Sequence[Tensor], task: Task) -> dict[str, Tensor]:
-    r"""Returns the scores of true positives, false positives and false negatives of each class."""
-    of_two = task == "multiclass" and len(counts[0]) == 2
-    return {"f1": macro_f1(*counts), **(positive_scores(*counts) if of_two else {})}
+    r"""Returns the F1 scores from the true positives, false positives and false negatives of each
+    class.
+    """
+    is_binary = task == "multiclass" and len(counts[0]) == 2
+    return {"f1": macro_f1(*counts), **(positive_scores(*counts) if is_binary else {})}
 
 
 def make_metrics(num_classes: int, task: Task = "multiclass") -> MetricCollection:
-    r"""Returns what is collected batch by batch, to be read with :func:`read_metrics`.
+    r"""Returns the metrics of a task, to be read with :func:`read_metrics`.
 
     Shapes:
         - **num_classes:** Number of classes, labels or targets :math:`C`.
@@ -175,7 +179,7 @@ def make_metrics(num_classes: int, task: Task = "multiclass") -> MetricCollectio
 def update_metrics(
     metrics: MetricCollection, score: Tensor, y: Tensor, threshold: float | None = None
 ) -> None:
-    r"""Adds a batch to what is collected.
+    r"""Adds a batch to the metrics.
 
     Shapes:
         - **score:** Probabilities :math:`(B, C)`, or the predicted numbers.
@@ -190,8 +194,8 @@ def update_metrics(
 
 
 def session_metric(num_classes: int, task: Task = "multiclass") -> Metric:
-    r"""Returns what is collected of one recording session: the accuracy, or the mean absolute error
-    of a regression.
+    r"""Returns the metric of one recording session: the accuracy, or the mean absolute error of a
+    regression.
 
     Shapes:
         - **num_classes:** Number of classes, labels or targets :math:`C`.
@@ -209,22 +213,25 @@ def read_metrics(metrics: MetricCollection) -> dict[str, Tensor]:
     """
     if "r2" in metrics:
         r2 = metrics["r2"]
-        # torchmetrics raises an error for less than two samples.
-        few = int(r2.total) < 2  # type: ignore[arg-type]
+        # For fewer than two samples, torchmetrics raises an error.
+        is_undefined = int(r2.total) < 2  # type: ignore[arg-type]
         return {
             "mae": metrics["mae"].compute(),
             "rmse": metrics["rmse"].compute(),
-            "r2": torch.tensor(torch.nan, device=r2.device) if few else r2.compute(),
+            "r2": torch.tensor(torch.nan, device=r2.device) if is_undefined else r2.compute(),
         }
-    value = metrics.compute()
-    true_positive, false_positive, true_negative, false_negative, _ = value["counts"].unbind(1)
-    read = {"accuracy": value["accuracy"]}
+    values = metrics.compute()
+    true_positive, false_positive, true_negative, false_negative, _ = values["counts"].unbind(1)
+    scores = {"accuracy": values["accuracy"]}
     task: Task = "multiclass"
     if isinstance(metrics["counts"], MultilabelStatScores):
         task = "multilabel"
-        num_samples = value["counts"][0, :4].sum()
-        right = (true_positive + true_negative) / num_samples
-        read["label_accuracy"] = right.mean()
-        read |= {f"label_accuracy_{i}": part for i, part in enumerate(right)}
-    read |= f1_scores([true_positive, false_positive, false_negative], task)
-    return {**read, "auroc": value["auroc"]}
+        num_samples = values["counts"][0, :4].sum()
+        label_accuracies = (true_positive + true_negative) / num_samples
+        scores["label_accuracy"] = label_accuracies.mean()
+        scores |= {
+            f"label_accuracy_{i}": label_accuracy
+            for i, label_accuracy in enumerate(label_accuracies)
+        }
+    scores |= f1_scores([true_positive, false_positive, false_negative], task)
+    return {**scores, "auroc": values["auroc"]}

@@ -1,4 +1,4 @@
-r"""Configurations in files, and templates of several."""
+r"""Configuration files, and templates that expand to several configurations."""
 
 import atexit
 import copy
@@ -16,13 +16,11 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import new_scratch_folder
 from torch_geometric_tactile._limits import CONFIG_BYTES
 
+# Limits for files from unknown sources, far above those of any useful configuration.
 _MAX_VALUES = 100_000
-
-
 _MAX_DEPTH = 50
 
-
-# These files hold many experiments: `base`, and what each lays over it.
+# Each of these files holds many experiments: `base`, and the changes of each experiment.
 TEMPLATES = (
     "p1_table2",
     "p1_table3",
@@ -37,65 +35,65 @@ TEMPLATES = (
 
 
 def read_yaml(path: Path) -> Any:
-    r"""Reads a YAML file of plain values, whoever wrote it."""
+    r"""Reads a YAML file of plain values. The file may come from an unknown source."""
     with path.open("rb") as file:
         text = file.read(CONFIG_BYTES + 1)
     problem = f"more than {CONFIG_BYTES} bytes" if len(text) > CONFIG_BYTES else ""
     content = None
     if not problem:
         try:
-            content = yaml.load(text.decode(), Loader=_Loader)
-        except Exception as error:  # of YAML, or of a number or date in it that cannot be
+            content = yaml.load(text.decode(), Loader=_BoundedLoader)
+        except Exception as error:  # besides YAML errors, those of invalid numbers and dates
             problem = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-    if problem or not _is_small(content):
+    if problem or not _is_within_limits(content):
         problem = problem or f"more than {_MAX_VALUES} values, or nested {_MAX_DEPTH} deep"
         raise ValueError(f"'{path}' cannot be read as YAML ({problem})")
     return content
 
 
-class _Loader(yaml.SafeLoader):
-    # Its time grows with the square of the brackets that are open.
+class _BoundedLoader(yaml.SafeLoader):
+    # The time of the parser grows with the square of the number of open brackets.
     def fetch_flow_collection_start(self, TokenClass: Any) -> None:  # noqa: N803
         need(self.flow_level <= _MAX_DEPTH, f"nested more than {_MAX_DEPTH} deep")
         super().fetch_flow_collection_start(TokenClass)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        # Of a key that is there twice, YAML's library takes the last without a word.
+        # PyYAML silently takes the last value of a duplicate key.
         keys = [key.value for key, _ in getattr(node, "value", ()) if isinstance(key.value, str)]
-        twice = [key for i, key in enumerate(keys) if key in keys[:i]]
-        if twice:
+        duplicates = [key for i, key in enumerate(keys) if key in keys[:i]]
+        if duplicates:
             line = node.start_mark.line + 1
             raise ValueError(
-                f"the key {twice[0]!r} is given twice in the mapping that begins at line {line}"
+                f"the key {duplicates[0]!r} occurs twice in the mapping that begins at line {line}"
             )
         content: dict[Any, Any] = super().construct_mapping(node, deep)
         return content
 
 
-def _is_small(content: Any) -> bool:
-    # Counts what aliases share once for each, as all that copies or writes it does.
-    waiting, num_values = [(content, 0)], 0
-    while waiting:
-        value, depth = waiting.pop()
+def _is_within_limits(content: Any) -> bool:
+    # Counts a value shared by YAML aliases once for each alias, as copying and writing expand it.
+    pending, num_values = [(content, 0)], 0
+    while pending:
+        value, depth = pending.pop()
         num_values += 1
         if depth > _MAX_DEPTH or num_values > _MAX_VALUES:
             return False
         if isinstance(value, dict):
-            waiting.extend((item, depth + 1) for item in value.values())
+            pending.extend((item, depth + 1) for item in value.values())
         elif isinstance(value, list | tuple | set):
-            waiting.extend((item, depth + 1) for item in value)
+            pending.extend((item, depth + 1) for item in value)
     return True
 
 
 @cache
-def _expanded(template: str) -> dict[str, dict[str, Any]]:
-    content = yaml.safe_load((_folder() / f"{template}.yaml").read_text(encoding="utf-8"))
+def _expand(template: str) -> dict[str, dict[str, Any]]:
+    content = yaml.safe_load((_config_folder() / f"{template}.yaml").read_text(encoding="utf-8"))
     base = content["base"]
     if isinstance(base, str):
-        other, _, experiment = base.partition("/")
-        base = _expanded(other)[experiment]
-    configs = {name: merged(base, over) for name, over in content["experiments"].items()}
-    # Through JSON, so that what YAML's aliases share is shared no more.
+        base_template, _, experiment = base.partition("/")
+        base = _expand(base_template)[experiment]
+    configs = {name: merged(base, changes) for name, changes in content["experiments"].items()}
+    # A copy through JSON, so that YAML aliases share no objects.
     expanded: dict[str, dict[str, Any]] = json.loads(json.dumps(configs))
     return expanded
 
@@ -103,40 +101,40 @@ def _expanded(template: str) -> dict[str, dict[str, Any]]:
 def expand_template(template: str) -> dict[str, dict[str, Any]]:
     r"""Returns the full configuration of each experiment of a shipped template, in its order.
 
-    A template holds :obj:`base`, a configuration or the name of one in another template, and
-    :obj:`experiments`: names, and what each lays over the base.
+    A template holds :obj:`base`, a configuration or the name of an experiment of another
+    template, and :obj:`experiments`, the changes to the base by the name of the experiment.
     """
     need(template in TEMPLATES, f"'template' must be one of {list(TEMPLATES)} (got '{template}')")
-    return copy.deepcopy(_expanded(template))
+    return copy.deepcopy(_expand(template))
 
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Lays one configuration over another: mappings are joined key by key, everything else, also
-    a list, is replaced. So are the arguments of a class by those of another class.
+    r"""Returns a configuration with some settings replaced. Mappings are merged key by key; lists
+    and all other values are replaced, as are the arguments of a class by those of another class.
 
     Examples:
         >>> merged({"a": {"b": 1, "c": [1, 2]}}, {"a": {"c": [3]}})
         {'a': {'b': 1, 'c': [3]}}
     """
-    out = dict(base)
+    config = dict(base)
     for key, value in over.items():
-        below = out.get(key)
-        if isinstance(value, Mapping) and isinstance(below, Mapping):
-            other_class = value.get("class_path", below.get("class_path"))
-            if other_class == below.get("class_path"):
-                value = merged(below, value)
-        out[key] = value
-    return out
+        base_value = config.get(key)
+        if isinstance(value, Mapping) and isinstance(base_value, Mapping):
+            class_path = value.get("class_path", base_value.get("class_path"))
+            if class_path == base_value.get("class_path"):
+                value = merged(base_value, value)
+        config[key] = value
+    return config
 
 
-def _folder() -> Path:
+def _config_folder() -> Path:
     return Path(str(files("torch_geometric_tactile.configs")))
 
 
 @cache
 def scratch_folder() -> Path:
-    r"""Returns a temporary folder that lives as long as this process, or, if it is killed, until
-    the next one asks for its own.
+    r"""Returns a temporary folder that is deleted at the end of this process, or, if the process is
+    killed, by the next process that calls this function.
     """
     folder = new_scratch_folder()
     atexit.register(shutil.rmtree, folder, ignore_errors=True)

@@ -1,4 +1,4 @@
-r"""Numbers that are missing or infinite: found before they reach the weights or a metric."""
+r"""Checks for NaN and infinite numbers, before they reach the weights or a metric."""
 
 import copy
 import warnings
@@ -20,9 +20,9 @@ from torch_geometric_tactile.nn.models._calls import input_names
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.transforms._samples import Samples
 
-_LISTED = 5  # samples and trials that a message names
-_LOOKED_AT = 2**30  # bytes of a part up to which all samples are looked at before a training
-_SPREAD = 64  # samples of a larger one
+_MAX_LISTED = 5  # samples and trials that a message names
+_MAX_FULL_CHECK_BYTES = 2**30  # reading larger parts in full would delay the start of a training
+_NUM_PROBE_SAMPLES = 64  # of a larger part, evenly spaced
 
 
 def model_inputs(model: Any) -> tuple[str, ...]:
@@ -32,31 +32,32 @@ def model_inputs(model: Any) -> tuple[str, ...]:
 
 
 def check_part(model: Any, data: TactileDataModule, part: SampleSet, name: str) -> None:
-    r"""Checks that what a model reads of a part is finite after all transforms but random ones. Of
-    a part above 1 GB only some samples are looked at.
+    r"""Checks that the inputs of a model are finite after all transforms except random ones. Of a
+    part above 1 GB, only 64 samples are checked.
 
-    Only samples with a number that is missing before the transforms are read again after them.
+    A sample is transformed for this check only if a number is NaN or infinite before the
+    transforms.
     """
-    suspects = _suspects(part)
-    bad: dict[str, list[tuple[Tensor, Tensor]]] = {}
-    for rows in suspects.split(_SPREAD) if len(suspects) else ():
+    candidates = _nonfinite_samples(part)
+    nonfinite: dict[str, list[tuple[Tensor, Tensor]]] = {}
+    for rows in candidates.split(_NUM_PROBE_SAMPLES) if len(candidates) else ():
         batch = data.peek(part, rows)
         for key in model_inputs(model):
             value = getattr(batch, key, None)
             if value is not None and not _is_finite(value):
-                of_samples = _bad_samples(batch, key)
-                assert of_samples is not None
-                bad.setdefault(key, []).append((rows[of_samples], value[~value.isfinite()]))
-    for key, found in bad.items():
-        index = torch.cat([rows for rows, _ in found])
-        values = torch.cat([value for _, value in found])
-        samples = _samples(index.tolist(), _trials(part.column("trial"), index))
-        raise _not_finite(key, f"the {name} part", values, samples)
+                mask = _nonfinite_mask(batch, key)
+                assert mask is not None
+                nonfinite.setdefault(key, []).append((rows[mask], value[~value.isfinite()]))
+    for key, chunks in nonfinite.items():
+        index = torch.cat([rows for rows, _ in chunks])
+        values = torch.cat([value for _, value in chunks])
+        samples = _format_samples(index.tolist(), _trial_numbers(part.column("trial"), index))
+        raise _nonfinite_error(key, f"the {name} part", values, samples)
 
 
-def _suspects(part: SampleSet) -> Tensor:
+def _nonfinite_samples(part: SampleSet) -> Tensor:
     if isinstance(part, GraphSamples):
-        return _suspect_graphs(part)
+        return _nonfinite_graphs(part)
     samples = Samples(part)
     if samples.num_samples == 0:
         return torch.empty(0, dtype=torch.long)
@@ -67,39 +68,39 @@ def _suspects(part: SampleSet) -> Tensor:
         for key, value in first.to_dict().items()
         if isinstance(value, Tensor) and value.is_floating_point() and key != "y"
     ]
-    own = [key for key in floats if not samples.is_shared(key)]
-    if not all(_is_finite(first[key]) for key in floats if key not in own):
-        return index
-    size = sum(first[key].numel() * first[key].element_size() for key in own)
-    if size * len(index) > _LOOKED_AT:
-        index = torch.linspace(0, len(index) - 1, _SPREAD).long().unique()
-    bad = [torch.empty(0, dtype=torch.long)]
+    sample_keys = [key for key in floats if not samples.is_shared(key)]
+    if not all(_is_finite(first[key]) for key in floats if key not in sample_keys):
+        return index  # an attribute shared by all samples
+    size = sum(first[key].numel() * first[key].element_size() for key in sample_keys)
+    if size * len(index) > _MAX_FULL_CHECK_BYTES:
+        index = torch.linspace(0, len(index) - 1, _NUM_PROBE_SAMPLES).long().unique()
+    nonfinite = [torch.empty(0, dtype=torch.long)]
     for rows in samples.parts(index):
         chunk = samples.select(rows)
-        if all(_is_finite(chunk[key]) for key in own):
+        if all(_is_finite(chunk[key]) for key in sample_keys):
             continue
         finite = torch.ones(len(rows), dtype=torch.bool)
-        for key in own:
+        for key in sample_keys:
             finite &= chunk[key].isfinite().view(len(rows), -1).all(dim=1).cpu()
-        bad.append(rows[~finite])
-    return torch.cat(bad)
+        nonfinite.append(rows[~finite])
+    return torch.cat(nonfinite)
 
 
-def _suspect_graphs(part: GraphSamples) -> Tensor:
-    raw = copy.copy(part)
-    raw.transform = None
-    bad = []
-    for i in range(len(raw)):
-        values = [value for key, value in raw[i].to_dict().items() if key != "y"]
+def _nonfinite_graphs(part: GraphSamples) -> Tensor:
+    untransformed = copy.copy(part)
+    untransformed.transform = None
+    nonfinite = []
+    for i in range(len(untransformed)):
+        values = [value for key, value in untransformed[i].to_dict().items() if key != "y"]
         floats = (v for v in values if isinstance(v, Tensor) and v.is_floating_point())
         if not all(map(_is_finite, floats)):
-            bad.append(i)
-    return torch.tensor(bad, dtype=torch.long)
+            nonfinite.append(i)
+    return torch.tensor(nonfinite, dtype=torch.long)
 
 
 @dataclass(frozen=True)
 class BatchCheck:
-    r"""What must be finite of a batch."""
+    r"""Checks that the inputs, loss and predictions of a batch are finite."""
 
     model: Any
     batch: Data
@@ -107,76 +108,78 @@ class BatchCheck:
     loader: Any = None
 
     @classmethod
-    def of_step(cls, module: L.LightningModule, stage: str, batch: Data, batch_idx: int) -> Self:
-        r"""Returns the check of a batch of a trainer."""
+    def from_step(cls, module: L.LightningModule, stage: str, batch: Data, batch_idx: int) -> Self:
+        r"""Returns the check of a batch in a step of the trainer."""
         trainer = module._trainer
         if trainer is None:
             return cls(module.model, batch, f"batch {batch_idx}")
-        name = "train_dataloader" if stage == "train" else f"{stage}_dataloaders"
+        loader_name = "train_dataloader" if stage == "train" else f"{stage}_dataloaders"
         epoch = f" of epoch {trainer.current_epoch}" if stage in ("train", "val") else ""
         part = "test" if stage == "predict" else stage
-        text = f"batch {batch_idx}{epoch} of the {part} part"
-        return cls(module.model, batch, text, getattr(trainer, name))
+        name = f"batch {batch_idx}{epoch} of the {part} part"
+        return cls(module.model, batch, name, getattr(trainer, loader_name))
 
     def inputs(self) -> None:
-        r"""Checks what the model reads."""
+        r"""Checks the attributes of the batch that the model reads."""
         for key in model_inputs(self.model):
             value = getattr(self.batch, key, None)
             if isinstance(value, Tensor) and not _is_finite(value):
-                samples = self._samples(_bad_samples(self.batch, key))
-                raise _not_finite(key, self.name, value[~value.isfinite()], samples)
+                samples = self._format_samples(_nonfinite_mask(self.batch, key))
+                raise _nonfinite_error(key, self.name, value[~value.isfinite()], samples)
 
     def loss(self, loss: Tensor, out: Tensor) -> None:
         r"""Checks a loss, before it reaches the weights.
 
         Shapes:
-            - **out:** What the model returned :math:`(B, C)`.
+            - **out:** Outputs of the model :math:`(B, C)`.
         """
         if loss.isfinite():
             return
         self.inputs()
-        bad = ~out.isfinite().flatten(1).all(dim=1)
+        mask = ~out.isfinite().flatten(1).all(dim=1)
         raise ValueError(
             f"the loss of {self.name} must be finite (got {loss.item()} from "
-            f"{self._samples(bad if bad.any() else None)}); {_cause(self.model, bool(bad.any()))}"
+            f"{self._format_samples(mask if mask.any() else None)}); "
+            f"{_cause(self.model, bool(mask.any()))}"
         )
 
     def scores(self, score: Tensor) -> None:
-        r"""Checks probabilities or predicted numbers, of which a metric would count NaN as a class.
+        r"""Checks that no probability or predicted number is NaN, which a metric would count as a
+        class.
 
         Shapes:
-            - **score:** They :math:`(B, C)`.
+            - **score:** Probabilities or predicted numbers :math:`(B, C)`.
         """
-        bad = score.isnan()
-        if not bad.any():
+        is_nan = score.isnan()
+        if not is_nan.any():
             return
         self.inputs()
         raise ValueError(
             f"the predictions of {self.name} must not be NaN (got NaN for "
-            f"{self._samples(bad.flatten(1).any(dim=1))}); {_cause(self.model, True)}"
+            f"{self._format_samples(is_nan.flatten(1).any(dim=1))}); {_cause(self.model, True)}"
         )
 
     def warn(self, score: Tensor) -> None:
-        r"""Warns of probabilities or predicted numbers that are NaN.
+        r"""Warns if probabilities or predicted numbers are NaN.
 
         Shapes:
-            - **score:** They :math:`(B, C)`.
+            - **score:** Probabilities or predicted numbers :math:`(B, C)`.
         """
         try:
             self.scores(score)
         except ValueError as error:
             warnings.warn(f"some predictions are NaN: {error}", stacklevel=2)
 
-    def _samples(self, bad: Tensor | None) -> str:
-        number = getattr(self.batch, "num_graphs", 1)
-        rows = torch.arange(number) if bad is None else bad.nonzero().view(-1).cpu()
-        trials = _trials(getattr(self.batch, "trial", None), rows)
-        index = self._index()
-        if len(index) == number:
-            return _samples([index[i] for i in rows.tolist()], trials)
-        return f"{_samples(rows.tolist(), trials)}, counted in the batch"
+    def _format_samples(self, mask: Tensor | None) -> str:
+        num_samples = getattr(self.batch, "num_graphs", 1)
+        rows = torch.arange(num_samples) if mask is None else mask.nonzero().view(-1).cpu()
+        trials = _trial_numbers(getattr(self.batch, "trial", None), rows)
+        dataset_index = self._dataset_index()
+        if len(dataset_index) == num_samples:
+            return _format_samples([dataset_index[i] for i in rows.tolist()], trials)
+        return f"{_format_samples(rows.tolist(), trials)}, counted in the batch"
 
-    def _index(self) -> list[int]:
+    def _dataset_index(self) -> list[int]:
         loader = self.loader
         if isinstance(loader, list | tuple) and len(loader) == 1:
             loader = loader[0]
@@ -184,66 +187,73 @@ class BatchCheck:
 
 
 def _is_finite(value: Tensor) -> bool:
-    # A sum is much faster, and wrong only where it overflows.
+    # The sum is much faster. It may overflow although all values are finite, hence the full check.
     return bool(value.sum().isfinite()) or bool(value.isfinite().all())
 
 
-def _bad_samples(batch: Data, key: str) -> Tensor | None:
+def _nonfinite_mask(batch: Data, key: str) -> Tensor | None:
     value = batch[key]
     if isinstance(batch, StaticData):
         if not batch.is_shared(key):
             return ~value.isfinite().flatten(1).all(dim=1)
         return torch.ones(batch.num_samples, dtype=torch.bool)
-    of = getattr(batch, "batch", None)
+    sample_of_node = getattr(batch, "batch", None)
     rows = ~value.isfinite().flatten(1).all(dim=1)
-    if of is not None and key.startswith("edge_") and len(rows) == batch.num_edges:
-        of = of[batch.edge_index[0]]
-    if of is None or len(rows) != len(of):  # of edges, or of the samples themselves
+    if sample_of_node is not None and key.startswith("edge_") and len(rows) == batch.num_edges:
+        sample_of_node = sample_of_node[batch.edge_index[0]]
+    if sample_of_node is None or len(rows) != len(
+        sample_of_node
+    ):  # one row for each edge or sample
         return rows if len(rows) == getattr(batch, "num_graphs", None) else None
-    bad = torch.zeros(batch.num_graphs, dtype=torch.bool, device=rows.device)
-    bad[of[rows]] = True
-    return bad
+    mask = torch.zeros(batch.num_graphs, dtype=torch.bool, device=rows.device)
+    mask[sample_of_node[rows]] = True
+    return mask
 
 
-def _samples(index: Sequence[int], trials: Sequence[int]) -> str:
-    text = f"{len(index)} sample{'s' * (len(index) != 1)}: {short_list(index, _LISTED)}"
-    return f"{text} of trial {short_list(trials, _LISTED)}" if trials else text
+def _format_samples(index: Sequence[int], trials: Sequence[int]) -> str:
+    text = f"{len(index)} sample{'s' * (len(index) != 1)}: {short_list(index, _MAX_LISTED)}"
+    return f"{text} of trial {short_list(trials, _MAX_LISTED)}" if trials else text
 
 
-def _trials(trial: Tensor | None, rows: Tensor) -> list[int]:
+def _trial_numbers(trial: Tensor | None, rows: Tensor) -> list[int]:
     if trial is None or trial.dim() != 1 or not len(rows) or len(trial) <= int(rows.max()):
         return []
-    listed: list[int] = trial.cpu()[rows].unique().tolist()
-    return listed
+    numbers: list[int] = trial.cpu()[rows].unique().tolist()
+    return numbers
 
 
-def _not_finite(key: str, where: str, values: Tensor, samples: str) -> ValueError:
-    missing = int(values.isnan().sum())
-    infinite = len(values) - missing
-    counts = [f"{missing} NaN"] * (missing > 0) + [f"{infinite} infinite"] * (infinite > 0)
-    what = "readings 'x'" if key == "x" else f"'{key}'"
-    if not missing:
+def _nonfinite_error(key: str, part: str, values: Tensor, samples: str) -> ValueError:
+    num_missing = int(values.isnan().sum())
+    num_infinite = len(values) - num_missing
+    counts = [f"{num_missing} NaN"] * (num_missing > 0) + [f"{num_infinite} infinite"] * (
+        num_infinite > 0
+    )
+    attribute = "readings 'x'" if key == "x" else f"'{key}'"
+    if not num_missing:
         advice = "correct them in the data, or leave these samples out"
     elif key == "x":
-        advice = "add FillMissing() to the transform, behind all that can give NaN"
+        advice = "add FillMissing() to the transform, after all steps that may give NaN"
     else:
         advice = (
             f"FillMissing() fills readings only: fill '{key}' in the data, or leave these samples "
             "out"
         )
     return ValueError(
-        f"{what} of {where} must be finite after all transforms (got {' and '.join(counts)} in "
+        f"{attribute} of {part} must be finite after all transforms (got {' and '.join(counts)} in "
         f"{samples}); {advice}"
     )
 
 
-def _cause(model: Any, of_model: bool) -> str:
+def _cause(model: Any, outputs_nonfinite: bool) -> str:
     for name, value in model.state_dict().items():
         if value.is_floating_point() and not _is_finite(value):
             return (
                 f"the weights '{name}' are not finite since an earlier step: lower the learning "
                 "rate, or set the trainer's 'gradient_clip_val'"
             )
-    if of_model:
-        return "inputs and weights are finite: the model makes it of large or special values"
-    return "inputs, weights and outputs are finite: look at 'y' and 'class_weights'"
+    if outputs_nonfinite:
+        return (
+            "inputs and weights are finite, so the model itself produces it from large or special "
+            "values"
+        )
+    return "inputs, weights and outputs are finite: check 'y' and 'class_weights'"

@@ -1,4 +1,4 @@
-r"""Layouts as text."""
+r"""Conversion between layouts and text, for configurations."""
 
 import json
 from collections.abc import Mapping
@@ -6,33 +6,33 @@ from typing import Any
 
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_layout
 
-_CONTENT = "layout="  # in front of the content of a layout
+_CONTENT_PREFIX = "layout="  # marks a text that holds the content of a layout, not its name
 
 
 def layout_from_text(text: str) -> TaxelLayout:
-    r"""Returns the layout that a configuration names: one that comes with the package, a layout
-    file, or what :func:`layout_to_text` returned.
+    r"""Returns the layout for a text in a configuration: the name of a layout of the package, the
+    path of a layout file, or the output of :func:`layout_to_text`.
     """
-    if text.startswith(_CONTENT):
-        return TaxelLayout.from_dict(json.loads(text.removeprefix(_CONTENT)))
+    if text.startswith(_CONTENT_PREFIX):
+        return TaxelLayout.from_dict(json.loads(text.removeprefix(_CONTENT_PREFIX)))
     return as_layout(text)
 
 
 def layout_to_text(layout: TaxelLayout) -> str:
-    r"""Returns the shortest text that :func:`layout_from_text` reads anywhere: the name of a layout
-    that comes with the package, or else its whole content.
+    r"""Returns the shortest text that :func:`layout_from_text` reads on any machine: the name of a
+    layout of the package, or else the full content of the layout.
     """
     if _is_stock(layout):
         return layout.name
-    # Without a space, and not a mapping at first sight: the parser of configurations would take it
-    # for one wherever a class accepts texts of several kinds.
+    # The prefix and the missing spaces keep jsonargparse from parsing the text as a mapping where a
+    # class accepts several types.
     content = json.dumps(layout.to_dict(), separators=(",", ":"))
-    return _CONTENT + content.replace(" ", "\\u0020")
+    return _CONTENT_PREFIX + content.replace(" ", "\\u0020")
 
 
 def plain_section(config: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Returns what :func:`~torch_geometric_tactile.training.sizes.fill_sizes` returned as plain
-    data, with the text of a layout.
+    r"""Returns the output of :func:`~torch_geometric_tactile.training.sizes.fill_sizes` as plain
+    data, with the layout as text.
 
     Args:
         config (Mapping): The :obj:`model` section.

@@ -1,4 +1,4 @@
-r"""Losses of the tasks."""
+r"""The loss functions of the tasks."""
 
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -29,7 +29,7 @@ def check_loss(
     if loss is not None and (task != "regression" or loss not in _REGRESSION):
         raise ValueError(
             f"'loss' must be one of {list(_REGRESSION)} for task='regression', and left out for "
-            f"others (got '{loss}' for task='{task}')"
+            f"other tasks (got '{loss}' for task='{task}')"
         )
     if not 0 <= label_smoothing < 1:
         raise ValueError(
@@ -52,9 +52,9 @@ def check_loss(
 def balanced_weights(y: Tensor, task: Task, num_classes: int) -> Tensor:
     r"""Returns weights that make rare classes count as much as common ones.
 
-    For classes, that of class :math:`c` is :math:`S / (C S_c)`, as in scikit-learn; for labels it
-    is the number of samples without the label over that of samples with it. A class that is in no
-    sample, or a label that is in none or all, has the weight one.
+    The weight of class :math:`c` is :math:`S / (C S_c)`, as in scikit-learn. The weight of a label
+    is the number of samples without the label over the number of samples with it. A class that no
+    sample has, or a label that no sample or every sample has, gets weight one.
 
     Examples:
         >>> balanced_weights(torch.tensor([0, 0, 0, 1]), "multiclass", 2)
@@ -66,11 +66,11 @@ def balanced_weights(y: Tensor, task: Task, num_classes: int) -> Tensor:
         - **output:** :math:`(C,)`
     """
     if task == "multilabel":
-        having = (y > 0.5).sum(dim=0).double()
-        weights = (len(y) - having) / having
-        return torch.where((having > 0) & (having < len(y)), weights, 1.0).float()
-    count = torch.bincount(y, minlength=num_classes).double()
-    return torch.where(count > 0, len(y) / (num_classes * count), 1.0).float()
+        num_positive = (y > 0.5).sum(dim=0).double()
+        weights = (len(y) - num_positive) / num_positive
+        return torch.where((num_positive > 0) & (num_positive < len(y)), weights, 1.0).float()
+    num_samples = torch.bincount(y, minlength=num_classes).double()
+    return torch.where(num_samples > 0, len(y) / (num_classes * num_samples), 1.0).float()
 
 
 def check_num_weights(weights: Tensor | None, num_classes: int) -> None:
@@ -99,20 +99,19 @@ def task_loss(
     labels, or the mean squared error of numbers.
 
     Shapes:
-        - **out:** What the model returned :math:`(B, C)`.
-        - **y:** Classes :math:`(B,)`, labels :math:`(B, C)`, or numbers :math:`(B, C)` or,
-          if there is one a sample, :math:`(B,)`.
-        - **weights:** Weight of each class, or of the samples that have each
-          label :math:`(C,)`.
+        - **out:** Outputs of the model :math:`(B, C)`.
+        - **y:** Classes :math:`(B,)`, labels :math:`(B, C)`, or numbers :math:`(B, C)` or
+          :math:`(B,)`.
+        - **weights:** Weight of each class, or of the samples with each label :math:`(C,)`.
     """
     if task == "regression":
         return _REGRESSION[loss or "mse"](out, numbers_like(y, out))
     expected = out.shape if task == "multilabel" else out.shape[:1]
     if y.shape != expected:
-        other = "multiclass" if task == "multilabel" else "multilabel"
+        other_task = "multiclass" if task == "multilabel" else "multilabel"
         raise ValueError(
             f"'y' must have shape {tuple(expected)} for task='{task}' (got {tuple(y.shape)}); is "
-            f"it task='{other}', or does the model have another number of outputs?"
+            f"it task='{other_task}', or does the model have a different number of outputs?"
         )
     if task == "multiclass":
         return F.cross_entropy(out, y, weights, label_smoothing=label_smoothing)
@@ -123,16 +122,16 @@ def task_loss(
 
 
 def numbers_like(y: Tensor, out: Tensor) -> Tensor:
-    r"""Returns the target numbers in shape and type of a model's outputs.
+    r"""Returns the target numbers with the shape and type of the model's outputs.
 
     Shapes:
         - **y:** Numbers :math:`(B,)` or :math:`(B, C)`.
-        - **out:** What the model returned :math:`(B, C)`.
+        - **out:** Outputs of the model :math:`(B, C)`.
     """
     target = y.view(-1, 1) if y.dim() == 1 else y
-    if target.shape != out.shape:  # broadcasting would compute something
+    if target.shape != out.shape:  # broadcasting would hide the mistake
         raise ValueError(
             f"'y' must have shape {tuple(out.shape)} for task='regression' (got {tuple(y.shape)}); "
-            "has the model another number of outputs?"
+            "does the model have a different number of outputs?"
         )
     return target.to(out.dtype)

@@ -1,4 +1,4 @@
-r"""What a classifier says of samples, collected batch by batch."""
+r"""Predictions of a classifier, collected batch by batch."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -13,13 +13,12 @@ from torch_geometric_tactile.training.module import TactileModule
 
 
 class Outputs(NamedTuple):
-    r"""What a classifier says of :math:`S` samples, on the CPU.
+    r"""Predictions of a classifier for :math:`S` samples, on the CPU.
 
     Shapes:
-        - **logits:** What the model returned :math:`(S, C)`.
-        - **probability:** The probabilities of the classes, or of each label
-          :math:`(S, C)`.
-        - **y:** Their classes :math:`(S,)` or labels :math:`(S, C)`.
+        - **logits:** Outputs of the model :math:`(S, C)`.
+        - **probability:** Probabilities of the classes, or of each label :math:`(S, C)`.
+        - **y:** True classes :math:`(S,)` or labels :math:`(S, C)`.
     """
 
     logits: Tensor
@@ -32,11 +31,11 @@ def collect_predictions(
     batches: Iterable[Data],
     device: torch.device | str | None = None,
 ) -> Outputs:
-    r"""Returns what a classifier says of samples, in their order. Dropout and the like are off; the
-    classifier is left in the mode that it was in.
+    r"""Returns the predictions of a classifier for all samples, in their order. The classifier is
+    in evaluation mode meanwhile, and its previous mode is restored.
     """
     device = classifier.device if device is None else torch.device(device)
-    training = classifier.training
+    was_training = classifier.training
     classifier.to(device).eval()
     logits, probability, y = [], [], []
     try:
@@ -49,6 +48,6 @@ def collect_predictions(
                 probability.append(score.cpu())
                 y.append(batch.y.cpu())
     finally:
-        classifier.train(training)
+        classifier.train(was_training)
     need(y, "'batches' must hold at least one batch (got none)")
     return Outputs(torch.cat(logits), torch.cat(probability), torch.cat(y))

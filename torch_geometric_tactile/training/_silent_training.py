@@ -1,4 +1,4 @@
-r"""Training of which nothing is shown."""
+r"""Training without any output."""
 
 import warnings
 from collections.abc import Iterator
@@ -9,10 +9,12 @@ from torch_geometric_tactile.training.quiet import quiet_lightning
 
 @contextmanager
 def silent_training() -> Iterator[None]:
-    r"""Shows nothing at all, and lets Ctrl-C end the program, not the training alone."""
+    r"""Suppresses all warnings and Lightning's messages within a :obj:`with` block. Ctrl-C ends the
+    program, not the training alone.
+    """
     with quiet_lightning(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             yield
-        except SystemExit as stop:  # Lightning's answer to Ctrl-C
+        except SystemExit as stop:  # Lightning exits on Ctrl-C
             raise KeyboardInterrupt from stop

@@ -1,4 +1,4 @@
-r"""Above which probability class 1 of two is predicted, chosen on a validation part."""
+r"""The probability above which class 1 of two is predicted, chosen on a validation part."""
 
 from typing import get_args
 
@@ -7,13 +7,15 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._typing import ThresholdMetric
-from torch_geometric_tactile.training._collected_metrics import KeptScores, Task
+from torch_geometric_tactile.training._collected_metrics import StoredScores, Task
 
 THRESHOLD_METRICS: tuple[ThresholdMetric, ...] = get_args(ThresholdMetric)
 
 
 def check_threshold(threshold: float | str | None, task: Task) -> None:
-    r"""Checks that a threshold is a probability or the name of a metric, and fits its task."""
+    r"""Checks that a threshold is a probability or the name of a metric, and that its task allows
+    one.
+    """
     if threshold is None:
         return
     if task != "multiclass":
@@ -32,15 +34,15 @@ def check_threshold(threshold: float | str | None, task: Task) -> None:
 def choose_threshold(
     score: np.ndarray, y: np.ndarray, metric: ThresholdMetric, default: float = 0.5
 ) -> float:
-    r"""Returns the threshold with the best metric; of equals, the one nearest to the default. It
-    lies halfway between two scores, or is the default itself.
+    r"""Returns the threshold with the best metric. Of equally good thresholds, it is the one
+    nearest to the default. It lies halfway between two scores, or is the default itself.
 
     Examples:
         >>> choose_threshold(np.array([0.1, 0.2, 0.3, 0.4]), np.array([0, 0, 1, 1]), "accuracy")
         0.25
 
     Shapes:
-        - **score:** Higher where class 1 is expected :math:`(S,)`.
+        - **score:** Scores of class 1 :math:`(S,)`.
         - **y:** Classes 0 and 1 :math:`(S,)`, of the validation part.
     """
     if metric not in THRESHOLD_METRICS:
@@ -50,43 +52,50 @@ def choose_threshold(
         raise ValueError(f"'score' must hold numbers, none of them NaN (got {score[:10]})")
     if y.all() or not y.any():
         return default
-    levels, place = np.unique(score, return_inverse=True)
-    # With a threshold above the first i of the different scores, what lies below it is class 0.
-    below = [
+    distinct_scores, rank = np.unique(score, return_inverse=True)
+    # Element i counts the samples of class 1, then of class 0, among the i lowest distinct scores:
+    # a threshold above these scores predicts class 0 for them.
+    num_below = [
         np.concatenate(
-            [[0], np.cumsum(np.bincount(place.reshape(-1)[mask], minlength=len(levels)))]
+            [[0], np.cumsum(np.bincount(rank.reshape(-1)[mask], minlength=len(distinct_scores)))]
         )
         for mask in (y, ~y)
     ]
-    found, wrong = (n[-1] - n for n in below)
-    value = _values(metric, found, wrong, int(y.sum()), int((~y).sum()))
-    edges = np.concatenate([[min(levels[0], default) - 1e-6], levels, [max(levels[-1], default)]])
+    tp, fp = (counts[-1] - counts for counts in num_below)
+    values = _metric_values(metric, tp, fp, int(y.sum()), int((~y).sum()))
+    edges = np.concatenate(
+        [
+            [min(distinct_scores[0], default) - 1e-6],
+            distinct_scores,
+            [max(distinct_scores[-1], default)],
+        ]
+    )
     low, high = edges[:-1], edges[1:]
-    # A score above the threshold is of class 1, so that the lower edge belongs to an interval.
-    at_default = (low <= default) & ((default < high) | (np.arange(len(low)) == len(low) - 1))
-    threshold = np.where(at_default, default, (low + high) / 2)
-    best = np.flatnonzero(value >= value.max() - 1e-12)
+    # A score equal to the threshold is class 0, so the lower edge belongs to each interval.
+    contains_default = (low <= default) & ((default < high) | (np.arange(len(low)) == len(low) - 1))
+    threshold = np.where(contains_default, default, (low + high) / 2)
+    best = np.flatnonzero(values >= values.max() - 1e-12)
     return float(threshold[best[np.abs(threshold[best] - default).argmin()]])
 
 
-def _values(
-    metric: str, found: np.ndarray, wrong: np.ndarray, positive: int, negative: int
+def _metric_values(
+    metric: str, tp: np.ndarray, fp: np.ndarray, num_positive: int, num_negative: int
 ) -> np.ndarray:
-    # Of each threshold, with the numbers of samples of class 1 and 0 above it.
-    missed, right = positive - found, negative - wrong
+    # The metric at each threshold, from the numbers of samples of class 1 and 0 above it.
+    fn, tn = num_positive - tp, num_negative - fp
     if metric == "accuracy":
-        return np.asarray((found + right) / (positive + negative))
+        return np.asarray((tp + tn) / (num_positive + num_negative))
     if metric == "balanced_accuracy":
-        return np.asarray((found / positive + right / negative) / 2)
-    of_positive = 2 * found / (2 * found + wrong + missed)
+        return np.asarray((tp / num_positive + tn / num_negative) / 2)
+    f1_positive = 2 * tp / (2 * tp + fp + fn)
     if metric == "f1_positive":
-        return np.asarray(of_positive)
-    return np.asarray((of_positive + 2 * right / (2 * right + wrong + missed)) / 2)
+        return np.asarray(f1_positive)
+    return np.asarray((f1_positive + 2 * tn / (2 * tn + fp + fn)) / 2)
 
 
-class BestThreshold(KeptScores):
-    r"""The threshold of :func:`choose_threshold` over all batches, of probabilities of two classes
-    :math:`(B, 2)`.
+class BestThreshold(StoredScores):
+    r"""Metric that computes the threshold of :func:`choose_threshold` from the probabilities
+    :math:`(B, 2)` of all batches.
     """
 
     def __init__(self, metric: ThresholdMetric) -> None:
@@ -95,6 +104,6 @@ class BestThreshold(KeptScores):
 
     def compute(self) -> Tensor:
         r"""Returns the threshold for all samples so far."""
-        score, y = (value.numpy(force=True) for value in self.kept())
+        score, y = (tensor.numpy(force=True) for tensor in self.scores_and_targets())
         threshold = choose_threshold(score[:, 1], y, self.metric)
         return torch.tensor(threshold, dtype=torch.float64)

@@ -1,4 +1,4 @@
-r"""Checkpoints that are either complete or absent, and that run nothing."""
+r"""Checkpoint files that are written atomically and read without executing code."""
 
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,9 @@ from torch_geometric_tactile.training._checkpoint_file import read_checkpoint
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
-    r"""Writes checkpoints atomically, so that a process killed while writing leaves the checkpoint
-    before it unchanged. Reading compares a checkpoint with its checksums, and loads it as plain
-    data unless told otherwise.
+    r"""Writes checkpoints atomically: if the process is killed while writing, the previous
+    checkpoint stays unchanged. Reading verifies the checksums, and loads plain data unless
+    :obj:`weights_only=False`.
 
     Examples:
         >>> from tempfile import TemporaryDirectory
@@ -35,8 +35,8 @@ class AtomicCheckpointIO(TorchCheckpointIO):
             path (str or PathLike): The file.
             storage_options (optional): Not supported.
         """
-        # Not by the method of TorchCheckpointIO, which writes to a temporary of its own in another
-        # folder, where a kill would leave it.
+        # TorchCheckpointIO would write to a temporary file in another folder, which stays there if
+        # the process is killed.
         write_torch_file(checkpoint, path)
 
     def load_checkpoint(
@@ -46,13 +46,14 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
         Args:
             path (str or PathLike): The file.
-            map_location (optional): Where to put the tensors: where they were if left out.
-            weights_only (bool, optional): Only :obj:`False` unpickles objects, which runs what the
-                file says.
+            map_location (optional): Device of the tensors; the device they were saved from if left
+                out.
+            weights_only (bool, optional): If :obj:`False`, unpickles objects, which executes code
+                from the file.
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If it is damaged or no checkpoint.
+            ValueError: If the file is damaged or is not a checkpoint.
         """
         if weights_only is False:
             check_zip(path)

@@ -1,4 +1,4 @@
-r"""The configurations shipped with the package, alone or as the experiments of a table."""
+r"""The configurations shipped with the package: single files, and experiments of templates."""
 
 from pathlib import Path
 from typing import Any
@@ -7,7 +7,7 @@ import yaml
 
 from torch_geometric_tactile.training._config_files import (
     TEMPLATES,
-    _folder,
+    _config_folder,
     expand_template,
     read_yaml,
     scratch_folder,
@@ -23,21 +23,21 @@ def config_names() -> list[str]:
     """
     return sorted(
         entry.name.removesuffix(".yaml")
-        for entry in _folder().iterdir()
+        for entry in _config_folder().iterdir()
         if entry.suffix == ".yaml" and entry.stem not in TEMPLATES
     )
 
 
 def find_config(name: str) -> Path:
     r"""Returns the path of a configuration: a file, a shipped configuration by its name, or an
-    experiment of a shipped template as :obj:`TEMPLATE/EXPERIMENT`. The latter is written to a
-    temporary file that exists as long as this process.
+    experiment of a shipped template as :obj:`TEMPLATE/EXPERIMENT`. An experiment is written to a
+    temporary file that exists until this process ends.
 
     Args:
         name (str): Path of a file, or name of a shipped configuration.
 
     Raises:
-        FileNotFoundError: If there is neither; the message lists what is shipped.
+        FileNotFoundError: If there is neither; the message lists the shipped configurations.
 
     Examples:
         >>> find_config("grasp_gcn_df").name
@@ -59,7 +59,7 @@ def find_config(name: str) -> Path:
         raise FileNotFoundError(
             f"{missing}; choose {template}/NAME with one of: {', '.join(configs)}"
         )
-    shipped = _folder() / f"{name}.yaml"
+    shipped = _config_folder() / f"{name}.yaml"
     if shipped.is_file():
         return shipped
     raise FileNotFoundError(

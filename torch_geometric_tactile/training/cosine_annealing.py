@@ -1,4 +1,4 @@
-r"""A learning rate that falls over the epochs of the run."""
+r"""Cosine annealing of the learning rate over all epochs of a run."""
 
 from typing import Any
 
@@ -9,14 +9,15 @@ from torch_geometric_tactile._checks import need
 
 
 class CosineAnnealing(CosineAnnealingLR):
-    r"""Lets the learning rate fall along half a cosine over all epochs of the run, as
-    :class:`torch.optim.lr_scheduler.CosineAnnealingLR` does over :obj:`T_max` epochs. Beyond these
-    PyTorch's rate climbs again; this one asks the trainer for their number, unless it is given.
+    r"""Decreases the learning rate along half a cosine over all epochs of the run, as
+    :class:`torch.optim.lr_scheduler.CosineAnnealingLR` does over :obj:`T_max` epochs. After
+    :obj:`T_max` epochs the learning rate of PyTorch's class rises again; this class takes the
+    number of epochs from the trainer unless :obj:`T_max` is given.
 
     Args:
-        optimizer (torch.optim.Optimizer): What it steps.
+        optimizer (torch.optim.Optimizer): The optimizer.
         T_max (int, optional): Number of epochs; the trainer's :obj:`max_epochs` if left out.
-        eta_min (float): The learning rate at the end.
+        eta_min (float): Learning rate after the last epoch.
 
     Raises:
         ValueError: If :obj:`T_max` is below 1.
@@ -41,13 +42,13 @@ class CosineAnnealing(CosineAnnealingLR):
         super().__init__(optimizer, 1 if T_max is None else T_max, eta_min)
 
     def follow(self, max_epochs: int | None) -> None:
-        r"""Takes the number of epochs of the run, unless :obj:`T_max` was given.
+        r"""Sets the number of epochs of the run, unless :obj:`T_max` was given.
 
         Args:
-            max_epochs (int, optional): The trainer's number.
+            max_epochs (int, optional): Number of epochs of the trainer.
 
         Raises:
-            ValueError: If it is not known.
+            ValueError: If the number is needed and not set.
         """
         if not self.follows_run:
             return
@@ -59,10 +60,10 @@ class CosineAnnealing(CosineAnnealingLR):
         self.T_max = max_epochs
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        r"""Takes over the state of a checkpoint, but for the number of epochs of its run.
+        r"""Restores the state from a checkpoint, except the number of epochs of its run.
 
         Args:
-            state_dict (dict): Of another scheduler of this class.
+            state_dict (dict): State of another scheduler of this class.
         """
-        kept = {"T_max": self.T_max, "follows_run": self.follows_run}
-        super().load_state_dict({**state_dict, **(kept if self.follows_run else {})})
+        run_length = {"T_max": self.T_max, "follows_run": self.follows_run}
+        super().load_state_dict({**state_dict, **(run_length if self.follows_run else {})})

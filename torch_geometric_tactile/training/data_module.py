@@ -1,4 +1,4 @@
-r"""The parts of a data set that training, validation and test see."""
+r"""The data module: training, validation and test parts of a data set."""
 
 import copy
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ from torch_geometric_tactile.loader._random_states import preserve_random_states
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
 
-# For a configuration, which holds no list, one kind: its parser tells of a union all that does not
-# fit any member of it.
+# A configuration cannot hold a list of samples. With a single type at runtime, the messages of
+# jsonargparse are shorter than with a union, for which it reports the failure of every member.
 if TYPE_CHECKING:
     _AnyDataset = Dataset | Sequence[Data]
 else:
@@ -34,54 +34,56 @@ _SPLITS = ("frame", "trial", "group")
 class TactileDataModule(L.LightningDataModule):
     r"""Splits a data set, fits the scaling on its training part, and loads batches.
 
-    A data set that splits itself, as :class:`~torch_geometric_tactile.datasets.AllegroUSkin`, is
-    given in its parts: :obj:`dataset` with :obj:`split="train"`, :obj:`val_dataset` with
-    :obj:`split="val"` and :obj:`test_dataset` with :obj:`split="test"`.
+    The parts of a data set with a published split, such as
+    :class:`~torch_geometric_tactile.datasets.AllegroUSkin`, are passed separately: :obj:`dataset`
+    with :obj:`split="train"`, :obj:`val_dataset` with :obj:`split="val"` and :obj:`test_dataset`
+    with :obj:`split="test"`.
 
-    Samples pass the transform of their data set, then :obj:`transform`, and in training batches
-    :obj:`train_transform` last. An augmentation so works on scaled readings, where zero is the mean
-    of a taxel, and changes neither what the scaling measures nor validation, test and prediction.
-    What a random one draws follows from the epoch and the number of the batch alone (see
-    :class:`~torch_geometric_tactile.loader.StaticLoader`), however many workers there are.
+    The transform of the data set is applied first, then :obj:`transform`, and in training batches
+    finally :obj:`train_transform`. An augmentation therefore works on scaled readings, where zero
+    is the mean of a taxel, and affects neither the fit of the scaling nor validation, test and
+    prediction. The random numbers of an augmentation depend only on the epoch and the number of the
+    batch (see :class:`~torch_geometric_tactile.loader.StaticLoader`), not on the number of workers.
 
-    Samples of different sensors, with taxels and edges of their own, are given as PyG has them: a
-    data set, a :class:`~torch.utils.data.Subset`, a :class:`~torch.utils.data.ConcatDataset` or a
-    list of :class:`~torch_geometric.data.Data`. They are loaded by
+    Samples of different sensors, whose taxels and edges differ, are passed in PyG's forms: a data
+    set, a :class:`~torch.utils.data.Subset`, a :class:`~torch.utils.data.ConcatDataset` or a list
+    of :class:`~torch_geometric.data.Data`. They are loaded by
     :class:`torch_geometric.loader.DataLoader`, transforms run sample by sample, scaling must be
-    :obj:`per="channel"`, and models take :obj:`batch`. There is no :obj:`layout` then.
+    :obj:`per="channel"`, models must accept :obj:`batch`, and :obj:`layout` is :obj:`None`.
 
-    The state of a fitted :obj:`transform` is stored in checkpoints. For validation, test and
-    prediction samples, a transform that works session by session measures the sessions that the
-    training part did not have, without labels.
+    The state of a fitted :obj:`transform` is stored in checkpoints. A transform that is fitted
+    session by session is also fitted, without labels, on the sessions of validation, test and
+    prediction samples that the training part does not have.
 
     Args:
-        dataset (StaticDataset, Dataset or list of Data): What to train on.
-        test_dataset (StaticDataset, Dataset or list of Data, optional): What to test and predict
-            on; if left out, a part of :obj:`dataset`.
-        split (str, Protocol or Split): What is never torn apart: :obj:`"trial"`, :obj:`"group"`
-            (objects), or :obj:`"frame"` (nothing), held out in the parts :obj:`val` and
-            :obj:`test`; or a :class:`~torch_geometric_tactile.data.Protocol`, with :obj:`val` and
-            :obj:`test` of its own; or the indices themselves.
-        val (float, optional): The part of :obj:`dataset` for validation: a tenth if left out, and
-            nothing with a :obj:`val_dataset`.
-        test (float): The part of :obj:`dataset` for the test.
+        dataset (StaticDataset, Dataset or list of Data): The training data.
+        test_dataset (StaticDataset, Dataset or list of Data, optional): The data for test and
+            prediction; a part of :obj:`dataset` if left out.
+        split (str, Protocol or Split): The unit that is never divided between parts:
+            :obj:`"trial"`, :obj:`"group"` (objects), or :obj:`"frame"` (single frames), with the
+            fractions :obj:`val` and :obj:`test` held out; or a
+            :class:`~torch_geometric_tactile.data.Protocol`, which has its own :obj:`val` and
+            :obj:`test`; or the indices of the parts.
+        val (float, optional): Fraction of :obj:`dataset` for validation. If left out, it is 0.1, or
+            0 with a :obj:`val_dataset`.
+        test (float): Fraction of :obj:`dataset` for the test.
         transform (BaseTransform, optional): Applied to every batch, after the transform of the data
-            set; fitted on the training part where it can be.
+            set. Its fitted parts are fitted on the training part.
         train_transform (BaseTransform, optional): Applied to training batches only, after
             :obj:`transform`, such as an augmentation; never fitted.
         batch_size (int): Number of samples of a batch.
-        num_workers (int): Number of processes that load batches; none by default, since a batch is
-            one piece of a tensor.
-        seed (int): Which of the random splits.
-        val_dataset (StaticDataset, Dataset or list of Data, optional): What to validate on; if left
-            out, a part of :obj:`dataset`.
-        fold (int): Which fold of a protocol with folds is tested on.
+        num_workers (int): Number of processes that load batches; 0 by default, since a batch is a
+            single indexing operation on a tensor.
+        seed (int): Seed of the random split.
+        val_dataset (StaticDataset, Dataset or list of Data, optional): The validation data; a part
+            of :obj:`dataset` if left out.
+        fold (int): Number of the fold that is the test part, for a protocol with folds.
 
     Raises:
-        TypeError: If a data set is of another kind.
-        ValueError: If :obj:`split` is unknown, a part of :obj:`dataset` is asked for although
+        TypeError: If a data set has an unsupported type.
+        ValueError: If :obj:`split` is unknown, a fraction of :obj:`dataset` is held out although
             :obj:`val_dataset` or :obj:`test_dataset` is given, the data sets have different
-            layouts or names of classes (or of sessions, where these are scaled apart), or
+            layouts or names of classes (or of sessions, where the scaling is fitted by session), or
             :obj:`train_transform` has parts that must be fitted.
 
     Examples:
@@ -109,29 +111,31 @@ class TactileDataModule(L.LightningDataModule):
         fold: int = 0,
     ) -> None:
         super().__init__()
-        samples = _samples(dataset, "dataset")
+        samples = _to_samples(dataset, "dataset")
         held_out = {
-            name: None if one is None else _samples(one, f"{name}_dataset", samples)
-            for name, one in (("val", val_dataset), ("test", test_dataset))
+            name: None if part is None else _to_samples(part, f"{name}_dataset", samples)
+            for name, part in (("val", val_dataset), ("test", test_dataset))
         }
         if split is None or (isinstance(split, str) and split not in _SPLITS):
             raise ValueError(f"'split' must be one of {list(_SPLITS)} (got {split!r})")
         scalers = [type(part).__name__ for part in fitted_parts(train_transform)]
         if scalers:
             raise ValueError(
-                f"'train_transform' must have no parts that are fitted (got {', '.join(scalers)}); "
+                f"'train_transform' must not have fitted parts (got {', '.join(scalers)}); "
                 "put them into 'transform'"
             )
-        val = _val_part(split, val, test, held_out["val"], held_out["test"])
+        val = _val_fraction(split, val, test, held_out["val"], held_out["test"])
         keys = ("y", *(part.key or "" for part in fitted_parts(transform)))
-        for name, size in (("val", val), ("test", test)):
-            other = held_out[name]
-            if other is None:
+        for name, fraction in (("val", val), ("test", test)):
+            part = held_out[name]
+            if part is None:
                 continue
-            if size > 0:
-                raise ValueError(f"'{name}' must be 0 where '{name}_dataset' is given (got {size})")
-            _check_same_layout(samples, other, name)
-            check_same_names(samples, other, keys, f"'{name}_dataset'")
+            if fraction > 0:
+                raise ValueError(
+                    f"'{name}' must be 0 if '{name}_dataset' is given (got {fraction})"
+                )
+            _check_same_layout(samples, part, name)
+            check_same_names(samples, part, keys, f"'{name}_dataset'")
         self.dataset = samples
         self.val_dataset = held_out["val"]
         self.test_dataset = held_out["test"]
@@ -148,23 +152,23 @@ class TactileDataModule(L.LightningDataModule):
 
     @property
     def layout(self) -> TaxelLayout | None:
-        r"""The layout of the sensor; :obj:`None` where samples may be of several."""
+        r"""The layout of the sensor; :obj:`None` if samples may have different layouts."""
         return self.dataset.layout
 
     @property
     def class_names(self) -> list[str]:
-        r"""The names of the classes or labels, where the data set has them."""
+        r"""The names of the classes or labels; empty if the data set has none."""
         return self.dataset.class_names
 
     @property
     def num_classes(self) -> int:
-        r"""The number of classes or labels: of the names, where there are some."""
+        r"""The number of classes or labels: the number of their names if the data set has any."""
         return len(self.class_names) or self.dataset.num_classes
 
     @property
     def test_sessions(self) -> dict[int, str]:
-        r"""Number and name of each recording session in the test part, once set up; empty where
-        samples belong to no session.
+        r"""Number and name of each recording session in the test part. It is empty before
+        :meth:`setup`, or if samples belong to no session.
         """
         part = self._parts.get("test")
         session = None if part is None else part.column("session")
@@ -174,7 +178,7 @@ class TactileDataModule(L.LightningDataModule):
         return {i: names.get(i, str(i)) for i in session.unique().tolist()}
 
     def part(self, name: Literal["train", "val", "test"]) -> SampleSet:
-        r"""Returns a part of the data, before :obj:`transform`; it is empty if there is none.
+        r"""Returns a part of the data, without :obj:`transform` applied. It may be empty.
 
         Args:
             name (str): :obj:`"train"`, :obj:`"val"` or :obj:`"test"`.
@@ -183,29 +187,30 @@ class TactileDataModule(L.LightningDataModule):
         return self._parts[name]
 
     def example(self, count: int = 1) -> StaticData | Batch:
-        r"""Returns the first samples of :obj:`dataset` as a batch has them, except that scaling is
-        left out: it needs no fit, and leaves every shape as it is. No random number is used up.
+        r"""Returns some samples of :obj:`dataset` as a batch, without fitted transforms. No fit is
+        needed, and the shapes are those of a batch. Random number generators are not advanced.
 
         Args:
-            count (int): Number of samples, at most.
+            count (int): Maximum number of samples, evenly spaced.
         """
         return self.peek(self.dataset, count, scaled=False)
 
     def peek(
         self, part: SampleSet, count: int | Tensor, *, scaled: bool = True
     ) -> StaticData | Batch:
-        r"""Returns samples of a part as its batches have them, but for :obj:`train_transform`. No
-        random number is used up.
+        r"""Returns samples of a part as a batch, with all transforms except :obj:`train_transform`.
+        Random number generators are not advanced.
 
         Args:
-            part (StaticDataset or GraphSamples): Of :meth:`part`.
-            count (int or torch.Tensor): Number of samples at most, evenly spaced; or their indices.
-            scaled (bool): Whether to scale them, for which the transform must be fitted.
+            part (StaticDataset or GraphSamples): A part, from :meth:`part`.
+            count (int or torch.Tensor): Maximum number of samples, evenly spaced; or their indices.
+            scaled (bool): If :obj:`False`, fitted transforms are left out, and no fit is needed.
         """
-        index = count if isinstance(count, Tensor) else _spread(len(part), count)
+        index = count if isinstance(count, Tensor) else _evenly_spaced(len(part), count)
         steps = [step for step in flat(self.transform) if scaled or not _is_fitted(step)]
         part = copy.copy(part)
-        with preserve_random_states():  # a copy, since a transform may have a generator of its own
+        with preserve_random_states():
+            # A copy of the transforms, since a transform may have its own generator.
             part.transform = copy.deepcopy(Compose([*flat(part.transform), *steps]))
             return part.batch(index)
 
@@ -216,13 +221,13 @@ class TactileDataModule(L.LightningDataModule):
         parts = self._split()
         fit_parts(self.transform, parts["train"], before=parts["train"].transform)
         self._parts = parts
-        self._adapt()
+        self._fit_new_sessions()
 
     def _split(self) -> dict[str, SampleSet]:
         split = self.split
-        if isinstance(split, str) and self.val == self.test == 0:  # there need be no such unit
-            nothing = self.dataset[:0]
-            parts: dict[str, SampleSet] = {"train": self.dataset, "val": nothing, "test": nothing}
+        if isinstance(split, str) and self.val == self.test == 0:  # needs no trials or groups
+            empty = self.dataset[:0]
+            parts: dict[str, SampleSet] = {"train": self.dataset, "val": empty, "test": empty}
         else:
             if isinstance(split, str):
                 split = Protocol(split, val=self.val, test=self.test)
@@ -235,7 +240,7 @@ class TactileDataModule(L.LightningDataModule):
         held_out = {"val": self.val_dataset, "test": self.test_dataset}
         return parts | {name: part for name, part in held_out.items() if part is not None}
 
-    def _adapt(self) -> None:
+    def _fit_new_sessions(self) -> None:
         for name in ("val", "test"):
             part = self._parts[name]
             if len(part):
@@ -243,65 +248,67 @@ class TactileDataModule(L.LightningDataModule):
 
     @classmethod
     def load_from_checkpoint(cls, *args: Any, **kwargs: Any) -> NoReturn:
-        r"""Not supported: Lightning's would call what the file names, and no checkpoint holds data.
+        r"""Not supported: a checkpoint contains no data, and Lightning's method may run its code.
 
         Raises:
             ValueError: Always.
         """
         raise ValueError(
-            f"'{cls.__name__}' must be built from its data set: no checkpoint holds data; what a "
-            "transform measured is taken from trainer.test(module, datamodule=data, ckpt_path=path)"
+            f"'{cls.__name__}' must be built from its data set, since checkpoints contain no data; "
+            "trainer.test(module, datamodule=data, ckpt_path=path) restores fitted transforms"
         )
 
     def state_dict(self) -> dict[str, Any]:
-        r"""Returns what the transform measured, for a checkpoint."""
+        r"""Returns the states of the fitted transforms, for a checkpoint."""
         return {"transform": [part.state_dict() for part in fitted_parts(self.transform)]}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        r"""Takes over what the transform measured when the checkpoint was written.
+        r"""Restores the states of the fitted transforms from a checkpoint.
 
         Args:
-            state_dict (dict): What :meth:`state_dict` returned.
+            state_dict (dict): Output of :meth:`state_dict`.
         """
         parts, states = fitted_parts(self.transform), state_dict["transform"]
         if len(parts) != len(states):
             raise ValueError(
-                f"the checkpoint must be of {len(parts)} fitted transforms, as 'transform' "
+                f"the checkpoint must have {len(parts)} fitted transforms, as 'transform' "
                 f"(got {len(states)})"
             )
         for part, state in zip(parts, states, strict=True):
             part.load_state_dict(state)
         if self._parts:
-            self._adapt()
+            self._fit_new_sessions()
 
     def train_dataloader(self) -> StaticLoader | DataLoader:
         r"""Loads the training part, in a new order every epoch. A last batch of a single sample is
-        left out: batch normalisation finds no spread in it.
+        dropped, since batch normalisation needs at least two samples.
         """
         return self._loader("train", self.train_transform, shuffle=True)
 
     def val_dataloader(self) -> StaticLoader | DataLoader | list[Any]:
-        r"""Loads the validation part, if there is one."""
+        r"""Loads the validation part; returns an empty list if there is none."""
         return self._loader("val") if len(self._parts["val"]) else []
 
     def test_dataloader(self) -> StaticLoader | DataLoader:
         r"""Loads the test part."""
         if not len(self._parts["test"]):
-            raise ValueError("there is no test part: give 'test_dataset', or a 'test' above 0")
+            raise ValueError("there is no test part: set 'test_dataset', or 'test' above 0")
         return self._loader("test")
 
     def predict_dataloader(self) -> StaticLoader | DataLoader:
-        r"""Loads the test part."""
+        r"""Loads the test part for prediction."""
         return self.test_dataloader()
 
     def _loader(
-        self, name: str, last: BaseTransform | None = None, shuffle: bool = False
+        self, name: str, train_transform: BaseTransform | None = None, shuffle: bool = False
     ) -> StaticLoader | DataLoader:
         part = copy.copy(self._parts[name])
-        steps = [step for step in (part.transform, self.transform, last) if step is not None]
+        steps = [
+            step for step in (part.transform, self.transform, train_transform) if step is not None
+        ]
         part.transform = Compose(steps) if steps else None
-        is_one_left = len(part) > self.batch_size > 1 and len(part) % self.batch_size == 1
-        drop_last = shuffle and is_one_left
+        leaves_single_sample = len(part) > self.batch_size > 1 and len(part) % self.batch_size == 1
+        drop_last = shuffle and leaves_single_sample
         if isinstance(part, GraphSamples):
             return DataLoader(
                 part,
@@ -311,7 +318,7 @@ class TactileDataModule(L.LightningDataModule):
                 num_workers=self.num_workers,
                 persistent_workers=self.num_workers > 0,
             )
-        return StaticLoader(  # by keyword, so that Lightning can build it again with its sampler
+        return StaticLoader(  # by keyword: Lightning rebuilds the loader with its own sampler
             part,
             batch_size=self.batch_size,
             shuffle=shuffle,
@@ -322,7 +329,7 @@ class TactileDataModule(L.LightningDataModule):
         )
 
 
-def _samples(dataset: Any, name: str, first: SampleSet | None = None) -> SampleSet:
+def _to_samples(dataset: Any, name: str, train_samples: SampleSet | None = None) -> SampleSet:
     if isinstance(dataset, StaticData):
         raise TypeError(
             f"'{name}' must be a data set (got StaticData): give "
@@ -333,33 +340,35 @@ def _samples(dataset: Any, name: str, first: SampleSet | None = None) -> SampleS
     except (TypeError, ValueError) as error:
         raise type(error)(str(error).replace("'dataset'", f"'{name}'")) from error
     assert not isinstance(samples, StaticData)
-    if first is not None and isinstance(samples, StaticDataset) != isinstance(first, StaticDataset):
-        kind = "StaticDataset" if isinstance(first, StaticDataset) else "data set of PyG"
+    if train_samples is not None and isinstance(samples, StaticDataset) != isinstance(
+        train_samples, StaticDataset
+    ):
+        kind = "StaticDataset" if isinstance(train_samples, StaticDataset) else "data set of PyG"
         raise TypeError(
-            f"'{name}' must be a {kind}, as 'dataset' (got {type(dataset).__name__}): both are of "
-            "one layout, or both are PyG's"
+            f"'{name}' must be a {kind}, as 'dataset' (got {type(dataset).__name__}): all data "
+            "sets must be StaticDatasets, or all must be PyG's"
         )
     return samples
 
 
-def _check_same_layout(first: SampleSet, other: SampleSet, name: str) -> None:
-    if not isinstance(first, StaticDataset) or not isinstance(other, StaticDataset):
+def _check_same_layout(train_samples: SampleSet, samples: SampleSet, name: str) -> None:
+    if not isinstance(train_samples, StaticDataset) or not isinstance(samples, StaticDataset):
         return
-    if not first.layout.matches(other.layout):
+    if not train_samples.layout.matches(samples.layout):
         raise ValueError(
-            f"'{name}_dataset' must have the layout '{first.layout.name}' of 'dataset' "
-            f"(got '{other.layout.name}')"
+            f"'{name}_dataset' must have the layout '{train_samples.layout.name}' of 'dataset' "
+            f"(got '{samples.layout.name}')"
         )
 
 
-def _val_part(
+def _val_fraction(
     split: str | Protocol | Split,
     val: float | None,
     test: float,
     val_dataset: SampleSet | None,
     test_dataset: SampleSet | None,
 ) -> float:
-    # The part of the data set that is held out for validation.
+    # The fraction of the data set that is held out for validation.
     if not isinstance(split, Protocol):
         if val is None:
             return 0.1 if val_dataset is None else 0.0
@@ -369,13 +378,13 @@ def _val_part(
             raise ValueError(f"'{name}' must be left out with a protocol (got {part})")
     if split.has_test and test_dataset is not None:
         raise ValueError(
-            "'test_dataset' must be left out where the protocol holds out a test part "
+            "'test_dataset' must be left out if the protocol holds out a test part "
             f"(got '{split.describe()}')"
         )
     return split.val or 0.0
 
 
-def _spread(size: int, count: int) -> Tensor:
+def _evenly_spaced(size: int, count: int) -> Tensor:
     return torch.linspace(0, max(size - 1, 0), min(size, count)).long()
 
 

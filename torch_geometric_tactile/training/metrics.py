@@ -1,23 +1,23 @@
-r"""What is measured of a model, for logs and for tables alike: one name, one meaning.
+r"""The metrics of a model. Their names have the same meaning in logs and tables.
 
 ============================  ==============================================================
 Name                          Meaning
 ============================  ==============================================================
-``accuracy``                  Part of the samples whose class is right, or all of whose labels
-                              are (exact match).
+``accuracy``                  Fraction of the samples with the correct class, or with all
+                              labels correct (exact match).
 ``f1``                        Mean F1 score of the classes or labels (macro).
-``f1_positive``               F1 score of class 1, the positive class; only of two classes.
-``precision_positive``        Part of the samples taken for class 1 that are of it; likewise.
-``recall_positive``           Part of the samples of class 1 that were found; likewise.
-``auroc``                     Mean area under the ROC curve of each class against the rest, or of
-                              each label (macro).
-``label_accuracy``            Mean over the labels of the part of the samples for which the label
-                              is right.
-``label_accuracy_<label>``    That of one label, by its name or number.
+``f1_positive``               F1 score of class 1, the positive class (two classes only).
+``precision_positive``        Precision of class 1 (two classes only).
+``recall_positive``           Recall of class 1 (two classes only).
+``auroc``                     Mean area under the ROC curve of each class against all others, or
+                              of each label (macro).
+``label_accuracy``            Mean over the labels of ``label_accuracy_<label>``.
+``label_accuracy_<label>``    Fraction of the samples for which the label with this name or
+                              number is correct.
 ``mae``, ``rmse``             Mean absolute error, and root of the mean squared error, over all
                               numbers of all samples.
 ``r2``                        Coefficient of determination, mean over the targets.
-``accuracy_<session>``        Accuracy of one recording session; ``mae_<session>`` of a regression.
+``accuracy_<session>``        Accuracy on one recording session (``mae_<session>`` for regression).
 ============================  ==============================================================
 """
 
@@ -44,28 +44,29 @@ def classification_metrics(
 ) -> dict[str, float]:
     r"""Computes the metrics of predicted classes or labels.
 
-    The class with the highest score is predicted, or with :obj:`task="multilabel"` every label with
-    a score above 0.5; of two classes, class 1 if its score is above a :obj:`threshold`. The values,
-    by name:
+    The predicted class is the one with the highest score, or with a :obj:`threshold` class 1 where
+    its score is above the threshold. With :obj:`task="multilabel"`, every label with a score above
+    0.5 is predicted. The metrics, by name:
 
-    * :obj:`accuracy`: the part of the samples whose class is right, or all of whose labels are
-      (exact match);
-    * :obj:`label_accuracy` and :obj:`label_accuracy_0`, :obj:`label_accuracy_1`, ... (multi-label
-      only): the part of the samples for which one label is right, and the mean over the labels;
+    * :obj:`accuracy`: the fraction of the samples with the correct class, or with all labels
+      correct (exact match);
+    * :obj:`label_accuracy_0`, :obj:`label_accuracy_1`, ... and :obj:`label_accuracy` (multi-label
+      only): the fraction of the samples for which one label is correct, and the mean over the
+      labels;
     * :obj:`f1`: the mean F1 score of the classes or labels (macro), without those that are neither
       in :obj:`y` nor predicted; NaN if none is left;
     * :obj:`f1_positive`, :obj:`precision_positive` and :obj:`recall_positive` (two classes only):
-      the F1 score, precision and recall of class 1; zero where there is nothing to divide by, as in
+      the F1 score, precision and recall of class 1; zero where the denominator is zero, as in
       scikit-learn;
-    * :obj:`auroc`: the mean area under the ROC curve of each class against the rest, or of each
-      label, without those that no sample or every sample has, since there is nothing to rank;
-      NaN if none is left.
+    * :obj:`auroc`: the mean area under the ROC curve of each class against all others, or of each
+      label, without those that no sample or every sample has, for which there is no curve; NaN if
+      none is left.
 
     Args:
         score (torch.Tensor or numpy.ndarray): Probabilities.
-        y (torch.Tensor or numpy.ndarray): The classes, or 0 and 1 for each label.
+        y (torch.Tensor or numpy.ndarray): The true classes, or 0 and 1 for each label.
         task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
-        threshold (float, optional): Of two classes, the probability of class 1 above which it is
+        threshold (float, optional): For two classes, the probability above which class 1 is
             predicted; one half if left out.
 
     Shapes:
@@ -73,8 +74,8 @@ def classification_metrics(
         - **y:** :math:`(S,)`, or :math:`(S, C)` for :obj:`"multilabel"`
 
     Raises:
-        ValueError: If :obj:`task` is unknown, there is no sample, a score is NaN, or the shapes or
-            classes do not fit together.
+        ValueError: If :obj:`task` is unknown, there is no sample, a score is NaN, or :obj:`y`
+            does not fit :obj:`score`.
 
     Examples:
         >>> score = torch.tensor([[0.9, 0.2], [0.4, 0.8], [0.3, 0.6]])
@@ -92,11 +93,11 @@ def classification_metrics(
             f"'score' must have shape (num_samples, num_classes), both positive (got "
             f"{tuple(score.shape)})"
         )
-    missing = score.isnan().any(dim=1).nonzero().view(-1)
-    if len(missing):  # the highest of a row with NaN would be class 0, or that of NaN
+    nan_samples = score.isnan().any(dim=1).nonzero().view(-1)
+    if len(nan_samples):  # argmax of a row with NaN is meaningless
         raise ValueError(
-            f"'score' must not be NaN (got NaN for {len(missing)} of {len(score)} samples, the "
-            f"first is {int(missing[0])}); leave them out, or fill missing readings with "
+            f"'score' must not be NaN (got NaN for {len(nan_samples)} of {len(score)} samples, the "
+            f"first is {int(nan_samples[0])}); leave them out, or fill missing readings with "
             "FillMissing()"
         )
     num_classes = score.size(1)
@@ -105,18 +106,18 @@ def classification_metrics(
         raise ValueError(
             f"'y' must have shape {tuple(expected)} for task '{task}' (got {tuple(y.shape)})"
         )
-    highest = 1 if task == "multilabel" else num_classes - 1
-    if y.min() < 0 or y.max() > highest:
+    max_label = 1 if task == "multilabel" else num_classes - 1
+    if y.min() < 0 or y.max() > max_label:
         raise ValueError(
-            f"'y' must be between 0 and {highest} (got {y.min().item()} to {y.max().item()})"
+            f"'y' must be between 0 and {max_label} (got {y.min().item()} to {y.max().item()})"
         )
-    said = score if task == "multilabel" else predicted_classes(score, threshold)
-    positive, predicted = positives(y, num_classes), positives(said, num_classes)
-    right = positive == predicted
-    values = {"accuracy": right.all(dim=1)}
+    prediction = score if task == "multilabel" else predicted_classes(score, threshold)
+    positive, predicted = positives(y, num_classes), positives(prediction, num_classes)
+    is_correct = positive == predicted
+    values = {"accuracy": is_correct.all(dim=1)}
     if task == "multilabel":
-        values["label_accuracy"] = right
-        values |= {f"label_accuracy_{i}": right[:, i] for i in range(num_classes)}
+        values["label_accuracy"] = is_correct
+        values |= {f"label_accuracy_{i}": is_correct[:, i] for i in range(num_classes)}
     counts = (positive & predicted, ~positive & predicted, positive & ~predicted)
     f1 = f1_scores([count.sum(0) for count in counts], task)
     return {
@@ -127,16 +128,16 @@ def classification_metrics(
 
 
 def regression_metrics(prediction: Tensor | np.ndarray, y: Tensor | np.ndarray) -> dict[str, float]:
-    r"""Computes the metrics of predicted numbers. The values, by name:
+    r"""Computes the metrics of predicted numbers, by name:
 
     * :obj:`mae`: the mean absolute error, over all numbers;
     * :obj:`rmse`: the root of the mean squared error, over all numbers;
-    * :obj:`r2`: the coefficient of determination, the mean over the targets; NaN if there is one
+    * :obj:`r2`: the coefficient of determination, the mean over the targets; NaN for a single
       sample.
 
     Args:
         prediction (torch.Tensor or numpy.ndarray): The predicted numbers.
-        y (torch.Tensor or numpy.ndarray): The true ones.
+        y (torch.Tensor or numpy.ndarray): The true numbers.
 
     Shapes:
         - **input:** :math:`(S, C)` or :math:`(S,)` each
@@ -153,7 +154,7 @@ def regression_metrics(prediction: Tensor | np.ndarray, y: Tensor | np.ndarray) 
     prediction, y = (value.view(-1, 1) if value.dim() == 1 else value for value in (prediction, y))
     if prediction.dim() != 2 or 0 in prediction.shape or prediction.shape != y.shape:
         raise ValueError(
-            "'prediction' and 'y' must have one shape, (S,) or (S, C), both positive (got "
+            "'prediction' and 'y' must have the same shape, (S,) or (S, C), both positive (got "
             f"{tuple(prediction.shape)} and {tuple(y.shape)})"
         )
     metrics = make_metrics(y.size(1), "regression").to(y.device)

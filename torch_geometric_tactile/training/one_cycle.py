@@ -1,4 +1,4 @@
-r"""A learning rate that rises and falls once in a training, step by step."""
+r"""The one-cycle learning rate policy as a callback."""
 
 from typing import Any
 
@@ -9,18 +9,19 @@ from torch_geometric_tactile._checks import need
 
 
 class OneCycle(L.Callback):
-    r"""Steps the learning rate through :class:`torch.optim.lr_scheduler.OneCycleLR`: up to the
-    optimizer's own rate in the first third of the training steps, and down to nearly zero. The last
-    weights are then the ones to use: no part has to be held out for early stopping.
+    r"""Updates the learning rate after every step with
+    :class:`torch.optim.lr_scheduler.OneCycleLR`. The rate rises to the optimizer's learning rate in
+    the first part of the training steps, and then falls to nearly zero. The last weights can then
+    be used directly, so that no data has to be held out for early stopping.
 
-    The scheduler of a configuration is stepped by epoch and has to know their number; this one asks
-    the trainer.
+    A scheduler in a configuration is stepped once per epoch and needs the number of epochs in
+    advance. This callback takes the number of steps from the trainer.
 
     Args:
-        part (float): Which part of the steps the rate rises in.
+        part (float): Fraction of the steps in which the learning rate rises.
 
     Raises:
-        ValueError: If :obj:`part` is not between 0 and 1, or the training has no known end.
+        ValueError: If :obj:`part` is not between 0 and 1, or the number of steps is not limited.
 
     Examples:
         >>> OneCycle()
@@ -33,23 +34,23 @@ class OneCycle(L.Callback):
         self.scheduler: OneCycleLR | None = None
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        r"""Begins the cycle.
+        r"""Builds the scheduler at the start of the training.
 
         Args:
             trainer (lightning.Trainer): The trainer.
-            pl_module (lightning.LightningModule): What it trains.
+            pl_module (lightning.LightningModule): The module that is trained.
         """
-        steps = trainer.estimated_stepping_batches
-        need(steps != float("inf"), "'max_epochs' must be given for OneCycle (got -1, no end)")
+        num_steps = trainer.estimated_stepping_batches
+        need(num_steps != float("inf"), "'max_epochs' must be given for OneCycle (got -1, no end)")
         (optimizer,) = trainer.optimizers
         rates = [group["lr"] for group in optimizer.param_groups]
-        # It keeps the betas: cycling the momentum is of no use to Adam here.
+        # Adam's betas stay constant: cycling the momentum brought no gain.
         self.scheduler = OneCycleLR(
-            optimizer, rates, int(steps), pct_start=self.part, cycle_momentum=False
+            optimizer, rates, int(num_steps), pct_start=self.part, cycle_momentum=False
         )
 
     def on_train_batch_end(self, trainer: L.Trainer, *_: Any) -> None:
-        r"""Steps the rate.
+        r"""Updates the learning rate.
 
         Args:
             trainer (lightning.Trainer): The trainer.

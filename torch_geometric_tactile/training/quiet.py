@@ -1,4 +1,4 @@
-r"""Training without Lightning's notes."""
+r"""Suppression of Lightning's messages."""
 
 import logging
 import warnings
@@ -8,9 +8,8 @@ from contextlib import contextmanager
 
 @contextmanager
 def quiet_lightning() -> Iterator[None]:
-    r"""Switches off the notes and warnings of Lightning within a :obj:`with` block, such as those
-    on the accelerator and the number of workers. Errors, and warnings of other libraries, are
-    shown.
+    r"""Suppresses Lightning's messages and warnings within a :obj:`with` block, such as those on
+    the accelerator and the number of workers. Errors and warnings of other libraries are shown.
 
     Examples:
         >>> import lightning

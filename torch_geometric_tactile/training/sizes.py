@@ -1,4 +1,4 @@
-r"""The sizes of a model, taken from the data that it is trained on."""
+r"""The sizes of a model, such as its input channels, derived from the data."""
 
 import inspect
 import types
@@ -22,13 +22,13 @@ from torch_geometric_tactile.training._layout_text import (
 from torch_geometric_tactile.training.data_module import TactileDataModule
 
 _MODELS = "torch_geometric_tactile.nn.models"
-# The arguments of a model that follow from the data.
-_FILLED = (
+# The arguments of a model that are filled in from the data.
+_FILLED_ARGUMENTS = (
     *("layout", "num_nodes", "num_taxels", "in_channels", "channels", "out_channels"),
     *("num_classes", "num_edges", "num_joints", "num_fingers"),
 )
-# The attribute of a batch behind each input of our models.
-_INPUTS = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "position": "pos"}
+# The attribute of a batch for each input of the package's models.
+_INPUT_ATTRIBUTES = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "position": "pos"}
 
 
 @dataclass(frozen=True)
@@ -36,18 +36,18 @@ class DataSizes:
     r"""The numbers of channels, classes, edges, joints and frames of the samples of a data set.
 
     Args:
-        layout (TaxelLayout, optional): The layout of the sensor; :obj:`None` where samples may be
-            of several.
+        layout (TaxelLayout, optional): The layout of the sensor; :obj:`None` if samples may have
+            different layouts.
         in_channels (int): Features :math:`F` of each taxel in :obj:`x`.
-        num_outputs (int): Number of classes, labels or targets; 0 if the data does not say.
+        num_outputs (int): Number of classes, labels or targets; 0 if unknown.
         num_edges (int): Number of edges.
         num_joints (int): Number of joint angles; 0 if there are none.
-        channels (dict): Features by input: those of :obj:`"tactile"`, :obj:`"edge"`,
-            :obj:`"absolute"` and :obj:`"position"` that the samples have.
-        all_outputs (bool): Whether :obj:`num_outputs` is certain. Without names of the classes, it
-            is a lower bound: there may be classes that no sample has.
-        num_frames (int, optional): Number of frames :math:`T` that a sample says it is a window of,
-            whose features are those of all frames; :obj:`None` for single frames.
+        channels (dict): Number of features of each input that the samples have: :obj:`"tactile"`,
+            :obj:`"edge"`, :obj:`"absolute"` or :obj:`"position"`.
+        all_outputs (bool): If :obj:`False`, :obj:`num_outputs` is a lower bound: without names of
+            the classes, there may be classes that no sample has.
+        num_frames (int, optional): Number of frames :math:`T` of a window, whose features are those
+            of all its frames; :obj:`None` for single frames.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import allegro_uskin
@@ -69,13 +69,13 @@ class DataSizes:
     num_frames: int | None = None
 
     @classmethod
-    def of(cls, data: TactileDataModule, task: Task = "multiclass") -> Self:
-        r"""Measures one sample of a data module, which need not be set up: scaling, which would
-        have to be fitted, changes no size.
+    def from_data(cls, data: TactileDataModule, task: Task = "multiclass") -> Self:
+        r"""Returns the sizes of one sample of a data module. The data module need not be set up,
+        since the fitted transforms, which are left out, change no size.
 
         Args:
             data (TactileDataModule): The data.
-            task (str): What :obj:`y` means.
+            task (str): Task that defines the meaning of :obj:`y`.
 
         Raises:
             ValueError: If :obj:`y` does not fit :obj:`task`.
@@ -84,41 +84,52 @@ class DataSizes:
         if y is not None:
             check_labels(y, task, "dataset")
         sample = data.example()
-        found = {name: getattr(sample, key, None) for name, key in _INPUTS.items()}
-        joint, edges = getattr(sample, "joint", None), sample.edge_index
+        inputs = {name: getattr(sample, key, None) for name, key in _INPUT_ATTRIBUTES.items()}
+        joints, edges = getattr(sample, "joint", None), sample.edge_index
         return cls(
             layout=data.layout,
             in_channels=sample.x.size(-1),
             num_outputs=num_outputs(data, task),
             num_edges=0 if edges is None or data.layout is None else edges.size(1),
-            num_joints=0 if joint is None else joint.size(-1),
-            channels={name: x.size(-1) for name, x in found.items() if isinstance(x, Tensor)},
+            num_joints=0 if joints is None else joints.size(-1),
+            channels={
+                name: features.size(-1)
+                for name, features in inputs.items()
+                if isinstance(features, Tensor)
+            },
             all_outputs=task != "multiclass" or bool(data.class_names),
             num_frames=getattr(sample, "num_frames", None),
         )
 
     @property
     def frame_channels(self) -> int:
-        r"""Features of each taxel in one frame, such as its axes or fingers."""
+        r"""Number of features of each taxel in one frame, such as the number of its axes or
+        fingers.
+        """
         return self.in_channels // (self.num_frames or 1)
 
 
 def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -> dict[str, Any]:
-    r"""Fills in the sizes that the configuration of a model leaves out, and checks the sizes that
-    it gives.
+    r"""Fills in the sizes that the configuration of a model leaves out, and checks the sizes in the
+    configuration against the data.
 
-    An argument of the model is filled in by its name: :obj:`layout`, :obj:`num_nodes`,
-    :obj:`num_taxels`, :obj:`in_channels`, :obj:`channels`, :obj:`out_channels`, :obj:`num_classes`
-    and :obj:`num_edges`. :obj:`in_channels` of a model that also has :obj:`num_fingers` is that of
-    one finger: with windows of frames, each channel is a finger unless :obj:`num_fingers` says that
-    several are, and :obj:`in_channels` are the frames of all its channels. That of a model with a
-    true attribute :obj:`splits_frames` is the number of channels of one frame. An argument counts
-    as left out if it is not there, or :obj:`None`. Whether a model sees joint angles is a choice
-    and not a size: :obj:`num_joints` is filled in only if it is :obj:`None`, or has no default. A
-    :obj:`layout` without an annotation is filled in as the
-    :class:`~torch_geometric_tactile.sensors.TaxelLayout` itself. A module as an argument, such as
-    :obj:`encoder`, may be named by the import path of its class alone. All other values are plain
-    data.
+    Arguments of the model are filled in by their names: :obj:`layout`, :obj:`num_nodes`,
+    :obj:`num_taxels`, :obj:`in_channels`, :obj:`channels`, :obj:`out_channels`,
+    :obj:`num_classes`, :obj:`num_edges`, :obj:`num_joints` and :obj:`num_fingers`. An argument is
+    filled in if it is missing or :obj:`None`.
+
+    * For a model with :obj:`num_fingers`, :obj:`in_channels` is the number of channels of one
+      finger. For windows of frames, each channel of a frame is one finger unless
+      :obj:`num_fingers` is given, and the frames count as channels of their finger.
+    * For a model with :obj:`splits_frames = True`, :obj:`in_channels` is the number of channels of
+      one frame.
+    * Using joint angles is a choice of the model, so :obj:`num_joints` is filled in only if it is
+      :obj:`None` or has no default.
+    * A :obj:`layout` without an annotation is filled in as a
+      :class:`~torch_geometric_tactile.sensors.TaxelLayout`; all other values are plain data.
+
+    An argument that is a module, such as :obj:`encoder`, may be given by the import path of its
+    class alone.
 
     Args:
         config (Mapping): The :obj:`model` section of a configuration: the arguments of
@@ -130,7 +141,7 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
         dict: The section with all sizes.
 
     Raises:
-        ValueError: If a size is given that is not that of the data, or an argument without a
+        ValueError: If a given size differs from that of the data, or an argument without a
             default is neither given nor filled in.
 
     Examples:
@@ -147,31 +158,31 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
         model = {"class_path": model}
     if not isinstance(model, Mapping) or "class_path" not in model:
         return filled
-    cls = _find(model["class_path"])
-    if cls is None:  # building it explains why there is no such class
+    cls = _find_class(model["class_path"])
+    if cls is None:  # building the model gives the detailed error
         return filled
     task: Task = filled.get("task") or "multiclass"
     check_task(task)
-    sizes = data if isinstance(data, DataSizes) else DataSizes.of(data, task)
-    outputs = filled.get("num_classes") or sizes.num_outputs
+    sizes = data if isinstance(data, DataSizes) else DataSizes.from_data(data, task)
+    num_outputs = filled.get("num_classes") or sizes.num_outputs
     init_args = dict(model.get("init_args") or {})
     parameters = _parameters(cls)
     for name, parameter in parameters.items():
-        value = _size(name, parameter.annotation, sizes, outputs, init_args, cls)
+        value = _argument_size(name, parameter.annotation, sizes, num_outputs, init_args, cls)
         if value is None:
             continue
         if name == "num_joints" and init_args.get(name) == 0:
             continue
         if init_args.get(name) is not None:
-            _check(f"'{name}' of {cls.__name__}", init_args[name], value, sizes)
+            _check_size(f"'{name}' of {cls.__name__}", init_args[name], value, sizes)
             if isinstance(value, TaxelLayout):
                 init_args[name] = value
         elif name != "num_joints" or name in init_args or parameter.default is parameter.empty:
             init_args[name] = value
     for name, parameter in _parameters(cls).items():
         value = init_args.get(name)
-        # Of an argument that takes a text or a module, such as `encoder`, jsonargparse would leave
-        # the path of a class as a text.
+        # For an argument that accepts a string or a module, such as `encoder`, jsonargparse would
+        # keep the import path of a class as a string.
         if isinstance(value, str) and "." in value and _accepts(parameter.annotation, Module):
             init_args[name] = {"class_path": value}
     _check_complete(cls, parameters, {**(model.get("dict_kwargs") or {}), **init_args}, sizes)
@@ -187,125 +198,132 @@ def _check_complete(
     arguments: Mapping[str, Any],
     sizes: DataSizes,
 ) -> None:
-    # Of a user's own: a parser would give it None.
+    # For a user's own class, the parser would pass None for missing arguments.
     for name, parameter in parameters.items():
         if parameter.default is not parameter.empty or name in arguments:
             continue
         if sizes.layout is None and name in ("layout", "num_nodes", "num_taxels"):
             raise ValueError(
-                f"{cls.__name__} must be a model of any sensor, with forward(x, edge_index, batch) "
-                f"and without '{name}': the samples have no layout that all share"
+                f"{cls.__name__} must be a model for any sensor, with forward(x, edge_index, "
+                f"batch) and without '{name}', since the samples share no layout"
             )
-        if name in _FILLED:
+        if name in _FILLED_ARGUMENTS:
             raise ValueError(
-                f"'{name}' of {cls.__name__} must be given, or have a default: the data does not "
-                "tell it"
+                f"'{name}' of {cls.__name__} must be given, or have a default, since it cannot be "
+                "derived from the data"
             )
         raise ValueError(
-            f"'{name}' of {cls.__name__} must be given, or have a default: filled in are "
-            f"{', '.join(_FILLED[:-1])} and {_FILLED[-1]}, by their names"
+            f"'{name}' of {cls.__name__} must be given, or have a default; only "
+            f"{', '.join(_FILLED_ARGUMENTS[:-1])} and {_FILLED_ARGUMENTS[-1]} are filled in"
         )
 
 
-# Wherever a class of a configuration asks for a layout, a name or a path may be given.
+# A configuration may give the name or the path of a layout for every argument of this type.
 register_type(TaxelLayout, layout_to_text, layout_from_text)
 
 
-def _size(
+def _argument_size(
     name: str,
     annotation: Any,
     sizes: DataSizes,
-    outputs: int,
+    num_outputs: int,
     init_args: Mapping[str, Any],
     cls: type,
 ) -> Any:
-    # The value of an argument; None for one that is no size, or that the data does not have.
+    # Returns None if the argument is not a size, or the data does not have this size.
     if name in ("layout", "num_nodes", "num_taxels"):
         if sizes.layout is None:
             return None
         if name == "layout":
-            return _stored_layout(sizes.layout, annotation, cls)
+            return _layout_argument(sizes.layout, annotation, cls)
         return sizes.layout.num_taxels
     if name == "channels":
         if get_origin(annotation) is Literal and init_args.get(name) is not None:
-            return None  # a choice of the model, which has its own way to as many
+            return None  # an option of the model, not a number
         return sizes.channels if _accepts(annotation, dict, Mapping) else sizes.in_channels
     if name == "in_channels":
         if getattr(cls, "splits_frames", False):
             return sizes.frame_channels
-        return _of_one_finger(sizes, init_args, cls)
+        return _finger_channels(sizes, init_args, cls)
     if name == "num_fingers":
-        of_data = None if sizes.num_frames is None else sizes.frame_channels
-        fingers = init_args.get("num_fingers")
-        several = isinstance(fingers, int) and fingers > 0 and of_data and not of_data % fingers
-        return None if several else of_data
+        num_channels = None if sizes.num_frames is None else sizes.frame_channels
+        num_fingers = init_args.get("num_fingers")
+        is_divisor = (
+            isinstance(num_fingers, int)
+            and num_fingers > 0
+            and num_channels
+            and not num_channels % num_fingers
+        )
+        return None if is_divisor else num_channels
     if name == "num_joints" and init_args.get(name, 0) is None and not sizes.num_joints:
         raise ValueError(
             f"'num_joints' of {cls.__name__} must be left out or 0, since the data has no joint "
             "angles (got null)"
         )
     return {
-        "out_channels": outputs or None,
-        "num_classes": outputs or None,
+        "out_channels": num_outputs or None,
+        "num_classes": num_outputs or None,
         "num_edges": sizes.num_edges or None,
         "num_joints": sizes.num_joints or None,
     }.get(name)
 
 
-def _of_one_finger(sizes: DataSizes, init_args: Mapping[str, Any], cls: type) -> int:
+def _finger_channels(sizes: DataSizes, init_args: Mapping[str, Any], cls: type) -> int:
     parameters = _parameters(cls)
     if "num_fingers" not in parameters:
         return sizes.in_channels
-    fingers = init_args.get("num_fingers")
-    if sizes.num_frames is not None:  # 3 x 20 and 1 x 60 are other meanings of 60 features
-        return sizes.num_frames * (sizes.frame_channels // (fingers or sizes.frame_channels))
-    fingers = fingers or parameters["num_fingers"].default
-    if not isinstance(fingers, int) or sizes.in_channels % fingers:
+    num_fingers = init_args.get("num_fingers")
+    if sizes.num_frames is not None:  # 60 features may be 3 fingers of 20 frames, or 1 of 60
+        return sizes.num_frames * (sizes.frame_channels // (num_fingers or sizes.frame_channels))
+    num_fingers = num_fingers or parameters["num_fingers"].default
+    if not isinstance(num_fingers, int) or sizes.in_channels % num_fingers:
         raise ValueError(
             f"'num_fingers' of {cls.__name__} must divide the {sizes.in_channels} channels of 'x' "
-            f"(got {fingers})"
+            f"(got {num_fingers})"
         )
-    return sizes.in_channels // fingers
+    return sizes.in_channels // num_fingers
 
 
-def _check(what: str, given: Any, expected: Any, sizes: DataSizes) -> None:
-    if what.startswith("'layout'"):
+def _check_size(argument: str, value: Any, expected: Any, sizes: DataSizes) -> None:
+    if argument.startswith("'layout'"):
         assert sizes.layout is not None
-        _check_layout(what, given, sizes.layout)
+        _check_layout(argument, value, sizes.layout)
         return
-    if isinstance(expected, dict):  # each input for itself: unused ones need not be given
-        if isinstance(given, Mapping):
-            for name in given.keys() & expected.keys():
-                _check(f"{what} for '{name}'", given[name], expected[name], sizes)
+    if isinstance(expected, dict):  # each input separately, since unused inputs may be missing
+        if isinstance(value, Mapping):
+            for name in value.keys() & expected.keys():
+                _check_size(f"{argument} for '{name}'", value[name], expected[name], sizes)
         return
-    lower_bound = what.startswith(("'out_channels'", "'num_classes'")) and not sizes.all_outputs
-    if given == expected or (lower_bound and given > expected):
+    is_lower_bound = (
+        argument.startswith(("'out_channels'", "'num_classes'")) and not sizes.all_outputs
+    )
+    if value == expected or (is_lower_bound and value > expected):
         return
-    least = "at least " if lower_bound else ""
+    qualifier = "at least " if is_lower_bound else ""
     raise ValueError(
-        f"{what} must be {least}{expected}, as in the data (got {given}); leave it out to take it "
-        "from there"
+        f"{argument} must be {qualifier}{expected}, as in the data (got {value}); leave it out to "
+        "take it from the data"
     )
 
 
-def _check_layout(what: str, given: Any, layout: TaxelLayout) -> None:
-    if isinstance(given, int):
-        same = given == layout.num_taxels
+def _check_layout(argument: str, value: Any, layout: TaxelLayout) -> None:
+    if isinstance(value, int):
+        matches = value == layout.num_taxels
     else:
-        if isinstance(given, str):
-            given = layout_from_text(given)
-        same = not isinstance(given, TaxelLayout) or given.matches(layout)
-    if not same:
+        if isinstance(value, str):
+            value = layout_from_text(value)
+        matches = not isinstance(value, TaxelLayout) or value.matches(layout)
+    if not matches:
         raise ValueError(
-            f"{what} must be '{layout.name}' with {layout.num_taxels} taxels, as in the data (got "
-            f"{given!r}); leave it out to take it from there"
+            f"{argument} must be '{layout.name}' with {layout.num_taxels} taxels, as in the data "
+            f"(got {value!r}); leave it out to take it from the data"
         )
 
 
-def _stored_layout(
+def _layout_argument(
     layout: TaxelLayout, annotation: Any, cls: type
 ) -> TaxelLayout | str | int | None:
-    if annotation is inspect.Parameter.empty:  # the parser passes it on as it is
+    if annotation is inspect.Parameter.empty:  # the parser passes the object unchanged
         return layout
     if annotation is TaxelLayout:  # a dataclass, which jsonargparse reads field by field
         raise ValueError(
@@ -321,10 +339,10 @@ def _accepts(annotation: Any, *kinds: type) -> bool:
     if get_origin(annotation) in (Union, types.UnionType):
         return any(_accepts(part, *kinds) for part in get_args(annotation))
     kind = get_origin(annotation) or annotation
-    return any(kind is other or kind == other for other in kinds)
+    return any(kind is accepted or kind == accepted for accepted in kinds)
 
 
-def _find(class_path: str) -> Any:
+def _find_class(class_path: str) -> Any:
     module, _, name = class_path.rpartition(".")
     try:
         return getattr(import_user_module(module or _MODELS), name)
@@ -333,20 +351,20 @@ def _find(class_path: str) -> Any:
 
 
 def _parameters(cls: Any) -> dict[str, inspect.Parameter]:
-    # Those of the parents as well, as far as `**kwargs` hands them on.
-    found: dict[str, inspect.Parameter] = {}
+    # Includes the parameters of parent classes that `**kwargs` passes on.
+    parameters: dict[str, inspect.Parameter] = {}
     parents = cls.__mro__ if isinstance(cls, type) else ()
-    calls = [base.__dict__["__init__"] for base in parents if "__init__" in base.__dict__] or [cls]
-    for call in calls:
+    inits = [base.__dict__["__init__"] for base in parents if "__init__" in base.__dict__] or [cls]
+    for init in inits:
         try:
-            parameters = list(inspect.signature(call).parameters.values())
-            hints = get_type_hints(call)
+            signature = list(inspect.signature(init).parameters.values())
+            hints = get_type_hints(init)
         except (NameError, TypeError, ValueError):  # an annotation that cannot be resolved
             break
-        for parameter in parameters[call is not cls :]:  # without the object itself
+        for parameter in signature[init is not cls :]:  # without self
             if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
                 annotation = hints.get(parameter.name, inspect.Parameter.empty)
-                found.setdefault(parameter.name, parameter.replace(annotation=annotation))
-        if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters):
+                parameters.setdefault(parameter.name, parameter.replace(annotation=annotation))
+        if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in signature):
             break
-    return found
+    return parameters

@@ -1,17 +1,18 @@
-r"""How to train the models that are ours."""
+r"""The training hyperparameters of the package's own models."""
 
 import math
 from typing import NamedTuple
 
 from torch_geometric_tactile._checks import need
 
-_STEPS = 1500
-_EPOCHS = (15, 60)
-_BATCHES = (16, 64)
+# Chosen on validation parts by studies/default_model.py.
+_NUM_STEPS = 1500
+_EPOCH_RANGE = (15, 60)
+_BATCH_SIZE_RANGE = (16, 64)
 
 
 class TrainingRecipe(NamedTuple):
-    r"""What a training needs besides model and data."""
+    r"""Batch size, number of epochs and hyperparameters of the optimizer of a training."""
 
     batch_size: int
     max_epochs: int
@@ -21,14 +22,15 @@ class TrainingRecipe(NamedTuple):
 
 
 def training_recipe(num_samples: int) -> TrainingRecipe:
-    r"""Returns how to train :class:`~torch_geometric_tactile.nn.models.TaxelNet`,
+    r"""Returns the hyperparameters for training
+    :class:`~torch_geometric_tactile.nn.models.TaxelNet`,
     :class:`~torch_geometric_tactile.nn.models.PosedTaxelNet` and
-    :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet` on so many samples. It is the
-    recipe of :obj:`studies/default_model.py`, chosen on validation parts of single frames.
+    :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet` on a number of samples. They were
+    chosen by :obj:`studies/default_model.py` on validation parts of single frames.
 
-    A batch has a twenty-fourth of the samples, within limits; training has about 1,500 steps, but
-    at least 15 and at most 60 epochs. The rate falls to zero, so that the last weights are taken
-    and nothing has to be kept back to stop early.
+    A batch has 1/24 of the samples, but at least 16 and at most 64. Training has about 1,500 steps,
+    but at least 15 and at most 60 epochs. The learning rate falls to zero, so that the last weights
+    are used and no data has to be held out for early stopping.
 
     Examples:
         >>> recipe = training_recipe(4000)
@@ -36,8 +38,8 @@ def training_recipe(num_samples: int) -> TrainingRecipe:
         (64, 24, 0.004)
     """
     need(num_samples >= 1, "'num_samples' must be at least 1", num_samples)
-    least, most = _BATCHES
-    batch_size = min(most, max(least, num_samples // 24))
-    fewest, longest = _EPOCHS
-    epochs = math.ceil(_STEPS * batch_size / num_samples)
-    return TrainingRecipe(batch_size, min(longest, max(fewest, epochs)))
+    min_batch_size, max_batch_size = _BATCH_SIZE_RANGE
+    batch_size = min(max_batch_size, max(min_batch_size, num_samples // 24))
+    min_epochs, max_epochs = _EPOCH_RANGE
+    epochs = math.ceil(_NUM_STEPS * batch_size / num_samples)
+    return TrainingRecipe(batch_size, min(max_epochs, max(min_epochs, epochs)))

@@ -1,4 +1,4 @@
-r"""The network of the demo without its graph."""
+r"""The :obj:`TaxelNet` without edges, to measure the benefit of its graph."""
 
 import torch
 
@@ -8,9 +8,9 @@ from torch_geometric_tactile.sensors import TaxelLayout
 
 
 class TaxelNetWithoutEdges(TaxelNet):
-    r"""A :class:`~torch_geometric_tactile.nn.models.TaxelNet` of which no taxel has neighbours: all
-    else, the weights drawn from a seed among it, is the same, so that the difference between the
-    two is what the edges bring.
+    r"""A :class:`~torch_geometric_tactile.nn.models.TaxelNet` without edges. Everything else is the
+    same, including the initial weights for a seed, so that a difference in accuracy is due to the
+    edges.
 
     Examples:
         >>> TaxelNetWithoutEdges("biotac_sp", 2, depth=1)
@@ -40,6 +40,6 @@ class TaxelNetWithoutEdges(TaxelNet):
             depth=depth,
             taxel_dropout=taxel_dropout,
         )
-        for level in self.levels:  # as TaxelLevel has them
+        for level in self.levels:  # replaces the buffers of TaxelLevel
             level.register_buffer("edge_index", torch.zeros(2, 0, dtype=torch.long), False)
             level.register_buffer("sector", torch.zeros(0, dtype=torch.long), False)
