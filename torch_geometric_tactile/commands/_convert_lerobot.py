@@ -1,4 +1,4 @@
-r"""``tactile convert RECORDINGS x.lerobot``: recordings as a LeRobot data set."""
+r"""``tactile convert RECORDINGS x.lerobot``: writes recordings as a LeRobot data set."""
 
 import argparse
 from pathlib import Path
@@ -9,7 +9,7 @@ from torch_geometric_tactile.commands._paths import input_path
 
 SUFFIX = ".lerobot"
 _FPS = 30
-_IN_FOLDERS = (".h5", ".hdf5", ".npz", ".mcap", ".csv", ".jsonl", ".ndjson")
+_RECORDING_SUFFIXES = (".h5", ".hdf5", ".npz", ".mcap", ".csv", ".jsonl", ".ndjson")
 _OPTIONS = (
     "fps",
     "every_frame",
@@ -44,13 +44,14 @@ def add_lerobot_options(parser: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--gaps",
         choices=("nan", "error"),
-        help="what steps in a gap without frames are: NaN, or an error (default: nan)",
+        help="how to treat steps in a gap without frames: write NaN, or raise an error (default: "
+        "nan)",
     )
     options.add_argument(
         "--max-gap",
         type=float,
         metavar="SECONDS",
-        help="the longest time without frames that is no gap (default: five frames)",
+        help="longest time without frames that does not count as a gap (default: five frames)",
     )
     options.add_argument(
         "--task",
@@ -63,66 +64,71 @@ def add_lerobot_options(parser: argparse.ArgumentParser) -> None:
         "--add-to",
         metavar="DATASET",
         type=input_path,
-        help="add the touch to a copy of this LeRobot data set: one recording for each episode, in "
-        "their order",
+        help="add the touch to a copy of this LeRobot data set: one recording per episode, in the "
+        "order of the episodes",
     )
     options.add_argument(
         "--start",
         action="append",
         type=float,
         metavar="SECONDS",
-        help="with --add-to: when the episode starts by the clock of its recording; once for each "
-        "(default: the first frame)",
+        help="with --add-to: start of an episode by the clock of its recording; repeat it for each "
+        "episode (default: the first frame)",
     )
 
 
 def lerobot_options(arguments: argparse.Namespace) -> dict[str, Any]:
-    r"""Returns the options that were given, by name."""
-    given = {name: getattr(arguments, name) for name in _OPTIONS}
-    return {name: value for name, value in given.items() if value is not None}
+    r"""Returns the LeRobot options present on the command line, by name."""
+    options = {name: getattr(arguments, name) for name in _OPTIONS}
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def run(arguments: argparse.Namespace, reading: dict[str, Any]) -> int:
     r"""Writes the data set and returns the exit status."""
     from torch_geometric_tactile.io import add_to_lerobot, read_recording, write_lerobot
 
-    given = lerobot_options(arguments)
-    source = given.pop("add_to", None)
-    both = {"every_frame", "gaps", "max_gap"}
-    allowed = both | {"start"} if source else {*_OPTIONS} - {"start"}
-    wrong = next((name for name in given if name not in allowed), None)
-    if wrong is not None:
-        word = "not be given with" if source else "be given with"
+    options = lerobot_options(arguments)
+    source = options.pop("add_to", None)
+    shared_options = {"every_frame", "gaps", "max_gap"}
+    allowed = shared_options | {"start"} if source else {*_OPTIONS} - {"start"}
+    misplaced = next((name for name in options if name not in allowed), None)
+    if misplaced is not None:
+        requirement = "not be given with" if source else "be given with"
         raise ValueError(
-            f"'--{wrong.replace('_', '-')}' must {word} '--add-to' (got {given[wrong]})"
+            f"'--{misplaced.replace('_', '-')}' must {requirement} '--add-to' "
+            f"(got {options[misplaced]})"
         )
-    recordings = [read_recording(path, **reading) for path in _files(arguments.source)]
+    recordings = [read_recording(path, **reading) for path in _recording_files(arguments.source)]
     if source:
         add_to_lerobot(
             source,
             recordings,
             arguments.target,
-            starts=given.get("start"),
-            **{name: value for name, value in given.items() if name in both},
+            starts=options.get("start"),
+            **{name: value for name, value in options.items() if name in shared_options},
         )
-        done = f"touch added to '{source}'"
+        remark = f"touch added to '{source}'"
     else:
-        given.setdefault("fps", _FPS)
-        write_lerobot(recordings, arguments.target, **given)
-        done = f"{given['fps']} steps per second"
-    print(f"{arguments.target}: {len(recordings)} episodes, {done}")
+        options.setdefault("fps", _FPS)
+        write_lerobot(recordings, arguments.target, **options)
+        remark = f"{options['fps']} steps per second"
+    print(f"{arguments.target}: {len(recordings)} episodes, {remark}")
     return 0
 
 
-def _files(sources: list[str]) -> list[Path]:
+def _recording_files(sources: list[str]) -> list[Path]:
     from torch_geometric_tactile.io._folder_tables import TABLES
 
     files: list[Path] = []
     for source in map(Path, sources):
-        inner = sorted(source.iterdir()) if source.is_dir() else []
-        inner = [p for p in inner if p.suffix.lower() in _IN_FOLDERS and p.name not in TABLES]
-        if source.is_dir() and not inner:
-            known = ", ".join(_IN_FOLDERS)
-            raise ValueError(f"'{source}' must hold recordings with one of {known} (got none)")
-        files += inner or [source]
+        entries = sorted(source.iterdir()) if source.is_dir() else []
+        entries = [
+            path
+            for path in entries
+            if path.suffix.lower() in _RECORDING_SUFFIXES and path.name not in TABLES
+        ]
+        if source.is_dir() and not entries:
+            suffixes = ", ".join(_RECORDING_SUFFIXES)
+            raise ValueError(f"'{source}' must hold recordings with one of {suffixes} (got none)")
+        files += entries or [source]
     return files

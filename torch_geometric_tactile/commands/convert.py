@@ -1,4 +1,4 @@
-r"""``tactile convert``: a recording in another format, or recordings as a data set."""
+r"""``tactile convert``: writes a recording in another format, or recordings as a data set."""
 
 import argparse
 from pathlib import Path
@@ -12,7 +12,7 @@ _WRITABLE = ".h5, .hdf5, .npz, .mcap, .csv, .jsonl, .ndjson"
 HELP = "Convert a recording to another format"
 DESCRIPTION = """\
 Reads a recording and writes it in another format; the suffixes select the formats. A
-warning names anything that the new format cannot hold. If OUT ends in .lerobot, it is the
+warning names all content that the new format cannot hold. If OUT ends in .lerobot, it is the
 folder of a LeRobot data set, and IN may be several recordings or folders with recordings,
 each recording an episode. `tactile convert bigs IN... OUT_DIR` imports grasps of the BiGS
 data set and has its own options: `tactile convert bigs --help`.
@@ -31,12 +31,12 @@ examples:
                                                  the same, added to a copy of a data set
   tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set
 """
-# Words in place of IN that select another parser, with its module.
+# First arguments that select another parser, with the module of the parser.
 KINDS = {"bigs": "_convert_bigs"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "source",
         metavar="IN",
@@ -61,16 +61,16 @@ def _target(text: str) -> OutputPath:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     from torch_geometric_tactile.io import read_recording, write_recording
 
     if Path(arguments.target).suffix.lower() == convert_lerobot.SUFFIX:
         return convert_lerobot.run(arguments, reading_options(arguments))
-    given = [*convert_lerobot.lerobot_options(arguments)]
-    if given:
+    option_names = [*convert_lerobot.lerobot_options(arguments)]
+    if option_names:
         raise ValueError(
-            f"'OUT' must end in {convert_lerobot.SUFFIX} with '--{given[0].replace('_', '-')}' "
-            f"(got '{arguments.target}')"
+            f"'OUT' must end in {convert_lerobot.SUFFIX} with "
+            f"'--{option_names[0].replace('_', '-')}' (got '{arguments.target}')"
         )
     if len(arguments.source) > 1:
         raise ValueError(
