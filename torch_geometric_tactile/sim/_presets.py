@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 @dataclass(frozen=True)
 class Preset:
-    r"""The duration, time steps, frame rate and number of simulated trials.
+    r"""Duration, time steps, frame rate and number of simulated trials.
 
     Args:
         duration (float): Length of a trial in seconds.
         timestep (float): Step of the physics in seconds.
         step (float): Time between targets of the controller in seconds.
         rate (float): Frames recorded per second.
-        trials (int): Trials of each object, unless told otherwise.
+        trials (int): Default number of trials of each object.
 
     Examples:
         >>> from torch_geometric_tactile.sim import PRESETS
@@ -37,10 +37,10 @@ PRESETS = {
 
 
 class TrialReport(NamedTuple):
-    r"""The number of attempts of a simulated trial and the path of its file.
+    r"""Number of attempts at a simulated trial, and the path of its file.
 
     :obj:`path` is :obj:`None` if no attempt lifted and held the object, or squeezed it.
-    :obj:`kept` tells whether the file existed already.
+    :obj:`kept` is :obj:`True` if the file existed already.
 
     Examples:
         >>> report = TrialReport("sponge", 0, attempts=2, path=Path("sponge_000.h5"), kept=False)
