@@ -5,8 +5,8 @@ from itertools import product
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Shape
-from torch_geometric_tactile.datasets._allegro_labels import PAPER_OBJECTS
-from torch_geometric_tactile.datasets._allegro_labels import PROPERTIES as _PROPERTIES
+from torch_geometric_tactile.data._paper_objects import PAPER_OBJECTS
+from torch_geometric_tactile.data._paper_objects import PROPERTIES as _PROPERTIES
 
 #: The properties of objects, in the order of the "Tactile Object Property Recognition ..." paper.
 PROPERTIES = _PROPERTIES
