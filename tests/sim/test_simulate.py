@@ -391,7 +391,7 @@ def test_bad_arguments_are_named(tmp_path):
         ({"num_objects": 3}, r"'num_objects' must be left out for .* 'shapes' \(got 3\)"),
         ({"plan": "wide"}, r"'plan' must be a GraspSpread, such as .* \(got 'wide'\)"),
         ({"objects": ["sponge"]}, r"'objects' must be .* valid file names \(got 'sponge'\)"),
-        ({"objects": [replace(SPONGE, name="a/b")]}, r"names of files \(got .*name='a/b'"),
+        ({"objects": [replace(SPONGE, name="a/b")]}, r"valid file names \(got .*name='a/b'"),
         ({"objects": []}, r"'objects' must be objects with different names \(got \[\]\)"),
         ({"objects": [SPONGE, SPONGE]}, r"different names \(got \['sponge', 'sponge'\]\)"),
     ]:

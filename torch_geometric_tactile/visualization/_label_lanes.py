@@ -1,17 +1,17 @@
-r"""Bands of the classes or labels over time, and the legends at the side of a panel."""
+r"""Lanes of the classes or labels over time, and the legends beside a panel."""
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from torch_geometric_tactile.visualization._predicted_trial import PredictedTrial, thinned_codes
+from torch_geometric_tactile.visualization._predicted_trial import PredictedTrial, thin_codes
 from torch_geometric_tactile.visualization._style import (
     TINY,
     current_theme,
     ink_on,
     plain_text,
     series_color,
-    wrapped,
+    wrap_text,
 )
 from torch_geometric_tactile.visualization._time_panels import style_lanes
 
@@ -19,19 +19,24 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-_LINE = 18  # letters in a line of a legend
-_LETTERS = 88  # of the smallest size in the width of a panel
+_LEGEND_WIDTH = 18  # letters in a line of a legend
+_PANEL_WIDTH = 88  # letters of the smallest size in the width of a panel
 
 
-def draw_class_lanes(ax: "Axes", trial: PredictedTrial, shown: list[int]) -> None:
-    r"""Draws a lane of the predicted class, and one of the true class where it is known."""
+def draw_class_lanes(ax: "Axes", trial: PredictedTrial, outputs: list[int]) -> None:
+    r"""Draws a lane of the predicted class and, if it is known, a lane of the true class.
+
+    Args:
+        ax (matplotlib.axes.Axes): The panel.
+        trial (PredictedTrial): The trial.
+        outputs (list of int): Outputs of the model that have a colour, in the order of the palette.
+    """
     predicted = np.array([p[0] if p else "" for p in trial.predicted], dtype=str)
     lanes = [("predicted", trial.answer_edges, predicted)]
     if trial.truth is not None:
-        lanes.append(
-            (f"true ({shortened(trial.truth.source, 14)})", trial.edges, trial.truth.value)
-        )
-    colors = {trial.names[i]: series_color(k) for k, i in enumerate(shown)}
+        source = shorten_middle(trial.truth.source, 14)
+        lanes.append((f"true ({source})", trial.edges, trial.truth.value))
+    colors = {trial.names[i]: series_color(k) for k, i in enumerate(outputs)}
     width = max(trial.edges[-1], trial.answer_edges[-1]) - trial.edges[0]
     for lane, (_, edges, classes) in enumerate(lanes):
         _draw_lane(ax, edges, classes, colors, lane, width)
@@ -49,7 +54,7 @@ def _draw_lane(
     if len(classes) == 0:
         return
     names, code = np.unique(classes, return_inverse=True)
-    edges, code = thinned_codes(edges, np.where(names[code] == "", -1, code))
+    edges, code = thin_codes(edges, np.where(names[code] == "", -1, code))
     starts = np.flatnonzero(np.append(True, code[1:] != code[:-1]))
     stops = np.append(starts[1:], len(code))
     for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
@@ -59,18 +64,18 @@ def _draw_lane(
         color = colors.get(name, current_theme().faint)
         x, end = float(edges[start]), float(edges[stop])
         ax.fill_between([x, end], lane - 0.4, lane + 0.4, color=color, linewidth=0)
-        if len(name) + 1 <= _LETTERS * (end - x) / width:
-            _write(ax, (x + end) / 2, lane, name, color)
+        if len(name) + 1 <= _PANEL_WIDTH * (end - x) / width:
+            _write_name(ax, (x + end) / 2, lane, name, color)
 
 
-def _write(ax: "Axes", x: float, y: float, name: str, color: str) -> None:
+def _write_name(ax: "Axes", x: float, y: float, name: str, color: str) -> None:
     from matplotlib.colors import to_rgb
 
     ink = ink_on(to_rgb(color))
     ax.text(
         x,
         y,
-        shortened(name, len(name)),
+        shorten_middle(name, len(name)),
         ha="center",
         va="center_baseline",
         fontsize=TINY,
@@ -78,45 +83,56 @@ def _write(ax: "Axes", x: float, y: float, name: str, color: str) -> None:
     )
 
 
-def draw_label_lanes(ax: "Axes", trial: PredictedTrial, shown: list[int]) -> None:
-    r"""Draws a lane for each label: a thick bar where it is predicted, a thin one where true."""
-    for lane, i in enumerate(shown):
-        told = np.array([trial.names[i] in labels for labels in trial.predicted], dtype=np.int64)
-        _fill(ax, trial.answer_edges, told, (lane - 0.42, lane + 0.18), series_color(lane))
+def draw_label_lanes(ax: "Axes", trial: PredictedTrial, outputs: list[int]) -> None:
+    r"""Draws a lane for each label: a thick bar where the label is predicted, and a thin bar where
+    it is true.
+
+    Args:
+        ax (matplotlib.axes.Axes): The panel.
+        trial (PredictedTrial): The trial.
+        outputs (list of int): Outputs of the model that have a colour, in the order of the palette.
+    """
+    for lane, i in enumerate(outputs):
+        is_predicted = np.array(
+            [trial.names[i] in labels for labels in trial.predicted], dtype=np.int64
+        )
+        limits = (lane - 0.42, lane + 0.18)
+        _draw_bars(ax, trial.answer_edges, is_predicted, limits, series_color(lane))
         if trial.truth is not None:
-            true = (trial.truth.value[:, i] == 1).astype(np.int64)
-            _fill(ax, trial.edges, true, (lane + 0.24, lane + 0.42), current_theme().ink)
-    style_lanes(ax, [shortened(trial.names[i], 20) for i in shown])
+            is_true = (trial.truth.value[:, i] == 1).astype(np.int64)
+            limits = (lane + 0.24, lane + 0.42)
+            _draw_bars(ax, trial.edges, is_true, limits, current_theme().ink)
+    style_lanes(ax, [shorten_middle(trial.names[i], 20) for i in outputs])
     if trial.truth is not None:
-        text = f"thin: true\n({shortened(trial.truth.source, 14)})"
+        text = f"thin: true\n({shorten_middle(trial.truth.source, 14)})"
         draw_side_legend(ax, [legend_line(current_theme().ink, "-")], [text])
 
 
-def _fill(
-    ax: "Axes", edges: np.ndarray, on: np.ndarray, ends: tuple[float, float], color: str
+def _draw_bars(
+    ax: "Axes", edges: np.ndarray, is_on: np.ndarray, limits: tuple[float, float], color: str
 ) -> None:
-    if len(on) == 0:
+    if len(is_on) == 0:
         return
-    edges, on = thinned_codes(edges, on)
-    starts = np.flatnonzero(np.diff(np.append(0, on)) == 1)
-    stops = np.flatnonzero(np.diff(np.append(on, 0)) == -1) + 1
+    edges, is_on = thin_codes(edges, is_on)
+    starts = np.flatnonzero(np.diff(np.append(0, is_on)) == 1)
+    stops = np.flatnonzero(np.diff(np.append(is_on, 0)) == -1) + 1
     ax.broken_barh(
         [(edges[a], edges[b] - edges[a]) for a, b in zip(starts, stops, strict=True)],
-        (ends[0], ends[1] - ends[0]),
+        (limits[0], limits[1] - limits[0]),
         color=color,
         linewidth=0,
     )
 
 
-def legend_line(color: str, style: str = "-", **more: Any) -> "Line2D":
-    r"""Returns the mark of a line in a legend."""
+def legend_line(color: str, style: str = "-", **properties: Any) -> "Line2D":
+    r"""Returns the legend handle of a line, with further properties of matplotlib."""
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], **{"color": color, "linestyle": style, "linewidth": 2.0, **more})
+    return Line2D([], [], **{"color": color, "linestyle": style, "linewidth": 2.0, **properties})
 
 
 def draw_side_legend(ax: "Axes", handles: list["Line2D"], labels: list[str]) -> None:
-    r"""Draws a legend at the right of a panel."""
+    r"""Draws a legend to the right of a panel."""
     ax.legend(
         handles,
         labels,
@@ -131,18 +147,19 @@ def draw_side_legend(ax: "Axes", handles: list["Line2D"], labels: list[str]) -> 
     )
 
 
-def shortened(name: str, longest: int) -> str:
-    r"""Returns a name on one line with its middle left out where it is long: names that begin alike
-    are told by their ends.
+def shorten_middle(name: str, max_length: int) -> str:
+    r"""Returns a name on one line. The middle of a long name is left out, because names with the
+    same beginning often differ at the end.
     """
-    if len(name) > longest:
-        head = (longest - 3) // 2
-        name = f"{name[:head]}...{name[-(longest - 3 - head) :]}"
+    if len(name) > max_length:
+        head = (max_length - 3) // 2
+        name = f"{name[:head]}...{name[-(max_length - 3 - head) :]}"
     return plain_text(name.replace("\n", " ")) or " "
 
 
 def legend_name(name: str) -> str:
     r"""Returns a name on at most two short lines."""
-    if len(name) > 2 * _LINE:
-        return f"{plain_text(name[: _LINE - 3])}...\n{plain_text(name[-_LINE:])}"
-    return wrapped(name, _LINE) or " "
+    if len(name) > 2 * _LEGEND_WIDTH:
+        head, tail = name[: _LEGEND_WIDTH - 3], name[-_LEGEND_WIDTH:]
+        return f"{plain_text(head)}...\n{plain_text(tail)}"
+    return wrap_text(name, _LEGEND_WIDTH) or " "

@@ -1,4 +1,6 @@
-r"""A figure in the style of all pictures that notebooks show. Imports matplotlib."""
+r"""A figure that notebooks display, in the style of all pictures. A module of its own, because the
+definition of the class needs matplotlib, which is optional.
+"""
 
 from io import BytesIO
 from typing import Any
@@ -14,10 +16,9 @@ from torch_geometric_tactile.visualization._style import (
 )
 
 
-class ShownFigure(Figure):
-    r"""A figure that is shown as a picture where it is the last line of a notebook's cell or is
-    given to :obj:`display`, without pyplot. What is added to it has the colours and sizes of
-    all pictures.
+class NotebookFigure(Figure):
+    r"""A figure that notebooks display without pyplot, as the last line of a cell or by
+    :obj:`display`. Axes, colour bars, legends and titles have the style of all pictures.
     """
 
     def _repr_png_(self) -> bytes:
@@ -26,13 +27,13 @@ class ShownFigure(Figure):
         return buffer.getvalue()
 
     def add_subplot(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds axes, as matplotlib does."""
+        r"""Adds axes in the style of all pictures; arguments are those of matplotlib."""
         ax = super().add_subplot(*args, **kwargs)
         style_axes(ax)
         return ax
 
     def colorbar(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds a colour bar, as matplotlib does."""
+        r"""Adds a colour bar in the style of all pictures; arguments are those of matplotlib."""
         bar = super().colorbar(*args, **kwargs)
         style_axes(bar.ax)
         bar.outline.set(edgecolor=current_theme().faint, linewidth=0.8)
@@ -40,11 +41,11 @@ class ShownFigure(Figure):
         return bar
 
     def legend(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds a legend without a frame, as matplotlib does."""
-        look = {"fontsize": TEXT, "frameon": False, "labelcolor": current_theme().ink}
-        return super().legend(*args, **(look | kwargs))
+        r"""Adds a legend without a frame; arguments are those of matplotlib."""
+        defaults = {"fontsize": TEXT, "frameon": False, "labelcolor": current_theme().ink}
+        return super().legend(*args, **(defaults | kwargs))
 
     def suptitle(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds a title, as matplotlib does."""
-        look: dict[str, Any] = {"fontsize": TITLE, "color": current_theme().ink}
-        return super().suptitle(*args, **(look | kwargs))
+        r"""Adds a title in the style of all pictures; arguments are those of matplotlib."""
+        defaults: dict[str, Any] = {"fontsize": TITLE, "color": current_theme().ink}
+        return super().suptitle(*args, **(defaults | kwargs))
