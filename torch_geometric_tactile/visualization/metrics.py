@@ -94,7 +94,7 @@ def _draw_percentages(ax: "Axes", counts: np.ndarray) -> None:
 def _check_counts(name: str, counts: np.ndarray) -> None:
     if not (np.isfinite(counts) & (counts >= 0) & (counts == np.round(counts))).all():
         raise ValueError(
-            f"'{name}' must hold counts (got negative, fractional or infinite numbers)"
+            f"'{name}' must hold counts (got fractional or negative numbers)"
         )
 
 
