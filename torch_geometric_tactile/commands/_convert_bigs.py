@@ -155,6 +155,7 @@ def run(arguments: argparse.Namespace) -> int:
             recording = read_bigs(source, file_format)
             write_recording(recording, target)
         except (MemoryError, OSError, ValueError) as error:
+            # One bad file must not stop the conversion of many.
             num_failed += 1
             text = " ".join(str(error).split()) or type(error).__name__
             print(printable(f"tactile: error: {text}"), file=sys.stderr, flush=True)

@@ -33,7 +33,7 @@ class FileKind(NamedTuple):
         r"""Returns whether a file is of this kind. An empty file is of every kind."""
         try:
             return path.stat().st_size == 0 or self.is_kind(path)
-        except UNREADABLE:
+        except UNREADABLE:  # damaged or foreign content, so not a file of this kind
             return False
 
 
@@ -51,9 +51,10 @@ def _first_bytes(path: Path) -> bytes:
 
 
 def _is_predictor(path: Path) -> bool:
+    # A safetensors file: the length of the header in eight bytes, then the header as JSON.
     with path.open("rb") as file:
         length = int.from_bytes(file.read(8), "little")
-        if length > path.stat().st_size - 8:
+        if length > path.stat().st_size - 8:  # other files have huge numbers here
             return False
         metadata = json.loads(file.read(length)).get("__metadata__", {})
     return not _PREDICTOR_KEYS.isdisjoint(metadata)
@@ -61,7 +62,7 @@ def _is_predictor(path: Path) -> bool:
 
 def _is_onnx(path: Path) -> bool:
     content = path.read_bytes()
-    return content.startswith(b"\x08") and _ONNX_KEY in content
+    return content.startswith(b"\x08") and _ONNX_KEY in content  # 8: the tag of the first field
 
 
 def _is_calibration(path: Path) -> bool:

@@ -224,6 +224,8 @@ def _is_same(first: Path, second: Path) -> bool:
 
 
 def _check_writable(path: Path, argument: str) -> None:
+    # Commands create missing folders, so the nearest existing folder is tested. Only writing a file
+    # shows reliably that it is allowed.
     folder = path.absolute().parent
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
@@ -240,7 +242,7 @@ def _check_writable(path: Path, argument: str) -> None:
 def _paths_in_configuration(path: Path) -> list[Path]:
     # Files and data folders that a configuration, or the configuration beside a checkpoint, names.
     # An unreadable file is reported by the command that reads it.
-    if path.suffix == ".ckpt":
+    if path.suffix == ".ckpt":  # of a run: version_K/checkpoints/last.ckpt
         path = path.absolute().parent.parent / "config.yaml"
     if path.suffix not in (".yaml", ".yml") or not path.is_file():
         return []
@@ -259,7 +261,7 @@ def _paths_in_configuration(path: Path) -> list[Path]:
         elif isinstance(value, list):
             pending += [(key, item) for item in value]
         elif isinstance(value, str) and value:
-            for folder in (Path(), path.parent):
+            for folder in (Path(), path.parent):  # paths may be relative to either
                 candidate = folder / os.path.expanduser(value)
                 if _exists(str(candidate)) and (candidate.is_file() or key == "root"):
                     paths.append(candidate)

@@ -123,6 +123,7 @@ def describe_plan(plan: "Plan", jobs: int | None, seconds: dict[str, float]) -> 
     )
     if not seconds:
         return f"{text}; all runs are finished"
+    # Parallel runs share the computing time about equally.
     longest = sorted(seconds, key=lambda name: seconds[name], reverse=True)[:3]
     parts = ", ".join(f"{name} {_format_duration(seconds[name] / num_jobs)}" for name in longest)
     total = _format_duration(sum(seconds.values()) / num_jobs)

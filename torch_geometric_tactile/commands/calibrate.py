@@ -118,7 +118,7 @@ def _run(arguments: argparse.Namespace) -> int:
             np.concatenate([_tared_readings(recording, arguments.rest) for recording in recordings])
         ),
         torch.from_numpy(np.concatenate(forces)),
-        torch.arange(len(recordings)).repeat_interleave(num_frames),
+        torch.arange(len(recordings)).repeat_interleave(num_frames),  # groups to hold out
         per=arguments.per,
         degrees=(1, 2, 3) if arguments.degree is None else (arguments.degree,),
         units=(unit, arguments.force_unit),
@@ -207,6 +207,7 @@ def _summary_lines(paths: Sequence[Path], force: np.ndarray, fit: "CalibrationFi
         "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows
     ]
     low, high = calibrate.low, calibrate.high
+    # A fitted calibration has limits.
     assert low is not None
     assert high is not None
     ranges = zip(low.amin(0).tolist(), high.amax(0).tolist(), strict=True)

@@ -454,5 +454,6 @@ def _parse_init(pairs: list[str]) -> dict[str, Any]:
 
 
 def _comparison_name(data: str) -> str:
+    # A part of file names: characters other than letters, digits and underscores become dashes.
     stem = Path(data).stem if data.endswith(".npz") else Path(data).name.rpartition(".")[2]
     return re.sub(r"[^\w-]+", "-", stem or Path(data).resolve().name).strip("-") or "comparison"

@@ -180,6 +180,7 @@ def _open_session(arguments: argparse.Namespace) -> "LiveSession":
     rest = Rest(1.0 if arguments.rest is None else arguments.rest)
     rule = contact_rule(arguments.contact)
     judge = None if arguments.model is None else Judge(arguments.model, rest, contact=rule)
+    # By default, rest is measured for as long as in the training of the model.
     if judge is not None and arguments.rest is None and judge.frame_info.rest is not None:
         rest.seconds = judge.frame_info.rest
     return LiveSession(
@@ -197,6 +198,7 @@ def _model_layout(judge: "Judge | None", arguments: argparse.Namespace) -> "Taxe
     # The layout of the model, to show taxels in space; None on a robot without PyTorch.
     if judge is None or not (arguments.view or arguments.record):
         return None
+    # A layout only improves the picture: without one, taxels are drawn in a grid.
     with suppress(ImportError, OSError, ValueError):
         from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 

@@ -173,6 +173,7 @@ def run(arguments: argparse.Namespace) -> int:
     if predictor.score is not None:
         print(printable(f"{arguments.model} was selected for {predictor.score}"), flush=True)
     if arguments.adapt and arguments.rest is None and predictor.measures_rest:
+        # The mean of the whole recording also includes contacts.
         print(
             "note: --adapt takes the mean of the whole recording as its reading at rest. Add "
             "--rest SECONDS if nothing touches the sensor in the first SECONDS",
@@ -184,6 +185,7 @@ def run(arguments: argparse.Namespace) -> int:
         if not arguments.recordings:
             return 0
     has_pictures = arguments.recordings and not arguments.no_picture
+    # The table is useful without matplotlib, so that a missing extra is only a note.
     can_draw = has_pictures and find_spec("matplotlib") is not None
     pictures = PredictionPictures(arguments.out) if can_draw else None
     if arguments.recordings:

@@ -219,6 +219,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
             f"'--layout' must be left out for objects other than '{_LETTERS}' (got "
             f"'{arguments.layout}'): '--hand' selects the taxels of a hand"
         )
+    # An option that has no effect is an error, because its user expects one.
     for name in _HAND_OPTIONS if arguments.objects in _COUNT_OPTIONS else ():
         if (value := getattr(arguments, name)) != _OPTIONS[name]["default"]:
             option = f"--{name.replace('_', '-')}"

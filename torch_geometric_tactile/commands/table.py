@@ -273,6 +273,7 @@ def _run(table: "Table", arguments: argparse.Namespace) -> int:
             plan, arguments.out, arguments.jobs, table.name, only=arguments.only, train=train
         )
     except KeyboardInterrupt as interrupt:
+        # The message is empty if no run has started.
         advice = "; --no-train writes the table of finished runs" if str(interrupt) else ""
         raise KeyboardInterrupt(f"{interrupt}{advice}") from None
     paths = write_table(selected_part(plan_run, arguments.only), arguments.out)

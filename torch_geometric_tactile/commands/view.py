@@ -104,7 +104,7 @@ def _open_source(text: str) -> "Source":
     from torch_geometric_tactile.live import ReplaySource, open_source
 
     source = open_source(text)
-    if isinstance(source, ReplaySource) and "loop=" not in text:
+    if isinstance(source, ReplaySource) and "loop=" not in text:  # an explicit setting wins
         source.loop = True
     return source
 

@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
-from torch_geometric_tactile.sim._presets import PRESETS, Preset, TrialReport
 from torch_geometric_tactile.sim._trial_files import (
     SimulatedTrial,
     check_run,
@@ -41,6 +40,56 @@ MOTIONS = {"lift": "lifted", "squeeze": "squeezed"}
 #: Names of the layouts of the hands that can be simulated.
 HANDS = ("allegro_uskin", "allegro_uskin_240")
 _logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Preset:
+    r"""Duration, time steps, frame rate and number of simulated trials.
+
+    Args:
+        duration (float): Length of a trial in seconds.
+        timestep (float): Step of the physics in seconds.
+        step (float): Time between targets of the controller in seconds.
+        rate (float): Frames recorded per second.
+        trials (int): Default number of trials of each object.
+
+    Examples:
+        >>> from torch_geometric_tactile.sim import PRESETS
+        >>> PRESETS["ci"]
+        Preset(duration=5.0, timestep=0.004, step=0.02, rate=50.0, trials=3)
+    """
+
+    duration: float
+    timestep: float
+    step: float
+    rate: float
+    trials: int
+
+
+#: Duration, time steps, frame rate and number of trials of :func:`simulate`, by name.
+PRESETS = {
+    "full": Preset(duration=17.0, timestep=0.002, step=0.01, rate=100.0, trials=10),
+    "ci": Preset(duration=5.0, timestep=0.004, step=0.02, rate=50.0, trials=3),
+}
+
+
+class TrialReport(NamedTuple):
+    r"""Number of attempts at a simulated trial, and the path of its file.
+
+    :obj:`path` is :obj:`None` if no attempt lifted and held the object, or squeezed it.
+    :obj:`kept` is :obj:`True` if the file existed already.
+
+    Examples:
+        >>> report = TrialReport("sponge", 0, attempts=2, path=Path("sponge_000.h5"), kept=False)
+        >>> report.attempts, report.path.name
+        (2, 'sponge_000.h5')
+    """
+
+    object_name: str
+    trial: int
+    attempts: int
+    path: Path | None
+    kept: bool
 
 
 @dataclass(frozen=True)

@@ -93,9 +93,7 @@ def _draw_percentages(ax: "Axes", counts: np.ndarray) -> None:
 
 def _check_counts(name: str, counts: np.ndarray) -> None:
     if not (np.isfinite(counts) & (counts >= 0) & (counts == np.round(counts))).all():
-        raise ValueError(
-            f"'{name}' must hold counts (got fractional or negative numbers)"
-        )
+        raise ValueError(f"'{name}' must hold counts (got fractional or negative numbers)")
 
 
 def _draw_counts(ax: "Axes", counts: np.ndarray) -> None:
