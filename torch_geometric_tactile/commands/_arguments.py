@@ -159,7 +159,7 @@ def rest(text: str) -> str | float | None:
     return number
 
 
-def _threshold(text: str) -> float:
+def _parse_threshold(text: str) -> float:
     number = _number_or_nan(text)
     if not 0 < number < math.inf:
         raise argparse.ArgumentTypeError(
@@ -173,7 +173,7 @@ def _threshold(text: str) -> float:
 CONTACT: dict[str, Any] = {
     "metavar": "THRESHOLD",
     "nargs": "?",
-    "type": _threshold,
+    "type": _parse_threshold,
     "const": math.nan,  # option without a number: the threshold follows from the noise at rest
 }
 

@@ -61,14 +61,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "target",
         metavar="OUT",
-        type=_target,
+        type=_parse_target,
         help=f"the file to write ({_WRITABLE}), or a folder (.lerobot)",
     )
     add_reading_options(parser)
     _add_lerobot_options(parser)
 
 
-def _target(text: str) -> OutputPath:
+def _parse_target(text: str) -> OutputPath:
     path = recording_file("OUT")(text)
     is_folder = Path(path).suffix.lower() == _LEROBOT_SUFFIX
     return OutputPath(path, path.argument, None) if is_folder else path

@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.live import Recorder, Stream, open_source
 
-    layout, order = _layout(arguments.layout), taxel_map(arguments.map)
+    layout, order = _load_layout(arguments.layout), taxel_map(arguments.map)
     stream = Stream(
         open_source(arguments.source),
         taxel_map=None if order == "none" else order,
@@ -108,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _layout(name: str | None) -> "TaxelLayout | None":
+def _load_layout(name: str | None) -> "TaxelLayout | None":
     if name is None:
         return None
     from torch_geometric_tactile.sensors import as_layout

@@ -71,64 +71,64 @@ measured.
 """
 
 
-def _option(text: str, default: Any = None, **settings: Any) -> dict[str, Any]:
+def _option_settings(text: str, default: Any = None, **settings: Any) -> dict[str, Any]:
     return {**settings, "default": default, "help": text}
 
 
 _OPTIONS = {
-    "num_objects": _option(
+    "num_objects": _option_settings(
         "objects drawn at random, with --objects shapes (default: 40)",
         metavar="N",
         type=small_count,
     ),
-    "hand": _option(
+    "hand": _option_settings(
         "a hand of 384 taxels, or of 240 with a bare palm (default: allegro_uskin_240 with "
         "--objects twenty, else allegro_uskin)",
         choices=_HANDS,
     ),
-    "trials": _option(
+    "trials": _option_settings(
         "trials per object (default: 10, or 3 with --preset ci)", metavar="N", type=small_count
     ),
-    "grasps": _option(
+    "grasps": _option_settings(
         "with --objects bigs: number of grasps, half with the cylinder, a quarter each with "
         "box and ball (default: 2000)",
         metavar="N",
         type=small_count,
     ),
-    "presses": _option(
+    "presses": _option_settings(
         "with --objects letters: presses per letter (default: 500)", metavar="N", type=small_count
     ),
-    "layout": _option(
+    "layout": _option_settings(
         "with --objects letters: layout file of the array, such as that of "
         "sensors.hexagonal(34, 30, 0.00134).save('hexagonal.json') (default: 32 x 32 pixels, "
         "1.25 mm apart)",
         metavar="FILE",
         type=input_path,
     ),
-    "seed": _option("seed (default: 0)", 0, metavar="N", type=not_negative),
-    "jobs": _option("processes (default: 2)", 2, metavar="N", type=small_count),
-    "preset": _option(
+    "seed": _option_settings("seed (default: 0)", 0, metavar="N", type=not_negative),
+    "jobs": _option_settings("processes (default: 2)", 2, metavar="N", type=small_count),
+    "preset": _option_settings(
         "full: trials of 17 s at 100 Hz; ci: 5 s at 50 Hz, coarser and about ten times faster "
         "to simulate (default: full)",
         "full",
         choices=_PRESETS,
     ),
-    "seconds": _option(
+    "seconds": _option_settings(
         "length of a trial, 1 to 3600 (default: the preset's)", metavar="S", type=trial_seconds
     ),
-    "spread": _option(
+    "spread": _option_settings(
         "variation of the grasps in position, rotation and posture; wide: up to twice that of "
         "careful, and occasionally a finger that hardly closes (default: careful)",
         "careful",
         choices=_SPREADS,
     ),
-    "motion": _option(
+    "motion": _option_settings(
         "lift: lift and hold the object; squeeze: squeeze it three to five times in place "
         "(default: lift)",
         "lift",
         choices=_MOTIONS,
     ),
-    "max_attempts": _option(
+    "max_attempts": _option_settings(
         "grasps to try before a trial is given up (default: 10)", 10, metavar="N", type=small_count
     ),
 }

@@ -43,7 +43,7 @@ def bigs_mjcf(grasp: BigsGrasp) -> str:
         )
     )
     inertia = f"{HAND_MASS} {HAND_MASS} {HAND_MASS}"
-    fingers = "".join(_finger(grasp, number) for number in range(3))
+    fingers = "".join(_finger_mjcf(grasp, number) for number in range(3))
     actuators = "".join(
         f'<position joint="{name}" kp="{_GAIN}" kv="{_DAMPING}" forcerange="-{_TORQUE} {_TORQUE}"/>'
         for name in FINGERS
@@ -82,7 +82,7 @@ def bigs_mjcf(grasp: BigsGrasp) -> str:
 </mujoco>"""
 
 
-def _finger(grasp: BigsGrasp, number: int) -> str:
+def _finger_mjcf(grasp: BigsGrasp, number: int) -> str:
     # Frame of a finger: x down along the finger, -z in the closing direction, y along the hinge.
     direction, contact = _closing_direction(grasp, number)
     base = contact - direction * (PAD[2] + FINGER_LENGTH * math.sin(_CONTACT_ANGLE))

@@ -132,7 +132,7 @@ def grasp_mjcf(
     # effective mass differs from that of the fingers, gets the average itself.
     mean_time = (parameters.skin_time + object_time) / 2
     palm_solref = solref(mean_time, palm_inverse_mass)
-    palm = {"priority": "1", "solref": palm_solref, "friction": _friction(item)}
+    palm = {"priority": "1", "solref": palm_solref, "friction": _friction_attribute(item)}
     _add_skin(links, layout, {kinematics.link_names[0]: skin | palm}, skin, parameters)
     _add_actuators(root, kinematics, parameters)
     ElementTree.indent(root)
@@ -143,7 +143,7 @@ def _join_numbers(numbers: Iterable[float]) -> str:
     return " ".join(repr(float(number)) for number in numbers)
 
 
-def _quaternion(rpy: tuple[float, float, float]) -> np.ndarray:
+def _rpy_to_quaternion(rpy: tuple[float, float, float]) -> np.ndarray:
     quaternion = np.array([1.0, 0.0, 0.0, 0.0])
     for angle, axis in zip(rpy, (1, 2, 3), strict=True):
         rotation = np.zeros(4)
@@ -186,7 +186,7 @@ def _add_object(world: Element, item: GraspObject, solref: str) -> None:
         size=_join_numbers({"cylinder": (x, y), "sphere": (x,)}.get(item.shape, (x, y, z))),
         quat=_join_numbers((0.5**0.5, 0.5**0.5, 0, 0) if is_lying else (1, 0, 0, 0)),
         mass=repr(item.mass),
-        friction=_friction(item),
+        friction=_friction_attribute(item),
         condim="4",
         contype="1",
         conaffinity="2",
@@ -196,7 +196,7 @@ def _add_object(world: Element, item: GraspObject, solref: str) -> None:
     )
 
 
-def _friction(item: GraspObject) -> str:
+def _friction_attribute(item: GraspObject) -> str:
     return f"{item.friction!r} 0.005 0.0005"
 
 
@@ -224,7 +224,7 @@ def _add_links(
             "body",
             name=joint.child,
             pos=_join_numbers(joint.xyz),
-            quat=_join_numbers(_quaternion(joint.rpy)),
+            quat=_join_numbers(_rpy_to_quaternion(joint.rpy)),
             gravcomp="1",
         )
         links[joint.child] = body

@@ -35,11 +35,11 @@ def letter_strokes(letter: str) -> np.ndarray:
     """
     if not isinstance(letter, str) or len(letter) != 1 or letter not in LETTERS:
         raise ValueError(f"'letter' must be one of the capital letters A to Z (got {letter!r})")
-    return _strokes(letter).copy()
+    return _centred_strokes(letter).copy()
 
 
 @cache
-def _strokes(letter: str) -> np.ndarray:
+def _centred_strokes(letter: str) -> np.ndarray:
     lines = [np.array(line) for line in _LINES[letter]]
     pieces = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
     centre = (pieces.min(axis=(0, 1)) + pieces.max(axis=(0, 1))) / 2

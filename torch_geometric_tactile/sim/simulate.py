@@ -315,13 +315,13 @@ def grasp_recordings(
 
 
 @lru_cache(maxsize=1)
-def _hand(name: str) -> tuple[TaxelLayout, HandKinematics]:
+def _stock_hand(name: str) -> tuple[TaxelLayout, HandKinematics]:
     return stock_layout(name), HandKinematics.allegro()
 
 
 @lru_cache(maxsize=4)
 def _simulator(hand: str, item: GraspObject, timestep: float) -> GraspSimulator:
-    layout, kinematics = _hand(hand)
+    layout, kinematics = _stock_hand(hand)
     return GraspSimulator(layout, kinematics, item, ContactParameters(timestep=timestep))
 
 

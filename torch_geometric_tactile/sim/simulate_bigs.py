@@ -261,13 +261,13 @@ def _arm_joints(hand: np.ndarray) -> np.ndarray:
 def _jacobian() -> np.ndarray:
     frames = [np.eye(4)]
     for (a, alpha, d), angle in zip(_LINKS, _POSTURE, strict=True):
-        frames.append(frames[-1] @ _link(a, alpha, d, float(angle)))
+        frames.append(frames[-1] @ _link_transform(a, alpha, d, float(angle)))
     end = frames[-1][:3, 3]
     axes = [(frame[:3, 2], frame[:3, 3]) for frame in frames[:-1]]
     return np.array([np.concatenate([np.cross(z, end - p), z]) for z, p in axes]).T
 
 
-def _link(a: float, alpha: float, d: float, angle: float) -> np.ndarray:
+def _link_transform(a: float, alpha: float, d: float, angle: float) -> np.ndarray:
     c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
     return np.array(
         [

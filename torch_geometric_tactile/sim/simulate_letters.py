@@ -173,7 +173,7 @@ def _have_same_taxels(first: TaxelLayout, second: TaxelLayout) -> bool:
 
 def _run_blocks(blocks: list[_Block], out: Path, jobs: int) -> Generator[LetterReport, None, None]:
     # The settings are written before the first press: an .npy file does not contain them.
-    settings = _settings(blocks[0])
+    settings = _run_settings(blocks[0])
     if (out / SUMMARY).exists():
         _check_settings(out / SUMMARY, settings)
     else:
@@ -213,7 +213,7 @@ def _check_blocks(blocks: list[_Block]) -> None:
                 )
 
 
-def _settings(block: _Block) -> dict[str, Any]:
+def _run_settings(block: _Block) -> dict[str, Any]:
     return {
         "synthetic": True,
         "note": _NOTE,

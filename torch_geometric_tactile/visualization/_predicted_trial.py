@@ -133,7 +133,7 @@ def _answer_edges(time: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.append(time, min(time[-1] + step, max(edges[-1], time[-1] + width)))
 
 
-def _change(recording: Recording, time: np.ndarray) -> np.ndarray:
+def _change_from_rest(recording: Recording, time: np.ndarray) -> np.ndarray:
     if len(time) == 1:  # a single frame has no rest, so taxels are compared with their median
         first = recording.tactile[0]
         has_readings = ~np.isnan(first).all(axis=0)
@@ -146,7 +146,7 @@ def _change(recording: Recording, time: np.ndarray) -> np.ndarray:
 
 
 def _total_pressure(recording: Recording, time: np.ndarray) -> np.ndarray:
-    change = np.nan_to_num(_change(recording, time))
+    change = np.nan_to_num(_change_from_rest(recording, time))
     total: np.ndarray = np.linalg.norm(change, axis=2).sum(axis=1, dtype=np.float64)
     return total
 
