@@ -144,28 +144,8 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.reports import _run_data as run_data
     from torch_geometric_tactile.reports._prediction_pictures import PredictionPictures
 
-    if arguments.recordings and arguments.root is not None:
-        raise ValueError(
-            "'--root' must be left out with recordings: it is the folder of the test part"
-        )
-    is_saved = arguments.save is not None
-    if arguments.contact is not None and not (arguments.recordings or is_saved):
-        raise ValueError(
-            "'--contact' must be left out without recordings and '--save': the samples of a test "
-            "part may be relative to rest already, and all of them count in the scores"
-        )
-    for name in ("adapt", "rest", "resample"):
-        if getattr(arguments, name) and not arguments.recordings:
-            raise ValueError(
-                f"'--{name}' must be left out without recordings: the scaling of the sessions of a "
-                "test part is always measured, and its frames are those of the data set"
-            )
+    _check_options(arguments)
     options = reading_options(arguments)
-    if options and not arguments.recordings:
-        raise ValueError(
-            f"the options {[*options]} must be left out without recordings: the configuration "
-            "determines how a test part is read"
-        )
     predictor = run_data.open_predictor(arguments.model, arguments.config)
     rule = contact_rule(arguments.contact)
     if rule is not None:
@@ -214,6 +194,32 @@ def run(arguments: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     return 0
+
+
+def _check_options(arguments: argparse.Namespace) -> None:
+    # Options of recordings and options of the test part exclude each other.
+    if arguments.recordings and arguments.root is not None:
+        raise ValueError(
+            "'--root' must be left out with recordings: it is the folder of the test part"
+        )
+    is_saved = arguments.save is not None
+    if arguments.contact is not None and not (arguments.recordings or is_saved):
+        raise ValueError(
+            "'--contact' must be left out without recordings and '--save': the samples of a test "
+            "part may be relative to rest already, and all of them count in the scores"
+        )
+    for name in ("adapt", "rest", "resample"):
+        if getattr(arguments, name) and not arguments.recordings:
+            raise ValueError(
+                f"'--{name}' must be left out without recordings: the scaling of the sessions of a "
+                "test part is always measured, and its frames are those of the data set"
+            )
+    options = reading_options(arguments)
+    if options and not arguments.recordings:
+        raise ValueError(
+            f"the options {[*options]} must be left out without recordings: the configuration "
+            "determines how a test part is read"
+        )
 
 
 def _write_pictures(pictures: "PredictionPictures") -> None:

@@ -91,7 +91,7 @@ class SkinModel:
         layout: TaxelLayout,
         rng: np.random.Generator | None = None,
     ) -> np.ndarray:
-        r"""Returns readings in counts.
+        r"""Returns the readings of the skin in counts :math:`(T, N, 3)`.
 
         Args:
             force (numpy.ndarray): Shear along :math:`x` and :math:`y` and pressure :math:`z` on

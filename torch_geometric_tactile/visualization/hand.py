@@ -156,16 +156,11 @@ def plot_hand(
         figure_height = 7.0 * min(max(height / width, 0.4), 1.6) + 0.3
         ax = new_figure(7.0 + 0.9 * num_bars, figure_height).add_subplot()
 
-    from matplotlib.colors import to_rgba
-
-    theme = current_theme()
-    missing = [False] * layout.num_taxels
-    colors: list[tuple[float, ...]] = [to_rgba(theme.plain)] * layout.num_taxels
     if value is not None:
-        missing = value.isnan().tolist()
         colors = value_colors(value, scale)
-    elif edge_value is None:
-        colors = [to_rgba(color) for color in segment_colors(layout, color_by)]
+    else:
+        colors = _plain_colors(layout, color_by if edge_value is None else None)
+    missing = [False] * layout.num_taxels if value is None else value.isnan().tolist()
     if edge_index is not None and edge_value is None:
         _draw_edges(ax, plane, edge_index, layout)
     elif edge_index is not None and edge_value is not None:
@@ -177,7 +172,7 @@ def plot_hand(
         diameter,
         [colors[i] for i in order],
         [missing[i] for i in order],
-        theme.outline,
+        current_theme().outline,
         0.45,
     )
     if names is not None:
@@ -187,6 +182,17 @@ def plot_hand(
     if edge_value is not None and edge_label is not None:
         draw_color_bar(ax, edge_scale, edge_label)
     return ax.figure.figure
+
+
+def _plain_colors(
+    layout: TaxelLayout, color_by: Literal["patch", "digit"] | None
+) -> list[tuple[float, ...]]:
+    # Colours of taxels without values: those of their segments, or of the theme.
+    from matplotlib.colors import to_rgba
+
+    if color_by is None:
+        return [to_rgba(current_theme().plain)] * layout.num_taxels
+    return [to_rgba(color) for color in segment_colors(layout, color_by)]
 
 
 def _taxel_positions(

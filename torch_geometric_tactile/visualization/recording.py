@@ -37,6 +37,7 @@ from torch_geometric_tactile.visualization._time_panels import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
 
 _QUANTILE = 0.995  # of the absolute readings, end of the colour scale
@@ -94,37 +95,17 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     figure = new_figure(8.0, sum(heights) * 1.0 + 1.3)
     title_figure(figure, _title(recording))
 
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from matplotlib.ticker import MaxNLocator
-
     axes = figure.subplots(
         len(heights), 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": heights}
     )[:, 0]
-    cmap = colormap("diverging").with_extremes(bad=theme.faint)
     edges, image = _to_columns(time, change)
-    image_axes = axes[: recording.num_channels]
-    for i, (ax, name) in enumerate(zip(image_axes, channels, strict=True)):
+    for i, name in enumerate(channels):
         limit, is_clipped = symmetric_limit(change[:, :, i], _QUANTILE)
-        scale = Normalize(-limit, limit)
-        ax.pcolorfast(
-            edges,
-            np.arange(recording.num_taxels + 1) - 0.5,
-            np.ma.masked_invalid(image[:, :, i].T),
-            cmap=cmap,
-            norm=scale,
-        )
-        ax.set_ylabel(f"{name}\ntaxel")
-        ax.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
-        ax.set_ylim(recording.num_taxels - 0.5, -0.5)
-        for phase in phases[1:]:
-            ax.axvline(phase.start, color=theme.ink, linewidth=0.7, linestyle=":")
-        bar = figure.colorbar(
-            ScalarMappable(scale, cmap),
-            cax=ax.inset_axes((1.012, 0, 0.016, 1)),
-            extend="both" if is_clipped else "neither",
-        )
+        bar = _draw_image(axes[i], edges, image[:, :, i], limit, is_clipped)
         bar.set_label(f"reading - {reference}\n({unit})", fontsize=SMALL)
+        axes[i].set_ylabel(f"{name}\ntaxel")
+        for phase in phases[1:]:
+            axes[i].axvline(phase.start, color=theme.ink, linewidth=0.7, linestyle=":")
 
     total = np.nansum(np.abs(change), axis=1)
     ax = axes[recording.num_channels]
@@ -157,6 +138,32 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     axes[-1].set_xlabel("time since the first frame (s)")
     figure.align_ylabels(list(axes))
     return figure
+
+
+def _draw_image(
+    ax: "Axes", edges: np.ndarray, image: np.ndarray, limit: float, is_clipped: bool
+) -> "Colorbar":
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.ticker import MaxNLocator
+
+    num_taxels = image.shape[1]
+    cmap = colormap("diverging").with_extremes(bad=current_theme().faint)
+    scale = Normalize(-limit, limit)
+    ax.pcolorfast(
+        edges,
+        np.arange(num_taxels + 1) - 0.5,
+        np.ma.masked_invalid(image.T),
+        cmap=cmap,
+        norm=scale,
+    )
+    ax.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
+    ax.set_ylim(num_taxels - 0.5, -0.5)
+    return ax.figure.colorbar(
+        ScalarMappable(scale, cmap),
+        cax=ax.inset_axes((1.012, 0, 0.016, 1)),
+        extend="both" if is_clipped else "neither",
+    )
 
 
 def _channel_names(num_channels: int) -> list[str]:
