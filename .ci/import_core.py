@@ -38,7 +38,7 @@ NEEDS_EXTRA = tuple(
         "reports._compare",
         "reports._demo",
         "reports._simulation",
-        "visualization._shown_figure",  # a class of matplotlib; `visualization._style` imports it
+        "visualization._notebook_figure",  # derives from a class of matplotlib
     )
 )
 

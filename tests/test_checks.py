@@ -11,13 +11,13 @@ from torch_geometric_tactile._checks import (
     need_argument,
     with_context,
 )
-from torch_geometric_tactile.commands._runs import options_named
+from torch_geometric_tactile.commands._runs import option_names_in_errors
 
 
 def fail(error, **more):
     with (
         pytest.raises(ValueError, match=r".") as caught,
-        options_named(Namespace(model=1, time_axis=2), **more),
+        option_names_in_errors(Namespace(model=1, time_axis=2), **more),
     ):
         raise error
     return str(caught.value)

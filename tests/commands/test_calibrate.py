@@ -45,10 +45,10 @@ def test_errors_are_printed_and_the_file_is_a_transform(tmp_path, capsys):
     out = tmp_path / "skin.json"
     assert run(*paths, "--force", "fz", "--force-unit", "newton", "--out", out) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert re.split("  +", lines[0])[:2] == ["left out", "RMSE in newtons"]
+    assert re.split("  +", lines[0])[:2] == ["held out", "RMSE in newtons"]
     assert [line.split()[0] for line in lines[1:4]] == [path.name for path in paths]
     assert all(float(line.split()[1]) < 0.01 for line in lines[1:4])
-    assert lines[4].startswith("fitted on all: 96 forces from ")
+    assert lines[4].startswith("fitted to all recordings: 96 forces from ")
     assert "channel 2 -" in lines[5]
     assert lines[6] == f"wrote {out}"
     calibrate = Calibrate.load(out)

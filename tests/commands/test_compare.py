@@ -360,7 +360,7 @@ def test_the_recommended_model_is_saved_and_predicts(tmp_path, capsys):
     csv = str(tmp_path / "a.csv")
     predict = ["predict", save[1], str(tmp_path / "recording.npz"), "--out", csv]
     assert main(predict) == 0
-    assert "was chosen for svm_linear: accuracy" in capsys.readouterr().out
+    assert "was selected for svm_linear: accuracy" in capsys.readouterr().out
     rows = (tmp_path / "a.csv").read_text().splitlines()
     found = [int(row.split(",")[3]) for row in rows[1:]]
     assert np.mean(found == np.load(tmp_path / "a.npz")["y"]) > 0.9
@@ -402,7 +402,7 @@ def test_a_network_over_time_is_exported_as_it_is_saved(tmp_path, capsys):
     save = ["--model", "temporal_cnn", "--save", str(path)]
     assert run(tmp_path, "--window", "10", *options, *save) == 0
     assert main(["export", str(path), str(graph)]) == 0
-    assert "largest difference to PyTorch: " in capsys.readouterr().out
+    assert "largest difference from PyTorch: " in capsys.readouterr().out
     assert graph.stat().st_size > 10_000
 
 
@@ -421,7 +421,7 @@ def test_what_cannot_be_saved_is_told_before_the_runs(tmp_path, capsys):
         (["--model", "forest"], "'--model' must come with '--save' (got 'forest' alone)"),
         (
             ["--model", "forest", "--save", str(tmp_path / "a")],
-            "'--model' must be one of those compared, svm_linear, constant (got 'forest')",
+            "'--model' must be a compared model: svm_linear, constant (got 'forest')",
         ),
         (["--save", str(tmp_path / "none" / "a")], "does not exist: create it"),
     ):

@@ -103,8 +103,8 @@ def test_options_state_names_orders_units_and_rates(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--field", "electrodes"], r"'--field' must be OURS=THEIRS, once for each \(got 'elec"),
-        (["--field", "pac=a", "--field", "pac=b"], r"once for each \(got 'pac=b'\)"),
+        (["--field", "electrodes"], r"'--field' must be OURS=THEIRS, once per name \(got 'elec"),
+        (["--field", "pac=a", "--field", "pac=b"], r"once per name \(got 'pac=b'\)"),
         (["--field", "taxels=a"], r"'fields' must have keys of"),
         (["--value", "pickup_time=x"], r"'--value' must have a number \(got 'x'\)"),
         (["--rate-of", "pac=fast"], r"'--rate-of' must have a number \(got 'fast'\)"),
@@ -148,7 +148,7 @@ def test_names_that_would_overwrite_each_other(source, tmp_path, capsys):
     (tmp_path / "more").mkdir()
     write_npz(tmp_path / "more" / "g1.npz", {**readings(), **values()})
     assert run(source, tmp_path / "more", tmp_path / "out", "--npz") == 1
-    assert "each grasp must have a name of its own (got" in capsys.readouterr().err
+    assert "grasps must have different file names (got" in capsys.readouterr().err
     assert run(source, source, "--npz") == 1
     assert "'OUT_DIR' must be another folder than that of" in capsys.readouterr().err
     (tmp_path / "empty").mkdir()

@@ -22,7 +22,7 @@ def test_export_writes_a_graph(tmp_path, capsys):
     assert f"wrote {path}: Predictor(TactileGCN, 'small'" in out
     assert "inputs:  tactile (1, 11, 3), rest (11, 3)" in out
     assert "outputs: probability (1, 2)" in out
-    assert "largest difference to PyTorch: " in out
+    assert "largest difference from PyTorch: " in out
     assert "one thread: " in out
     assert OnnxModel(path).info["unit"] == "count"
 

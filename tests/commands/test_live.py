@@ -114,7 +114,7 @@ def test_layout_of_the_model_is_shown_whatever_its_name(tmp_path, suffix):
     path = tmp_path / f"m.{suffix}"
     export_onnx(predictor, path) if suffix == "onnx" else predictor.save(path)
     arguments = argparse.Namespace(view=True, record=None)
-    found = live._layout_of(Judge(str(path)), arguments)
+    found = live._model_layout(Judge(str(path)), arguments)
     assert found.matches(layout)
 
 

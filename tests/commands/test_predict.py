@@ -142,7 +142,7 @@ def test_rest_is_measured_at_the_beginning_of_a_recording(folder, capsys):
         assert float(row["p_hard"]) == pytest.approx(float(probability[1]), abs=1e-6)
     assert capsys.readouterr().err == ""
     assert main(["predict", "--adapt", "c.predictor", "trial_1.npz"]) == 0
-    assert "note: --adapt takes the mean of a whole recording" in capsys.readouterr().err
+    assert "note: --adapt takes the mean of the whole recording" in capsys.readouterr().err
     both = ["--adapt", "--rest", str(rest), "--no-picture"]
     assert main(["predict", *both, "c.predictor", "trial_1.npz"]) == 0
     assert capsys.readouterr().err == ""
@@ -164,7 +164,7 @@ def test_mistakes_are_one_line(folder, capsys):
         (["a.predictor"], "pass it with '--config'"),
         (
             ["a.predictor", "trial_0.npz", "--root", "b"],
-            "'--root' must be left out where recordings are given",
+            "'--root' must be left out with recordings",
         ),
         (["a.predictor", "--adapt"], "'--adapt' must be left out without recordings"),
         (["a.predictor", "--rest", "1"], "'--rest' must be left out without recordings"),
@@ -271,7 +271,7 @@ def test_columns_of_a_file_are_asked_for_where_they_are_unknown(folder, capsys):
     found = [row["p_hard"] for row in rows("predictions.csv")]
     assert found[:3] == found[3:]  # in the order of the first file
     assert main(["predict", "a.predictor", "--tactile", "pad_.*"]) == 1
-    assert "the options of recordings, ['tactile'], must be left out" in capsys.readouterr().err
+    assert "the options ['tactile'] must be left out" in capsys.readouterr().err
 
 
 PNG = b"\x89PNG"
@@ -345,7 +345,7 @@ def test_no_picture_is_drawn_where_none_is_asked_for_or_matplotlib_is_missing(
     assert main(["predict", "a.predictor", "trial_0.npz", "trial_1.npz"]) == 0
     out, err = capsys.readouterr()
     assert len(out.splitlines()) == 1
-    assert err.startswith("note: no picture, which needs matplotlib: pip install ")
+    assert err.startswith("note: no picture, because matplotlib is missing: pip install ")
     assert len(err.splitlines()) == 1
     assert len(rows("predictions.csv")) == 10
     assert not list(folder.glob("*.png"))

@@ -212,7 +212,7 @@ def test_view_takes_a_map(tmp_path, monkeypatch):
         frame = next(stream.subscribe())
         seen.append((frame.tactile, viewer.scenes.scene(368).name))
 
-    monkeypatch.setattr(view, "_show", show)
+    monkeypatch.setattr(view, "_show_until_end", show)
     for options in ([], ["--map", "xela_allegro_368"], ["--map", "none"]):
         with hand() as url:
             more = ["--layout", "allegro_uskin_368", "--no-browser", *options]

@@ -262,7 +262,7 @@ def test_keys_annotate_what_live_records(whole, tmp_path):
     terminal = Terminal(tmp_path, "live", f"{tmp_path / 'whole.npz'}?loop=1")
     terminal.until("Hz")
     terminal.press("4")
-    terminal.until("nothing was annotated: it needs a recording")
+    terminal.until("nothing annotated: no recording is running")
     terminal.press("r")
     terminal.until("recorded")
     terminal.press("4")

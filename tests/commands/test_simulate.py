@@ -280,8 +280,9 @@ def test_what_only_the_hand_has_is_refused_for_others(tmp_path, capsys, option, 
     for objects, number in (("bigs", "grasps"), ("letters", "presses")):
         flags = ["--objects", objects, f"--{option.replace('_', '-')}", value]
         assert main(["simulate", "--out", str(tmp_path / "a"), *flags]) == 1
-        instead = f"; '{number}' is their number" if option == "trials" else ""
-        message = f"error: '{option}' must be left out for '{objects}' (got {value}){instead}\n"
+        flag = f"--{option.replace('_', '-')}"
+        advice = f": use '--{number}'" if option == "trials" else ""
+        message = f"error: '{flag}' must be left out for '{objects}' (got {value}){advice}\n"
         assert message in capsys.readouterr().err
     assert not (tmp_path / "a").exists()
 
@@ -300,7 +301,6 @@ def test_each_has_a_number_of_its_own(tmp_path, capsys, objects, option, owner, 
     flags = ["--objects", objects, f"--{option}", "3"]
     assert main(["simulate", "--out", str(tmp_path / "a"), *flags]) == 1
     assert (
-        f"'{option}' must be left out for objects other than '{owner}' (got 3); "
-        f"'{number}' is their number"
+        f"'--{option}' must be left out for objects other than '{owner}' (got 3): use '--{number}'"
     ) in capsys.readouterr().err
     assert not (tmp_path / "a").exists()

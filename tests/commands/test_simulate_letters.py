@@ -78,7 +78,7 @@ def test_letters_on_another_array(tmp_path, capsys):
 
 def test_layout_of_letters_only(tmp_path, capsys):
     assert main(["simulate", "--out", str(tmp_path), "--layout", "hexagonal.json"]) == 1
-    error = "'layout' must be left out for objects other than 'letters' (got 'hexagonal.json')"
+    error = "'--layout' must be left out for objects other than 'letters' (got 'hexagonal.json')"
     assert error in capsys.readouterr().err
 
 

@@ -104,7 +104,7 @@ def test_ctrl_c_ends_with_130_and_says_what_to_do(start, tmp_path):
     assert all(json.loads(path.read_text())["result"] for path in kept)
     assert stderr == (
         f"tactile: stopped; {len(kept)} of 36 runs are finished and kept: the same command goes "
-        "on; --no-train writes the table of those\n"
+        "on; --no-train writes the table of finished runs\n"
     )
     assert stdout == ""
     wait_until(lambda: not running(process.pid), 60)

@@ -172,7 +172,7 @@ def test_command(tmp_path, capsys, monkeypatch):
     (tmp_path / "a.onnx").unlink()
     monkeypatch.setattr(export, "_MIN_EQUAL_LABELS", 1.1)
     assert main([*words, "--quantize", *given]) == 1
-    assert "of the labels are the same: export without --quantize" in capsys.readouterr().err
+    assert "of the labels agree: export without --quantize" in capsys.readouterr().err
     assert (tmp_path / "a.onnx").is_file()
     assert main([*words, *given]) == 1
     assert "'--check' must be left out without '--quantize'" in capsys.readouterr().err

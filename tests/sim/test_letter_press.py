@@ -242,8 +242,8 @@ def test_letters_are_told_by_their_shape():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"size": (0.02, 0.01)}, r"'size' must be two numbers above -1 that do not fall"),
-        ({"size": 0.02}, r"'size' must be two numbers above -1 that do not fall \(got 0.02\)"),
+        ({"size": (0.02, 0.01)}, r"'size' must be two numbers above -1, the smaller first"),
+        ({"size": 0.02}, r"'size' must be two numbers above -1, the smaller first \(got 0.02\)"),
         ({"size": (0.002, 0.01)}, r"'size' must be above 'stroke', 0.0025 m \(got 0.002\)"),
         ({"pressure": (30.0, math.nan)}, "'pressure' must be two numbers"),
         ({"pressure": (-0.5, 3.0)}, r"'pressure' must not be negative \(got -0.5\)"),

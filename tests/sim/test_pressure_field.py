@@ -11,7 +11,7 @@ from torch_geometric_tactile.sim._pressure_field import CELL, field_sampling
 def readings(layout, sensel, lengths, parts, pressure):
     """What pixels take up of a pressure that is a function of x and y in metres."""
     sampling = field_sampling(layout, sensel, lengths, parts)
-    x, y, cells = sampling.cells(sampling.low, sampling.high)
+    x, y, cells = sampling.cells_in_box(sampling.low, sampling.high)
     field = np.broadcast_to(pressure(x[None, :], y[:, None]), (len(y), len(x)))
     return sampling.at_pixels(field.astype(float), cells)
 
@@ -58,7 +58,7 @@ def test_force_is_kept():
 def test_only_the_cells_of_a_box_are_evaluated():
     layout = grid(5, 5, pitch=0.01)
     sampling = field_sampling(layout, 0.0007, (0.001,), (1.0,))
-    x, y, cells = sampling.cells(np.array([0.0101, -0.5]), np.array([0.0109, 0.0006]))
+    x, y, cells = sampling.cells_in_box(np.array([0.0101, -0.5]), np.array([0.0109, 0.0006]))
     assert x == pytest.approx((0.010125, 0.010375, 0.010625, 0.010875))
     assert y == pytest.approx((0.000125, 0.000375, 0.000625))
     whole = np.zeros((160, 160))

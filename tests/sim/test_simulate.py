@@ -216,7 +216,7 @@ def test_finished_trial_without_its_attempt_is_named(tmp_path, objects, hovering
     recording = read_recording(report.path)
     meta = {**recording.meta, "attempt": attempt}
     write_recording(replace(recording, meta=meta), report.path)
-    with pytest.raises(ValueError, match=r"sponge_000\.h5' must tell its 'attempt', a whole numb"):
+    with pytest.raises(ValueError, match=r"sponge_000\.h5' must have a whole number 'attempt'"):
         list(simulate(tmp_path, name, trials=1, preset="ci"))
 
 
@@ -392,8 +392,8 @@ def test_bad_arguments_are_named(tmp_path):
         ({"objects": "shapes", "num_objects": 0}, r"'num_objects' must be at least 1 \(got 0\)"),
         ({"num_objects": 3}, r"'num_objects' must be left out for .* 'shapes' \(got 3\)"),
         ({"plan": "wide"}, r"'plan' must be a GraspSpread, such as .* \(got 'wide'\)"),
-        ({"objects": ["sponge"]}, r"'objects' must be .* names of files \(got 'sponge'\)"),
-        ({"objects": [replace(SPONGE, name="a/b")]}, r"names of files \(got .*name='a/b'"),
+        ({"objects": ["sponge"]}, r"'objects' must be .* valid file names \(got 'sponge'\)"),
+        ({"objects": [replace(SPONGE, name="a/b")]}, r"valid file names \(got .*name='a/b'"),
         ({"objects": []}, r"'objects' must be objects with different names \(got \[\]\)"),
         ({"objects": [SPONGE, SPONGE]}, r"different names \(got \['sponge', 'sponge'\]\)"),
     ]:

@@ -223,7 +223,9 @@ def test_finished_grasp_that_does_not_tell_its_loss_is_named(tmp_path, made, los
     path = tmp_path / made[1][0].path.name
     object.__setattr__(recording, "meta", {**recording.meta, "lost": lost})
     write_recording(recording, path)
-    with pytest.raises(ValueError, match=r"must tell in its metadata when its object was 'lost'"):
+    with pytest.raises(
+        ValueError, match=r"must have the time 'lost' of its object in its metadata"
+    ):
         list(simulate_bigs(tmp_path, 1))
 
 

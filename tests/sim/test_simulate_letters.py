@@ -15,7 +15,7 @@ module = sys.modules["torch_geometric_tactile.sim.simulate_letters"]
 
 @pytest.fixture
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(module, "_BLOCK", 3)
+    monkeypatch.setattr(module, "_BLOCK_SIZE", 3)
 
 
 def run(out, presses=2, **kwargs):
@@ -170,8 +170,8 @@ def test_letter_array_by_hand_is_the_default(tmp_path):
         ),
         ({}, {"layout": thinned()}, r"with another 'layout' \(letter_array, not thin\)"),
         ({"layout": thinned()}, {}, r"with another 'layout' \(thin, not letter_array\)"),
-        ({"presses": 5}, {"presses": 2}, "A_0000.npy' holds presses beyond the number that"),
-        ({"presses": 5}, {"presses": 3}, "A_0003.npy' holds presses beyond the number that"),
+        ({"presses": 5}, {"presses": 2}, "A_0000.npy' holds more presses than 'presses' requests"),
+        ({"presses": 5}, {"presses": 3}, "A_0003.npy' holds more presses than 'presses' requests"),
     ],
     ids=["seed", "bits", "size", "layout", "default_layout", "begun", "files"],
 )
@@ -187,10 +187,10 @@ def test_folder_of_another_layout_with_its_name(tmp_path):
     layout = thinned()
     run(tmp_path, layout=layout)
     moved = TaxelLayout("thin", layout.pos + 0.001, image_map=layout.image_map)
-    with pytest.raises(ValueError, match=r"layout.json' must have the taxels of 'layout'"):
+    with pytest.raises(ValueError, match=r"layout.json', the layout of .* must have the taxels"):
         run(tmp_path, layout=moved)
     unmapped = TaxelLayout("thin", layout.pos)
-    with pytest.raises(ValueError, match=r"layout.json' must have the taxels of 'layout'"):
+    with pytest.raises(ValueError, match=r"layout.json', the layout of .* must have the taxels"):
         run(tmp_path, layout=unmapped)
 
 
@@ -240,8 +240,8 @@ def test_damaged_file_is_named(tmp_path, damage, message):
         ({"jobs": 0}, r"'jobs' must be at least 1 \(got 0\)"),
         ({"seed": -1}, r"'seed' must not be negative \(got -1\)"),
         ({"press": {"bits": 8}}, r"'press' must be a LetterPress \(got \{'bits': 8\}\)"),
-        ({"letters": ""}, r"'letters' must be one or more, each once \(got ''\)"),
-        ({"letters": "ABA"}, r"'letters' must be one or more, each once \(got 'ABA'\)"),
+        ({"letters": ""}, r"'letters' must be one or more different letters \(got ''\)"),
+        ({"letters": "ABA"}, r"'letters' must be one or more different letters \(got 'ABA'\)"),
         ({"letters": "Ab"}, r"'letter' must be one of the capital letters A to Z \(got 'b'\)"),
         ({"layout": grid(8, 8, 0.00125)}, "'layout' must have room for letters"),
         ({"press": LetterPress(dead_rows=40)}, "'dead_rows' must be at most the number of rows"),

@@ -1,12 +1,12 @@
 import numpy as np
 
-from torch_geometric_tactile.sim.simulate_bigs import _LINKS, _POSTURE, _arm_joints, _link
+from torch_geometric_tactile.sim.simulate_bigs import _LINKS, _POSTURE, _arm_joints, _link_transform
 
 
 def hand_of(joints):
     frame = np.eye(4)
     for (a, alpha, d), angle in zip(_LINKS, joints, strict=True):
-        frame = frame @ _link(a, alpha, d, angle)
+        frame = frame @ _link_transform(a, alpha, d, angle)
     return frame
 
 

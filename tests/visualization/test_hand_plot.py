@@ -244,11 +244,11 @@ ODD = replace(SMALL, name="odd", link_names=("base", "toe"))
         (LAYOUT, {"adjacency": "round"}, r"'name' must be an adjacency .* \(got 'round'\)"),
         (LAYOUT, {"adjacency": torch.zeros(3, 2)}, r"'adjacency' must have shape \(2, num_edges\)"),
         (SMALL, {"adjacency": torch.tensor([[0], [3]])}, r"must join taxels 0 to 2 \(got 0 to 3\)"),
-        (SMALL, {"value": torch.zeros(3), "limits": (1, 1)}, r"must rise \(got 1 and 1\)"),
+        (SMALL, {"value": torch.zeros(3), "limits": (1, 1)}, r"must be increasing \(got 1 and 1\)"),
         (SMALL, {"color_by": "link"}, r"'color_by' must be 'patch' or 'digit' \(got 'link'\)"),
         (SMALL, {"names": "link"}, r"'names' must be 'patch' or 'digit' \(got 'link'\)"),
         (ODD, {}, "must have the links of layout 'odd'"),
-        (SMALL, {"edge_value": torch.zeros(3)}, "'adjacency' must be given where 'edge_value' is"),
+        (SMALL, {"edge_value": torch.zeros(3)}, "'adjacency' must be given with 'edge_value'"),
         (
             SMALL,
             {"adjacency": EDGES, "edge_value": torch.zeros(2)},
@@ -257,7 +257,7 @@ ODD = replace(SMALL, name="odd", link_names=("base", "toe"))
         (
             SMALL,
             {"adjacency": EDGES, "edge_value": EDGES[0], "edge_limits": (1, 0)},
-            "'limits' must rise",
+            "'limits' must be increasing",
         ),
     ],
 )

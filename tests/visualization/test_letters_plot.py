@@ -82,5 +82,5 @@ def test_wrong_presses(arguments, message):
 def test_wrong_looks():
     with pytest.raises(ValueError, match=r"'columns' must be at least 1 \(got 0\)"):
         plot_presses(np.zeros((1, 6)), "A", SIX, columns=0)
-    with pytest.raises(ValueError, match=r"'limits' must rise \(got 3 and 2\)"):
+    with pytest.raises(ValueError, match=r"'limits' must be increasing \(got 3 and 2\)"):
         plot_presses(np.zeros((1, 6)), "A", SIX, limits=(3, 2))

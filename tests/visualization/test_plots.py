@@ -188,7 +188,7 @@ def test_bad_input_is_named():
         plot_layout(LAYOUT, edge_index=torch.zeros(3, 1))
     with pytest.raises(ValueError, match="'edge_index' must join taxels 0 to 5"):
         plot_layout(LAYOUT, edge_index=torch.tensor([[0], [6]]))
-    with pytest.raises(ValueError, match=r"'limits' must rise \(got 1 and 1\)"):
+    with pytest.raises(ValueError, match=r"'limits' must be increasing \(got 1 and 1\)"):
         plot_layout(LAYOUT, limits=(1, 1))
     with pytest.raises(ValueError, match="'readings' must hold at least one grasp"):
         plot_grasps(LAYOUT, {}, ["index"])

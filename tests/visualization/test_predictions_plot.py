@@ -13,7 +13,7 @@ from torch_geometric_tactile.nn import TactileFNN
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import ZScore
 from torch_geometric_tactile.visualization import plot_predictions, save_figure
-from torch_geometric_tactile.visualization._predicted_trial import thinned_codes, thinned_steps
+from torch_geometric_tactile.visualization._predicted_trial import thin_codes, thin_steps
 
 LAYOUT = grid(2, 2, pitch=0.01)
 NAN = float("nan")
@@ -92,7 +92,7 @@ def test_trained_model_of_frames_is_drawn_with_its_truth(trained):
     assert names(bands) == ["free", "held"] * 2
     right = np.mean([p[0] for p in of_frames.labels(expected)] == trials[0].privileged["state"])
     assert right > 0.9
-    assert figure.get_suptitle() == f"40 frames, 1.95 s  |  {100 * right:.1f}\xa0%\xa0right"
+    assert figure.get_suptitle() == f"40 frames, 1.95 s  |  {100 * right:.1f}\xa0%\xa0correct"
     assert steps(contact)[0][0].tolist() == [0] * 15 + [4] * 25
     assert total.get_ylabel() == "total pressure\n(unit unknown)"
     assert total.get_xlabel() == "time since the first frame (s)"
@@ -176,7 +176,7 @@ def test_truth_is_found_in_the_recording(classes, kwargs, source, found):
     bands = figure.axes[1]
     assert lanes(bands) == ["predicted", *([f"true ({source})"] if source else [])]
     assert names(bands) == [classes[1], *found]
-    assert ("right" in figure.get_suptitle()) == (source is not None)
+    assert ("correct" in figure.get_suptitle()) == (source is not None)
 
 
 def test_given_truth_goes_before_that_of_the_recording():
@@ -184,7 +184,7 @@ def test_given_truth_goes_before_that_of_the_recording():
     figure = plot_predictions(predictor(), recording(label="soft"), rows(0.2, 0.8), truth=truth)
     assert lanes(figure.axes[1]) == ["predicted", "true (given)"]
     assert names(figure.axes[1]) == ["hard", "soft", "hard"]
-    assert "50.0\xa0%\xa0right" in figure.get_suptitle()
+    assert "50.0\xa0%\xa0correct" in figure.get_suptitle()
 
 
 def test_many_classes_leave_those_that_were_predicted_or_true():
@@ -235,7 +235,7 @@ def test_thinning_keeps_the_extremes_and_the_most_frequent():
     value, edges = draw.normal(size=(20_001, 2)), np.arange(20_002.0)
     value[12_345] = 9, -9
     value[:1000] = NAN
-    thin_edges, thin = thinned_steps(edges, value)
+    thin_edges, thin = thin_steps(edges, value)
     assert len(thin) <= 3000
     assert len(thin_edges) == len(thin) + 1
     assert thin[:, 0].max(initial=0, where=~np.isnan(thin[:, 0])) == 9
@@ -247,7 +247,7 @@ def test_thinning_keeps_the_extremes_and_the_most_frequent():
     assert not gap[200:].any()
     code = np.where(np.arange(20_001) < 10_000, 1, 2)
     code[::3] = -1
-    thin_edges, most = thinned_codes(edges, code)
+    thin_edges, most = thin_codes(edges, code)
     assert set(most[:700]) == {1}
     assert set(most[-700:]) == {2}
     assert len(thin_edges) == len(most) + 1 <= 1501
@@ -315,10 +315,10 @@ def test_annotations_are_the_truth_where_their_labels_are_classes():
     assert lanes(figure.axes[1]) == ["predicted", "true (annotations)"]
     assert len(figure.axes) == 4  # and no lanes of their own
     # Ten frames from 8 s on are soft, eleven from 9 s to 10 s hard; nothing is known of others.
-    assert figure.get_suptitle().endswith("47.6\xa0%\xa0right")
+    assert figure.get_suptitle().endswith("47.6\xa0%\xa0correct")
     model = predictor(("soft", "hard", "none"))
     figure = plot_predictions(model, recording(annotations=spans), rows([0.1, 0.1, 0.8]))
-    assert figure.get_suptitle().endswith("47.5\xa0%\xa0right")  # 19 of 40 frames are "none"
+    assert figure.get_suptitle().endswith("47.5\xa0%\xa0correct")  # 19 of 40 frames are "none"
 
 
 def test_other_annotations_have_lanes_in_the_colours_of_their_classes():
@@ -344,7 +344,7 @@ def test_time_without_frames_is_no_class():
     spans = [(8, 9, "soft"), (9, 10, "hard"), (8.5, 9.5, "gap")]
     figure = plot_predictions(predictor(), recording(annotations=spans), rows([0.9, 0.1]))
     assert lanes(figure.axes[1]) == ["predicted", "true (annotations)"]
-    assert figure.get_suptitle().endswith("47.6\xa0%\xa0right")
+    assert figure.get_suptitle().endswith("47.6\xa0%\xa0correct")
 
 
 def test_annotations_that_overlap_are_no_truth():

@@ -23,12 +23,12 @@ from torch_geometric_tactile.visualization import (
     theme,
 )
 from torch_geometric_tactile.visualization._style import (
-    MOST_WIDTH,
+    MAX_WIDTH,
     colormap,
     current_theme,
     new_figure,
     style_axes,
-    wrapped,
+    wrap_text,
 )
 
 LAYOUT, HAND = grid(2, 3, pitch=0.002), allegro_uskin()
@@ -62,7 +62,7 @@ def brightness(color):
 @pytest.mark.parametrize("name", PLOTS)
 def test_figures_fit_a_column_and_hold_their_titles(name):
     figure = PLOTS[name]()
-    assert figure.get_figwidth() <= MOST_WIDTH + 0.1
+    assert figure.get_figwidth() <= MAX_WIDTH + 0.1
     figure.canvas.draw()
     texts = [figure._suptitle, *(ax.title for ax in figure.axes)]
     for text in (text for text in texts if text is not None and text.get_text()):
@@ -144,4 +144,4 @@ def test_own_axes_keep_what_they_show():
 
 
 def test_wrapped_texts_hold_no_formula():
-    assert wrapped("a $5 mug of tea", 8) == "a \\$5 mug\nof tea"
+    assert wrap_text("a $5 mug of tea", 8) == "a \\$5 mug\nof tea"

@@ -1,17 +1,17 @@
-r"""The verbs of the command line, one file each.
+r"""The commands of the command line, one module each.
 
-A verb is a module with :obj:`HELP`, :obj:`DESCRIPTION`, :obj:`EXAMPLES`, :obj:`add_arguments` and
-:obj:`run`. A verb with a parser of its own has :obj:`HELP` and :obj:`run_raw` instead.
-The type of each argument says whether it names what is read or written (:mod:`._paths`), and
-:obj:`list_outputs` returns further files that are written, such as those within a folder.
-:obj:`EXTRAS` names the extras that a verb needs, and :obj:`KINDS` maps a first argument to another
-module with its own arguments. All modules are imported to print the help, so they import heavy
-packages in functions only.
+A command is a module with :obj:`HELP`, :obj:`DESCRIPTION`, :obj:`EXAMPLES`, :obj:`add_arguments`
+and :obj:`run`. A command whose arguments Lightning parses has :obj:`HELP` and :obj:`run_raw`
+instead. The type of an argument declares whether it names an input or an output (:mod:`._paths`);
+:obj:`list_outputs` returns further output files, such as those within a folder.
+:obj:`EXTRAS` names the extras that a command needs, and :obj:`KINDS` maps a first argument to
+another module with its own arguments. All modules are imported to print the help, so they import
+heavy packages in functions only.
 """
 
 from importlib.util import find_spec
 
-_VERBS: tuple[str, ...] = (
+_ALL_COMMANDS: tuple[str, ...] = (
     "demo",
     "inspect",
     "convert",
@@ -32,8 +32,9 @@ _VERBS: tuple[str, ...] = (
     "predict",
     "export",
 )
-_LIVE = ("convert", "ports", "live", "record", "replay", "view")  # what `tactile-live` has
+# The commands of the distribution `tactile-live`, which comes without PyTorch.
+_LIVE_COMMANDS = ("convert", "ports", "live", "record", "replay", "view")
 
-VERBS = _VERBS if find_spec("torch_geometric_tactile.nn") else _LIVE
+VERBS = _ALL_COMMANDS if find_spec("torch_geometric_tactile.nn") else _LIVE_COMMANDS
 
 __all__ = ["VERBS"]

@@ -1,4 +1,4 @@
-r"""Types of arguments that several verbs share."""
+r"""Argument types and options that several commands share."""
 
 import argparse
 import math
@@ -10,7 +10,7 @@ from torch_geometric_tactile.commands._paths import input_path
 if TYPE_CHECKING:
     from torch_geometric_tactile.data import ContactRule
 
-_MOST = 1_000_000
+_MAX_COUNT = 1_000_000
 
 READABLE = ".h5, .hdf5, .npz, .mcap, .csv, .json, .jsonl, .ndjson or .txt"
 SOURCE = """\
@@ -22,31 +22,32 @@ SOURCE is one of:
 """
 
 
-def _whole(least: int, most: int, too_small: str) -> Callable[[str], int]:
-    def whole(text: str) -> int:
+def _integer_type(minimum: int, maximum: int, too_small: str) -> Callable[[str], int]:
+    def parse_integer(text: str) -> int:
+        # int() also accepts underscores and the digits of other scripts.
         try:
             number = int(text) if text.isascii() and "_" not in text else None
         except ValueError:
             number = None
         if number is None:
             raise argparse.ArgumentTypeError(f"must be a whole number (got {text[:40]!r})")
-        if number < least:
+        if number < minimum:
             raise argparse.ArgumentTypeError(f"{too_small} (got {number})")
-        if number > most:
-            raise argparse.ArgumentTypeError(f"must be at most {most} (got {text[:40]})")
+        if number > maximum:
+            raise argparse.ArgumentTypeError(f"must be at most {maximum} (got {text[:40]})")
         return number
 
-    return whole
+    return parse_integer
 
 
 #: Reads an integer from one to a million.
-positive = _whole(1, _MOST, "must be at least 1")
+positive = _integer_type(1, _MAX_COUNT, "must be at least 1")
 
 #: Reads a number of runs, processes or samples that each cost memory: from one to ten thousand.
-small_count = _whole(1, 10_000, "must be at least 1")
+small_count = _integer_type(1, 10_000, "must be at least 1")
 
 #: Reads a seed: an integer from zero to the largest that all our dependencies accept.
-not_negative = _whole(0, (1 << 32) - 1, "must not be negative")
+not_negative = _integer_type(0, (1 << 32) - 1, "must not be negative")
 
 
 def seconds(text: str) -> float:
@@ -60,7 +61,7 @@ def hertz(text: str) -> float:
 
 
 def _positive_number(text: str, unit: str) -> float:
-    number = _plain_number(text)
+    number = _number_or_nan(text)
     if not 0 < number < math.inf:
         raise argparse.ArgumentTypeError(f"must be a positive number of {unit} (got {text[:40]!r})")
     return number
@@ -68,7 +69,7 @@ def _positive_number(text: str, unit: str) -> float:
 
 def percentage(text: str) -> float:
     r"""Reads a number from 0 up to, but not including, 100."""
-    number = _plain_number(text)
+    number = _number_or_nan(text)
     if not 0 <= number < 100:
         raise argparse.ArgumentTypeError(f"must be at least 0 and below 100 (got {text[:40]!r})")
     return number
@@ -76,7 +77,7 @@ def percentage(text: str) -> float:
 
 def trial_seconds(text: str) -> float:
     r"""Reads the length of a simulated trial in seconds, from one second to an hour."""
-    number = _plain_number(text)
+    number = _number_or_nan(text)
     if not 1 <= number <= 3600:
         raise argparse.ArgumentTypeError(
             f"must be a number of seconds from 1 to 3600 (got {text[:40]!r})"
@@ -91,7 +92,7 @@ def port(text: str) -> int:
     return int(text)
 
 
-def _labels(text: str) -> list[str]:
+def _parse_labels(text: str) -> list[str]:
     from torch_geometric_tactile.data._annotations import GAP, checked_annotation
 
     labels = [label.strip() for label in text.split(",")]
@@ -107,32 +108,34 @@ def _labels(text: str) -> list[str]:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
-#: Settings of the option that names the labels of the keys.
+#: Settings of the option for the labels of the keys 1 to 9.
 LABELS: dict[str, Any] = {
     "metavar": "A,B,...",
-    "type": _labels,
+    "type": _parse_labels,
     "help": "labels of the annotations that the keys 1 to 9 begin and end (default: 1 to 9)",
 }
 
 
-#: Settings of the option that names the map of the taxels.
+#: Settings of the option for the order of the taxels of a source.
 MAP: dict[str, Any] = {
     "metavar": "MAP",
     "type": input_path,
-    "help": "order of the taxels of the source: a stock map, a JSON file, or 'none' if it is that "
-    "of the layout (default: the stock map of the sensor and the layout, if there is one)",
+    "help": "order of the taxels of the source: a stock map, a JSON file, or 'none' if it is the "
+    "order of the layout (default: the stock map of the sensor and the layout, if there is one)",
 }
 
 
 def taxel_map(text: str | None) -> Any:
-    r"""Returns the map of taxels that the option names, :obj:`"none"`, or :obj:`None` without the
-    option."""
+    r"""Returns the taxel map of the option :obj:`--map`: :obj:`"none"` and :obj:`None` (option
+    absent) stay as they are.
+    """
     from torch_geometric_tactile.live import TaxelMap
 
     return text if text in (None, "none") else TaxelMap.load(text)
 
 
-def _plain_number(text: str) -> float:
+def _number_or_nan(text: str) -> float:
+    # float() also accepts underscores and the digits of other scripts.
     try:
         return float(text) if text.isascii() and "_" not in text else math.nan
     except ValueError:
@@ -140,8 +143,8 @@ def _plain_number(text: str) -> float:
 
 
 def rest(text: str) -> str | float | None:
-    r"""Reads which frames of a trial are recorded at rest: the name of a phase, a number of seconds
-    at the start of the trial, or :obj:`"none"`.
+    r"""Reads the frames of a trial that are recorded at rest: the name of a phase, a number of
+    seconds at the start of the trial, or :obj:`"none"`.
     """
     if text == "none":
         return None
@@ -156,8 +159,8 @@ def rest(text: str) -> str | float | None:
     return number
 
 
-def _threshold(text: str) -> float:
-    number = _plain_number(text)
+def _parse_threshold(text: str) -> float:
+    number = _number_or_nan(text)
     if not 0 < number < math.inf:
         raise argparse.ArgumentTypeError(
             "must be a positive number in the unit of the readings, or nothing, at the end of the "
@@ -166,26 +169,34 @@ def _threshold(text: str) -> float:
     return number
 
 
-#: Settings of the option that asks for the label "no contact".
+#: Settings of the option for the label "no contact".
 CONTACT: dict[str, Any] = {
     "metavar": "THRESHOLD",
     "nargs": "?",
-    "type": _threshold,
-    "const": math.nan,  # derived from the noise at rest
+    "type": _parse_threshold,
+    "const": math.nan,  # option without a number: the threshold follows from the noise at rest
 }
 
 
-def contact_rule(given: float | None) -> "ContactRule | None":
-    r"""Returns the rule that the option asks for; :obj:`None` if it does not."""
+def contact_rule(threshold: float | None) -> "ContactRule | None":
+    r"""Returns the contact rule of the option :obj:`--contact`.
+
+    Args:
+        threshold (float, optional): Value of the option in the unit of the readings; NaN if the
+            option has no value, and :obj:`None` if it is absent.
+
+    Returns:
+        The rule, or :obj:`None` if the option is absent.
+    """
     from torch_geometric_tactile.data.contact_rule import ContactRule
 
-    if given is None:
+    if threshold is None:
         return None
-    return ContactRule(threshold=None if math.isnan(given) else given)
+    return ContactRule(threshold=None if math.isnan(threshold) else threshold)
 
 
 def add_run_data(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the options that say which data and which configuration a run had."""
+    r"""Adds the options for the configuration and the data folder of a run."""
     parser.add_argument(
         "--config",
         metavar="CONFIG",

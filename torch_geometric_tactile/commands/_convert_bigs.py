@@ -1,4 +1,4 @@
-r"""``tactile convert bigs``: grasps of the BiGS data set, from the files of their holder."""
+r"""``tactile convert bigs``: imports grasps of the BiGS data set from the files of its owner."""
 
 import argparse
 import sys
@@ -11,16 +11,16 @@ from torch_geometric_tactile.commands._file_kinds import RECORDING
 from torch_geometric_tactile.commands._paths import OutputFolder, OutputPath, input_path
 
 _SUFFIXES = (".h5", ".hdf5", ".npz")
-_UNTIMED = (
-    "tactile: warning: {} grasps have no pick-up time, and BiGS can only read them whole "
-    "(until=None): give --field pickup_time=NAME or --ends-after-pickup SECONDS"
+_PICKUP_WARNING = (
+    "tactile: warning: {} grasps have no pick-up time, so BiGS can read only whole grasps "
+    "(until=None): add --field pickup_time=NAME or --ends-after-pickup SECONDS"
 )
 HELP = "Convert grasps of the BiGS data set for datasets.BiGS"
 DESCRIPTION = """\
 Converts grasps of the BiGS data set, one HDF5 or npz file per grasp, to the form that
 datasets.BiGS reads: 19 electrodes on each of three BioTac fingertips (left, middle, right)
 and any other signals. We found no copy of the original data and do not know its format, so you
-give names, axis orders, units and rates; nothing is guessed. See docs/bigs.md.
+specify names, axis orders, units and rates; nothing is guessed. See docs/bigs.md.
 
 Every file is tried. Converted files are kept, and the exit status is 1 if any file failed.
 """
@@ -52,7 +52,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "sources",
         metavar="IN",
@@ -126,97 +126,101 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
-    r"""Returns the files that are written."""
+    r"""Returns the files that the command writes."""
     suffix = ".npz" if arguments.npz else ".h5"
-    targets = _targets(arguments.sources, _folder(arguments.out), suffix)
+    targets = _target_paths(arguments.sources, _output_folder(arguments.out), suffix)
     return [OutputPath(str(path), "OUT_DIR", RECORDING) for path in targets.values()]
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     from torch_geometric_tactile.io import BiGSFormat, read_bigs, write_recording
 
     plain = ("pattern", "fingers", "rate", "time_unit", "angle_unit", "length_unit", "quaternion")
-    given = {name: getattr(arguments, name) for name in (*plain, "ends_after_pickup")}
-    layout = BiGSFormat(
-        fields=_pairs("--field", arguments.field),
-        values=_values(_pairs("--value", arguments.value)),
+    options = {name: getattr(arguments, name) for name in (*plain, "ends_after_pickup")}
+    file_format = BiGSFormat(
+        fields=_parse_pairs("--field", arguments.field),
+        values=_parse_values(_parse_pairs("--value", arguments.value)),
         rates={
-            key: _number("--rate-of", text)
-            for key, text in _pairs("--rate-of", arguments.rate_of).items()
+            key: _parse_number("--rate-of", text)
+            for key, text in _parse_pairs("--rate-of", arguments.rate_of).items()
         },
-        **{name: value for name, value in given.items() if value is not None},
+        **{name: value for name, value in options.items() if value is not None},
     )
-    out = _folder(arguments.out)
-    targets = _targets(arguments.sources, out, ".npz" if arguments.npz else ".h5")
-    failed = untimed = 0
+    out = _output_folder(arguments.out)
+    targets = _target_paths(arguments.sources, out, ".npz" if arguments.npz else ".h5")
+    num_failed = num_without_pickup = 0
     for source, target in targets.items():
         try:
-            recording = read_bigs(source, layout)
+            recording = read_bigs(source, file_format)
             write_recording(recording, target)
         except (MemoryError, OSError, ValueError) as error:
-            failed += 1
+            # One bad file must not stop the conversion of many.
+            num_failed += 1
             text = " ".join(str(error).split()) or type(error).__name__
             print(printable(f"tactile: error: {text}"), file=sys.stderr, flush=True)
         else:
-            untimed += not {"pickup_time", "ends_after_pickup"} & {*recording.meta}
+            num_without_pickup += not {"pickup_time", "ends_after_pickup"} & {*recording.meta}
             print(printable(f"{target}: {recording}"), flush=True)
-    print(printable(f"{len(targets) - failed} of {len(targets)} grasps are in '{arguments.out}'"))
-    if untimed:
-        print(_UNTIMED.format(untimed), file=sys.stderr)
-    return 1 if failed else 0
+    print(
+        printable(f"{len(targets) - num_failed} of {len(targets)} grasps are in '{arguments.out}'")
+    )
+    if num_without_pickup:
+        print(_PICKUP_WARNING.format(num_without_pickup), file=sys.stderr)
+    return 1 if num_failed else 0
 
 
-def _folder(name: str) -> Path:
+def _output_folder(name: str) -> Path:
     out = Path(name)
     if out.is_file() or (out.suffix.lower() in _SUFFIXES and not out.is_dir()):
         raise ValueError(f"'OUT_DIR' must be a folder (got the file '{name}')")
     return out
 
 
-def _pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
-    out: dict[str, str] = {}
+def _parse_pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
+    pairs: dict[str, str] = {}
     for text in texts:
         key, equals, value = text.partition("=")
-        if not equals or not key.strip() or not value.strip() or key.strip() in out:
-            raise ValueError(f"'{option}' must be OURS=THEIRS, once for each (got {text!r})")
-        out[key.strip()] = value.strip()
-    return out
+        if not equals or not key.strip() or not value.strip() or key.strip() in pairs:
+            raise ValueError(f"'{option}' must be OURS=THEIRS, once per name (got {text!r})")
+        pairs[key.strip()] = value.strip()
+    return pairs
 
 
-def _values(texts: dict[str, str]) -> dict[str, Any]:
-    return {k: _number("--value", v) if k == "pickup_time" else v for k, v in texts.items()}
+def _parse_values(texts: dict[str, str]) -> dict[str, Any]:
+    return {k: _parse_number("--value", v) if k == "pickup_time" else v for k, v in texts.items()}
 
 
-def _number(option: str, text: str) -> float:
+def _parse_number(option: str, text: str) -> float:
     try:
         return float(text)
     except ValueError as error:
         raise ValueError(f"'{option}' must have a number (got {text!r})") from error
 
 
-def _targets(sources: Iterable[str], out: Path, suffix: str) -> dict[Path, Path]:
+def _target_paths(sources: Iterable[str], out: Path, suffix: str) -> dict[Path, Path]:
+    r"""Returns the output file of each grasp file."""
     files: list[Path] = []
     for name in sources:
         source = Path(name)
         if not source.is_dir():
             files.append(source)
             continue
-        inner = sorted(p for p in source.iterdir() if p.suffix.lower() in _SUFFIXES)
-        if not inner:
+        grasp_files = sorted(p for p in source.iterdir() if p.suffix.lower() in _SUFFIXES)
+        if not grasp_files:
             raise ValueError(
                 f"'{source}' must hold grasps with one of {', '.join(_SUFFIXES)} (got none)"
             )
-        files += inner
+        files += grasp_files
     targets: dict[Path, Path] = {}
-    taken: dict[Path, Path] = {}
+    sources_by_target: dict[Path, Path] = {}
     for path in files:
         target = out / f"{path.stem}{suffix}"
-        other = taken.setdefault(target, path)
-        if other is not path:
+        first_path = sources_by_target.setdefault(target, path)
+        if first_path is not path:
             raise ValueError(
-                f"each grasp must have a name of its own (got '{other}' and '{path}', which would "
-                f"both become '{target}')"
+                f"grasps must have different file names (got '{first_path}' and '{path}', which "
+                f"would both become '{target}')"
             )
         if target.exists() and target.samefile(path):
             raise ValueError(f"'OUT_DIR' must be another folder than that of '{path}'")

@@ -1,4 +1,4 @@
-r"""Kinds of files that commands write, told by their content."""
+r"""Kinds of files that commands write, recognized by their content."""
 
 import json
 import re
@@ -19,11 +19,11 @@ _XELA_MESSAGE = re.compile(rb'\{"message":')
 
 
 class FileKind(NamedTuple):
-    r"""A kind of file.
+    r"""A kind of file, and the test that recognizes it.
 
     Args:
-        name (str): Its name with its article, such as :obj:`"a predictor"`.
-        is_kind (callable): Tells whether an existing file is of this kind.
+        name (str): Name of the kind with its article, such as :obj:`"a predictor"`.
+        is_kind (callable): Returns whether an existing file is of this kind.
     """
 
     name: str
@@ -33,33 +33,36 @@ class FileKind(NamedTuple):
         r"""Returns whether a file is of this kind. An empty file is of every kind."""
         try:
             return path.stat().st_size == 0 or self.is_kind(path)
-        except UNREADABLE:
+        except UNREADABLE:  # damaged or foreign content, so not a file of this kind
             return False
 
 
 def text_kind(name: str, start: str) -> FileKind:
-    r"""Returns the kind of the text files that begin with a regular expression."""
+    r"""Returns the kind of the text files whose first characters match the regular expression
+    :obj:`start`.
+    """
     pattern = re.compile(start.encode())
-    return FileKind(name, lambda path: pattern.match(_start(path)) is not None)
+    return FileKind(name, lambda path: pattern.match(_first_bytes(path)) is not None)
 
 
-def _start(path: Path) -> bytes:
+def _first_bytes(path: Path) -> bytes:
     with path.open("rb") as file:
         return file.read(_START_BYTES)
 
 
 def _is_predictor(path: Path) -> bool:
+    # A safetensors file: the length of the header in eight bytes, then the header as JSON.
     with path.open("rb") as file:
         length = int.from_bytes(file.read(8), "little")
-        if length > path.stat().st_size - 8:
+        if length > path.stat().st_size - 8:  # other files have huge numbers here
             return False
-        texts = json.loads(file.read(length)).get("__metadata__", {})
-    return not _PREDICTOR_KEYS.isdisjoint(texts)
+        metadata = json.loads(file.read(length)).get("__metadata__", {})
+    return not _PREDICTOR_KEYS.isdisjoint(metadata)
 
 
 def _is_onnx(path: Path) -> bool:
     content = path.read_bytes()
-    return content.startswith(b"\x08") and _ONNX_KEY in content
+    return content.startswith(b"\x08") and _ONNX_KEY in content  # 8: the tag of the first field
 
 
 def _is_calibration(path: Path) -> bool:
@@ -73,16 +76,16 @@ def _is_recording(path: Path) -> bool:
     if suffix == ".npz":
         with zipfile.ZipFile(path) as archive:
             return {"time.npy", "tactile.npy"} <= {*archive.namelist()}
-    start = _start(path)
+    first_bytes = _first_bytes(path)
     if suffix == ".mcap":
-        return start.startswith(b"\x89MCAP0\r\n") and _MCAP_WRITER in start[:200]
-    return (_WIDE_CSV if suffix == ".csv" else _XELA_MESSAGE).match(start) is not None
+        return first_bytes.startswith(b"\x89MCAP0\r\n") and _MCAP_WRITER in first_bytes[:200]
+    return (_WIDE_CSV if suffix == ".csv" else _XELA_MESSAGE).match(first_bytes) is not None
 
 
 def _is_hdf5_recording(path: Path) -> bool:
-    if not _start(path).startswith(b"\x89HDF\r\n"):
+    if not _first_bytes(path).startswith(b"\x89HDF\r\n"):
         return False
-    import h5py  # which wrote the file
+    import h5py  # installed, as it is needed to write the file
 
     with h5py.File(path, locking=False) as file:
         return {"time", "tactile"} <= {*file}
@@ -92,5 +95,7 @@ PREDICTOR = FileKind("a predictor", _is_predictor)
 ONNX_MODEL = FileKind("a model of 'tactile export'", _is_onnx)
 CALIBRATION = FileKind("a calibration", _is_calibration)
 RECORDING = FileKind("a recording", _is_recording)
-PICTURE = FileKind("a PNG picture", lambda path: _start(path).startswith(b"\x89PNG\r\n\x1a\n"))
+PICTURE = FileKind(
+    "a PNG picture", lambda path: _first_bytes(path).startswith(b"\x89PNG\r\n\x1a\n")
+)
 PREDICTIONS = text_kind("a table of predictions", r"(recording,frame,time|index)(,|\r?\n)")

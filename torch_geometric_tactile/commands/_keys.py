@@ -1,4 +1,4 @@
-r"""Keys that are pressed while a verb runs."""
+r"""Actions of the keys that are pressed while a command runs."""
 
 import os
 import select
@@ -14,9 +14,10 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def keys_heeded(actions: Mapping[str, Callable[[], None]]) -> Iterator[Callable[[], None]]:
-    r"""Yields a function that calls the action of each key that was pressed since the last time;
-    without a terminal, there are none. Ctrl-C stays what it is.
+def key_bindings(actions: Mapping[str, Callable[[], None]]) -> Iterator[Callable[[], None]]:
+    r"""Yields a function that calls the action of each key pressed since its last call.
+
+    Without a terminal the function does nothing. Ctrl-C still raises :obj:`KeyboardInterrupt`.
     """
     if sys.stdin is None or not sys.stdin.isatty():
         yield lambda: None
@@ -25,62 +26,69 @@ def keys_heeded(actions: Mapping[str, Callable[[], None]]) -> Iterator[Callable[
         import termios
         import tty
     except ImportError:  # Windows
-        yield lambda: _heed_console(actions)
+        yield lambda: _handle_console_keys(actions)
         return
 
-    line = sys.stdin.fileno()
-    before = termios.tcgetattr(line)
+    descriptor = sys.stdin.fileno()
+    terminal_settings = termios.tcgetattr(descriptor)
 
-    def heed() -> None:
-        while select.select([line], [], [], 0)[0]:
-            pressed = os.read(line, 1).decode("ascii", "replace").lower()
-            if not pressed:
+    def handle_keys() -> None:
+        while select.select([descriptor], [], [], 0)[0]:
+            key = os.read(descriptor, 1).decode("ascii", "replace").lower()
+            if not key:  # end of the input
                 return
-            actions.get(pressed, _nothing)()
+            actions.get(key, _do_nothing)()
 
-    tty.setcbreak(line, termios.TCSANOW)  # key by key, and Ctrl-C still stops
+    tty.setcbreak(descriptor, termios.TCSANOW)  # single keys without Enter; Ctrl-C still stops
     try:
-        yield heed
+        yield handle_keys
     finally:
-        termios.tcsetattr(line, termios.TCSADRAIN, before)
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, terminal_settings)
 
 
-def mark(recorder: "Recorder | None", line: "StatusLine") -> None:
-    r"""Writes an event :obj:`"mark"` of this moment into a recording."""
+def mark(recorder: "Recorder | None", status_line: "StatusLine") -> None:
+    r"""Writes an event :obj:`"mark"` at the present time into a recording."""
     if recorder is None:
-        line.tell("nothing was marked: it needs a recording")
+        status_line.write("nothing marked: no recording is running")
         return
     recorder.event("mark")
-    line.tell(f"marked at {recorder.seconds:.2f} s")
+    status_line.write(f"marked at {recorder.seconds:.2f} s")
 
 
 def label_keys(
-    labels: Sequence[str] | None, recorder: "Callable[[], Recorder | None]", line: "StatusLine"
+    labels: Sequence[str] | None,
+    get_recorder: "Callable[[], Recorder | None]",
+    status_line: "StatusLine",
 ) -> dict[str, Callable[[], None]]:
-    r"""Returns what the keys 1 to 9 do: each begins and ends annotations of its label."""
-    named = "123456789" if labels is None else labels
+    r"""Returns the actions of the keys 1 to 9, each of which begins and ends annotations of its
+    label.
+    """
+    key_labels = "123456789" if labels is None else labels
     return {
-        str(i): partial(_annotate, recorder, line, label) for i, label in enumerate(named, start=1)
+        str(i): partial(_annotate, get_recorder, status_line, label)
+        for i, label in enumerate(key_labels, start=1)
     }
 
 
-def _annotate(recorder: "Callable[[], Recorder | None]", line: "StatusLine", label: str) -> None:
-    running = recorder()
-    if running is None:
-        line.tell("nothing was annotated: it needs a recording")
+def _annotate(
+    get_recorder: "Callable[[], Recorder | None]", status_line: "StatusLine", label: str
+) -> None:
+    recorder = get_recorder()
+    if recorder is None:
+        status_line.write("nothing annotated: no recording is running")
         return
-    running.annotate(label)
-    what = "begins" if running.annotation == label else "ends"
-    line.tell(f"{label} {what} at {running.seconds:.2f} s")
+    recorder.annotate(label)
+    change = "begins" if recorder.annotation == label else "ends"
+    status_line.write(f"{label} {change} at {recorder.seconds:.2f} s")
 
 
-def _heed_console(actions: Mapping[str, Callable[[], None]]) -> None:
+def _handle_console_keys(actions: Mapping[str, Callable[[], None]]) -> None:
     import msvcrt
 
     while msvcrt.kbhit():  # type: ignore[attr-defined, unused-ignore]
-        pressed = msvcrt.getwch()  # type: ignore[attr-defined, unused-ignore]
-        actions.get(pressed.lower(), _nothing)()
+        key = msvcrt.getwch()  # type: ignore[attr-defined, unused-ignore]
+        actions.get(key.lower(), _do_nothing)()
 
 
-def _nothing() -> None:
+def _do_nothing() -> None:
     return

@@ -1,4 +1,4 @@
-r"""The verbs whose arguments Lightning reads, and their short help."""
+r"""Commands whose arguments Lightning parses, and their short help."""
 
 from collections.abc import Callable, Sequence
 
@@ -26,15 +26,21 @@ _OPTIONS = (
     ),
     ("--out DIR", "folder of the runs (default: runs)"),
 )
-_OF_FIT = ("--trainer.max_epochs", "--model.optimizer.init_args.lr")
-_COLUMN = 40
+_FIT_OPTIONS = ("--trainer.max_epochs", "--model.optimizer.init_args.lr")
+_COLUMN = 40  # where the texts of the options start
 
 
-def lightning_verb(
+def lightning_command(
     name: str, description: str, checkpoint: str, examples: str
 ) -> Callable[[Sequence[str]], int]:
-    r"""Returns the function that runs a verb with all arguments behind it, and returns the exit
-    status.
+    r"""Returns a function that runs a command of Lightning with the given arguments and returns
+    the exit status.
+
+    Args:
+        name (str): Name of the command, such as :obj:`"fit"`.
+        description (str): Description in the short help.
+        checkpoint (str): Help text of the option :obj:`--ckpt_path`.
+        examples (str): Examples at the end of the short help.
     """
 
     def run_raw(arguments: Sequence[str]) -> int:
@@ -48,21 +54,23 @@ def lightning_verb(
             )
         from torch_geometric_tactile.training import _lightning_cli as lightning_cli
 
-        given = [
+        lightning_arguments = [
             "--help" if argument in FULL_HELP else expand_home(argument) for argument in arguments
         ]
-        lightning_cli.run_lightning([name, *given])
+        lightning_cli.run_lightning([name, *lightning_arguments])
         return 0
 
     return run_raw
 
 
 def short_help(name: str, description: str, checkpoint: str, examples: str) -> str:
-    r"""Returns the help of a verb: its most important options, and where to find the others."""
+    r"""Returns a short help of a command: the most important options, and how to list all
+    options.
+    """
     lines = [f"usage: tactile {name} --config FILE [options]", "", description.strip(), ""]
     lines.append("most used options:")
     for option, *texts in _OPTIONS:
-        if name != "fit" and option.startswith(_OF_FIT):
+        if name != "fit" and option.startswith(_FIT_OPTIONS):
             continue
         texts = [text.replace("{checkpoint}", checkpoint) for text in texts]
         lines.append(f"  {option:{_COLUMN - 2}}{texts[0]}")

@@ -1,5 +1,5 @@
-r"""Arguments that name files: which are read, which are written, and the check that nothing that is
-read, and no file of another kind, is replaced.
+r"""Types of arguments that name files, and the check that an output replaces neither an input nor
+a file of another kind.
 
 A command declares each of its arguments by the type of :mod:`argparse`: :func:`input_path`,
 :func:`input_setting`, :func:`input_source`, :class:`OutputFile` or :class:`OutputFolder`;
@@ -19,7 +19,17 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.commands._file_kinds import RECORDING, FileKind
 
 # Suffixes of files that data sets of recordings read.
-_RECORDINGS = (".h5", ".hdf5", ".npz", ".mcap", ".csv", ".json", ".jsonl", ".ndjson", ".txt")
+_RECORDING_SUFFIXES = (
+    ".h5",
+    ".hdf5",
+    ".npz",
+    ".mcap",
+    ".csv",
+    ".json",
+    ".jsonl",
+    ".ndjson",
+    ".txt",
+)
 
 
 class InputPath(str):
@@ -28,10 +38,10 @@ class InputPath(str):
     path: str
 
     def __new__(cls, text: str, path: str) -> "InputPath":
-        r"""Returns the text of an argument, with the path in it."""
-        new = super().__new__(cls, text)
-        new.path = path
-        return new
+        r"""Returns the text of an argument with the path that it contains."""
+        instance = super().__new__(cls, text)
+        instance.path = path
+        return instance
 
 
 class OutputPath(str):
@@ -42,9 +52,9 @@ class OutputPath(str):
 
     def __new__(cls, path: str, argument: str, kind: FileKind | None) -> "OutputPath":
         r"""Returns a path with the argument that names it and the kind of the file."""
-        new = super().__new__(cls, path)
-        new.argument, new.kind = argument, kind
-        return new
+        instance = super().__new__(cls, path)
+        instance.argument, instance.kind = argument, kind
+        return instance
 
 
 def input_path(text: str) -> InputPath:
@@ -54,20 +64,20 @@ def input_path(text: str) -> InputPath:
 
 
 def input_setting(text: str) -> InputPath:
-    r"""Reads :obj:`KEY=VALUE`, whose value may name a file or folder to read."""
+    r"""Reads an argument :obj:`KEY=VALUE` whose value may name a file or folder to read."""
     key, equals, value = text.partition("=")
     value = os.path.expanduser(value)
     return InputPath(f"{key}{equals}{value}", value)
 
 
 def input_source(text: str) -> InputPath:
-    r"""Reads the address of a source, which may name a recording: its path, or
+    r"""Reads the address of a source. A recording is named by its path or as
     :obj:`file:PATH?speed=2`.
     """
-    scheme, rest = ("file:", text[5:]) if text.startswith("file:") else ("", text)
-    rest = os.path.expanduser(rest)
-    path = rest if os.path.exists(rest) else unquote(rest.partition("?")[0])
-    return InputPath(scheme + rest, path)
+    scheme, address = ("file:", text[5:]) if text.startswith("file:") else ("", text)
+    address = os.path.expanduser(address)
+    path = address if os.path.exists(address) else unquote(address.partition("?")[0])
+    return InputPath(scheme + address, path)
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,7 @@ class OutputFile:
     r"""Reads an argument that names the file to write.
 
     Args:
-        argument (str): The argument as users know it, such as :obj:`"--out"`.
+        argument (str): Name of the argument in messages, such as :obj:`"--out"`.
         kind (FileKind): The kind of the file.
     """
 
@@ -92,7 +102,7 @@ class OutputFolder:
     r"""Reads an argument that names the folder to write to.
 
     Args:
-        argument (str): The argument as users know it, such as :obj:`"--out"`.
+        argument (str): Name of the argument in messages, such as :obj:`"--out"`.
     """
 
     argument: str
@@ -122,8 +132,8 @@ def check_paths(
     arguments: argparse.Namespace,
     list_outputs: Callable[[argparse.Namespace], Iterable[OutputPath]] | None = None,
 ) -> argparse.Namespace:
-    r"""Checks that no file which a command reads, no file of another kind and no folder would be
-    replaced by what the command writes, and that this can be written.
+    r"""Checks that the outputs of a command can be written, and that they replace neither an input
+    of the command, nor a file of another kind, nor a folder.
 
     Args:
         arguments (argparse.Namespace): The arguments, read by the types of this module.
@@ -136,7 +146,7 @@ def check_paths(
     Raises:
         ValueError: If an output may not be written; the message names it.
     """
-    values = [*_flat(vars(arguments).values())]
+    values = [*_flatten(vars(arguments).values())]
     outputs = [value for value in values if isinstance(value, OutputPath)]
     if list_outputs is not None:
         outputs += list_outputs(arguments)
@@ -145,20 +155,22 @@ def check_paths(
         inputs += [path for file in inputs for path in _paths_in_configuration(file)]
         for output in outputs:
             _check_output(output, inputs)
-    return argparse.Namespace(**{name: _plain(value) for name, value in vars(arguments).items()})
+    return argparse.Namespace(
+        **{name: _paths_to_text(value) for name, value in vars(arguments).items()}
+    )
 
 
-def _flat(values: Iterable[Any]) -> Iterator[Any]:
+def _flatten(values: Iterable[Any]) -> Iterator[Any]:
     for value in values:
         if isinstance(value, list):
-            yield from _flat(value)
+            yield from _flatten(value)
         else:
             yield value
 
 
-def _plain(value: Any) -> Any:
+def _paths_to_text(value: Any) -> Any:
     if isinstance(value, list):
-        return [_plain(item) for item in value]
+        return [_paths_to_text(item) for item in value]
     return str(value) if isinstance(value, InputPath | OutputPath) else value
 
 
@@ -189,7 +201,7 @@ def _check_output(output: OutputPath, inputs: Iterable[Path]) -> None:
             f"'{argument}' must not replace a file that is read: choose another name (got "
             f"'{path}')",
         )
-        is_inside = path.suffix.lower() in _RECORDINGS and _is_same(path.parent, source)
+        is_inside = path.suffix.lower() in _RECORDING_SUFFIXES and _is_same(path.parent, source)
         need(
             not (is_inside and source.is_dir()),
             f"'{argument}' must lie outside of the folder '{source}', whose files are read as "
@@ -204,7 +216,7 @@ def _check_output(output: OutputPath, inputs: Iterable[Path]) -> None:
 
 
 def _is_same(first: Path, second: Path) -> bool:
-    # Also by links, and by names that differ in case on a file system that ignores it.
+    # samefile also recognizes links, and names that differ in case if the file system ignores it.
     try:
         return first.samefile(second)
     except OSError:
@@ -212,6 +224,8 @@ def _is_same(first: Path, second: Path) -> bool:
 
 
 def _check_writable(path: Path, argument: str) -> None:
+    # Commands create missing folders, so the nearest existing folder is tested. Only writing a file
+    # shows reliably that it is allowed.
     folder = path.absolute().parent
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
@@ -226,9 +240,9 @@ def _check_writable(path: Path, argument: str) -> None:
 
 
 def _paths_in_configuration(path: Path) -> list[Path]:
-    # The files that a configuration, or the one beside a checkpoint, names, and the folders of
-    # its data. A file that cannot be read is an error of the command that reads it.
-    if path.suffix == ".ckpt":
+    # Files and data folders that a configuration, or the configuration beside a checkpoint, names.
+    # An unreadable file is reported by the command that reads it.
+    if path.suffix == ".ckpt":  # of a run: version_K/checkpoints/last.ckpt
         path = path.absolute().parent.parent / "config.yaml"
     if path.suffix not in (".yaml", ".yml") or not path.is_file():
         return []
@@ -238,22 +252,22 @@ def _paths_in_configuration(path: Path) -> list[Path]:
         content = read_yaml(path)
     except (ImportError, OSError, ValueError):
         return []
-    named = [path]
-    waiting = [("", content)]
-    while waiting:
-        key, value = waiting.pop()
+    paths = [path]
+    pending = [("", content)]
+    while pending:
+        key, value = pending.pop()
         if isinstance(value, dict):
-            waiting += [(str(k), v) for k, v in value.items()]
+            pending += [(str(k), v) for k, v in value.items()]
         elif isinstance(value, list):
-            waiting += [(key, item) for item in value]
+            pending += [(key, item) for item in value]
         elif isinstance(value, str) and value:
-            for place in (Path(), path.parent):
-                candidate = place / os.path.expanduser(value)
+            for folder in (Path(), path.parent):  # paths may be relative to either
+                candidate = folder / os.path.expanduser(value)
                 if _exists(str(candidate)) and (candidate.is_file() or key == "root"):
-                    named.append(candidate)
-    return named
+                    paths.append(candidate)
+    return paths
 
 
 def recording_file(argument: str) -> OutputFile:
-    r"""Returns the type of an argument that names a recording to write."""
+    r"""Returns the argument type of a recording to write."""
     return OutputFile(argument, RECORDING)

@@ -1,11 +1,11 @@
-r"""Options on how a recording is read, shared by the verbs that read one."""
+r"""Options of the readers of recordings, shared by the commands that read a recording."""
 
 import argparse
 from typing import Any
 
 from torch_geometric_tactile.commands._arguments import not_negative, positive
 
-# Arguments that are passed on to the reader of the format by the same names, in groups by title.
+# Arguments of the readers under the same names, in groups by title.
 _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
     None: {
         "forces": {
@@ -42,7 +42,7 @@ _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
             "action": "append",
             "metavar": "NAME",
             "type": str,
-            "help": "a column of numbers that are no readings, such as a force",
+            "help": "a column of numbers other than readings, such as a force",
         },
         "ignore": {"action": "append", "metavar": "NAME", "type": str, "help": "a column to skip"},
         "unit": {"metavar": "UNIT", "type": str, "help": "unit of the readings: count or newton"},
@@ -71,13 +71,13 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
 
 
 def reading_options(arguments: argparse.Namespace) -> dict[str, Any]:
-    r"""Returns the options that were given, as :func:`~torch_geometric_tactile.io.read_recording`
-    takes them.
+    r"""Returns the options present on the command line as keyword arguments of
+    :func:`~torch_geometric_tactile.io.read_recording`.
     """
-    names = [name for options in _OPTIONS.values() for name in options]
-    given = {name: getattr(arguments, name) for name in names}
-    options = {name: value for name, value in given.items() if value is not None}
+    names = [name for group_options in _OPTIONS.values() for name in group_options]
+    values = {name: getattr(arguments, name) for name in names}
+    options = {name: value for name, value in values.items() if value is not None}
     for name in ("tactile", "joint"):
-        if len(options.get(name, ())) == 1:
+        if len(options.get(name, ())) == 1:  # the reader takes a single text for a pattern
             options[name] = options[name][0]
     return options

@@ -1,4 +1,6 @@
-r"""What verbs that run experiments share: options, how errors name them, and a progress bar."""
+r"""Shared parts of the commands that run experiments: options, their names in error messages, a
+progress bar and printed summaries.
+"""
 
 import argparse
 import sys
@@ -16,15 +18,22 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def options_named(
-    arguments: argparse.Namespace, unnamed: Collection[str] = (), **more: str
+def option_names_in_errors(
+    arguments: argparse.Namespace, excluded: Collection[str] = (), **renamed: str
 ) -> Iterator[None]:
-    r"""Names the options of a command in the messages of errors about the arguments of Python
-    functions that they become. All else in a message stays as it is, and so do the names that are
-    :obj:`unnamed`, such as those of the arguments of a data set.
+    r"""Replaces names of Python arguments by names of options in the messages of errors.
+
+    Args:
+        arguments (argparse.Namespace): The options, each named like the Python argument that it
+            becomes.
+        excluded (collection of str): Names to keep, such as those of the arguments of a data set.
+        **renamed (str): Names of options that differ from those of the Python arguments.
+
+    Raises:
+        ValueError: The error about an argument, with its option named in the message.
     """
-    options = {name: f"--{name.replace('_', '-')}" for name in vars(arguments)} | more
-    options = {name: option for name, option in options.items() if name not in unnamed}
+    options = {name: f"--{name.replace('_', '-')}" for name in vars(arguments)} | renamed
+    options = {name: option for name, option in options.items() if name not in excluded}
     try:
         yield
     except ArgumentError as error:
@@ -32,7 +41,7 @@ def options_named(
 
 
 def add_rest(group: Any) -> None:
-    r"""Adds the option for frames at rest."""
+    r"""Adds the option for the number of frames at rest."""
     group.add_argument(
         "--rest",
         metavar="N",
@@ -42,7 +51,7 @@ def add_rest(group: Any) -> None:
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the options for processes and threads."""
+    r"""Adds the options for processes, threads and the accelerator."""
     workers = parser.add_argument_group("processes")
     workers.add_argument(
         "--jobs", metavar="N", type=small_count, help="runs in parallel (default: 1)"
@@ -54,15 +63,15 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         "--accelerator",
         choices=("cpu", "gpu"),
         default="cpu",
-        help="where to train (default: cpu); jobs take turns on a GPU",
+        help="device to train on (default: cpu); parallel runs take turns on a GPU",
     )
 
 
 def run_with_bar(
     plan: "Plan", out: str, jobs: int | None, title: str, unit: str = "run", **options: Any
 ) -> "PlanRun":
-    r"""Runs a plan below a progress bar. There is none without a terminal, and none stays after
-    Ctrl-C.
+    r"""Runs a plan and shows a progress bar. Without a terminal there is no bar, and Ctrl-C removes
+    it.
     """
     from tqdm import tqdm
 
@@ -70,16 +79,16 @@ def run_with_bar(
 
     with tqdm(desc=title, unit=unit, disable=None, leave=False) as bar:
 
-        def show(experiment: "Experiment", ended: int, all_runs: int) -> None:
-            bar.total = all_runs
+        def update_bar(experiment: "Experiment", num_ended: int, num_runs: int) -> None:
+            bar.total = num_runs
             bar.set_postfix_str(experiment.label, refresh=False)
-            bar.update(ended - bar.n)
+            bar.update(num_ended - bar.n)
 
-        return run_plan(plan, out, jobs, on_progress=show, **options)
+        return run_plan(plan, out, jobs, on_progress=update_bar, **options)
 
 
-def exit_status(run: "PlanRun") -> int:
-    r"""Tells which runs failed and why, and returns the status that the verb ends with."""
+def report_failures(run: "PlanRun") -> int:
+    r"""Prints an error for each failed run, and returns the exit status of the command."""
     from torch_geometric_tactile._texts import printable
 
     for name, reason in run.failed.items():
@@ -87,41 +96,50 @@ def exit_status(run: "PlanRun") -> int:
     return 1 if run.failed else 0
 
 
-def intention(plan: "Plan", jobs: int | None, seconds: dict[str, float]) -> str:
-    r"""Returns in words what is run, and about how long each model takes, given the seconds."""
+def describe_plan(plan: "Plan", jobs: int | None, seconds: dict[str, float]) -> str:
+    r"""Returns a line on the samples, the protocol and the models of a plan, and the time that its
+    runs will take.
+
+    Args:
+        plan (Plan): A plan of one protocol.
+        jobs (int, optional): Number of runs in parallel.
+        seconds (dict): Estimated computing time in seconds by name of the model; empty if all runs
+            are finished.
+    """
     from joblib import effective_n_jobs
 
     (protocol,) = plan.protocols
     facts, num_jobs = plan.facts, effective_n_jobs(jobs)
     models = [cell.experiment for cell in plan.table.cells]
     num_runs = len({(e.seed, e.fold) for e in plan.experiments})
-    runs = "seed" if protocol.protocol.by == "given" else "split"
-    runs += "s" * (num_runs > 1)
+    unit = "seed" if protocol.protocol.by == "given" else "split"
+    unit += "s" * (num_runs > 1)
     text = (
         f"{facts.num_samples:,} samples"
         + (f" of {facts.num_frames} frames" if facts.num_frames else "")
         + (f", {facts.num_trials:,} trials" if facts.num_trials else "")
         + facts.part_note
-        + f"; {protocol.protocol.describe()}; {len(models)} models x {num_runs} {runs}"
+        + f"; {protocol.protocol.describe()}; {len(models)} models x {num_runs} {unit}"
     )
     if not seconds:
         return f"{text}; all runs are finished"
+    # Parallel runs share the computing time about equally.
     longest = sorted(seconds, key=lambda name: seconds[name], reverse=True)[:3]
-    parts = ", ".join(f"{name} {_duration(seconds[name] / num_jobs)}" for name in longest)
-    whole = _duration(sum(seconds.values()) / num_jobs)
-    return f"{text}; about {whole} ({parts}); Ctrl-C keeps finished runs"
+    parts = ", ".join(f"{name} {_format_duration(seconds[name] / num_jobs)}" for name in longest)
+    total = _format_duration(sum(seconds.values()) / num_jobs)
+    return f"{text}; about {total} ({parts}); Ctrl-C keeps finished runs"
 
 
-def _duration(seconds: float) -> str:
+def _format_duration(seconds: float) -> str:
     for unit, length in (("h", 3600), ("min", 60)):
         if seconds >= 2 * length:
             return f"{seconds / length:.0f} {unit}"
     return f"{max(1, round(seconds))} s"
 
 
-def tell(text: str, as_json: bool = False) -> None:
-    r"""Prints a line apart from a progress bar, beside JSON to the stream of errors."""
-    from tqdm import tqdm  # which keeps a line apart from a progress bar
+def print_line(text: str, as_json: bool = False) -> None:
+    r"""Prints a line above the progress bar, to standard error if standard output holds JSON."""
+    from tqdm import tqdm
 
     file = sys.stderr if as_json else sys.stdout
     tqdm.write(text, file=file)

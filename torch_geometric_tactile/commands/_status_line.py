@@ -1,4 +1,4 @@
-r"""One quiet line that says how a running verb is doing."""
+r"""A line on the terminal with the state of a running command."""
 
 import logging
 import shutil
@@ -9,12 +9,12 @@ from typing import Self, TextIO
 
 from torch_geometric_tactile._texts import printable
 
-_SECONDS_BETWEEN_LINES = 10.0  # where lines are kept, as in a log
+_SECONDS_BETWEEN_LINES = 10.0  # without a terminal, such as in a log file
 
 
 class StatusLine:
-    r"""Writes to standard error: in place on a terminal, and elsewhere a line every ten seconds.
-    While it is open, warnings get lines of their own.
+    r"""A status line on standard error, which is replaced in place on a terminal; elsewhere a new
+    line is written every ten seconds. While it is open, warnings appear on separate lines.
     """
 
     def __init__(self, out: TextIO | None = None) -> None:
@@ -22,27 +22,27 @@ class StatusLine:
         self._in_place = self._out is not None and self._out.isatty()
         self._next = 0.0
         self._is_open = False
-        self._lock = threading.RLock()  # warnings come from other threads
-        self._usual = logging.lastResort
+        self._lock = threading.RLock()  # other threads log warnings
+        self._default_handler = logging.lastResort
 
     def show(self, text: str) -> None:
-        r"""Shows it, in the place of what was shown before. What a narrow terminal has no room for
-        is left out, part by part: parts are separated by two spaces.
+        r"""Replaces the text of the line. On a narrow terminal the last parts of the text, which
+        are separated by two spaces, are left out.
         """
         if self._out is None:
             return
         with self._lock:
             if self._in_place:
                 width = max(shutil.get_terminal_size().columns - 1, 20)
-                self._out.write(f"\r{_fitting(printable(text), width)}\x1b[K")
+                self._out.write(f"\r{_shorten(printable(text), width)}\x1b[K")
                 self._is_open = True
             elif time.monotonic() >= self._next:
                 self._next = time.monotonic() + _SECONDS_BETWEEN_LINES
                 self._out.write(f"{printable(text)}\n")
             self._out.flush()
 
-    def tell(self, text: str) -> None:
-        r"""Writes a line that stays, above what is shown."""
+    def write(self, text: str) -> None:
+        r"""Writes a permanent line above the status line."""
         if self._out is None:
             return
         with self._lock:
@@ -52,7 +52,7 @@ class StatusLine:
             self._out.flush()
 
     def close(self) -> None:
-        r"""Ends the line, such that what is written next has its own."""
+        r"""Ends the line, so that later output starts on a new line."""
         with self._lock:
             if self._is_open:
                 self._out.write("\n")
@@ -60,29 +60,30 @@ class StatusLine:
                 self._is_open = False
 
     def __enter__(self) -> Self:
-        if logging.lastResort is not None:  # what prints warnings that nobody else handles
-            self._usual, logging.lastResort = logging.lastResort, _Told(self, logging.lastResort)
+        if logging.lastResort is not None:  # the handler of warnings that no other handler takes
+            self._default_handler = logging.lastResort
+            logging.lastResort = _StatusLineHandler(self, logging.lastResort)
         return self
 
     def __exit__(self, *error: object) -> None:
-        logging.lastResort = self._usual
+        logging.lastResort = self._default_handler
         self.close()
 
 
-class _Told(logging.Handler):
-    def __init__(self, line: StatusLine, usual: logging.Handler) -> None:
-        super().__init__(usual.level)
+class _StatusLineHandler(logging.Handler):
+    def __init__(self, line: StatusLine, default_handler: logging.Handler) -> None:
+        super().__init__(default_handler.level)
         self._line = line
-        self.setFormatter(usual.formatter)
+        self.setFormatter(default_handler.formatter)
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
-            self._line.tell(self.format(record))
+            self._line.write(self.format(record))
         except Exception:
             self.handleError(record)
 
 
-def _fitting(text: str, width: int) -> str:
+def _shorten(text: str, width: int) -> str:
     parts = text.split("  ")
     while len("  ".join(parts)) > width and len(parts) > 1:
         parts.pop()

@@ -1,4 +1,4 @@
-r"""``tactile analyze``: what a checkpoint or predictor has learnt."""
+r"""``tactile analyze``: writes a page on the errors, embeddings and attributions of a model."""
 
 import argparse
 
@@ -11,13 +11,13 @@ from torch_geometric_tactile.commands._paths import (
     input_path,
 )
 
-HELP = "Show what a model has learnt: errors, embeddings, attribution"
+HELP = "Analyse a trained model: errors, embeddings, attribution"
 EXTRAS = "train,viz"
 DESCRIPTION = """\
 Analyses a checkpoint or predictor on the test part of its data and writes DIR/analysis.md
 with figures: confusion matrix and ROC, the map of the edge encoder, node features in t-SNE
-and UMAP, and the taxels and patches that matter most. Each figure comes with numbers and
-with the same for untrained models. Needs the extras 'train' and 'viz'.
+and UMAP, and the taxels and patches that matter most. Each figure comes with its numbers and
+with those of untrained models for comparison. Needs the extras 'train' and 'viz'.
 """
 EXAMPLES = """\
 examples:
@@ -27,7 +27,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "model",
         metavar="MODEL",
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
-    r"""Returns the files that are written."""
+    r"""Returns the files that the command writes."""
     embeddings = [f"{method}_{dims}d" for method in ("tsne", "umap") for dims in (2, 3)]
     pictures = ("confusion", "roc", "encoder_map", "attribution", "occlusion", *embeddings)
     page = text_kind("a page of 'tactile analyze'", "# What the model has learnt\n")
@@ -68,7 +68,7 @@ def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports import _analysis as analysis
 

@@ -1,4 +1,4 @@
-r"""``tactile board``: all models on all real data sets."""
+r"""``tactile board``: compares all models on all real data sets."""
 
 import argparse
 from functools import partial
@@ -14,10 +14,10 @@ from torch_geometric_tactile.commands._paths import (
 )
 from torch_geometric_tactile.commands._runs import (
     add_workers,
-    intention,
-    options_named,
+    describe_plan,
+    option_names_in_errors,
+    print_line,
     run_with_bar,
-    tell,
 )
 
 if TYPE_CHECKING:
@@ -26,21 +26,22 @@ if TYPE_CHECKING:
 HELP = "Compare all models on all real data sets"
 EXTRAS = "train"
 DESCRIPTION = """\
-Runs 'tactile compare' with the default models on each real data set, by one fixed protocol for
-each, and writes DIR/board.md and board.json: accuracy, and the place of each model. With --own, a
+Runs 'tactile compare' with the default models on each real data set, by a fixed protocol per data
+set, and writes DIR/board.md and board.json: the accuracy and the rank of each model. With --own, a
 model of yours is compared as well. It takes hours on two cores; finished runs are kept, and the
-same command goes on. A data set whose files are missing is left out, or downloaded where it can be.
+same command resumes an interrupted run. Missing data sets are downloaded where possible, and
+otherwise left out.
 """
 EXAMPLES = """\
 examples:
   tactile board --data DIR --jobs 2               DIR has a folder for each data set: DIR/BioTacSP
-  tactile board --data DIR --own my_nets.MyNet    and a model of your own, which finds its place
-  tactile board --sets digits,mat --epochs 3      a first look at two of them
+  tactile board --data DIR --own my_nets.MyNet    the same with a model of your own
+  tactile board --sets digits,mat --epochs 3      a first look at two data sets
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "--data",
         metavar="DIR",
@@ -67,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--sets",
         metavar="NAME,NAME",
         type=str,
-        help="some of the data sets (default: all)",
+        help="data sets to compare on (default: all)",
     )
     parser.add_argument(
         "--epochs", metavar="N", type=positive, help="epochs per network (default: 15 to 60)"
@@ -79,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
-    r"""Returns the files that are written."""
+    r"""Returns the files that the command writes."""
     kinds = {
         "board.md": text_kind("a page of 'tactile board'", "# The board\n"),
         "board.json": text_kind("the numbers of 'tactile board'", r'\{\s*"accuracy": \{'),
@@ -88,8 +89,8 @@ def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
-    with options_named(arguments, names="--sets", models="--own"):
+    r"""Runs the command and returns the exit status."""
+    with option_names_in_errors(arguments, names="--sets", models="--own"):
         return _run(arguments)
 
 
@@ -97,7 +98,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from tabulate import tabulate
 
     from torch_geometric_tactile._texts import printable
-    from torch_geometric_tactile.commands._runs import exit_status
+    from torch_geometric_tactile.commands._runs import report_failures
     from torch_geometric_tactile.experiments._board import BoardColumn, board_plans
     from torch_geometric_tactile.experiments.comparison import summarize
     from torch_geometric_tactile.reports._board import board_rows, write_board
@@ -118,11 +119,11 @@ def _run(arguments: argparse.Namespace) -> int:
                 arguments.jobs,
                 board_set.name,
                 train=not arguments.no_train,
-                on_estimate=partial(_tell_time, board_set.name, plan, arguments.jobs),
+                on_estimate=partial(_print_plan, board_set.name, plan, arguments.jobs),
             )
             for plan in plans
         ]
-        status = max(status, *map(exit_status, runs))
+        status = max(status, *map(report_failures, runs))
         column = BoardColumn(board_set, [summarize(run) for run in runs])
         seconds += sum(
             result["choose_seconds"] + result["train_seconds"] + result["predict_seconds"]
@@ -135,19 +136,19 @@ def _run(arguments: argparse.Namespace) -> int:
         best = next(iter(column.results))
         print(printable(f"{board_set.name}: {len(column.results)} models, the best is {best}"))
     if not columns:
-        raise FileNotFoundError("no data set of the board has a result: see the lines above")
+        raise FileNotFoundError("no data set of the board has results: see the messages above")
     header, rows = board_rows(columns)
     print(tabulate(rows, header, disable_numparse=True), end="\n\n")
-    for path in write_board(columns, arguments.out, _machine(), seconds / 3600):
+    for path in write_board(columns, arguments.out, _describe_machine(), seconds / 3600):
         print(printable(f"wrote {path}"))
     return status
 
 
-def _tell_time(name: str, plan: "Plan", jobs: int | None, seconds: dict[str, float]) -> None:
-    tell(f"{name}: {intention(plan, jobs, seconds)}")
+def _print_plan(name: str, plan: "Plan", jobs: int | None, seconds: dict[str, float]) -> None:
+    print_line(f"{name}: {describe_plan(plan, jobs, seconds)}")
 
 
-def _machine() -> str:
+def _describe_machine() -> str:
     import os
     import platform
 

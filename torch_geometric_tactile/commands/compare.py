@@ -1,4 +1,4 @@
-r"""``tactile compare``: graph models and plain ones on a data set, and which of them to take."""
+r"""``tactile compare``: compares graph models and baselines on a data set and recommends one."""
 
 import argparse
 import json
@@ -19,11 +19,11 @@ from torch_geometric_tactile.commands._paths import (
 from torch_geometric_tactile.commands._runs import (
     add_rest,
     add_workers,
-    exit_status,
-    intention,
-    options_named,
+    describe_plan,
+    option_names_in_errors,
+    print_line,
+    report_failures,
     run_with_bar,
-    tell,
 )
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.experiments.comparison import Comparison
     from torch_geometric_tactile.experiments.run_plan import PlanRun
 
-# The names in `experiments`, which is too heavy to import for them.
+# Repeats the names in `experiments`, which is too slow to import for the help.
 MODELS = {
     "taxel_net": "TaxelNet, the default graph model",
     "posed_taxel_net": "PosedTaxelNet, for an Allegro hand with joint angles",
@@ -51,7 +51,7 @@ MODELS = {
     "descriptors_svm": "support vector machine on descriptors of the layout",
     "descriptors_forest": "extra trees on descriptors of the layout and readings",
     "posed_forest": "random forest on force, centre, normal and count per patch",
-    "posed_ridge": "ridge regression on the same",
+    "posed_ridge": "ridge regression on the features of posed_forest",
     "constant": "the most frequent class, or the mean",
 }
 
@@ -68,16 +68,18 @@ data:
                whole numbers for classes, other numbers for regression); optionally trial, group,
                session, set, joint, time (S, ...); and pos (N, 3) in metres without --layout, --grid
   FOLDER       a folder of recordings for the data set RecordingFrames
-  CLASS        import path of a StaticDataset class; of this package, its name is enough. Or of a
-               PyG data set, or a function that returns one or a list of Data: samples of
-               different sensors, for networks of your own with forward(x, edge_index, batch)
+  CLASS        import path of a StaticDataset class; for a class of this package, its name is
+               enough. Also the import path of a PyG data set, or of a function that returns one
+               or a list of Data: samples of different sensors, for networks of your own with
+               forward(x, edge_index, batch)
 
 models:
 {chr(10).join(f"  {name:18} {title}" for name, title in MODELS.items())}
   * only for samples of several frames (--window, --trials); the three 'posed' models are only
     for single frames
-  Your own, by its import path: the class of a network, which gets those of num_classes, layout,
-  num_taxels, in_channels, ... that it has as arguments, or what returns a scikit-learn estimator.
+  A model of your own, by its import path: the class of a network, which receives those of
+  num_classes, layout, num_taxels, in_channels, ... that it has as arguments, or a function or
+  class that returns a scikit-learn estimator.
 """
 EXAMPLES = """\
 examples:
@@ -85,7 +87,7 @@ examples:
   tactile compare touches.npz --layout skin.json --models taxel_net,svm_rbf,forest
   tactile compare touches.npz --layout biotac --by group --metric balanced_accuracy
   tactile compare touches.npz --grid 28x50 --models taxel_net,my_nets.MyNet
-                                                         a model of your own beside ours
+                                                         a model of your own and TaxelNet
   tactile compare grasps --layout allegro_uskin --stride 20 --jobs 2
   tactile compare grasps --layout glove.json --rest 6 \\
       --init target=grasp 'read_options={label: grasp, joint: "bend_.*", unit: count}'
@@ -99,23 +101,23 @@ examples:
                                                          forecast 20 frames after the window
   tactile compare BiGS --init root=DIR --trials 60       each grasp, resampled to 60 frames
   tactile compare windows.npz --layout biotac --time-axis 1
-                                                         windows that are cut: x (S, frames, N)
+                                                         x holds windows: (S, frames, N)
   tactile compare touches.npz --grid 8x8 --save best.predictor
                                                          also train the recommended model on all
                                                          samples, for predict, live and export
   tactile compare touches.npz --grid 8x8 --no-train --save svm.predictor --model svm_rbf
-                                                         another one, from finished runs
+                                                         another model, from finished runs
   tactile compare touches.npz --grid 8x8 --epochs 5 --folds 2
                                                          a first look
 
 Each finished run (a model on a split) is a file in DIR/runs: the same command resumes an
-interrupted one. docs/compare.md explains what is selected on which part of the data, and what the
-recommendation means.
+interrupted one. docs/compare.md explains the parts of the data on which settings are selected, and
+the meaning of the recommendation.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "data",
         metavar="DATA",
@@ -158,9 +160,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     training.add_argument(
         "--by",
         choices=("trial", "group", "session", "frame", "given"),
-        help="what a split keeps together (default: trial; without trials group, if there are "
-        "several; otherwise frame); given: the parts of the data set, of which the model is "
-        "recommended by validation scores",
+        help="samples that a split keeps together (default: trial; without trials group, if there "
+        "are several; otherwise frame); given: use the parts of the data set and recommend a model "
+        "by validation scores",
     )
     training.add_argument(
         "--folds", metavar="N", type=small_count, default=5, help="number of folds (default: 5)"
@@ -184,8 +186,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--members",
         metavar="N",
         type=positive,
-        help="networks in each averaged ensemble (default: 3, or 1 where the samples to train on "
-        "or their readings are many)",
+        help="networks in each averaged ensemble (default: 3, or 1 for many training samples or "
+        "readings)",
     )
     training.add_argument(
         "--tolerance",
@@ -253,8 +255,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--save",
         metavar="FILE",
         type=OutputFile("--save", PREDICTOR),
-        help="at the end, train the recommended model on all samples and write it as a predictor, "
-        "which 'tactile predict', 'live' and 'export' take",
+        help="at the end, train the recommended model on all samples and write it as a predictor "
+        "for 'tactile predict', 'live' and 'export'",
     )
     output.add_argument(
         "--model",
@@ -265,15 +267,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "--no-train",
         action="store_true",
-        help="train nothing, but for --save; write the table of the finished runs",
+        help="train nothing except the model of --save; write the table of the finished runs",
     )
     output.add_argument("--json", action="store_true", help="print the results as JSON")
     add_workers(parser)
 
 
 def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
-    r"""Returns the files that are written."""
-    name = _name(arguments.data)
+    r"""Returns the files that the command writes."""
+    name = _comparison_name(arguments.data)
     kinds = {
         f"{name}.md": text_kind("a page of 'tactile compare'", "# Models compared on "),
         f"{name}.csv": text_kind("a table of 'tactile compare'", "model,kind,metric,"),
@@ -289,9 +291,9 @@ def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     names = {"data": "DATA", "tare": "--rest", "length": "--window", "num": "--trials"}
-    with options_named(arguments, {*_init_names(arguments.init)}, **names):
+    with option_names_in_errors(arguments, {*_init_names(arguments.init)}, **names):
         return _run(arguments)
 
 
@@ -306,9 +308,9 @@ def _run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.reports._compare import write_comparison
     from torch_geometric_tactile.visualization._style import new_figure
 
-    new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
+    new_figure(1.0, 1.0)  # a missing matplotlib must fail before the long run
     settings = ComparisonSettings(
-        models=None if arguments.models is None else _names(arguments.models),
+        models=None if arguments.models is None else _split_names(arguments.models),
         by=arguments.by,
         folds=arguments.folds,
         seeds=arguments.seeds,
@@ -326,54 +328,55 @@ def _run(arguments: argparse.Namespace) -> int:
         grid=arguments.grid,
         task=arguments.task,
         time_axis=arguments.time_axis,
-        arguments=_init(arguments.init),
+        arguments=_parse_init(arguments.init),
         stride=arguments.stride,
         resample=arguments.resample,
-        cut=_cut(arguments),
+        cut=_frame_cut(arguments),
     )
-    plan = comparison_plan(source, settings, name=_name(arguments.data))
-    _check_save(arguments, [cell.experiment for cell in plan.table.cells])
+    plan = comparison_plan(source, settings, name=_comparison_name(arguments.data))
+    _check_save_options(arguments, [cell.experiment for cell in plan.table.cells])
     if arguments.save is not None and plan.data.load().layout is None:
         raise ValueError(f"'--save' must be left out: {NO_PREDICTOR}")
-    finished = run_with_bar(
+    plan_run = run_with_bar(
         plan,
         arguments.out,
         arguments.jobs,
         plan.table.name,
         train=not arguments.no_train,
-        on_estimate=lambda seconds: tell(intention(plan, arguments.jobs, seconds), arguments.json),
-        on_model=lambda run: tell(_row(run), arguments.json),
+        on_estimate=lambda seconds: print_line(
+            describe_plan(plan, arguments.jobs, seconds), arguments.json
+        ),
+        on_model=lambda run: print_line(_score_line(run), arguments.json),
     )
-    comparison = summarize(finished, settings.tolerance)
+    comparison = summarize(plan_run, settings.tolerance)
     paths = write_comparison(comparison, arguments.out)
-    _print(comparison, paths, arguments.json)
-    status = exit_status(finished)
+    _print_comparison(comparison, paths, arguments.json)
+    status = report_failures(plan_run)
     if arguments.save is not None:
-        _save(comparison, arguments)
+        _save_predictor(comparison, arguments)
     return status
 
 
-def _check_save(arguments: argparse.Namespace, models: list[str]) -> None:
-    # Before hours of training.
+def _check_save_options(arguments: argparse.Namespace, models: list[str]) -> None:
+    # Called before the training, which may take hours.
     if arguments.model is not None and arguments.save is None:
         raise ValueError(f"'--model' must come with '--save' (got '{arguments.model}' alone)")
     if arguments.model is not None and arguments.model not in models:
         raise ValueError(
-            f"'--model' must be one of those compared, {', '.join(models)} (got "
-            f"'{arguments.model}')"
+            f"'--model' must be a compared model: {', '.join(models)} (got '{arguments.model}')"
         )
     if arguments.save is not None and not Path(arguments.save).absolute().parent.is_dir():
         raise FileNotFoundError(f"the folder of '{arguments.save}' does not exist: create it")
 
 
-def _save(comparison: "Comparison", arguments: argparse.Namespace) -> None:
+def _save_predictor(comparison: "Comparison", arguments: argparse.Namespace) -> None:
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.experiments import advice, deploy, recommended
 
     if arguments.model is None and recommended(comparison) is None:
         raise ValueError(
-            f"Nothing was saved, because no model is recommended: {advice(comparison)} Choose one: "
-            "--model NAME"
+            f"No model was saved, because none is recommended: {advice(comparison)} Select a model "
+            "with --model NAME"
         )
     predictor = deploy(comparison, arguments.model)
     predictor.save(arguments.save)
@@ -382,17 +385,17 @@ def _save(comparison: "Comparison", arguments: argparse.Namespace) -> None:
         rest = predictor.info.rest
         seconds = "SECONDS" if rest is None else f"{rest:.3g}"
         text += f"\n  measures the sensor at rest: tactile predict --rest {seconds}"
-    tell("\n".join(printable(line) for line in text.splitlines()), arguments.json)
+    print_line("\n".join(printable(line) for line in text.splitlines()), arguments.json)
 
 
-def _cut(arguments: argparse.Namespace) -> "FrameCut | None":
+def _frame_cut(arguments: argparse.Namespace) -> "FrameCut | None":
     from torch_geometric_tactile.experiments.compared_windows import FrameCut
 
-    given = {name: getattr(arguments, name) for name in ("window", "hop", "horizon", "trials")}
-    return None if set(given.values()) == {None} else FrameCut(**given)
+    options = {name: getattr(arguments, name) for name in ("window", "hop", "horizon", "trials")}
+    return None if set(options.values()) == {None} else FrameCut(**options)
 
 
-def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
+def _print_comparison(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
     from tabulate import tabulate
 
     from torch_geometric_tactile._texts import printable
@@ -412,8 +415,8 @@ def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
     print(f"\n{printable(advice(comparison))}", flush=True)
 
 
-def _row(run: "PlanRun") -> str:
-    # The score of a model that has been tested on every split.
+def _score_line(run: "PlanRun") -> str:
+    # The score of a model over all splits.
     from torch_geometric_tactile.experiments._scores import NAMES, shown_number
     from torch_geometric_tactile.experiments.comparison import summarize
 
@@ -421,12 +424,12 @@ def _row(run: "PlanRun") -> str:
     (result,), metric = comparison.results, comparison.metric
     mean, sd = (shown_number(metric, value) for value in result.scores[metric])
     spread = f" ± {sd}" if len(run.results) > 1 else ""
-    runs = "seed" if comparison.has_given_parts else "split"
+    unit = "seed" if comparison.has_given_parts else "split"
     name = result.model.name
-    return f"{name:18} {NAMES[metric]} {mean}{spread}, {result.seconds:,.1f} s a {runs}"
+    return f"{name:18} {NAMES[metric]} {mean}{spread}, {result.seconds:,.1f} s per {unit}"
 
 
-def _names(text: str) -> tuple[str, ...]:
+def _split_names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
@@ -434,22 +437,23 @@ def _init_names(pairs: list[str]) -> list[str]:
     return [pair.partition("=")[0] for pair in pairs]
 
 
-def _init(pairs: list[str]) -> dict[str, Any]:
-    r"""Returns the arguments of a data set that were given."""
+def _parse_init(pairs: list[str]) -> dict[str, Any]:
+    r"""Returns the arguments of the data set, parsed from pairs :obj:`KEY=VALUE`."""
     import yaml
 
-    found = {}
+    dataset_arguments = {}
     for pair in pairs:
-        key, is_pair, value = pair.partition("=")
-        if not is_pair or not key.isidentifier():
+        key, equals, value = pair.partition("=")
+        if not equals or not key.isidentifier():
             raise ValueError(f"'--init' must be KEY=VALUE, such as root=DIR (got '{pair}')")
         try:
-            found[key] = yaml.safe_load(value)
+            dataset_arguments[key] = yaml.safe_load(value)
         except yaml.YAMLError as error:
             raise ValueError(f"'--init {key}' must be a plain value (got '{value}')") from error
-    return found
+    return dataset_arguments
 
 
-def _name(data: str) -> str:
+def _comparison_name(data: str) -> str:
+    # A part of file names: characters other than letters, digits and underscores become dashes.
     stem = Path(data).stem if data.endswith(".npz") else Path(data).name.rpartition(".")[2]
     return re.sub(r"[^\w-]+", "-", stem or Path(data).resolve().name).strip("-") or "comparison"

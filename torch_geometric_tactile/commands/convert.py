@@ -1,18 +1,32 @@
-r"""``tactile convert``: a recording in another format, or recordings as a data set."""
+r"""``tactile convert``: writes a recording in another format, or recordings as a data set."""
 
 import argparse
 from pathlib import Path
+from typing import Any
 
-from torch_geometric_tactile.commands import _convert_lerobot as convert_lerobot
-from torch_geometric_tactile.commands._arguments import READABLE
+from torch_geometric_tactile.commands._arguments import READABLE, positive
 from torch_geometric_tactile.commands._paths import OutputPath, input_path, recording_file
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
+_LEROBOT_SUFFIX = ".lerobot"
+_DEFAULT_FPS = 30
+_RECORDING_SUFFIXES = (".h5", ".hdf5", ".npz", ".mcap", ".csv", ".jsonl", ".ndjson")
+_LEROBOT_OPTIONS = (
+    "fps",
+    "every_frame",
+    "nearest",
+    "task",
+    "robot_type",
+    "add_to",
+    "start",
+    "gaps",
+    "max_gap",
+)
 _WRITABLE = ".h5, .hdf5, .npz, .mcap, .csv, .jsonl, .ndjson"
 HELP = "Convert a recording to another format"
 DESCRIPTION = """\
 Reads a recording and writes it in another format; the suffixes select the formats. A
-warning names anything that the new format cannot hold. If OUT ends in .lerobot, it is the
+warning names all content that the new format cannot hold. If OUT ends in .lerobot, it is the
 folder of a LeRobot data set, and IN may be several recordings or folders with recordings,
 each recording an episode. `tactile convert bigs IN... OUT_DIR` imports grasps of the BiGS
 data set and has its own options: `tactile convert bigs --help`.
@@ -31,12 +45,12 @@ examples:
                                                  the same, added to a copy of a data set
   tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set
 """
-# Words in place of IN that select another parser, with its module.
+# First arguments that select another parser, with the module of the parser.
 KINDS = {"bigs": "_convert_bigs"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "source",
         metavar="IN",
@@ -47,37 +61,149 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "target",
         metavar="OUT",
-        type=_target,
+        type=_parse_target,
         help=f"the file to write ({_WRITABLE}), or a folder (.lerobot)",
     )
     add_reading_options(parser)
-    convert_lerobot.add_lerobot_options(parser)
+    _add_lerobot_options(parser)
 
 
-def _target(text: str) -> OutputPath:
+def _parse_target(text: str) -> OutputPath:
     path = recording_file("OUT")(text)
-    is_folder = Path(path).suffix.lower() == convert_lerobot.SUFFIX
+    is_folder = Path(path).suffix.lower() == _LEROBOT_SUFFIX
     return OutputPath(path, path.argument, None) if is_folder else path
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     from torch_geometric_tactile.io import read_recording, write_recording
 
-    if Path(arguments.target).suffix.lower() == convert_lerobot.SUFFIX:
-        return convert_lerobot.run(arguments, reading_options(arguments))
-    given = [*convert_lerobot.lerobot_options(arguments)]
-    if given:
+    if Path(arguments.target).suffix.lower() == _LEROBOT_SUFFIX:
+        return _convert_to_lerobot(arguments)
+    option_names = [*_lerobot_options(arguments)]
+    if option_names:
         raise ValueError(
-            f"'OUT' must end in {convert_lerobot.SUFFIX} with '--{given[0].replace('_', '-')}' "
-            f"(got '{arguments.target}')"
+            f"'OUT' must end in {_LEROBOT_SUFFIX} with "
+            f"'--{option_names[0].replace('_', '-')}' (got '{arguments.target}')"
         )
     if len(arguments.source) > 1:
         raise ValueError(
-            f"'IN' must be one recording unless 'OUT' ends in {convert_lerobot.SUFFIX} "
+            f"'IN' must be one recording unless 'OUT' ends in {_LEROBOT_SUFFIX} "
             f"(got {len(arguments.source)})"
         )
     recording = read_recording(arguments.source[0], **reading_options(arguments))
     write_recording(recording, arguments.target)
     print(f"{arguments.target}: {recording}")
     return 0
+
+
+def _add_lerobot_options(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the options of LeRobot data sets to a parser."""
+    options = parser.add_argument_group("LeRobot data sets (OUT ends in .lerobot)")
+    options.add_argument(
+        "--fps", type=positive, metavar="N", help=f"steps per second (default: {_DEFAULT_FPS})"
+    )
+    options.add_argument(
+        "--every-frame",
+        action="store_true",
+        default=None,
+        help="keep all frames since the last step as well, for touch faster than the steps",
+    )
+    options.add_argument(
+        "--nearest",
+        action="store_true",
+        default=None,
+        help="take the nearest frame for each step (default: the last one before it)",
+    )
+    options.add_argument(
+        "--gaps",
+        choices=("nan", "error"),
+        help="how to treat steps in a gap without frames: write NaN, or raise an error (default: "
+        "nan)",
+    )
+    options.add_argument(
+        "--max-gap",
+        type=float,
+        metavar="SECONDS",
+        help="longest time without frames that does not count as a gap (default: five frames)",
+    )
+    options.add_argument(
+        "--task",
+        metavar="TEXT",
+        type=str,
+        help="the task of all episodes (default: the label of each)",
+    )
+    options.add_argument("--robot-type", metavar="NAME", type=str, help="name of the robot")
+    options.add_argument(
+        "--add-to",
+        metavar="DATASET",
+        type=input_path,
+        help="add the touch to a copy of this LeRobot data set: one recording per episode, in the "
+        "order of the episodes",
+    )
+    options.add_argument(
+        "--start",
+        action="append",
+        type=float,
+        metavar="SECONDS",
+        help="with --add-to: start of an episode by the clock of its recording; repeat it for each "
+        "episode (default: the first frame)",
+    )
+
+
+def _lerobot_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    r"""Returns the LeRobot options present on the command line, by name."""
+    options = {name: getattr(arguments, name) for name in _LEROBOT_OPTIONS}
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _convert_to_lerobot(arguments: argparse.Namespace) -> int:
+    r"""Writes the data set and returns the exit status."""
+    from torch_geometric_tactile.io import add_to_lerobot, read_recording, write_lerobot
+
+    options = _lerobot_options(arguments)
+    source = options.pop("add_to", None)
+    shared_options = {"every_frame", "gaps", "max_gap"}
+    allowed = shared_options | {"start"} if source else {*_LEROBOT_OPTIONS} - {"start"}
+    misplaced = next((name for name in options if name not in allowed), None)
+    if misplaced is not None:
+        requirement = "not be given with" if source else "be given with"
+        raise ValueError(
+            f"'--{misplaced.replace('_', '-')}' must {requirement} '--add-to' "
+            f"(got {options[misplaced]})"
+        )
+    reading = reading_options(arguments)
+    recordings = [read_recording(path, **reading) for path in _recording_files(arguments.source)]
+    if source:
+        add_to_lerobot(
+            source,
+            recordings,
+            arguments.target,
+            starts=options.get("start"),
+            **{name: value for name, value in options.items() if name in shared_options},
+        )
+        remark = f"touch added to '{source}'"
+    else:
+        options.setdefault("fps", _DEFAULT_FPS)
+        write_lerobot(recordings, arguments.target, **options)
+        remark = f"{options['fps']} steps per second"
+    print(f"{arguments.target}: {len(recordings)} episodes, {remark}")
+    return 0
+
+
+def _recording_files(sources: list[str]) -> list[Path]:
+    from torch_geometric_tactile.io._folder_tables import TABLES
+
+    files: list[Path] = []
+    for source in map(Path, sources):
+        entries = sorted(source.iterdir()) if source.is_dir() else []
+        entries = [
+            path
+            for path in entries
+            if path.suffix.lower() in _RECORDING_SUFFIXES and path.name not in TABLES
+        ]
+        if source.is_dir() and not entries:
+            suffixes = ", ".join(_RECORDING_SUFFIXES)
+            raise ValueError(f"'{source}' must hold recordings with one of {suffixes} (got none)")
+        files += entries or [source]
+    return files

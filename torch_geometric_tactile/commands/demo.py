@@ -1,4 +1,4 @@
-r"""``tactile demo``: comparisons on real grasps, by what is held out, and a report."""
+r"""``tactile demo``: compares models on real grasps by four kinds of test data, in a report."""
 
 import argparse
 import os
@@ -11,19 +11,23 @@ from torch_geometric_tactile.commands._paths import (
     files_in_folder,
     input_path,
 )
-from torch_geometric_tactile.commands._runs import exit_status, options_named, run_with_bar
+from torch_geometric_tactile.commands._runs import (
+    option_names_in_errors,
+    report_failures,
+    run_with_bar,
+)
 
-HELP = "Compare models on real grasps, by what is held out, and write a report"
+HELP = "Compare models on real grasps by four kinds of test data, and write a report"
 EXTRAS = "train,viz"
 DESCRIPTION = """\
-Runs 'tactile compare' on the BioTac SP grasp stability set, on raw readings and without their
-common mode, with four kinds of test grasps: random ones, new objects, a new recording session,
-and the official test with new objects in new sessions. Writes report.html with one table,
+Runs 'tactile compare' on the BioTac SP grasp stability set, on raw readings and on readings less
+their common mode, with four kinds of test grasps: random grasps, new objects, a new recording
+session, and the official test with new objects in new sessions. Writes report.html with a table,
 pictures and a conclusion, and comparisons.json. Needs the extras 'train' and 'viz'.
 """
 EXAMPLES = """\
 examples:
-  tactile demo                                   real data; generated data without a network
+  tactile demo                                   real data; without internet access, generated data
   tactile demo --generated --folds 2 --epochs 1 --jobs 1
                                                  a quick check of an installation
   tactile demo --root recordings --seeds 3 --epochs 24
@@ -34,14 +38,14 @@ interrupted one. 'tactile compare' does the same with your data.
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the command."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "--root",
         metavar="DIR",
         type=input_path,
         default=os.environ.get("TACTILE_DATA"),
         help="folder with the six CSV files of the data set, or its parent folder (default: "
-        "$TACTILE_DATA, else a download; without a network, generated data)",
+        "$TACTILE_DATA, else a download; without internet access, generated data)",
     )
     parser.add_argument(
         "--out",
@@ -69,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=positive,
         default=5,
-        help="epochs per network (default: 5, to be quick; 'tactile compare' trains 24 here)",
+        help="epochs per network (default: 5, for speed; 'tactile compare' trains 24 on this data)",
     )
     parser.add_argument(
         "--jobs",
@@ -79,12 +83,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="runs in parallel (default: one per core)",
     )
     parser.add_argument(
-        "--generated", action="store_true", help="use generated data even if the real data is there"
+        "--generated", action="store_true", help="use generated data even if real data is available"
     )
 
 
 def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
-    r"""Returns the files that are written."""
+    r"""Returns the files that the command writes."""
     title = "Will it slip\\? Grasp stability from touch"
     kinds = {
         "report.html": text_kind("a report of 'tactile demo'", f"(?s)<!DOCTYPE html>.*{title}"),
@@ -96,7 +100,7 @@ def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
 
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the command and returns the exit status."""
-    with options_named(arguments):
+    with option_names_in_errors(arguments):
         return _run(arguments)
 
 
@@ -115,7 +119,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.reports._demo import demo_conclusion, demo_rows, write_demo
     from torch_geometric_tactile.visualization._style import new_figure
 
-    new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
+    new_figure(1.0, 1.0)  # a missing matplotlib must fail before the long run
     source = demo_data(arguments.root, arguments.generated)
     print(printable(source.caption), flush=True)
     comparisons: dict[str, dict[str, Comparison]] = {}
@@ -125,7 +129,7 @@ def _run(arguments: argparse.Namespace) -> int:
         title = f"{readings}: {held_out}"
         plan_run = run_with_bar(plan, arguments.out, arguments.jobs, title)
         if plan_run.failed:
-            return exit_status(plan_run)
+            return report_failures(plan_run)
         comparisons.setdefault(readings, {})[held_out] = summarize(plan_run)
     paths = write_demo(comparisons, arguments.out)
     header, rows = demo_rows(comparisons)

@@ -1,4 +1,4 @@
-r"""``tactile export``: a predictor as one ONNX graph."""
+r"""``tactile export``: writes a predictor as one ONNX graph."""
 
 import argparse
 import sys
@@ -10,14 +10,15 @@ from torch_geometric_tactile.commands._paths import OutputFile, input_path
 HELP = "Export a model with its preprocessing to one ONNX file"
 DESCRIPTION = """\
 Writes a model as one ONNX graph that includes scaling, kinematics, edge features and the
-network, and runs without PyTorch. Its inputs are raw readings, and, where needed, the
+network, and runs without PyTorch. Its inputs are raw readings and, where needed, the
 reading at rest and joint angles; its outputs are probabilities. The graph is first compared
 with PyTorch: nothing is written if they differ by more than 1e-5. Needs the extra 'export'.
 
-With --quantize, large linear maps have weights of eight bits: a smaller and faster file, whose
-answers differ a little. Its labels are compared with those in single precision, on the
-recordings of --check (such as those of the validation) or on random readings; the file is
-written, and the exit status is 1 if fewer than 99.9 % are the same on the recordings.
+With --quantize, large linear maps have weights of eight bits: the file is smaller and faster, and
+its outputs differ slightly. Its labels are compared with those in single precision, on the
+recordings of --check (such as validation recordings) or on random readings. The file is
+written in any case; the exit status is 1 if fewer than 99.9 % of the labels on the recordings
+agree.
 """
 EXAMPLES = """\
 examples:
@@ -33,7 +34,7 @@ _MIN_EQUAL_LABELS = 0.999
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "predictor",
         metavar="MODEL",
@@ -74,14 +75,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rest",
         metavar="SECONDS",
         type=seconds,
-        help="for models with a tare: the first SECONDS of each recording of --check, in which "
-        "nothing is touched (default: as in training)",
+        help="for models with a tare: time at the start of each recording of --check in which "
+        "nothing touches the sensor (default: as in training)",
     )
     parser.add_argument(
         "--channels",
         metavar="N",
         type=small_count,
-        help="channels per taxel, if the predictor does not contain them",
+        help="channels per taxel, if the predictor does not contain their number",
     )
     parser.add_argument(
         "--config",
@@ -92,13 +93,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     if not arguments.model.endswith(".onnx"):
         raise ValueError(f"'FILE.onnx' must end in .onnx (got '{arguments.model}')")
     if arguments.check and not arguments.quantize:
-        raise ValueError("'--check' must be left out without '--quantize', which it compares")
+        raise ValueError("'--check' must be left out without '--quantize'")
     if arguments.rest is not None and not arguments.check:
-        raise ValueError("'--rest' must be left out without '--check', whose recordings it is of")
+        raise ValueError(
+            "'--rest' must be left out without '--check': it is the time at rest of its recordings"
+        )
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.live.onnx_judge import OnnxModel
     from torch_geometric_tactile.predictor.export_onnx import export_onnx
@@ -121,26 +124,26 @@ def run(arguments: argparse.Namespace) -> int:
     milliseconds = 1e3 * model.typical_seconds()
     lines = [
         f"wrote {arguments.model}: {predictor}, {exported.num_bytes / 1e6:.1f} MB",
-        f"  inputs:  {_shapes(model.inputs)}",
-        f"  outputs: {_shapes(model.outputs)}",
-        f"  largest difference to PyTorch: {exported.difference:.1e}",
-        f"  one judgement on this machine, one thread: {milliseconds:.2f} ms (p50)",
+        f"  inputs:  {_format_shapes(model.inputs)}",
+        f"  outputs: {_format_shapes(model.outputs)}",
+        f"  largest difference from PyTorch: {exported.difference:.1e}",
+        f"  one prediction on this machine, one thread: {milliseconds:.2f} ms (median)",
     ]
     agreement = exported.agreement
     if agreement is not None:
-        lines.insert(-1, f"  weights of eight bits: {agreement}")
+        lines.insert(-1, f"  weights of eight bits: {agreement}")  # before the time
     for line in lines:
         print(printable(line))
     share = None if agreement is None or not arguments.check else agreement.equal_labels
     if share is None or share >= _MIN_EQUAL_LABELS:
         return 0
     print(
-        f"fewer than {100 * _MIN_EQUAL_LABELS:.1f} % of the labels are the same: export without "
+        f"fewer than {100 * _MIN_EQUAL_LABELS:.1f} % of the labels agree: export without "
         "--quantize, or test the file before you use it",
         file=sys.stderr,
     )
     return 1
 
 
-def _shapes(shapes: dict[str, list[int]]) -> str:
+def _format_shapes(shapes: dict[str, list[int]]) -> str:
     return ", ".join(f"{name} ({', '.join(map(str, shape))})" for name, shape in shapes.items())

@@ -1,6 +1,6 @@
-r"""``tactile fit``, whose arguments Lightning reads."""
+r"""``tactile fit``: trains a model; Lightning parses the arguments."""
 
-from torch_geometric_tactile.commands._lightning import lightning_verb
+from torch_geometric_tactile.commands._lightning import lightning_command
 
 HELP = "Train a model from a configuration"
 DESCRIPTION = """\
@@ -17,4 +17,4 @@ examples:
 
 The shipped configurations are listed in docs/command_line.md.
 """
-run_raw = lightning_verb("fit", DESCRIPTION, "resume the training of this checkpoint", EXAMPLES)
+run_raw = lightning_command("fit", DESCRIPTION, "resume the training of this checkpoint", EXAMPLES)

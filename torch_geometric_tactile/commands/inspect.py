@@ -1,4 +1,4 @@
-r"""``tactile inspect``: a recording as text and as a picture."""
+r"""``tactile inspect``: summarises a recording as text and as a picture."""
 
 import argparse
 from pathlib import PurePath
@@ -26,7 +26,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument("file", metavar="FILE", type=input_path, help=f"the recording ({READABLE})")
     picture = parser.add_mutually_exclusive_group()
     picture.add_argument(
@@ -40,23 +40,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
-    r"""Returns the files that are written."""
-    return [] if arguments.no_picture else [OutputPath(_picture(arguments), "--out", PICTURE)]
+    r"""Returns the files that the command writes."""
+    return [] if arguments.no_picture else [OutputPath(_picture_path(arguments), "--out", PICTURE)]
 
 
-def _picture(arguments: argparse.Namespace) -> str:
+def _picture_path(arguments: argparse.Namespace) -> str:
     return arguments.out or f"{PurePath(arguments.file).stem}_inspect.png"
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports._recording import describe_file, draw_recording
 
-    recording, facts = describe_file(arguments.file, **reading_options(arguments))
-    print(facts, flush=True)
+    recording, summary = describe_file(arguments.file, **reading_options(arguments))
+    print(summary, flush=True)
     if not arguments.no_picture:
-        picture = _picture(arguments)
-        draw_recording(recording, picture)
-        print(f"{'picture':<13}{printable(picture)}")
+        path = _picture_path(arguments)
+        draw_recording(recording, path)
+        print(f"{'picture':<13}{printable(path)}")
     return 0

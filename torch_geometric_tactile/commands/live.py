@@ -1,4 +1,4 @@
-r"""``tactile live``: a source that is judged, recorded and shown."""
+r"""``tactile live``: runs a model on a live sensor, and records and shows its frames."""
 
 import argparse
 import webbrowser
@@ -27,7 +27,7 @@ Reads a sensor, runs a model on its frames, and shows the state on one line: fra
 second, lost frames, the prediction and its latency. All frames are recorded; the model and
 the viewer always get the newest frame, so they never lag. A model trained on tared readings
 waits until the sensor has been still for a second (--rest), and so does --contact. A lost
-port or connection is reopened. What was recorded is kept, however the command ends.
+port or connection is reopened. Recorded frames are kept, however the command ends.
 
 Keys: t measures the reading at rest again, r starts and stops recording, m marks this moment
 in the recording, 1 to 9 begin and end an annotation (--labels) in it, q or Ctrl-C quits.
@@ -48,7 +48,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "source",
         metavar="SOURCE",
@@ -75,7 +75,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     recording.add_argument("--overwrite", action="store_true", help="replace an existing file")
     page = parser.add_argument_group("page in the browser")
     page.add_argument("--view", action="store_true", help="show the readings in the browser")
-    page.add_argument("--port", metavar="N", type=port, default=0, help="its port (default: any)")
+    page.add_argument(
+        "--port", metavar="N", type=port, default=0, help="port of the page (default: any free one)"
+    )
     page.add_argument(
         "--no-browser", action="store_true", help="only print the address of the page"
     )
@@ -108,20 +110,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     model.add_argument(
         "--policy",
         choices=("newest", "all"),
-        help="frames that the model gets (default: newest, and all for models of windows)",
+        help="frames passed to the model (default: newest, and all for models of windows)",
     )
     parser.add_argument(
         "--seconds",
         metavar="S",
         type=seconds,
-        help="how long to run from the first frame, or to wait for one",
+        help="time to run after the first frame, and the longest time to wait for the first frame",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     from torch_geometric_tactile._interrupts import termination_as_interrupt
-    from torch_geometric_tactile.commands._keys import keys_heeded, label_keys, mark
+    from torch_geometric_tactile.commands._keys import key_bindings, label_keys, mark
     from torch_geometric_tactile.commands._status_line import StatusLine
 
     if arguments.label is not None and arguments.record is None:
@@ -130,28 +132,28 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError("'--tare' must come with '--model FILE' (got no model)")
     if arguments.contact is not None and arguments.model is None:
         raise ValueError("'--contact' must come with '--model FILE' (got no model)")
-    session = _session(arguments)
+    session = _open_session(arguments)
     with StatusLine() as line:
 
-        def toggle() -> None:
+        def toggle_recording() -> None:
             path = session.toggle_recording()
-            line.tell(f"{'wrote' if session.recorder is None else 'recording'} {path}")
+            line.write(f"{'wrote' if session.recorder is None else 'recording'} {path}")
 
-        def show(status: "Status") -> None:
-            heed()
+        def show_status(status: "Status") -> None:
+            handle_keys()
             line.show(status.line())
 
-        keys = {
+        actions = {
             "t": session.tare,
-            "r": toggle,
+            "r": toggle_recording,
             "m": lambda: mark(session.recorder, line),
             "q": session.stop,
             **label_keys(arguments.labels, lambda: session.recorder, line),
         }
-        with termination_as_interrupt(), keys_heeded(keys) as heed, closing(session):
+        with termination_as_interrupt(), key_bindings(actions) as handle_keys, closing(session):
             url = session.view(port=arguments.port) if arguments.view else None
             if url is not None:
-                line.tell(f"page: {url}")
+                line.write(f"page: {url}")
             if arguments.record is not None:
                 session.record(
                     arguments.record, arguments.label, arguments.overwrite, arguments.seconds
@@ -159,25 +161,26 @@ def run(arguments: argparse.Namespace) -> int:
             session.open()
             if url is not None and not arguments.no_browser:
                 webbrowser.open(url)
-            with suppress(KeyboardInterrupt):  # the usual way to end
-                session.run(arguments.seconds, show)
+            with suppress(KeyboardInterrupt):  # Ctrl-C is the usual way to end
+                session.run(arguments.seconds, show_status)
             session.stream.require_frames()
             session.stream.close()
             health = session.stream.health()
             path = session.stop_recording()
-        line.tell(f"{health.frames} frames, {session.judged} judged, {health.losses()}")
+        line.write(f"{health.frames} frames, {session.judged} judged, {health.losses()}")
         if path is not None:
-            line.tell(f"wrote {path}")
+            line.write(f"wrote {path}")
     return 0
 
 
-def _session(arguments: argparse.Namespace) -> "LiveSession":
+def _open_session(arguments: argparse.Namespace) -> "LiveSession":
     from torch_geometric_tactile.live import Judge, LiveSession, Rest, open_source
 
     source = open_source(arguments.source)
     rest = Rest(1.0 if arguments.rest is None else arguments.rest)
     rule = contact_rule(arguments.contact)
     judge = None if arguments.model is None else Judge(arguments.model, rest, contact=rule)
+    # By default, rest is measured for as long as in the training of the model.
     if judge is not None and arguments.rest is None and judge.frame_info.rest is not None:
         rest.seconds = judge.frame_info.rest
     return LiveSession(
@@ -186,15 +189,16 @@ def _session(arguments: argparse.Namespace) -> "LiveSession":
         rest=rest,
         tare=arguments.tare,
         taxel_map=taxel_map(arguments.map),
-        layout=arguments.layout or _layout_of(judge, arguments),
+        layout=arguments.layout or _model_layout(judge, arguments),
         policy=arguments.policy,
     )
 
 
-def _layout_of(judge: "Judge | None", arguments: argparse.Namespace) -> "TaxelLayout | None":
-    # The model's, to show taxels in space; None on a robot without PyTorch.
+def _model_layout(judge: "Judge | None", arguments: argparse.Namespace) -> "TaxelLayout | None":
+    # The layout of the model, to show taxels in space; None on a robot without PyTorch.
     if judge is None or not (arguments.view or arguments.record):
         return None
+    # A layout only improves the picture: without one, taxels are drawn in a grid.
     with suppress(ImportError, OSError, ValueError):
         from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 

@@ -1,4 +1,4 @@
-r"""``tactile ports``: the serial ports of this machine."""
+r"""``tactile ports``: lists the serial ports of this machine."""
 
 import argparse
 import json
@@ -16,12 +16,12 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     from dataclasses import asdict
 
     from torch_geometric_tactile._texts import printable

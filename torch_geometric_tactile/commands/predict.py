@@ -1,4 +1,4 @@
-r"""``tactile predict``: the probabilities of each frame, or the file of a predictor."""
+r"""``tactile predict``: writes the probabilities of each frame, or saves a predictor."""
 
 import argparse
 import sys
@@ -26,18 +26,18 @@ Predicts each frame of recordings (HDF5, npz, MCAP, CSV, XELA logs and messages)
 recordings, each sample of the test part of the model's data. Writes a CSV table with one
 row per frame: the predicted class or labels and all probabilities. Models of windows or
 whole trials give one row per window or trial, with its last frame. A model of CSV files
-knows the names of their columns.
+contains the names of their columns.
 
-Beside the table of recordings, a picture of each of the first 20 shows what happened: the
-probabilities, the predicted class and, where the recording tells it, the true one, contact
-and total pressure over time. Pictures need the extra 'viz'.
+For each of the first 20 recordings, a picture shows the probabilities, the predicted class,
+contact and total pressure over time and, if it is recorded, the true class. Pictures need
+the extra 'viz'.
 """
 EXAMPLES = """\
 examples:
   tactile predict last.ckpt grasps/sponge_000.h5 --out sponge.csv
                                                  the table, and the picture sponge.png
   tactile predict last.ckpt grasps/*.h5 --out day2.csv
-                                                 and day2-sponge_000.png, day2-sponge_001.png, ...
+                                                 also day2-sponge_000.png, day2-sponge_001.png, ...
   tactile predict runs/mt_gcn/version_0/checkpoints/last.ckpt
                                                  the test part of its data, to predictions.csv
   tactile predict last.ckpt --config grasp_gcn_df --root data/BioTacSP
@@ -46,7 +46,7 @@ examples:
   tactile predict grasp.predictor day2/*.h5 --rest 0.5 --contact
                                                  "no contact" where nothing is touched
   tactile predict glove.predictor glove.csv --tactile 'pad_.*' --joint 'bend_.*'
-                                                 a CSV file whose columns it does not know
+                                                 a CSV file with other columns than in training
   tactile predict last.ckpt --save grasp.predictor
                                                  layout, transforms, model and class names in
                                                  one file, which needs no extra to be used
@@ -54,7 +54,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "model",
         metavar="MODEL",
@@ -89,15 +89,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--adapt",
         action="store_true",
-        help="for models with session scaling: measure the scaling of each recording as a session "
-        "of its own, without labels; for a tare, the mean of the whole recording",
+        help="for models with session scaling: measure the scaling on each recording by itself, "
+        "without labels; for a tare, subtract the mean of the whole recording",
     )
     parser.add_argument(
         "--rest",
         type=seconds,
         metavar="SECONDS",
-        help="for models with a tare, also beside --adapt, and for --contact: measure only the "
-        "first SECONDS of each recording, in which nothing is touched",
+        help="for models with a tare, also with --adapt, and for --contact: time at the start of "
+        "each recording in which nothing touches the sensor; the reading at rest is its mean",
     )
     parser.add_argument(
         "--contact",
@@ -116,63 +116,47 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
-    r"""Returns the files that are written."""
+    r"""Returns the files that the command writes."""
     if arguments.save is not None and not arguments.recordings:
         return []
     table = arguments.out or _TABLE
     outputs = [OutputPath(table, "--out", PREDICTIONS)]
     if arguments.recordings and not arguments.no_picture:
-        start = table[:-4] if table.lower().endswith(".csv") else table
+        base = table[:-4] if table.lower().endswith(".csv") else table
         stems = [PurePath(recording).stem for recording in arguments.recordings]
+        # Recordings of the same name are numbered; some file systems ignore case.
         folded = [stem.casefold() for stem in stems]
-        counts = [folded[: i + 1].count(stem) for i, stem in enumerate(folded)]
-        names = [
-            f"-{stem}{f'-{n}' if n > 1 else ''}" for stem, n in zip(stems, counts, strict=True)
+        numbers = [folded[: i + 1].count(stem) for i, stem in enumerate(folded)]
+        endings = [
+            f"-{stem}{f'-{n}' if n > 1 else ''}" for stem, n in zip(stems, numbers, strict=True)
         ]
-        outputs += [OutputPath(f"{start}{name}.png", "--out", PICTURE) for name in ("", *names)]
+        outputs += [
+            OutputPath(f"{base}{ending}.png", "--out", PICTURE) for ending in ("", *endings)
+        ]
     return outputs
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     arguments.out = arguments.out or _TABLE
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports import _predictions as predictions
     from torch_geometric_tactile.reports import _run_data as run_data
     from torch_geometric_tactile.reports._prediction_pictures import PredictionPictures
 
-    if arguments.recordings and arguments.root is not None:
-        raise ValueError(
-            "'--root' must be left out where recordings are given: it is for the test part"
-        )
-    is_saved = arguments.save is not None
-    if arguments.contact is not None and not (arguments.recordings or is_saved):
-        raise ValueError(
-            "'--contact' must be left out without recordings and '--save': the samples of a test "
-            "part may be relative to rest already, and their scores are those of all frames"
-        )
-    for name in ("adapt", "rest", "resample"):
-        if getattr(arguments, name) and not arguments.recordings:
-            raise ValueError(
-                f"'--{name}' must be left out without recordings: the sessions of a test part are "
-                "always measured, and its frames are those of the data set"
-            )
+    _check_options(arguments)
     options = reading_options(arguments)
-    if options and not arguments.recordings:
-        raise ValueError(
-            f"the options of recordings, {[*options]}, must be left out without any: a test part "
-            "is read as its configuration says"
-        )
     predictor = run_data.open_predictor(arguments.model, arguments.config)
     rule = contact_rule(arguments.contact)
     if rule is not None:
         predictor.contact = rule
     if predictor.score is not None:
-        print(printable(f"{arguments.model} was chosen for {predictor.score}"), flush=True)
+        print(printable(f"{arguments.model} was selected for {predictor.score}"), flush=True)
     if arguments.adapt and arguments.rest is None and predictor.measures_rest:
+        # The mean of the whole recording also includes contacts.
         print(
-            "note: --adapt takes the mean of a whole recording for its rest; --rest SECONDS takes "
-            "that of its first seconds, in which nothing is touched",
+            "note: --adapt takes the mean of the whole recording as its reading at rest. Add "
+            "--rest SECONDS if nothing touches the sensor in the first SECONDS",
             file=sys.stderr,
         )
     if arguments.save is not None:
@@ -181,6 +165,7 @@ def run(arguments: argparse.Namespace) -> int:
         if not arguments.recordings:
             return 0
     has_pictures = arguments.recordings and not arguments.no_picture
+    # The table is useful without matplotlib, so that a missing extra is only a note.
     can_draw = has_pictures and find_spec("matplotlib") is not None
     pictures = PredictionPictures(arguments.out) if can_draw else None
     if arguments.recordings:
@@ -201,21 +186,47 @@ def run(arguments: argparse.Namespace) -> int:
     has_windows = predictor.window is not None
     print(printable(predictions.describe_counts(count, arguments.out, has_windows)), flush=True)
     if pictures is not None:
-        _draw(pictures)
+        _write_pictures(pictures)
     elif has_pictures:
         print(
-            'note: no picture, which needs matplotlib: pip install "torch-geometric-tactile[viz]"; '
-            "--no-picture leaves it out",
+            "note: no picture, because matplotlib is missing: pip install "
+            '"torch-geometric-tactile[viz]", or add --no-picture',
             file=sys.stderr,
         )
     return 0
 
 
-def _draw(pictures: "PredictionPictures") -> None:
+def _check_options(arguments: argparse.Namespace) -> None:
+    # Options of recordings and options of the test part exclude each other.
+    if arguments.recordings and arguments.root is not None:
+        raise ValueError(
+            "'--root' must be left out with recordings: it is the folder of the test part"
+        )
+    is_saved = arguments.save is not None
+    if arguments.contact is not None and not (arguments.recordings or is_saved):
+        raise ValueError(
+            "'--contact' must be left out without recordings and '--save': the samples of a test "
+            "part may be relative to rest already, and all of them count in the scores"
+        )
+    for name in ("adapt", "rest", "resample"):
+        if getattr(arguments, name) and not arguments.recordings:
+            raise ValueError(
+                f"'--{name}' must be left out without recordings: the scaling of the sessions of a "
+                "test part is always measured, and its frames are those of the data set"
+            )
+    options = reading_options(arguments)
+    if options and not arguments.recordings:
+        raise ValueError(
+            f"the options {[*options]} must be left out without recordings: the configuration "
+            "determines how a test part is read"
+        )
+
+
+def _write_pictures(pictures: "PredictionPictures") -> None:
     from torch_geometric_tactile._texts import printable
 
     for path in pictures.write():
         print(printable(f"{path}: picture"))
-    left_out = pictures.num_left_out
-    if left_out:
-        print(f"{left_out} more recording{'s' if left_out > 1 else ''}: no picture")
+    num_left_out = pictures.num_left_out
+    if num_left_out:
+        print(f"{num_left_out} more recording{'s' if num_left_out > 1 else ''}: no picture")

@@ -1,4 +1,4 @@
-r"""``tactile record``: what a source sends, into a file."""
+r"""``tactile record``: writes the frames of a source to a file."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -10,16 +10,16 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.live import Recorder
     from torch_geometric_tactile.sensors import TaxelLayout
 
-_SHOWN_EVERY = 0.1
+_UPDATE_SECONDS = 0.1
 HELP = "Record a sensor to a file"
 DESCRIPTION = """\
 Writes every frame of a sensor to FILE until Ctrl-C, or for --seconds. An .mcap file is handed
-to the operating system every quarter of a second: a crash of the program loses at most that
-much, a power cut also what the system had not yet written, a few seconds. Such a file can be
-read, and repaired with 'tactile replay FILE --repair OUT'. An .h5 file is written at the end,
-and holds frames, events and annotations only: until then grasp.h5 is grasp.mcap, which stays
-after a crash for 'tactile convert grasp.mcap grasp.h5'. Where no frame comes for five periods
-and at least 50 ms, the file has an annotation 'gap'.
+to the operating system every quarter of a second, so a crash of the program loses at most a
+quarter of a second, and a power cut a few seconds. Such a file can be read, and repaired with
+'tactile replay FILE --repair OUT'. An .h5 file is written at the end, and holds frames, events
+and annotations only. Until then the frames are in grasp.mcap; after a crash, convert them with
+'tactile convert grasp.mcap grasp.h5'. If no frame arrives for five periods and at least 50 ms,
+the file has an annotation 'gap'.
 
 Keys: m marks this moment in the file, 1 to 9 begin and end an annotation (--labels) in it,
 q or Ctrl-C ends the recording.
@@ -37,7 +37,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "source",
         metavar="SOURCE",
@@ -55,7 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seconds",
         metavar="S",
         type=seconds,
-        help="how long to record from the first frame, or to wait for one",
+        help="time to record after the first frame, and the longest time to wait for the first "
+        "frame",
     )
     parser.add_argument(
         "--layout",
@@ -70,12 +71,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     from torch_geometric_tactile._interrupts import termination_as_interrupt
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.live import Recorder, Stream, open_source
 
-    layout, order = _layout(arguments.layout), taxel_map(arguments.map)
+    layout, order = _load_layout(arguments.layout), taxel_map(arguments.map)
     stream = Stream(
         open_source(arguments.source),
         taxel_map=None if order == "none" else order,
@@ -93,9 +94,9 @@ def run(arguments: argparse.Namespace) -> int:
         recorder.start()
         try:
             with stream:
-                _wait(recorder, arguments.seconds, arguments.labels)
+                _wait_until_end(recorder, arguments.seconds, arguments.labels)
         except KeyboardInterrupt:
-            pass  # how a recording is ended
+            pass  # Ctrl-C is the usual way to end a recording
         finally:
             stream.close()
             recorder.close()
@@ -107,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _layout(name: str | None) -> "TaxelLayout | None":
+def _load_layout(name: str | None) -> "TaxelLayout | None":
     if name is None:
         return None
     from torch_geometric_tactile.sensors import as_layout
@@ -115,27 +116,28 @@ def _layout(name: str | None) -> "TaxelLayout | None":
     return as_layout(name)
 
 
-def _wait(recorder: "Recorder", seconds: float | None, labels: list[str] | None) -> None:
+def _wait_until_end(recorder: "Recorder", seconds: float | None, labels: list[str] | None) -> None:
     import threading
     import time
 
-    from torch_geometric_tactile.commands._keys import keys_heeded, label_keys, mark
+    from torch_geometric_tactile.commands._keys import key_bindings, label_keys, mark
     from torch_geometric_tactile.commands._status_line import StatusLine
     from torch_geometric_tactile.live._recorder_parts import LATE_SECONDS
 
-    stream, over, line = recorder.stream, threading.Event(), StatusLine()
-    keys = {
+    stream, quit_pressed, line = recorder.stream, threading.Event(), StatusLine()
+    actions = {
         "m": lambda: mark(recorder, line),
-        "q": over.set,
+        "q": quit_pressed.set,
         **label_keys(labels, lambda: recorder, line),
     }
-    with line, keys_heeded(keys) as heed:
+    with line, key_bindings(actions) as handle_keys:
         while recorder.error is None and stream.state not in ("ended", "closed"):
-            heed()
-            late = LATE_SECONDS if recorder.frames else 0.0  # for frames that are on the way
-            is_over = seconds is not None and stream.seconds >= seconds + late
-            if over.is_set() or is_over or recorder.is_over:
+            handle_keys()
+            # Frames of the last moments are still on the way when the time is over.
+            grace_seconds = LATE_SECONDS if recorder.frames else 0.0
+            is_over = seconds is not None and stream.seconds >= seconds + grace_seconds
+            if quit_pressed.is_set() or is_over or recorder.is_over:
                 return
-            opened = "" if recorder.annotation is None else f"[{recorder.annotation}]  "
-            line.show(f"{opened}{recorder.frames} frames, {stream.health().line()}")
-            time.sleep(_SHOWN_EVERY)
+            open_label = "" if recorder.annotation is None else f"[{recorder.annotation}]  "
+            line.show(f"{open_label}{recorder.frames} frames, {stream.health().line()}")
+            time.sleep(_UPDATE_SECONDS)

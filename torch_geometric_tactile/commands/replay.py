@@ -1,13 +1,17 @@
-r"""``tactile replay``: a recording, as if it came now."""
+r"""``tactile replay``: replays a recording as a live stream, serves it or repairs it."""
 
 import argparse
 import math
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.commands._paths import input_path, recording_file
 
-_SHOWN_EVERY = 0.1
+if TYPE_CHECKING:
+    from torch_geometric_tactile.live import Stream
+
+_UPDATE_SECONDS = 0.1
 _PORT = 5000
 HELP = "Replay a recording, serve it like XELA's server, or repair it"
 DESCRIPTION = """\
@@ -26,34 +30,34 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "file", metavar="FILE", type=input_path, help="the recording, in any format"
     )
     parser.add_argument(
         "--speed",
         metavar="X",
-        type=_speed,
+        type=_parse_speed,
         default=1.0,
         help="speed factor (default: 1)",
     )
     parser.add_argument("--loop", action="store_true", help="start again at the end")
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument(
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument(
         "--repair",
         metavar="OUT",
         type=recording_file("--repair"),
         help="write a repaired MCAP file; replay nothing",
     )
-    what.add_argument(
+    mode.add_argument(
         "--serve",
         metavar="ws[:PORT]",
-        type=_port,
+        type=_parse_port,
         help=f"act as XELA's server at this port of 127.0.0.1 (default: {_PORT})",
     )
 
 
-def _speed(text: str) -> float:
+def _parse_speed(text: str) -> float:
     try:
         number = float(text)
     except ValueError:
@@ -63,7 +67,7 @@ def _speed(text: str) -> float:
     return number
 
 
-def _port(text: str) -> int:
+def _parse_port(text: str) -> int:
     kind, colon, port = text.partition(":")
     number = int(port) if port.isascii() and port.isdigit() and len(port) < 6 else -1
     if kind != "ws" or (colon and not 0 <= number < 2**16):
@@ -72,7 +76,7 @@ def _port(text: str) -> int:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     from torch_geometric_tactile._texts import printable
 
     if arguments.repair is not None:
@@ -94,9 +98,11 @@ def _play(arguments: argparse.Namespace) -> str:
     with StatusLine() as line:
         try:
             with stream:
-                _show_until(lambda: stream.state == "ended", lambda: line.show(_state(stream)))
+                _update_until(
+                    lambda: stream.state == "ended", lambda: line.show(_describe_state(stream))
+                )
         except KeyboardInterrupt:
-            pass  # the usual end of a loop
+            pass  # the usual end of a replay in a loop
     if stream.error is not None:
         raise stream.error
     return f"replayed {stream.health().frames} frames"
@@ -108,23 +114,23 @@ def _serve(arguments: argparse.Namespace) -> str:
 
     server = ReplayServer(arguments.file, arguments.serve, arguments.speed, arguments.loop)
     with StatusLine() as line, server:
-        line.tell(f"serving {server.url}, starting with the first client; Ctrl-C quits")
+        line.write(f"serving {server.url}, starting with the first client; Ctrl-C quits")
         with suppress(KeyboardInterrupt):  # the usual end of a server
-            _show_until(
+            _update_until(
                 lambda: server.wait(0),
                 lambda: line.show(f"{server.clients} clients, {server.sent} messages sent"),
             )
     return f"sent {server.sent} messages"
 
 
-def _show_until(ended: Any, show: Any) -> None:
+def _update_until(is_ended: Callable[[], bool], show_state: Callable[[], None]) -> None:
     import time
 
-    while not ended():
-        show()
-        time.sleep(_SHOWN_EVERY)
+    while not is_ended():
+        show_state()
+        time.sleep(_UPDATE_SECONDS)
 
 
-def _state(stream: Any) -> str:
+def _describe_state(stream: "Stream") -> str:
     health = stream.health()
     return f"{health.frames} frames, {health.line()}"

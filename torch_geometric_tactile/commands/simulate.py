@@ -1,4 +1,4 @@
-r"""``tactile simulate``: grasps of a simulated hand, and presses of letters."""
+r"""``tactile simulate``: simulates grasps of a tactile hand, or presses of letters."""
 
 import argparse
 import sys
@@ -13,7 +13,7 @@ from torch_geometric_tactile.commands._paths import (
     input_path,
 )
 
-# The names in `sim`, which is too heavy to import for them.
+# Repeats the names in `sim`, which is too slow to import for the help.
 _OBJECT_SETS = ("paper8", "control8", "twenty", "shapes")
 _BIGS = "bigs"
 _LETTERS = "letters"
@@ -22,14 +22,14 @@ _PRESETS = ("full", "ci")
 _SPREADS = ("careful", "wide")
 _MOTIONS = ("lift", "squeeze")
 
-# The option that counts the samples of the other simulations.
-_NUMBERS = {_BIGS: "grasps", _LETTERS: "presses"}
+# Options that count the samples of the simulations without an Allegro hand.
+_COUNT_OPTIONS = {_BIGS: "grasps", _LETTERS: "presses"}
 
 HELP = "Simulate grasps of a tactile hand, or letters pressed on an array"
 DESCRIPTION = """\
 Simulates an Allegro hand with 384 magnetic taxels that grasps, lifts and holds objects of
 different mass, stiffness and friction. Writes one HDF5 recording per trial: readings, joint
-angles, properties of the object and, separately, the true forces and poses. All objects but
+angles, properties of the object and, separately, the true forces and poses. All objects except
 letters need the extra 'sim'.
 
 objects:
@@ -55,90 +55,92 @@ examples:
   tactile simulate --out bigs --objects bigs             2000 grasps that hold or slip, 6 s each:
                                                          375 MB, ten minutes on two cores
   tactile simulate --out few --objects bigs --grasps 40 --preview
-                                                         the first 40 of them, and a plot
+                                                         the first 40 grasps, and a plot
   tactile simulate --out letters --objects letters --preview
                                                          13000 presses, 500 of each letter: 53 MB,
                                                          a minute on two cores, and a plot
   tactile simulate --out some --objects letters --presses 20 --seed 1
-                                                         520 others
+                                                         520 different presses
   tactile simulate --out hexagonal --objects letters --layout hexagonal.json
                                                          the same letters on another array
 
 Finished trials are kept: the same command resumes an interrupted run, or adds --preview to a
-finished one. The same seed gives the same recordings for any --jobs. A larger number of grasps
-or presses starts with the same ones. Masses, frictions, skin and array are plausible, not
+finished one. The same seed gives the same recordings for any --jobs. A run with more grasps or
+presses starts with the same recordings. Masses, frictions, skin and array are plausible, not
 measured.
 """
 
 
-def _option(text: str, default: Any = None, **settings: Any) -> dict[str, Any]:
+def _option_settings(text: str, default: Any = None, **settings: Any) -> dict[str, Any]:
     return {**settings, "default": default, "help": text}
 
 
 _OPTIONS = {
-    "num_objects": _option(
+    "num_objects": _option_settings(
         "objects drawn at random, with --objects shapes (default: 40)",
         metavar="N",
         type=small_count,
     ),
-    "hand": _option(
+    "hand": _option_settings(
         "a hand of 384 taxels, or of 240 with a bare palm (default: allegro_uskin_240 with "
         "--objects twenty, else allegro_uskin)",
         choices=_HANDS,
     ),
-    "trials": _option(
+    "trials": _option_settings(
         "trials per object (default: 10, or 3 with --preset ci)", metavar="N", type=small_count
     ),
-    "grasps": _option(
+    "grasps": _option_settings(
         "with --objects bigs: number of grasps, half with the cylinder, a quarter each with "
         "box and ball (default: 2000)",
         metavar="N",
         type=small_count,
     ),
-    "presses": _option(
+    "presses": _option_settings(
         "with --objects letters: presses per letter (default: 500)", metavar="N", type=small_count
     ),
-    "layout": _option(
+    "layout": _option_settings(
         "with --objects letters: layout file of the array, such as that of "
         "sensors.hexagonal(34, 30, 0.00134).save('hexagonal.json') (default: 32 x 32 pixels, "
         "1.25 mm apart)",
         metavar="FILE",
         type=input_path,
     ),
-    "seed": _option("seed (default: 0)", 0, metavar="N", type=not_negative),
-    "jobs": _option("processes (default: 2)", 2, metavar="N", type=small_count),
-    "preset": _option(
+    "seed": _option_settings("seed (default: 0)", 0, metavar="N", type=not_negative),
+    "jobs": _option_settings("processes (default: 2)", 2, metavar="N", type=small_count),
+    "preset": _option_settings(
         "full: trials of 17 s at 100 Hz; ci: 5 s at 50 Hz, coarser and about ten times faster "
         "to simulate (default: full)",
         "full",
         choices=_PRESETS,
     ),
-    "seconds": _option(
+    "seconds": _option_settings(
         "length of a trial, 1 to 3600 (default: the preset's)", metavar="S", type=trial_seconds
     ),
-    "spread": _option(
+    "spread": _option_settings(
         "variation of the grasps in position, rotation and posture; wide: up to twice that of "
-        "careful, and now and then a finger that hardly closes (default: careful)",
+        "careful, and occasionally a finger that hardly closes (default: careful)",
         "careful",
         choices=_SPREADS,
     ),
-    "motion": _option(
+    "motion": _option_settings(
         "lift: lift and hold the object; squeeze: squeeze it three to five times in place "
         "(default: lift)",
         "lift",
         choices=_MOTIONS,
     ),
-    "max_attempts": _option(
+    "max_attempts": _option_settings(
         "grasps to try before a trial is given up (default: 10)", 10, metavar="N", type=small_count
     ),
 }
-_SHARED = ("seed", "jobs")
-_OF_OTHERS = ("grasps", "presses", "layout")
-_OF_THE_HAND = tuple(name for name in _OPTIONS if name not in (*_SHARED, *_OF_OTHERS))
+_SHARED_OPTIONS = ("seed", "jobs")
+_FINGERTIP_AND_LETTER_OPTIONS = ("grasps", "presses", "layout")
+_HAND_OPTIONS = tuple(
+    name for name in _OPTIONS if name not in (*_SHARED_OPTIONS, *_FINGERTIP_AND_LETTER_OPTIONS)
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "--out",
         metavar="DIR",
@@ -150,24 +152,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--objects",
         choices=(*_OBJECT_SETS, _BIGS, _LETTERS),
         default="paper8",
-        help="what is grasped (default: paper8; see above)",
+        help="objects that are grasped (default: paper8; see above)",
     )
     hand = parser.add_argument_group("Allegro hand")
-    others = parser.add_argument_group("three fingertips and letters")
-    groups = dict.fromkeys(_OF_OTHERS, others) | dict.fromkeys(_OF_THE_HAND, hand)
+    fingertips_and_letters = parser.add_argument_group("three fingertips and letters")
+    groups = dict.fromkeys(_FINGERTIP_AND_LETTER_OPTIONS, fingertips_and_letters)
+    groups |= dict.fromkeys(_HAND_OPTIONS, hand)
     for name, settings in _OPTIONS.items():
         group = groups.get(name, parser)
         group.add_argument(f"--{name.replace('_', '-')}", **settings)
     parser.add_argument(
         "--preview",
         action="store_true",
-        help="plot the first trial to DIR/preview; of bigs a success and a failure, of letters the "
-        "first press of each",
+        help="plot the first trial to DIR/preview; for bigs a success and a failure, for letters "
+        "the first press of each letter",
     )
 
 
 def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
-    r"""Returns the files that are written, without the trials: those that exist are kept."""
+    r"""Returns the files that the command writes, except the trials: existing trials are kept."""
     kinds = {
         "simulation.json": text_kind("the description of simulated trials", r'\{\s*"synthetic": '),
         **{f"preview/preview_{name}.png": PICTURE for name in ("film", "forces", "grasps")},
@@ -177,47 +180,50 @@ def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
-    _check_left_out(arguments)
+    r"""Runs the command and returns the exit status."""
+    _check_options(arguments)
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports import _simulation as simulation
     from torch_geometric_tactile.visualization._style import new_figure
 
     if arguments.preview:
-        new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
-    others: dict[str, tuple[Any, tuple[str, ...]]] = {
+        new_figure(1.0, 1.0)  # a missing matplotlib must fail before the long run
+    simulations: dict[str, tuple[Any, tuple[str, ...]]] = {
         _BIGS: (simulation.run_bigs, ("grasps",)),
         _LETTERS: (simulation.run_letters, ("presses", "layout")),
     }
-    of_the_hand = simulation.run_simulation, ("objects", *_OF_THE_HAND)
-    start, own = others.get(arguments.objects, of_the_hand)
-    given = {name: getattr(arguments, name) for name in (*_SHARED, *own)}
-    finished = start(arguments.out, **given)
-    print(printable(finished.describe()), flush=True)
-    if finished.failures:
-        print(f"tactile: error: {finished.describe_failures()}", file=sys.stderr, flush=True)
-    if arguments.preview and len(finished.failures) < len(finished.reports):
-        for path in finished.draw_preview():
+    hand_simulation = simulation.run_simulation, ("objects", *_HAND_OPTIONS)
+    simulate, option_names = simulations.get(arguments.objects, hand_simulation)
+    options = {name: getattr(arguments, name) for name in (*_SHARED_OPTIONS, *option_names)}
+    run_report = simulate(arguments.out, **options)
+    print(printable(run_report.describe()), flush=True)
+    if run_report.failures:
+        print(f"tactile: error: {run_report.describe_failures()}", file=sys.stderr, flush=True)
+    if arguments.preview and len(run_report.failures) < len(run_report.reports):
+        for path in run_report.draw_preview():
             print(printable(f"drew {path}"))
-    return 1 if finished.failures else 0
+    return 1 if run_report.failures else 0
 
 
-def _check_left_out(arguments: argparse.Namespace) -> None:
-    chosen = arguments.objects
-    number = _NUMBERS.get(chosen, "trials")
-    for objects, name in _NUMBERS.items():
+def _check_options(arguments: argparse.Namespace) -> None:
+    count_option = _COUNT_OPTIONS.get(arguments.objects, "trials")
+    for objects, name in _COUNT_OPTIONS.items():
         value = getattr(arguments, name)
-        if value is not None and chosen != objects:
+        if value is not None and arguments.objects != objects:
             raise ValueError(
-                f"'{name}' must be left out for objects other than '{objects}' (got {value}); "
-                f"'{number}' is their number"
+                f"'--{name}' must be left out for objects other than '{objects}' (got {value}): "
+                f"use '--{count_option}'"
             )
-    if arguments.layout is not None and chosen != _LETTERS:
+    if arguments.layout is not None and arguments.objects != _LETTERS:
         raise ValueError(
-            f"'layout' must be left out for objects other than '{_LETTERS}' (got "
-            f"'{arguments.layout}'); 'hand' chooses the taxels of a hand"
+            f"'--layout' must be left out for objects other than '{_LETTERS}' (got "
+            f"'{arguments.layout}'): '--hand' selects the taxels of a hand"
         )
-    for name in _OF_THE_HAND if chosen in _NUMBERS else ():
+    # An option that has no effect is an error, because its user expects one.
+    for name in _HAND_OPTIONS if arguments.objects in _COUNT_OPTIONS else ():
         if (value := getattr(arguments, name)) != _OPTIONS[name]["default"]:
-            instead = f"; '{number}' is their number" if name == "trials" else ""
-            raise ValueError(f"'{name}' must be left out for '{chosen}' (got {value}){instead}")
+            option = f"--{name.replace('_', '-')}"
+            advice = f": use '--{count_option}'" if name == "trials" else ""
+            raise ValueError(
+                f"'{option}' must be left out for '{arguments.objects}' (got {value}){advice}"
+            )

@@ -1,4 +1,4 @@
-r"""``tactile table``: the models of a table of the papers, beside its published numbers."""
+r"""``tactile table``: reproduces a table of a paper, beside its published numbers."""
 
 import argparse
 import glob
@@ -17,22 +17,22 @@ from torch_geometric_tactile.commands._paths import (
 )
 from torch_geometric_tactile.commands._runs import (
     add_workers,
-    exit_status,
-    options_named,
+    option_names_in_errors,
+    report_failures,
     run_with_bar,
 )
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.experiments.tables import Cell, Table
 
-# As in `experiments`, which is too slow to import for its names.
+# Repeats the names in `papers`, which is too slow to import for the help.
 TABLES = (
     *("p1-table2", "p1-scaling", "p1-table3", "p2-table2", "p2-scaling", "p2-table4"),
     *("p2-picks", "p2-icub"),
     *("p3", "p3-k", "p3-picks", "p4"),
     *("p5", "p5-digits", "p5-mnist", "p5-arrays", "bts3", "sparsh-p1", "sparsh-p2"),
 )
-_OF_TABLE = object()  # what the table says
+_TABLE_DEFAULT = object()  # option absent: the setting of the table applies
 _HEADERS = {
     "accuracy": "accuracy (%)",
     "spread": "±",
@@ -59,7 +59,8 @@ tables:
   p2-table4   training memory of these 18
   p2-picks    P2 without segments and with one for each finger, and edge features, on public picks
               with two fingers (USkinPick, which you fetch yourself)
-  p2-icub     the first two on public grasps of a hand with five fingertips (ICubGrasp, likewise)
+  p2-icub     the first two on public grasps of a hand with five fingertips (ICubGrasp, which you
+              fetch yourself)
   p3          grasp stability over time: SVM, LSTM, GCN on one or three fingers, and our models
   p3-k        the GCNs of three fingers by number of neighbours in the graph
   p3-picks    the models of p3 on public picks by a gripper with two fingers (USkinPick, which you
@@ -72,7 +73,7 @@ tables:
   p5-arrays   letters on arrays of any layout, such as hexagonal or thinned: graph models and CNNs
   bts3        grasp stability on real grasps, by what is held out
   sparsh-p1   P1's 36 models on public recordings of a real hand with 368 taxels, by object
-              (Sparsh-skin, which you fetch yourself: the error for no files says how)
+              (Sparsh-skin, which you fetch yourself; without its files, an error explains how)
   sparsh-p2   P2's 18 models on the same
   FILE.yaml   your own table, on any data set (see docs/experiments.md)
 """
@@ -84,8 +85,8 @@ examples:
                                                          a first look, in minutes
   tactile table p1-table2 --root sim --stride 20 --epochs 30 --jobs 2
   tactile table p1-table2 --root sim --stride 20 --epochs 30 --only '*gcn_te*'
-                                                         only some models; earlier runs
-                                                         of the others stay in the table
+                                                         only these models; earlier runs
+                                                         of other models stay in the table
   tactile table p1-table2 --root mine --tare 0.5         your recordings: the first half second
                                                          of each trial is at rest
   tactile simulate --objects bigs --out bigs --jobs 2    makes grasps for P3
@@ -107,7 +108,7 @@ A single experiment: tactile fit --config p1_table2/mt_gcn_te_joint
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "name",
         metavar="TABLE",
@@ -165,9 +166,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tare",
         metavar="REST",
         type=rest,
-        default=_OF_TABLE,
+        default=_TABLE_DEFAULT,
         help="frames at rest, whose mean is subtracted from each trial: a phase, the first seconds "
-        "of the trial, or none (default: the table's; hover for the papers')",
+        "of the trial, or none (default: that of the table; hover for the tables of papers)",
     )
     training.add_argument(
         "--protocols",
@@ -190,7 +191,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="GLOB",
         type=str,
         nargs="+",
-        help="train only the experiments with matching names; the table is of these, and of those "
+        help="train only the experiments with matching names; the table also contains experiments "
         "with earlier runs",
     )
     training.add_argument(
@@ -210,13 +211,13 @@ def _table_name(text: str) -> InputPath:
 
 
 def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
-    r"""Returns the files that are written."""
+    r"""Returns the files that the command writes."""
     if arguments.list:
         return []
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.papers.load_table import load_table
 
-    with options_named(arguments, name="NAME"):
+    with option_names_in_errors(arguments, name="NAME"):
         table = load_table(arguments.name)
     title = re.escape(printable(table.title))
     kinds = {
@@ -225,20 +226,20 @@ def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
         f"{table.name}-runs.csv": text_kind("the runs of a table", r"experiment,protocol,|\s*\Z"),
         f"{table.name}.png": PICTURE,
     }
-    # Which pictures studies draw, follows from their results.
+    # The results of a study determine its pictures, so existing pictures are listed.
     pictures = Path(arguments.out).glob(f"{glob.escape(table.name)}-*.png")
     kinds |= {path.name: PICTURE for path in pictures}
     return files_in_folder(arguments.out, kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     from torch_geometric_tactile.papers.load_table import load_table
 
-    with options_named(arguments, name="NAME"):
+    with option_names_in_errors(arguments, name="NAME"):
         table = load_table(arguments.name)
         if arguments.list:
-            print(_listed(table))
+            print(_describe_table(table))
             return 0
         return _run(table, arguments)
 
@@ -250,8 +251,8 @@ def _run(table: "Table", arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.papers.write_table import write_table
     from torch_geometric_tactile.visualization._style import new_figure
 
-    new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
-    table.select(arguments.only)  # a wrong pattern is found before the data is read
+    new_figure(1.0, 1.0)  # a missing matplotlib must fail before the long run
+    table.select(arguments.only)  # a pattern without match must fail before the data is read
     settings = Settings(
         seeds=arguments.seeds,
         epochs=arguments.epochs,
@@ -261,34 +262,35 @@ def _run(table: "Table", arguments: argparse.Namespace) -> int:
         threads=arguments.threads,
     )
     data = {} if arguments.root is None else {"root": arguments.root}
-    if arguments.tare is not _OF_TABLE:
+    if arguments.tare is not _TABLE_DEFAULT:
         data["tare"] = arguments.tare
-    chosen = {"stride": arguments.stride, "phases": arguments.phases}
-    selection = {name: value for name, value in chosen.items() if value is not None}
+    options = {"stride": arguments.stride, "phases": arguments.phases}
+    selection = {name: value for name, value in options.items() if value is not None}
     plan = make_plan(table, settings, data=data, selection=selection)
     train = not arguments.no_train
     try:
-        finished = run_with_bar(
+        plan_run = run_with_bar(
             plan, arguments.out, arguments.jobs, table.name, only=arguments.only, train=train
         )
-    except KeyboardInterrupt as stop:
-        more = "; --no-train writes the table of those" if str(stop) else ""
-        raise KeyboardInterrupt(f"{stop}{more}") from None
-    paths = write_table(selected_part(finished, arguments.only), arguments.out)
-    for text in (finished.describe(), *(f"wrote {path}" for path in paths)):
+    except KeyboardInterrupt as interrupt:
+        # The message is empty if no run has started.
+        advice = "; --no-train writes the table of finished runs" if str(interrupt) else ""
+        raise KeyboardInterrupt(f"{interrupt}{advice}") from None
+    paths = write_table(selected_part(plan_run, arguments.only), arguments.out)
+    for text in (plan_run.describe(), *(f"wrote {path}" for path in paths)):
         print(printable(text), flush=True)
-    return exit_status(finished)
+    return report_failures(plan_run)
 
 
-def _is_alone(cell: "Cell", table: "Table") -> bool:
-    # Whether `tactile fit --config` trains the model of a cell, on the data of the table.
+def _has_own_configuration(cell: "Cell", table: "Table") -> bool:
+    # Returns whether `tactile fit --config` trains the model of a cell on the data of the table.
     if not isinstance(cell.config, str) or cell.data or cell.transform:
         return False
     dataset = (cell.configuration.get("data") or {}).get("dataset") or {}
     return bool(dataset.get("class_path") == table.data.class_path)
 
 
-def _listed(table: "Table") -> str:
+def _describe_table(table: "Table") -> str:
     from tabulate import tabulate
 
     from torch_geometric_tactile._texts import printable
@@ -309,6 +311,9 @@ def _listed(table: "Table") -> str:
     protocols = "; ".join(f"{p.name} ({p.protocol.describe()})" for p in table.protocols)
     text = f"{table.title}\n{len(rows)} experiments{published}:\n\n{tabulate(rows, headers)}\n\n"
     text += f"Held out: {protocols}"
-    alone = next((str(cell.config) for cell in table.cells if _is_alone(cell, table)), None)
-    text = text if alone is None else f"{text}\nA single one: tactile fit --config {alone}"
+    configurations = (
+        str(cell.config) for cell in table.cells if _has_own_configuration(cell, table)
+    )
+    name = next(configurations, None)
+    text = text if name is None else f"{text}\nTo train one model: tactile fit --config {name}"
     return "\n".join(map(printable, text.split("\n")))

@@ -1,6 +1,6 @@
-r"""``tactile test``, whose arguments Lightning reads."""
+r"""``tactile test``: computes the metrics on the test part; Lightning parses the arguments."""
 
-from torch_geometric_tactile.commands._lightning import lightning_verb
+from torch_geometric_tactile.commands._lightning import lightning_command
 
 HELP = "Compute the metrics of a checkpoint on the test part"
 DESCRIPTION = """\
@@ -14,4 +14,4 @@ examples:
   tactile test --config runs/my/version_0/config.yaml --ckpt_path runs/my/version_0/checkpoints/last.ckpt
   tactile test --config my.yaml --ckpt_path last.ckpt --data.batch_size 16
 """  # noqa: E501
-run_raw = lightning_verb("test", DESCRIPTION, "the checkpoint to test", EXAMPLES)
+run_raw = lightning_command("test", DESCRIPTION, "the checkpoint to test", EXAMPLES)

@@ -1,6 +1,8 @@
-r"""``tactile validate``, whose arguments Lightning reads."""
+r"""``tactile validate``: computes the metrics on the validation part; Lightning parses the
+arguments.
+"""
 
-from torch_geometric_tactile.commands._lightning import lightning_verb
+from torch_geometric_tactile.commands._lightning import lightning_command
 
 HELP = "Compute the metrics of a checkpoint on the validation part"
 DESCRIPTION = """\
@@ -13,4 +15,4 @@ examples:
   tactile validate --config runs/my/version_0/config.yaml --ckpt_path runs/my/version_0/checkpoints/last.ckpt
   tactile validate --config my.yaml --ckpt_path last.ckpt --trainer.accelerator cpu
 """  # noqa: E501
-run_raw = lightning_verb("validate", DESCRIPTION, "the checkpoint to validate", EXAMPLES)
+run_raw = lightning_command("validate", DESCRIPTION, "the checkpoint to validate", EXAMPLES)

@@ -1,4 +1,4 @@
-r"""``tactile view``: a source or a recording, on a page in the browser."""
+r"""``tactile view``: shows a source or a recording on a page in the browser."""
 
 import argparse
 import re
@@ -30,7 +30,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb."""
+    r"""Adds the arguments of the command to a parser."""
     parser.add_argument(
         "source",
         metavar="SOURCE",
@@ -54,13 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status."""
+    r"""Runs the command and returns the exit status."""
     from torch_geometric_tactile.live import Stream, Viewer
 
-    layout = None if arguments.layout is None else _layout(arguments.layout)
+    layout = None if arguments.layout is None else _parse_layout(arguments.layout)
     order = taxel_map(arguments.map)
     stream = Stream(
-        _source(arguments.source),
+        _open_source(arguments.source),
         taxel_map=None if order == "none" else order,
         layout=None if order == "none" else layout,
     )
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
                 import webbrowser
 
                 webbrowser.open(viewer.url)
-            _show(stream, viewer)
+            _show_until_end(stream, viewer)
     except KeyboardInterrupt:
         print()
     if stream.error is not None:
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _show(stream: "Stream", viewer: "Viewer") -> None:
+def _show_until_end(stream: "Stream", viewer: "Viewer") -> None:
     _measure_rest(stream, viewer)
     while stream.state != "ended":
         time.sleep(0.1)
@@ -90,7 +90,7 @@ def _show(stream: "Stream", viewer: "Viewer") -> None:
 
 
 def _measure_rest(stream: "Stream", viewer: "Viewer") -> None:
-    # From the beginning, whenever a page is opened.
+    # Rest is measured when the stream starts, even if a page is opened later.
     from torch_geometric_tactile.live._viewer.page import FirstSecond
 
     rest = FirstSecond()
@@ -100,16 +100,16 @@ def _measure_rest(stream: "Stream", viewer: "Viewer") -> None:
             return
 
 
-def _source(text: str) -> "Source":
+def _open_source(text: str) -> "Source":
     from torch_geometric_tactile.live import ReplaySource, open_source
 
     source = open_source(text)
-    if isinstance(source, ReplaySource) and "loop=" not in text:
+    if isinstance(source, ReplaySource) and "loop=" not in text:  # an explicit setting wins
         source.loop = True
     return source
 
 
-def _layout(text: str) -> Any:
+def _parse_layout(text: str) -> Any:
     from torch_geometric_tactile.sensors import as_layout, grid
 
     size = re.fullmatch(r"([0-9]{1,4})x([0-9]{1,4})", text)

@@ -7,23 +7,10 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data._paper_objects import PAPER_OBJECTS, PROPERTIES
 from torch_geometric_tactile.datasets._frame_labels import ObjectLabels
 from torch_geometric_tactile.datasets._trial import Trial, checked_labels, checked_names
 
-#: The properties of objects, in the order of the "Tactile Object Property Recognition ..." paper.
-PROPERTIES = ("light", "heavy", "hard", "soft", "non-slippery", "slippery")
-
-#: What the eight objects of that paper are, by name and in its order.
-PAPER_OBJECTS = {
-    "plastic_tube": ("light", "soft", "slippery"),
-    "sponge": ("light", "soft", "non-slippery"),
-    "mayonnaise": ("heavy", "soft", "slippery"),
-    "kitchen_paper": ("heavy", "soft", "non-slippery"),
-    "potato_chip_can": ("light", "hard", "slippery"),
-    "mango_replica": ("light", "hard", "non-slippery"),
-    "saran_wrap": ("heavy", "hard", "slippery"),
-    "purse": ("heavy", "hard", "non-slippery"),
-}
 #: The targets, with the names of their numbers; a shape is a class.
 GRASP_TARGETS = {"shape": (), "width": ("width",), "centre": ("x", "y", "z"), "yaw": ("yaw",)}
 

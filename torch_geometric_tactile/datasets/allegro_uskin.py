@@ -8,11 +8,8 @@ from torch import Tensor
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.datasets._allegro_labels import (
-    GRASP_TARGETS,
-    PROPERTIES,
-    AllegroLabels,
-)
+from torch_geometric_tactile.data._paper_objects import PROPERTIES
+from torch_geometric_tactile.datasets._allegro_labels import GRASP_TARGETS, AllegroLabels
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin

@@ -55,7 +55,7 @@ class PredictionPictures:
         truth = find_truth(recording, names, predictor.task) or _truth_from_name(
             name, recording, names, predictor.task
         )
-        trial = PredictedTrial.of(predictor, recording, probability, frames, truth)
+        trial = PredictedTrial.from_predictions(predictor, recording, probability, frames, truth)
         self._trials.append((name, trial))
 
     def write(self) -> list[Path]:

@@ -1,4 +1,4 @@
-r"""Simulators of grasps, squeezes and presses, which generate recordings."""
+r"""Simulators that generate recordings of grasps, squeezes and presses."""
 
 from torch_geometric_tactile.sim.bigs_physics import BIGS_PHASES, BigsPhysics, BigsSimulator
 from torch_geometric_tactile.sim.bigs_plan import BigsGrasp, draw_grasp

@@ -1,4 +1,4 @@
-r"""The order and the rates of simulated BiGS grasps."""
+r"""Order of the objects, and rates and times of simulated BiGS grasps."""
 
 from typing import Literal
 
@@ -9,5 +9,5 @@ BIGS_ORDER: tuple[BigsShape, ...] = ("cylinder", "box", "cylinder", "ball")
 NUM_SESSIONS = 16
 CONTROL_RATE = 300  # steps of the physics, controller ticks and robot samples a second
 FRAME_RATE = 100  # frames of a recording a second
-INPUT_END = 2.0  # s after pick-up begins, where the input of P3 ends
-DIRECTIONS = 5  # of the shake: x, y, z, roll, pitch
+INPUT_END = 2.0  # s from the start of pick-up to the end of the input of P3
+NUM_SHAKE_DIRECTIONS = 5  # x, y, z, roll, pitch

@@ -1,10 +1,14 @@
-r"""The door to MuJoCo."""
+r"""Import of the optional dependency MuJoCo."""
 
 from typing import Any
 
 
 def import_mujoco() -> Any:
-    r"""Returns the module, or raises an :obj:`ImportError` that names the extra."""
+    r"""Returns the module :obj:`mujoco`.
+
+    Raises:
+        ImportError: If MuJoCo is missing; the message has the command that installs it.
+    """
     try:
         import mujoco
     except ImportError as error:

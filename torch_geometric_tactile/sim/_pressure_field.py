@@ -1,4 +1,4 @@
-r"""Pressure on the surface of an elastic layer, and what pixels below it take up."""
+r"""Pressure on the surface of an elastic layer, and the mean pressure on the pixels below."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -9,67 +9,81 @@ from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
 
-CELL = 0.00025  # m, side of the cells in which pressure is given
+CELL = 0.00025  # m, side of the cells in which the pressure is constant
 
 
 @dataclass(frozen=True, eq=False)
 class FieldSampling:
-    r"""How much each pixel takes up of the pressure on each cell of the surface."""
+    r"""Weights of the pressure on each cell of the surface in the reading of each pixel.
+
+    Weights are products of one factor along :math:`x` and one along :math:`y`: :obj:`weights` has
+    such a pair for each Gaussian of the layer, and :obj:`index` the column and row of each pixel in
+    the factors. :obj:`low` and :obj:`high` are the corners of the surface in metres.
+    """
 
     low: np.ndarray
     high: np.ndarray
     weights: tuple[tuple[np.ndarray, np.ndarray], ...]
     index: tuple[np.ndarray, np.ndarray]
 
-    def cells(
+    def cells_in_box(
         self, low: np.ndarray, high: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, tuple[slice, slice]]:
-        r"""Returns the middles of the cells that a box touches, along both axes, and their
-        numbers.
+        r"""Returns the centres of the cells that a box touches, along :math:`x` and along
+        :math:`y`, and the slices of the cells along both axes.
         """
-        middles, parts = [], []
+        centres, slices = [], []
         for axis in range(2):
-            number = self.weights[0][axis].shape[1]
-            ends = (np.array([low[axis], high[axis]]) - self.low[axis]) / CELL
-            start = max(0, int(np.floor(ends[0])))
-            stop = min(number, int(np.ceil(ends[1])))
-            parts.append(slice(start, stop))
-            middles.append(self.low[axis] + (np.arange(start, stop) + 0.5) * CELL)
-        return middles[0], middles[1], (parts[0], parts[1])
+            num_cells = self.weights[0][axis].shape[1]
+            box = (np.array([low[axis], high[axis]]) - self.low[axis]) / CELL
+            start = max(0, int(np.floor(box[0])))
+            stop = min(num_cells, int(np.ceil(box[1])))
+            slices.append(slice(start, stop))
+            centres.append(self.low[axis] + (np.arange(start, stop) + 0.5) * CELL)
+        return centres[0], centres[1], (slices[0], slices[1])
 
     def at_pixels(self, field: np.ndarray, cells: tuple[slice, slice]) -> np.ndarray:
-        r"""Returns what each pixel takes up.
+        r"""Returns the mean pressure on the square of each pixel.
 
         Shapes:
-            - **output:** mean pressure on the square of each pixel :math:`(N,)`
+            - **field:** pressure on the cells in the slices :obj:`cells`, rows along :math:`y`
+            - **output:** :math:`(N,)`
         """
-        out = np.zeros(len(self.index[0]))
+        pressure = np.zeros(len(self.index[0]))
         for along_x, along_y in self.weights:
-            # No BLAS: the last bit of its sums may depend on its number of threads.
+            # Without BLAS, because the last bit of its sums may depend on its number of threads.
             rows = np.einsum("yf,fg->yg", along_y[:, cells[1]], field)
-            out += np.einsum("ng,ng->n", rows[self.index[1]], along_x[self.index[0], cells[0]])
-        return out
+            pressure += np.einsum("ng,ng->n", rows[self.index[1]], along_x[self.index[0], cells[0]])
+        return pressure
 
 
 @lru_cache(maxsize=4)
 def field_sampling(
     layout: TaxelLayout, sensel: float, lengths: tuple[float, ...], parts: tuple[float, ...]
 ) -> FieldSampling:
-    r"""Returns what the pixels of a flat layout take up of the pressure above them: the layer
-    spreads it by Gaussians, and each pixel takes its mean over a square along :math:`x` and
-    :math:`y`. Both are exact for pressure that is constant within cells.
+    r"""Returns the weights with which pixels of a flat layout read the pressure on the surface.
+
+    The layer spreads the pressure by Gaussians, and each pixel reads the mean over a square along
+    :math:`x` and :math:`y`. Both are exact for pressure that is constant within cells.
+
+    Args:
+        layout (TaxelLayout): The pixels.
+        sensel (float): Side of the square of a pixel in metres.
+        lengths (tuple of float): Standard deviations of the Gaussians in metres.
+        parts (tuple of float): Parts of the pressure that they spread.
     """
     pos = layout.pos.double()[:, :2]
     low, high = pos.amin(dim=0), pos.amax(dim=0)
-    middles, index = [], []
+    distances, index = [], []
     for axis in range(2):
-        places, which = pos[:, axis].unique(return_inverse=True)
-        number = int(torch.ceil((high[axis] - low[axis]) / CELL - 1e-6))
-        cells = low[axis] + (torch.arange(number, dtype=torch.double) + 0.5) * CELL
-        middles.append(places[:, None] - cells)
-        index.append(which.numpy())
+        # Pixels of a regular array share few coordinates, so weights are computed once for each.
+        coordinates, coordinate_index = pos[:, axis].unique(return_inverse=True)
+        num_cells = int(torch.ceil((high[axis] - low[axis]) / CELL - 1e-6))
+        cells = low[axis] + (torch.arange(num_cells, dtype=torch.double) + 0.5) * CELL
+        distances.append(coordinates[:, None] - cells)
+        index.append(coordinate_index.numpy())
     weights = tuple(
-        (part * _weights(middles[0], sensel, length), _weights(middles[1], sensel, length))
+        (part * _weights(distances[0], sensel, length), _weights(distances[1], sensel, length))
         for length, part in zip(lengths, parts, strict=True)
         if part
     )
@@ -77,18 +91,19 @@ def field_sampling(
 
 
 def _weights(distance: Tensor, sensel: float, length: float) -> np.ndarray:
-    # The second integral of a Gaussian, over the pixel and the cell.
-    wide, narrow = (sensel + CELL) / 2, (sensel - CELL) / 2
-    total = _twice_integrated(distance + wide, length) - _twice_integrated(
-        distance + narrow, length
+    # The integral of a Gaussian over the pixel and the cell, by its second antiderivative.
+    outer, inner = (sensel + CELL) / 2, (sensel - CELL) / 2
+    total = _second_antiderivative(distance + outer, length) - _second_antiderivative(
+        distance + inner, length
     )
-    total -= _twice_integrated(distance - narrow, length)
-    total += _twice_integrated(distance - wide, length)
+    total -= _second_antiderivative(distance - inner, length)
+    total += _second_antiderivative(distance - outer, length)
     weights: np.ndarray = (total / sensel).numpy()
     return weights
 
 
-def _twice_integrated(x: Tensor, length: float) -> Tensor:
+def _second_antiderivative(x: Tensor, length: float) -> Tensor:
+    # Of a Gaussian of standard deviation `length`, a delta function if it is 0.
     if length == 0:
         return x.clamp(min=0)
     t = x / length

@@ -1,4 +1,6 @@
-r"""Many simulated trials, each in a file of its own, on many processes; finished ones are kept."""
+r"""Runs of simulated trials on several processes, with one file per trial. Trials whose file exists
+are not simulated again.
+"""
 
 import json
 from abc import ABC, abstractmethod
@@ -20,89 +22,114 @@ _Report = TypeVar("_Report")
 
 
 class SimulatedTrial(ABC, Generic[_Report]):
-    r"""A trial to simulate: all that decides its bits, and its file."""
+    r"""A trial to simulate: the arguments that determine its recording, and its file."""
 
     @property
     @abstractmethod
     def path(self) -> Path:
-        r"""The file."""
+        r"""Path of the file of the trial."""
 
     @abstractmethod
     def simulate(self) -> _Report:
         r"""Simulates the trial, writes its file and returns the report."""
 
     @abstractmethod
-    def kept(self) -> _Report:
-        r"""Returns the report of a trial whose file is there."""
+    def finished_report(self) -> _Report:
+        r"""Returns the report of a trial whose file exists."""
 
     def is_finished(self) -> bool:
-        r"""Tells whether the file is there."""
+        r"""Returns whether the file exists."""
         return self.path.exists()
 
 
 def check_run(seed: int, **counts: int) -> None:
-    r"""Checks the seed and the numbers of a run."""
+    r"""Checks that the seed is not negative and that all counts are positive."""
     for name, number in counts.items():
         need(number >= 1, f"'{name}' must be at least 1", number)
     need(seed >= 0, "'seed' must not be negative", seed)
 
 
-def require_simulator(what: str) -> None:
-    r"""Raises an :obj:`ImportError` that names the extra if MuJoCo or h5py is missing."""
+def require_simulator(feature: str) -> None:
+    r"""Checks that MuJoCo and h5py are installed.
+
+    Args:
+        feature (str): The feature that needs them, named in the message.
+
+    Raises:
+        ImportError: If one is missing; the message has the command that installs it.
+    """
     for package in ("mujoco", "h5py"):
         if find_spec(package) is None:
-            raise ImportError(f"{what} needs {package}: pip install 'torch-geometric-tactile[sim]'")
+            raise ImportError(
+                f"{feature} needs {package}: pip install 'torch-geometric-tactile[sim]'"
+            )
 
 
 def run_trials(
     trials: Sequence[SimulatedTrial[_Report]],
     out: Path,
     jobs: int,
-    sum_up: Callable[[list[_Report]], dict[str, Any]] | None = None,
+    summarize: Callable[[list[_Report]], dict[str, Any]] | None = None,
 ) -> Generator[_Report, None, None]:
-    r"""Yields the report of each trial, those of files that are there first, and writes what they
-    sum up to.
+    r"""Simulates the trials whose files are missing and yields the report of each trial, those of
+    existing files first.
+
+    Args:
+        trials (sequence of SimulatedTrial): The trials.
+        out (pathlib.Path): Folder of the files.
+        jobs (int): Number of processes.
+        summarize (callable, optional): Returns the content of :obj:`simulation.json`, which is
+            written at the end.
     """
     out.mkdir(parents=True, exist_ok=True)
     reports, missing = [], []
     for trial in trials:
         if trial.is_finished():
-            reports.append(trial.kept())
+            reports.append(trial.finished_report())
             yield reports[-1]
         else:
             missing.append(trial)
     try:
-        with closing(run_parallel(_simulate, missing, jobs)) as results:
-            for report in results:
+        with closing(run_parallel(_simulate, missing, jobs)) as new_reports:
+            for report in new_reports:
                 reports.append(report)
                 yield report
     finally:
-        # What workers that were killed, now or in an earlier run, had begun to write.
+        # Killed workers, of this or an earlier run, leave incomplete temporary files.
         for trial in trials:
             remove_leftovers(trial.path)
-    if sum_up is not None:
-        write_summary(out, sum_up(reports))
+    if summarize is not None:
+        write_summary(out, summarize(reports))
 
 
 def _simulate(trial: SimulatedTrial[_Report]) -> _Report:
     return trial.simulate()
 
 
-def kept_meta(
-    path: Path, identity: Mapping[str, Any], before: Mapping[str, Any] | None = None
+def finished_metadata(
+    path: Path, identity: Mapping[str, Any], defaults: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    r"""Returns the metadata of a finished trial, which hold what decides its bits."""
-    meta = {**(before or {}), **read_hdf5_head(path).meta}
-    for key, wanted in identity.items():
-        if meta.get(key) != wanted:
+    r"""Returns the metadata of a finished trial.
+
+    Args:
+        path (pathlib.Path): File of the trial.
+        identity (dict): The arguments that determine the recording, as metadata.
+        defaults (dict, optional): Arguments that files of earlier versions do not contain.
+
+    Raises:
+        ValueError: If the file was made with other arguments.
+    """
+    meta = {**(defaults or {}), **read_hdf5_head(path).meta}
+    for key, expected in identity.items():
+        if meta.get(key) != expected:
             raise ValueError(
-                f"'{path}' was made with another '{key}' ({meta.get(key)}, not {wanted}); "
+                f"'{path}' was made with another '{key}' ({meta.get(key)}, not {expected}); "
                 "choose another folder or delete the file"
             )
     return meta
 
 
 def write_summary(out: Path, content: Mapping[str, Any]) -> None:
-    r"""Writes what a run did to :obj:`simulation.json`."""
+    r"""Writes the description of a run to :obj:`simulation.json`."""
     with atomic_path(out / SUMMARY) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

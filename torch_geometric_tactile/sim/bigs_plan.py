@@ -1,29 +1,28 @@
-r"""What is drawn for each grasp of the simulated BiGS set, and how its hand moves."""
+r"""Random parameters of the grasps of the simulated BiGS set: object, pose, grip and timing."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.sim._bigs_times import DIRECTIONS, INPUT_END, BigsShape
+from torch_geometric_tactile.sim._bigs_times import INPUT_END, NUM_SHAKE_DIRECTIONS, BigsShape
 
-# Half width, half height (m), mass (kg) and height of the fingertips above the centre (m) from
-# which, and to which; median and spread (of the logarithm) of the friction, and of the grip in
-# newtons. Plausible; grips are calibrated so that as many grasps hold as in the BiGS set.
-_WIDTH = {"cylinder": (0.036, 0.042), "box": (0.033, 0.039), "ball": (0.036, 0.043)}
-_HEIGHT = {"cylinder": (0.060, 0.075), "box": (0.033, 0.039), "ball": (0.0, 0.0)}
-_MASS = {"cylinder": (0.32, 0.44), "box": (0.27, 0.37), "ball": (0.24, 0.34)}
-_PLACE = {"cylinder": (-0.025, 0.025), "box": (-0.005, 0.027), "ball": (-0.008, 0.008)}
-_FRICTION = {"cylinder": 0.60, "box": 0.50, "ball": 0.62}
-_FRICTION_SPREAD = 0.07
-_GRIP = {"cylinder": 4.33, "box": 2.60, "ball": 3.28}
-_GRIP_SPREAD = 0.50
-_GRIP_LIMITS = (1.0, 14.0)
+# All values are plausible, not measured. Grips are calibrated such that as many grasps hold as in
+# the BiGS set.
+_HALF_WIDTH = {"cylinder": (0.036, 0.042), "box": (0.033, 0.039), "ball": (0.036, 0.043)}  # m
+_HALF_HEIGHT = {"cylinder": (0.060, 0.075), "box": (0.033, 0.039), "ball": (0.0, 0.0)}  # m
+_MASS = {"cylinder": (0.32, 0.44), "box": (0.27, 0.37), "ball": (0.24, 0.34)}  # kg
+# m, of the fingertips above the centre of the object
+_GRASP_HEIGHT = {"cylinder": (-0.025, 0.025), "box": (-0.005, 0.027), "ball": (-0.008, 0.008)}
+_MEDIAN_FRICTION = {"cylinder": 0.60, "box": 0.50, "ball": 0.62}
+_FRICTION_SPREAD = 0.07  # standard deviation of the logarithm
+_MEDIAN_GRIP = {"cylinder": 4.33, "box": 2.60, "ball": 3.28}  # N
+_GRIP_SPREAD = 0.50  # standard deviation of the logarithm
+_GRIP_LIMITS = (1.0, 14.0)  # N
 
 
 class BigsGrasp(NamedTuple):
-    r"""The parameters of one simulated grasp: the object, and the pose, grip and timing of the
-    hand.
+    r"""Parameters of a simulated grasp: the object, and the pose, grip and timing of the hand.
 
     Args:
         shape (str): :obj:`"cylinder"` (upright), :obj:`"box"` or :obj:`"ball"`.
@@ -31,21 +30,20 @@ class BigsGrasp(NamedTuple):
         half_height (float): Half height in metres.
         mass (float): Mass in kilograms.
         friction (float): Friction coefficient of object and fingertips.
-        grip (float): Normal force in newtons that the left and right finger shall have.
+        grip (float): Desired normal force of the left and right finger in newtons.
         balance (float): Grip of the left finger, relative to the mean of left and right.
-        height (float): Place of the fingertips above the centre of the object in metres.
-        offset (tuple of float): Place of the hand beside the object, x and y, in metres.
+        height (float): Height of the fingertips above the centre of the object in metres.
+        offset (tuple of float): Horizontal offset x, y of the hand from the object in metres.
         turn (tuple of float): Roll, pitch and yaw of the hand in radians.
         spread (float): Angle of the left and right finger from the line through the middle one, in
             radians.
-        bend (tuple of float): By which angle the tips of left, middle and right finger are bent
-            inwards, in radians.
-        twist (tuple of float): By which angle they are turned about their axes, in radians.
-        delay (tuple of float): When each finger begins to close, in seconds.
-        speed (float): How fast fingers close, in radians per second.
+        bend (tuple of float): Inward bend of the tips of left, middle and right finger in radians.
+        twist (tuple of float): Rotation of the tips about the axes of the fingers in radians.
+        delay (tuple of float): Time at which each finger starts to close, in seconds.
+        speed (float): Speed of closing fingers in radians per second.
         hold (float): Time from the first contact until pick-up begins, in seconds.
         rise (float): Height by which the hand is lifted, in metres.
-        lift (float): Time that takes, in seconds.
+        lift (float): Duration of the lift in seconds.
         pause (float): Time from pick-up until the shake begins, in seconds.
         shake (float): Amplitude of the shake, in metres.
         shake_time (float): Length of the shake in one direction, in seconds.
@@ -84,7 +82,7 @@ class BigsGrasp(NamedTuple):
     @property
     def span(self) -> float:
         r"""Time from pick-up to the end of the shake in seconds."""
-        return self.pause + DIRECTIONS * self.shake_time
+        return self.pause + NUM_SHAKE_DIRECTIONS * self.shake_time
 
 
 def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
@@ -92,30 +90,30 @@ def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
 
     Args:
         shape (str): The object.
-        rng (numpy.random.Generator): Draws all of it.
+        rng (numpy.random.Generator): Draws the parameters.
 
     Raises:
-        ValueError: If there is no such object.
+        ValueError: If the shape is unknown.
 
     Examples:
         >>> draw_grasp("ball", np.random.default_rng(0)).shape
         'ball'
     """
-    need(shape in _WIDTH, f"'shape' must be one of {list(_WIDTH)} (got {shape!r})")
-    half_width = rng.uniform(*_WIDTH[shape])
-    half_height = half_width if shape == "ball" else rng.uniform(*_HEIGHT[shape])
-    yaw = 0.06 if shape == "box" else 0.3  # a box is seen, and grasped along its sides
+    need(shape in _HALF_WIDTH, f"'shape' must be one of {list(_HALF_WIDTH)} (got {shape!r})")
+    half_width = rng.uniform(*_HALF_WIDTH[shape])
+    half_height = half_width if shape == "ball" else rng.uniform(*_HALF_HEIGHT[shape])
+    yaw = 0.06 if shape == "box" else 0.3  # the hand is aligned with the sides of a box
     spread = rng.normal(0.0, 0.05) if shape == "box" else rng.uniform(0.35, 0.65)
-    grip = _GRIP[shape] * np.exp(rng.normal(0.0, _GRIP_SPREAD))
+    grip = _MEDIAN_GRIP[shape] * np.exp(rng.normal(0.0, _GRIP_SPREAD))
     return BigsGrasp(
         shape=shape,
         half_width=half_width,
         half_height=half_height,
         mass=rng.uniform(*_MASS[shape]),
-        friction=_FRICTION[shape] * float(np.exp(rng.normal(0.0, _FRICTION_SPREAD))),
+        friction=_MEDIAN_FRICTION[shape] * float(np.exp(rng.normal(0.0, _FRICTION_SPREAD))),
         grip=float(np.clip(grip, *_GRIP_LIMITS)),
         balance=float(np.clip(rng.normal(1.0, 0.22), 0.55, 1.45)),
-        height=rng.uniform(*_PLACE[shape]),
+        height=rng.uniform(*_GRASP_HEIGHT[shape]),
         offset=(rng.normal(0.0, 0.003), rng.normal(0.0, 0.004)),
         turn=(rng.normal(0.0, 0.07), rng.normal(0.0, 0.07), rng.normal(0.0, yaw)),
         spread=float(spread),

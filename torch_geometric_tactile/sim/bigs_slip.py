@@ -1,24 +1,24 @@
-r"""When the slip began that lost an object."""
+r"""Onset of the slip in grasps that lose the object."""
 
 import numpy as np
 
 from torch_geometric_tactile.sim._bigs_times import CONTROL_RATE
 from torch_geometric_tactile.sim.bigs_physics import BigsPhysics
 
-_FAR = 0.003  # m
-_FAST = 0.005  # m/s
+_MIN_SLIDE_DISTANCE = 0.003  # m
+_MIN_SLIDE_SPEED = 0.005  # m/s
 
 
 def slip_onset(physics: BigsPhysics) -> int | None:
     r"""Returns the tick at which the object began to slip out of the hand, or :obj:`None` if it was
     held.
 
-    In a grasp that loses the object, the onset is the beginning of the first slide that takes the
-    object further than 3 mm, at two fingertips or more, from where they held it when pick-up began:
-    the tick from which on it slides there faster than 5 mm/s without rest. Sliding is the relative
-    velocity of object and fingertip in the plane of contact, summed while they touch, so that
-    neither the elastic give of the skin nor what settles in the squeeze counts. If no slide was as
-    long, the onset is the loss. A grasp that holds has none, although the object may slide in it.
+    In a grasp that loses the object, the onset is the start of the first slide that moves the
+    object by more than 3 mm, at two fingertips or more, from its position at the start of pick-up.
+    A slide starts at the tick from which on the speed stays above 5 mm/s. Sliding is the relative
+    velocity of object and fingertip in the plane of contact, summed while they touch: neither the
+    elasticity of the skin nor motion during the squeeze counts. If no slide is that long, the onset
+    is the loss. A successful grasp has no onset, although the object may slide in it.
 
     Args:
         physics (BigsPhysics): The grasp.
@@ -35,14 +35,15 @@ def slip_onset(physics: BigsPhysics) -> int | None:
     if physics.loss is None:
         return None
     slide = physics.slide[physics.pickup : physics.loss + 1]
-    way = _second(np.linalg.norm(np.cumsum(slide, axis=0) / CONTROL_RATE, axis=-1))
-    speed = _second(np.linalg.norm(slide, axis=-1))
-    far = np.flatnonzero(way > _FAR)
-    if len(far) == 0:
+    distance = _median_finger(np.linalg.norm(np.cumsum(slide, axis=0) / CONTROL_RATE, axis=-1))
+    speed = _median_finger(np.linalg.norm(slide, axis=-1))
+    far_ticks = np.flatnonzero(distance > _MIN_SLIDE_DISTANCE)
+    if len(far_ticks) == 0:
         return physics.loss
-    rests = np.flatnonzero(speed[: far[0]] <= _FAST)
-    return physics.pickup + (int(rests[-1]) + 1 if len(rests) else 0)
+    slow_ticks = np.flatnonzero(speed[: far_ticks[0]] <= _MIN_SLIDE_SPEED)
+    return physics.pickup + (int(slow_ticks[-1]) + 1 if len(slow_ticks) else 0)
 
 
-def _second(values: np.ndarray) -> np.ndarray:
+def _median_finger(values: np.ndarray) -> np.ndarray:
+    # Of three fingers, two or more exceed a threshold if and only if the median exceeds it.
     return np.sort(values, axis=1)[:, 1]

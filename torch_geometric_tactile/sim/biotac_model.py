@@ -1,4 +1,4 @@
-r"""From forces on a fluid-filled fingertip to what its electrodes and pressure sensor report."""
+r"""Readings of the electrodes and the pressure sensor of a fluid-filled fingertip from forces."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,17 +8,17 @@ import numpy as np
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import TaxelLayout
 
-_COUNTS = 4095
-_REST = 3000.0  # counts of an electrode with nothing touched
-_PRESSURE_REST = 1800.0
+_MAX_COUNT = 4095  # of 12 bits
+_REST = 3000.0  # counts of an electrode without contact
+_PRESSURE_REST = 1800.0  # counts of the pressure sensor without contact
 _SKIN_RADIUS = 0.007  # m
-_FLUID = 0.002  # m, from an electrode to the skin above it
-_STRONGEST_DRAG = 0.003  # m
+_FLUID_DEPTH = 0.002  # m, from an electrode to the skin above it
+_MAX_DRAG = 0.003  # m
 
 
 class SessionOffsets(NamedTuple):
-    r"""What differs from one recording session to the next: rest readings in counts and gains of
-    the electrodes, both :math:`(N, 3)` for three fingers, and of the pressure sensors :math:`(3,)`.
+    r"""Offsets and gains of one recording session: rest readings in counts and gains of the
+    electrodes of three fingers, both :math:`(N, 3)`, and of the pressure sensors :math:`(3,)`.
     """
 
     offset: np.ndarray
@@ -37,42 +37,42 @@ class _FingertipReadings(NamedTuple):
 @dataclass(frozen=True)
 class BioTacModel:
     r"""Computes the readings of three fluid-filled fingertips such as the BioTac from contact
-    forces. A model: its constants are plausible, not measured.
+    forces. The constants of the model are plausible, not measured.
 
-    The parts, in their order: the middle of a contact is dragged along by shear (:obj:`drag`); the
-    contact is as wide as one of elastic bodies (Hertz, :obj:`stiffness`), widened by the fluid
-    (:obj:`blur`), and thins the fluid above electrodes by their distance from it; the fluid that it
-    displaces lifts the skin elsewhere (:obj:`bulge`); a part follows late (:obj:`lag`); the
-    response saturates (:obj:`saturation`). Every session has offsets and gains of its own
-    (:obj:`offset_spread`, :obj:`gain_spread`); each grasp drifts with temperature (:obj:`drift`);
-    noise is added (:obj:`noise`); the result is rounded to 12 bits. Pressure lowers the count of an
-    electrode near the contact.
+    The steps, in their order: shear moves the centre of a contact (:obj:`drag`); the contact is as
+    wide as that of elastic bodies (Hertz, :obj:`stiffness`), widened by the fluid (:obj:`blur`),
+    and thins the fluid above electrodes near it; the displaced fluid lifts the skin elsewhere
+    (:obj:`bulge`); a part of the response is delayed (:obj:`lag`); the response saturates
+    (:obj:`saturation`). Offsets and gains differ between sessions (:obj:`offset_spread`,
+    :obj:`gain_spread`); each grasp drifts with temperature (:obj:`drift`); noise is added
+    (:obj:`noise`); the sum is rounded to 12 bits. Pressure lowers the count of an electrode near
+    the contact.
 
     Args:
         gain (float): Counts per newton below a narrow contact.
-        saturation (float): Counts by which a reading can fall.
+        saturation (float): Largest fall of a reading in counts.
         blur (float): Width in metres of the smallest contact.
         stiffness (float): Elastic modulus of the skin in pascal.
-        drag (float): Way of the contact in metres per newton of shear, for small shear.
+        drag (float): Motion of the contact in metres per newton of shear, for small shear.
         bulge (float): Part of the response that all electrodes lose, per newton.
-        lag (float): Part of the response that follows with :obj:`lag_time`.
+        lag (float): Part of the response that follows with the time constant :obj:`lag_time`.
         lag_time (float): Time constant in seconds.
         pressure_gain (float): Counts of the pressure sensor per newton.
-        offset_spread (float): Standard deviation of offsets of a session in counts.
-        gain_spread (float): The same of the logarithm of its gains.
+        offset_spread (float): Standard deviation of the offsets of sessions in counts.
+        gain_spread (float): Standard deviation of the logarithm of the gains of sessions.
         drift (float): Standard deviation of the drift in ten seconds in counts.
         noise (float): Standard deviation of the noise of an electrode in counts.
-        pressure_noise (float): The same of the pressure sensor.
+        pressure_noise (float): Standard deviation of the noise of the pressure sensor in counts.
 
     Raises:
-        ValueError: If a number is negative, or one that has to be positive is zero, or :obj:`lag`
-            is not below one.
+        ValueError: If a number is negative, :obj:`lag` is not below one, or :obj:`saturation`,
+            :obj:`blur`, :obj:`stiffness` or :obj:`lag_time` is zero.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import biotac
         >>> model = BioTacModel(offset_spread=0.0)
         >>> session = model.session(biotac(), np.random.default_rng(0))
-        >>> response, force = np.zeros((10, 19, 3)), np.zeros((10, 3))  # nothing touches them
+        >>> response, force = np.zeros((10, 19, 3)), np.zeros((10, 3))  # without contact
         >>> time = np.arange(10) / 100
         >>> readings = model.readings(response, force, time, session, np.random.default_rng(0))
         >>> readings.tactile.shape, readings.pressure.shape
@@ -99,8 +99,8 @@ class BioTacModel:
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
             if not 0 <= value < float("inf") or (value == 0 and name in positive):
-                least = "positive" if name in positive else "not negative"
-                raise ValueError(f"'{name}' must be {least} and finite (got {value})")
+                requirement = "positive" if name in positive else "not negative"
+                raise ValueError(f"'{name}' must be {requirement} and finite (got {value})")
         need(self.lag < 1, "'lag' must be at least 0 and below 1", self.lag)
 
     def session(self, layout: TaxelLayout, rng: np.random.Generator) -> SessionOffsets:
@@ -108,7 +108,7 @@ class BioTacModel:
 
         Args:
             layout (TaxelLayout): The fingertip.
-            rng (numpy.random.Generator): Draws them.
+            rng (numpy.random.Generator): Draws offsets and gains.
         """
         shape = (layout.num_taxels, 3)
         return SessionOffsets(
@@ -126,19 +126,19 @@ class BioTacModel:
         layout: TaxelLayout,
         curvature: float = 0.0,
     ) -> np.ndarray:
-        r"""Returns by how many counts each reading falls, without lag, sessions, drift and noise
+        r"""Returns the fall of each reading in counts, without lag, sessions, drift and noise
         :math:`(T, N, 3)`.
 
         Args:
-            force (numpy.ndarray): Forces on three fingertips, in their frames, in newtons
-                :math:`(T, 3, 3)`.
-            normal (numpy.ndarray): Their parts along the normal of the contact :math:`(T, 3)`.
-            place (numpy.ndarray): The middles of the contacts in metres :math:`(T, 3, 3)`.
-            layout (TaxelLayout): The fingertip; it has normals.
-            curvature (float): Of the object, in 1/metre; 0 is flat.
+            force (numpy.ndarray): Forces on three fingertips in the frames of the fingertips, in
+                newtons :math:`(T, 3, 3)`.
+            normal (numpy.ndarray): Normal forces in newtons :math:`(T, 3)`.
+            place (numpy.ndarray): Centres of the contacts in metres :math:`(T, 3, 3)`.
+            layout (TaxelLayout): The fingertip, with normals.
+            curvature (float): Curvature of the object in 1/metre; 0 is flat.
 
         Raises:
-            ValueError: If shapes differ from these, or the layout has no normals.
+            ValueError: If an array has another shape, or the layout has no normals.
         """
         if layout.normal is None:
             raise ValueError(f"layout '{layout.name}' must have normals (got none)")
@@ -148,17 +148,18 @@ class BioTacModel:
                 "'force', 'normal' and 'place' must have shapes (T, 3, 3), (T, 3) and (T, 3, 3) "
                 f"(got {force.shape}, {normal.shape} and {place.shape})"
             )
-        skin = (layout.pos + _FLUID * layout.normal).double().numpy()
-        middle = place.copy()
+        skin = (layout.pos + _FLUID_DEPTH * layout.normal).double().numpy()
+        centre = place.copy()
         shear = force[..., :2]
-        middle[..., :2] += _STRONGEST_DRAG * np.tanh(self.drag * shear / _STRONGEST_DRAG)
+        centre[..., :2] += _MAX_DRAG * np.tanh(self.drag * shear / _MAX_DRAG)
         radius = 1 / (1 / _SKIN_RADIUS + curvature)
-        hertz = np.cbrt(0.75 * normal * radius / self.stiffness)
-        square = ((middle[:, None] - skin[:, None]) ** 2).sum(axis=-1)  # (T, N, 3)
-        width = self.blur**2 + (0.6 * hertz) ** 2
-        press = normal[:, None] * (np.exp(-square / (2 * width[:, None])) - self.bulge)
-        out: np.ndarray = self.saturation * np.tanh(self.gain * press / self.saturation)
-        return out
+        hertz_radius = np.cbrt(0.75 * normal * radius / self.stiffness)
+        square_distance = ((centre[:, None] - skin[:, None]) ** 2).sum(axis=-1)  # (T, N, 3)
+        square_width = self.blur**2 + (0.6 * hertz_radius) ** 2
+        proximity = np.exp(-square_distance / (2 * square_width[:, None]))
+        press = normal[:, None] * (proximity - self.bulge)
+        fall: np.ndarray = self.saturation * np.tanh(self.gain * press / self.saturation)
+        return fall
 
     def readings(
         self,
@@ -168,29 +169,30 @@ class BioTacModel:
         session: SessionOffsets,
         rng: np.random.Generator,
     ) -> _FingertipReadings:
-        r"""Returns what is read.
+        r"""Returns the readings of electrodes and pressure sensors in counts, with lag, the offsets
+        and gains of the session, drift and noise.
 
         Args:
-            response (numpy.ndarray): As :meth:`response` returns it.
+            response (numpy.ndarray): Output of :meth:`response` :math:`(T, N, 3)`.
             normal (numpy.ndarray): Normal forces in newtons :math:`(T, 3)`.
             time (numpy.ndarray): Times in seconds :math:`(T,)`.
-            session (SessionOffsets): Offsets and gains.
+            session (SessionOffsets): Offsets and gains of the session.
             rng (numpy.random.Generator): Draws drift and noise.
         """
-        late = np.zeros_like(response)
-        keep = np.exp(-np.diff(time) / self.lag_time)
-        for i, part in enumerate(keep, start=1):
-            late[i] = part * late[i - 1] + (1 - part) * response[i]
-        fall = (1 - self.lag) * response + self.lag * late
-        # Temperature acts on a whole fingertip, on some electrodes more than on others.
-        warmth = rng.normal(size=3) * (1 + 0.3 * rng.normal(size=response.shape[1:]))
-        drift = self.drift * ((time - time[:1]) / 10.0)[:, None, None] * warmth
+        delayed = np.zeros_like(response)
+        decay = np.exp(-np.diff(time) / self.lag_time)
+        for i, factor in enumerate(decay, start=1):
+            delayed[i] = factor * delayed[i - 1] + (1 - factor) * response[i]
+        fall = (1 - self.lag) * response + self.lag * delayed
+        # Temperature acts on the entire fingertip, but electrodes differ in their sensitivity.
+        sensitivity = rng.normal(size=3) * (1 + 0.3 * rng.normal(size=response.shape[1:]))
+        drift = self.drift * ((time - time[:1]) / 10.0)[:, None, None] * sensitivity
         tactile = session.offset - session.gain * fall + drift
         tactile += self.noise * rng.normal(size=tactile.shape)
         pressure = session.pressure_offset + session.pressure_gain * self.pressure_gain * normal
         pressure += drift.mean(axis=1) + self.pressure_noise * rng.normal(size=pressure.shape)
-        return _FingertipReadings(_counts(tactile), _counts(pressure))
+        return _FingertipReadings(_to_counts(tactile), _to_counts(pressure))
 
 
-def _counts(values: np.ndarray) -> np.ndarray:
-    return values.round().clip(0, _COUNTS).astype(np.float32)
+def _to_counts(values: np.ndarray) -> np.ndarray:
+    return values.round().clip(0, _MAX_COUNT).astype(np.float32)

@@ -1,4 +1,4 @@
-r"""Objects with drawn shapes, sizes, masses and frictions."""
+r"""Objects with random sizes, masses and frictions."""
 
 from functools import lru_cache
 
@@ -13,32 +13,31 @@ SHAPES: tuple[Shape, ...] = ("sphere", "cylinder", "box", "ellipsoid")
 NUM_DRAWN = 40
 _WIDTH = (0.060, 0.095)  # m
 _HEIGHT = (0.050, 0.090)  # m, of boxes and ellipsoids
-_LENGTH = (0.120, 0.200)  # m, of all but spheres
+_LENGTH = (0.120, 0.200)  # m, of all shapes except spheres
 _MASS = (0.06, 0.35)  # kg
 _FRICTION = (0.3, 1.0)
-_PER_BLOCK = 10  # objects of a shape that are drawn together
-_NUM_NUMBERS = 6
-_CANDIDATES = 1000
+_BLOCK_SIZE = 10  # objects of a shape that are drawn together
+_NUM_QUANTITIES = 6  # width, height, length, mass, friction, softness
+_NUM_CANDIDATES = 1000  # Latin hypercubes of a block, of which the least correlated is used
 
 
 def drawn_objects(num_objects: int = NUM_DRAWN, seed: int = 0) -> list[GraspObject]:
-    r"""Draws objects whose size says nothing about mass, friction and softness, and whose shape
-    says nothing about any of them: spheres, cylinders, boxes and ellipsoids in turn, with widths
-    from 60 to 95 mm.
+    r"""Draws spheres, cylinders, boxes and ellipsoids in turn, with widths from 60 to 95 mm, whose
+    size, mass, friction and softness are independent of each other and of the shape.
 
-    Width, height, length, mass (from 60 to 350 g, its logarithm), friction (from 0.3 to 1) and
-    softness are drawn uniformly and independently of each other. So that few objects are balanced
-    as well, ten objects of a shape are drawn together: each number once in each tenth of its range,
-    in the order, of a thousand, in which width, mass, friction and softness are least correlated. A
-    sphere is as high and as long as it is wide, and a cylinder as high as wide. Objects are the
-    same however many are drawn.
+    Width, height, length, the logarithm of the mass (60 to 350 g), friction (0.3 to 1) and softness
+    are drawn uniformly. To balance small sets of objects as well, ten objects of a shape are drawn
+    together: each quantity has one value in each tenth of its range, and of a thousand random
+    orders the one is used in which width, mass, friction and softness are least correlated. A
+    sphere has equal width, height and length, and a cylinder equal width and height. A larger
+    number of objects starts with the same objects.
 
     Args:
         num_objects (int): Number of objects.
-        seed (int): Which objects.
+        seed (int): Seed, not negative.
 
     Raises:
-        ValueError: If there are fewer than one, or the seed is negative.
+        ValueError: If :obj:`num_objects` is below one, or the seed is negative.
 
     Examples:
         >>> [item.name for item in drawn_objects(5)]
@@ -48,43 +47,44 @@ def drawn_objects(num_objects: int = NUM_DRAWN, seed: int = 0) -> list[GraspObje
     need(seed >= 0, "'seed' must not be negative", seed)
     objects = []
     for i in range(num_objects):
-        number, place = divmod(i, len(SHAPES))
-        block, row = divmod(number, _PER_BLOCK)
-        objects.append(_drawn_object(SHAPES[place], number, _block(seed, place, block)[row]))
+        number, shape_index = divmod(i, len(SHAPES))
+        block, row = divmod(number, _BLOCK_SIZE)
+        fractions = _draw_block(seed, shape_index, block)[row]
+        objects.append(_make_object(SHAPES[shape_index], number, fractions))
     return objects
 
 
 @lru_cache
-def _block(seed: int, place: int, block: int) -> np.ndarray:
-    # Numbers from 0 to 1 of ten objects of a shape: of many Latin hypercubes, the least correlated.
-    rng = np.random.default_rng([seed, place, block])
+def _draw_block(seed: int, shape_index: int, block: int) -> np.ndarray:
+    # Positions in the ranges of the quantities, from 0 to 1, of ten objects of a shape.
+    rng = np.random.default_rng([seed, shape_index, block])
     strata = np.broadcast_to(
-        np.arange(_PER_BLOCK)[:, None], (_CANDIDATES, _PER_BLOCK, _NUM_NUMBERS)
+        np.arange(_BLOCK_SIZE)[:, None], (_NUM_CANDIDATES, _BLOCK_SIZE, _NUM_QUANTITIES)
     )
     ranks = rng.permuted(strata, axis=1)
-    properties = np.concatenate([ranks[..., [0, 3, 4]], ranks[..., 5:] < _PER_BLOCK // 2], axis=-1)
+    properties = np.concatenate([ranks[..., [0, 3, 4]], ranks[..., 5:] < _BLOCK_SIZE // 2], axis=-1)
     properties = (properties - properties.mean(axis=1, keepdims=True)) / properties.std(
         axis=1, keepdims=True
     )
     correlation = np.abs(np.einsum("cni,cnj->cij", properties, properties))
     correlation[:, range(4), range(4)] = 0.0
-    best = ranks[correlation.max(axis=(1, 2)).argmin()]
-    return np.asarray((best + rng.random(best.shape)) / _PER_BLOCK)
+    least_correlated = ranks[correlation.max(axis=(1, 2)).argmin()]
+    return np.asarray((least_correlated + rng.random(least_correlated.shape)) / _BLOCK_SIZE)
 
 
-def _drawn_object(shape: Shape, number: int, drawn: np.ndarray) -> GraspObject:
-    def between(i: int, span: tuple[float, float]) -> float:
-        return float(span[0] + drawn[i] * (span[1] - span[0]))
+def _make_object(shape: Shape, number: int, fractions: np.ndarray) -> GraspObject:
+    def quantity(i: int, span: tuple[float, float]) -> float:
+        return float(span[0] + fractions[i] * (span[1] - span[0]))
 
-    width = round(between(0, _WIDTH), 5)
-    height = round(between(1, _HEIGHT), 5) if shape in ("box", "ellipsoid") else width
-    length = width if shape == "sphere" else round(between(2, _LENGTH), 5)
+    width = round(quantity(0, _WIDTH), 5)
+    height = round(quantity(1, _HEIGHT), 5) if shape in ("box", "ellipsoid") else width
+    length = width if shape == "sphere" else round(quantity(2, _LENGTH), 5)
     low, high = np.log(_MASS)
     return GraspObject(
         name=f"{shape}_{number:03d}",
         shape=shape,
         size=(width, length, height),
-        mass=round(float(np.exp(between(3, (low, high)))), 4),
-        friction=round(between(4, _FRICTION), 3),
-        soft=bool(drawn[5] < 0.5),
+        mass=round(float(np.exp(quantity(3, (low, high)))), 4),
+        friction=round(quantity(4, _FRICTION), 3),
+        soft=bool(fractions[5] < 0.5),
     )

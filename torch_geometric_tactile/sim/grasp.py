@@ -1,4 +1,4 @@
-r"""One grasp of the simulated hand: plan, physics, forces."""
+r"""A grasp of the simulated hand: plan, physics and forces."""
 
 from typing import Any, NamedTuple
 
@@ -8,9 +8,9 @@ import torch
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.sim._hand_motion import (
     JOINT_TREMOR,
+    draw_phases,
+    draw_postures,
     palm_path,
-    postures,
-    timed_phases,
     tremor,
 )
 from torch_geometric_tactile.sim._mujoco import import_mujoco
@@ -21,19 +21,20 @@ from torch_geometric_tactile.sim.spread import GraspSpread
 #: The phases of a simulated grasp, in order.
 PHASES = ("hover", "reach", "close", "squeeze", "lift", "hold")
 
-# Shortest and longest duration of each phase but the last, in seconds of a trial of 17 s.
+# Shortest and longest duration of each phase except the last, in seconds of a trial of 17 s.
 _SCHEDULE = ((1.2, 2.2), (2.0, 3.0), (2.2, 3.2), (0.6, 1.4), (1.8, 2.6))
-_FULL_LENGTH = 17.0
-_SQUEEZE = (0.0, 0.10, 0.10, 0.10) * 3 + (0.0, 0.0, 0.10, 0.10)
-_LIFTED = 0.05  # height above the stand that counts, m
+_FULL_LENGTH = 17.0  # s
+_SQUEEZE_ANGLES = (0.0, 0.10, 0.10, 0.10) * 3 + (0.0, 0.0, 0.10, 0.10)  # rad
+_MIN_LIFT = 0.05  # m, from which an object counts as lifted
 
 
 class GraspPlan(NamedTuple):
     r"""A planned grasp: the target pose of palm and fingers every :obj:`step` seconds.
 
-    :obj:`gantry` are x, y, z (metres) and yaw (radians) of the palm :math:`(K, 4)`, :obj:`joint`
-    the joint targets (radians) :math:`(K, 16)` and :obj:`phase` indices into :obj:`PHASES`
-    :math:`(K,)`.
+    Shapes:
+        - **gantry:** x, y and z in metres and yaw in radians of the palm :math:`(K, 4)`
+        - **joint:** target angles of the joints in radians :math:`(K, 16)`
+        - **phase:** indices into :obj:`PHASES` :math:`(K,)`
 
     Examples:
         >>> plan = plan_grasp((0.07, 0.1, 0.06), np.random.default_rng(0))
@@ -54,16 +55,17 @@ class GraspPlan(NamedTuple):
         return PHASES
 
     def gives_up(self, tick: int, moved: np.ndarray) -> bool:
-        r"""Whether the attempt has failed.
+        r"""Returns whether the attempt has failed: the object is not lifted in the last phase.
 
         Args:
-            tick (int): Which of the steps.
-            moved (numpy.ndarray): How far the object is from where it was, in metres :math:`(3,)`.
+            tick (int): Index of the step.
+            moved (numpy.ndarray): Displacement of the object from its initial position in metres
+                :math:`(3,)`.
         """
-        return bool(self.phase[tick] == len(PHASES) - 1 and moved[2] < _LIFTED)
+        return bool(self.phase[tick] == len(PHASES) - 1 and moved[2] < _MIN_LIFT)
 
     def is_done(self, phase: np.ndarray, force: np.ndarray, layout: TaxelLayout) -> bool:
-        r"""Whether an attempt that was not given up is a success.
+        r"""Returns whether an attempt that ran to its end is a success; a grasp always is.
 
         Args:
             phase (numpy.ndarray): The phases of the frames :math:`(T,)`.
@@ -74,14 +76,20 @@ class GraspPlan(NamedTuple):
 
 
 class GraspResult(NamedTuple):
-    r"""The recorded forces, joint angles and poses of a simulated grasp, and whether it succeeded.
+    r"""Recorded forces, joint angles and poses of a simulated grasp, and its success.
 
-    :obj:`force` are the clean forces in the frames of the taxels :math:`(T, N, 3)` in newtons:
-    shear that the object exerts along :math:`x` and :math:`y`, and pressure :math:`z`, positive
-    where it presses. :obj:`bone_force` is the sum of normal forces on the bones :math:`(T,)`,
-    :obj:`support` the force of the hand on the object in the world's frame :math:`(T, 3)`,
-    :obj:`object_pose` and :obj:`palm_pose` are positions and quaternions :math:`(T, 7)`.
-    :obj:`success` tells whether the plan was fulfilled: the object lifted and held, or squeezed.
+    Shapes:
+        - **time:** seconds :math:`(T,)`
+        - **joint:** joint angles in radians :math:`(T, 16)`
+        - **force:** forces without noise in newtons, in the frames of the taxels: shear that the
+          object exerts along :math:`x` and :math:`y`, and pressure :math:`z`, positive for a
+          pressing object :math:`(T, N, 3)`
+        - **bone_force:** sum of the normal forces on the bones in newtons :math:`(T,)`
+        - **support:** force in newtons of the hand on the object, in the world frame
+          :math:`(T, 3)`
+        - **object_pose, palm_pose:** positions and quaternions :math:`(T, 7)`
+        - **phase:** indices into the phases of the plan :math:`(T,)`
+        - **success:** whether the object was lifted and held, or squeezed
 
     Examples:
         >>> result = GraspResult(
@@ -111,15 +119,15 @@ def plan_grasp(
     step: float = 0.01,
     spread: GraspSpread | None = None,
 ) -> GraspPlan:
-    r"""Plans a grasp from above that knows the size of the object, but not its mass, friction and
-    softness, as an operator who only sees it.
+    r"""Plans a grasp from above. Like an operator who only sees the object, the plan depends on its
+    size, but not on its mass, friction and softness.
 
     Args:
         size (tuple of float): Full extent of the object in metres.
         rng (numpy.random.Generator): Draws durations, alignment errors and tremor.
         duration (float): Length of the trial in seconds; the phases are scaled with it.
         step (float): Time between targets in seconds.
-        spread (GraspSpread, optional): How large the errors are.
+        spread (GraspSpread, optional): Size of the alignment errors.
 
     Raises:
         ValueError: If the step is not positive, or longer than the trial.
@@ -130,16 +138,16 @@ def plan_grasp(
         ((250, 4), (250, 16))
     """
     spread = spread or GraspSpread()
-    ticks, phase, progress, _ = timed_phases(_SCHEDULE, _FULL_LENGTH, rng, duration, step)
+    ticks, phase, progress, _ = draw_phases(_SCHEDULE, _FULL_LENGTH, rng, duration, step)
     _, reach, close, squeeze, lift = progress
     rise = rng.uniform(0.09, 0.13) * lift
     gantry = palm_path(size, rng, spread, step, reach, close, rise)
-    start, end = postures(rng, spread)
+    open_hand, closed_hand = draw_postures(rng, spread)
     firmness = rng.uniform(0.6, 1.4)
-    shake = tremor(rng, step, (len(ticks), 16), sd=JOINT_TREMOR)
-    joint = start + spread.close_less(end - start, rng) * close[:, None]
-    joint += firmness * np.array(_SQUEEZE) * squeeze[:, None]
-    joint += shake
+    joint_tremor = tremor(rng, step, (len(ticks), 16), sd=JOINT_TREMOR)
+    joint = open_hand + spread.close_less(closed_hand - open_hand, rng) * close[:, None]
+    joint += firmness * np.array(_SQUEEZE_ANGLES) * squeeze[:, None]
+    joint += joint_tremor
     return GraspPlan(gantry, joint, phase, step)
 
 
@@ -148,9 +156,9 @@ class GraspSimulator:
 
     Args:
         layout (TaxelLayout): The taxels.
-        kinematics (HandKinematics): The hand that carries them.
+        kinematics (HandKinematics): The hand that carries the taxels.
         item (GraspObject): The object.
-        parameters (ContactParameters, optional): How things touch.
+        parameters (ContactParameters, optional): Parameters of contacts and joints.
 
     Raises:
         ImportError: If MuJoCo is missing.
@@ -179,7 +187,7 @@ class GraspSimulator:
         mjcf = grasp_mjcf(layout, kinematics, item, parameters)
         self.model = model = self._mujoco.MjModel.from_xml_string(mjcf)
         self.data = self._mujoco.MjData(model)
-        # Which taxel a geometry is: -1 a bone, -2 anything else.
+        # Taxel of each geometry: -1 for a bone, -2 for other geometries.
         self._taxel = np.full(model.ngeom, -2)
         self._body = np.empty(layout.num_taxels, dtype=int)
         for i in range(model.ngeom):
@@ -200,45 +208,48 @@ class GraspSimulator:
         self._palm = model.body(kinematics.link_names[0]).id
 
     def forces(self) -> tuple[np.ndarray, float, np.ndarray]:
-        r"""Returns the forces on the taxels :math:`(N, 3)` now, the sum on the bones, and the force
-        of the hand on the object :math:`(3,)`, in newtons.
+        r"""Returns the current forces on the taxels :math:`(N, 3)`, the sum of normal forces on the
+        bones, and the force of the hand on the object :math:`(3,)`, all in newtons.
         """
-        out, bones, support = np.zeros((self.layout.num_taxels, 3)), 0.0, np.zeros(3)
+        taxel_force, bone_force = np.zeros((self.layout.num_taxels, 3)), 0.0
+        support = np.zeros(3)
         data = self.data
         contact = data.contact
-        touching = contact.efc_address >= 0
-        geom = contact.geom[touching]
+        is_active = contact.efc_address >= 0
+        geom = contact.geom[is_active]
         if len(geom) == 0:
-            return out, bones, support
+            return taxel_force, bone_force, support
         # With elliptic cones `efc_force` is the force in the frame of the contact.
-        address = contact.efc_address[touching]
+        address = contact.efc_address[is_active]
         local = data.efc_force[address[:, None] + np.arange(3)]
-        world = np.einsum("ca,cai->ci", local, contact.frame[touching].reshape(-1, 3, 3))
-        for side, sign in ((0, -1.0), (1, 1.0)):  # the frame points from the first to the second
+        world = np.einsum("ca,cai->ci", local, contact.frame[is_active].reshape(-1, 3, 3))
+        # The frame of a contact points from its first geometry to its second.
+        for side, sign in ((0, -1.0), (1, 1.0)):
             taxel = self._taxel[geom[:, side]]
-            bones += float(local[taxel == -1, 0].sum())
+            bone_force += float(local[taxel == -1, 0].sum())
             support -= sign * world[taxel >= -1].sum(axis=0)
             on_skin = taxel >= 0
             taxel = taxel[on_skin]
-            turn = data.xmat[self._body[taxel]].reshape(-1, 3, 3) @ self._axes[taxel]
-            force = sign * np.einsum("ci,cia->ca", world[on_skin], turn)
-            force[:, 2] *= -1.0  # the normal points outwards, pressure inwards: TaxelLayout.axes
-            np.add.at(out, taxel, force)
-        return out, bones, support
+            rotation = data.xmat[self._body[taxel]].reshape(-1, 3, 3) @ self._axes[taxel]
+            force = sign * np.einsum("ci,cia->ca", world[on_skin], rotation)
+            # The normal of TaxelLayout.axes points outwards, but pressure counts inwards.
+            force[:, 2] *= -1.0
+            np.add.at(taxel_force, taxel, force)
+        return taxel_force, bone_force, support
 
     def run(self, plan: GraspPlan, rate: float = 100.0) -> GraspResult:
-        r"""Runs a plan; gives up early on an object that was not lifted, that fell or that left.
+        r"""Runs a plan. Stops early if the attempt fails, such as for an object that falls.
 
         Args:
-            plan (GraspPlan): What the hand shall do.
+            plan (GraspPlan): The targets of palm and fingers.
             rate (float): Frames recorded per second.
 
         Raises:
-            ValueError: If a frame is not a whole number of the plan's steps, or one of them not a
-                whole number of time steps of the physics.
+            ValueError: If a frame is not a whole number of steps of the plan, or a step of the plan
+                not a whole number of time steps of the physics.
         """
-        every = _whole("rate", 1 / rate, plan.step)
-        substeps = _whole("plan.step", plan.step, self.model.opt.timestep)
+        steps_per_frame = _num_steps("rate", 1 / rate, plan.step)
+        substeps = _num_steps("plan.step", plan.step, self.model.opt.timestep)
         mujoco, model, data = self._mujoco, self.model, self.data
         mujoco.mj_resetData(model, data)
         data.qpos[self._gantry] = plan.gantry[0]
@@ -251,7 +262,7 @@ class GraspSimulator:
             data.ctrl[:4] = plan.gantry[tick]
             data.ctrl[4:] = plan.joint[tick]
             mujoco.mj_step(model, data, substeps)
-            if tick % every == every - 1:
+            if tick % steps_per_frame == steps_per_frame - 1:
                 pose = data.qpos[self._object : self._object + 7].copy()
                 palm = np.concatenate([data.xpos[self._palm], data.xquat[self._palm]])
                 joint = data.qpos[self._joints].copy()
@@ -261,7 +272,7 @@ class GraspSimulator:
                     break
         columns = [np.array(column) for column in zip(*frames, strict=True)]
         time, joint, force, bones, support, pose, palm = columns
-        phase = plan.phase[every - 1 :: every][: len(time)].astype(np.int64)
+        phase = plan.phase[steps_per_frame - 1 :: steps_per_frame][: len(time)].astype(np.int64)
         return GraspResult(
             time=time,
             joint=joint.astype(np.float32),
@@ -275,11 +286,11 @@ class GraspSimulator:
         )
 
 
-def _whole(name: str, length: float, step: float) -> int:
-    count = round(length / step)
-    if count < 1 or abs(count * step - length) > 1e-9:
+def _num_steps(name: str, length: float, step: float) -> int:
+    num_steps = round(length / step)
+    if num_steps < 1 or abs(num_steps * step - length) > 1e-9:
         raise ValueError(
             f"'{name}' must make {length:g} s a whole number of steps of {step:g} s "
             f"(got {length / step:g})"
         )
-    return count
+    return num_steps

@@ -1,4 +1,4 @@
-r"""The Allegro hand in MuJoCo, written from the layout and the kinematics."""
+r"""MuJoCo model of the Allegro hand, generated from the layout and the kinematics."""
 
 import json
 import math
@@ -13,26 +13,27 @@ import numpy as np
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, stock_path
 from torch_geometric_tactile.sim.objects import GraspObject
 
-STAND = (0.02, 0.05, 0.07)  # half width, half length and height of the stand below the object, m
-_TIP_RADIUS = 0.0090  # of the bone in a fingertip, behind its skin, m
-_SLIM = np.array([0.002, 0.006, 0.0])  # by which bones are thinner than the links' boxes, m
+STAND = (0.02, 0.05, 0.07)  # m: half width, half length and height of the stand below the object
+_TIP_RADIUS = 0.0090  # m, of the bone in a fingertip, behind the skin
+_BONE_REDUCTION = np.array([0.002, 0.006, 0.0])  # m, of bones relative to the boxes of the links
 _SOLIMP = "0.5 0.93 0.004"
 _GANTRY_MASS = 0.5  # kg
-_FINGER_WEIGHT = 5.0  # inverse mass in 1/kg that a contact on a finger feels
+_FINGER_INVERSE_MASS = 5.0  # 1/kg, effective at a contact on a finger
 
 
 @dataclass(frozen=True)
 class ContactParameters:
-    r"""The contact and joint parameters of the simulated hand: time constants, friction, joint
-    stiffness. Plausible, not measured.
+    r"""Parameters of contacts and joints of the simulated hand: time constants, friction, joint
+    stiffness. The values are plausible, not measured.
 
     Args:
         timestep (float): Step of the simulation in seconds.
         taxel_radius (float): Radius of the collision sphere of a taxel in metres.
         skin_time (float): Time constant of the skin in seconds.
-        hard_time (float): Time constant of a hard object.
-        soft_time (float): Time constant of a soft object.
-        hand_friction (float): Friction of the hand; below the objects', so that theirs decides.
+        hard_time (float): Time constant of a hard object in seconds.
+        soft_time (float): Time constant of a soft object in seconds.
+        hand_friction (float): Friction coefficient of the hand. It is below that of the objects,
+            because MuJoCo uses the larger of both.
         joint_gain (float): Stiffness of a finger joint in newton metres per radian.
         joint_torque (float): Largest torque of a finger joint in newton metres.
         joint_damping (float): Damping of a finger joint in newton metre seconds per radian.
@@ -75,26 +76,26 @@ def grasp_mjcf(
     parameters: ContactParameters | None = None,
     bodies: Sequence[Mapping[str, Any]] | None = None,
 ) -> str:
-    r"""Returns a MuJoCo model in one MJCF text, without further files: the hand on a gantry, palm
-    down, above an object on a stand.
+    r"""Returns a MuJoCo model (MJCF) without further files: the hand on a gantry, palm down, above
+    an object on a stand.
 
     Each taxel is a small collision sphere below the surface of the skin, named
     :obj:`taxel_0`, :obj:`taxel_1`, ..., with a site of the same name at the taxel. The bones are
-    the boxes of the hand's own model, a few millimetres behind the skin; they stop what the skin
-    cannot. How stiff a contact of MuJoCo is depends on the masses that meet in it; time constants
-    are scaled with the object's mass, and with what a finger or the palm weighs against it, so that
-    skin and object are as soft as they are.
+    the collision boxes of the links, a few millimetres behind the skin; they limit its compression.
+    The stiffness of a contact in MuJoCo depends on the masses in contact. Time constants are
+    therefore scaled with the mass of the object and the effective mass of a finger or the palm, so
+    that the softness of skin and object does not depend on their masses.
 
     Args:
         layout (TaxelLayout): The layout; its links are links of :obj:`kinematics`.
         kinematics (HandKinematics): The hand.
         item (GraspObject): The object.
-        parameters (ContactParameters, optional): How things touch.
-        bodies (sequence of dict, optional): Boxes and spheres of the links; those of the Allegro
-            hand if left out.
+        parameters (ContactParameters, optional): Parameters of contacts and joints.
+        bodies (sequence of dict, optional): Boxes and spheres of the links (default: those of the
+            Allegro hand).
 
     Raises:
-        ValueError: If the layout has no normals, or a link that is not one of the hand's.
+        ValueError: If the layout has no normals, or a link that the hand does not have.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
@@ -108,10 +109,10 @@ def grasp_mjcf(
     parameters = parameters or ContactParameters()
     kinematics.require_links(layout)
     bodies = stock_bodies() if bodies is None else bodies
-    palm_weight = 1.0 / (_GANTRY_MASS + sum(body["mass"] for body in bodies))
+    palm_inverse_mass = 1.0 / (_GANTRY_MASS + sum(body["mass"] for body in bodies))
 
-    def solref(constant: float, weight: float = _FINGER_WEIGHT) -> str:
-        return f"{constant * math.sqrt(15.0 / (1.0 / item.mass + weight))!r} 1"
+    def solref(time_constant: float, inverse_mass: float = _FINGER_INVERSE_MASS) -> str:
+        return f"{time_constant * math.sqrt(15.0 / (1.0 / item.mass + inverse_mass))!r} 1"
 
     root = Element("mujoco", model="grasp")
     SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -121,69 +122,71 @@ def grasp_mjcf(
     world = SubElement(root, "worldbody")
     SubElement(world, "light", pos="0 -0.5 1.5", dir="0 0.3 -1")
     _add_ground(world, item)
-    surface = parameters.soft_time if item.soft else parameters.hard_time
-    _add_object(world, item, solref(surface))
+    object_time = parameters.soft_time if item.soft else parameters.hard_time
+    _add_object(world, item, solref(object_time))
     links = _add_links(world, kinematics, parameters)
     for shape in bodies:
         _add_bone(links[shape["link"]], shape, solref(parameters.hard_time), parameters)
     skin = _hand_geom(parameters, solref(parameters.skin_time))
-    # MuJoCo takes the mean of skin and object, but what has priority as it is.
-    both = (parameters.skin_time + surface) / 2
-    palm = {"priority": "1", "solref": solref(both, palm_weight), "friction": _friction(item)}
+    # MuJoCo averages the parameters of both geometries, unless one has priority: the palm, whose
+    # effective mass differs from that of the fingers, gets the average itself.
+    mean_time = (parameters.skin_time + object_time) / 2
+    palm_solref = solref(mean_time, palm_inverse_mass)
+    palm = {"priority": "1", "solref": palm_solref, "friction": _friction_attribute(item)}
     _add_skin(links, layout, {kinematics.link_names[0]: skin | palm}, skin, parameters)
     _add_actuators(root, kinematics, parameters)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _text(numbers: Iterable[float]) -> str:
+def _join_numbers(numbers: Iterable[float]) -> str:
     return " ".join(repr(float(number)) for number in numbers)
 
 
-def _quaternion(rpy: tuple[float, float, float]) -> np.ndarray:
-    out = np.array([1.0, 0.0, 0.0, 0.0])
+def _rpy_to_quaternion(rpy: tuple[float, float, float]) -> np.ndarray:
+    quaternion = np.array([1.0, 0.0, 0.0, 0.0])
     for angle, axis in zip(rpy, (1, 2, 3), strict=True):
-        turn = np.zeros(4)
-        turn[0], turn[axis] = math.cos(angle / 2), math.sin(angle / 2)
-        out = _multiply(turn, out)
-    return out
+        rotation = np.zeros(4)
+        rotation[0], rotation[axis] = math.cos(angle / 2), math.sin(angle / 2)
+        quaternion = _multiply_quaternions(rotation, quaternion)
+    return quaternion
 
 
-def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _multiply_quaternions(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     scalar = a[0] * b[0] - a[1:] @ b[1:]
     return np.array([scalar, *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
 
 
 def _add_ground(world: Element, item: GraspObject) -> None:
-    only_objects = {"contype": "0", "conaffinity": "1"}
+    object_contacts_only = {"contype": "0", "conaffinity": "1"}
     table = {"name": "table", "type": "plane", "size": "1 1 0.1", "friction": "0.6"}
-    SubElement(world, "geom", table | only_objects)
+    SubElement(world, "geom", table | object_contacts_only)
     half_x, half_y, height = STAND
     stand = {
         "name": "stand",
         "type": "box",
-        "size": _text((half_x, min(half_y, 0.4 * item.size[1]), height / 2)),
-        "pos": _text((0, 0, height / 2)),
+        "size": _join_numbers((half_x, min(half_y, 0.4 * item.size[1]), height / 2)),
+        "pos": _join_numbers((0, 0, height / 2)),
         "friction": "0.6 0.01 0.002",
-        "condim": "6",  # with rolling friction, or a cylinder rolls off before it is touched
+        "condim": "6",  # rolling friction keeps a cylinder on the stand before the hand touches it
     }
-    SubElement(world, "geom", stand | only_objects)
+    SubElement(world, "geom", stand | object_contacts_only)
 
 
 def _add_object(world: Element, item: GraspObject, solref: str) -> None:
     x, y, z = (length / 2 for length in item.size)
-    body = SubElement(world, "body", name="object", pos=_text((0, 0, STAND[2] + z)))
+    body = SubElement(world, "body", name="object", pos=_join_numbers((0, 0, STAND[2] + z)))
     SubElement(body, "freejoint", name="object")
-    lying = item.shape == "cylinder"  # MuJoCo's cylinders point along z
+    is_lying = item.shape == "cylinder"  # cylinders of MuJoCo point along z, ours along y
     SubElement(
         body,
         "geom",
         name="object",
         type=item.shape,
-        size=_text({"cylinder": (x, y), "sphere": (x,)}.get(item.shape, (x, y, z))),
-        quat=_text((0.5**0.5, 0.5**0.5, 0, 0) if lying else (1, 0, 0, 0)),
+        size=_join_numbers({"cylinder": (x, y), "sphere": (x,)}.get(item.shape, (x, y, z))),
+        quat=_join_numbers((0.5**0.5, 0.5**0.5, 0, 0) if is_lying else (1, 0, 0, 0)),
         mass=repr(item.mass),
-        friction=_friction(item),
+        friction=_friction_attribute(item),
         condim="4",
         contype="1",
         conaffinity="2",
@@ -193,7 +196,7 @@ def _add_object(world: Element, item: GraspObject, solref: str) -> None:
     )
 
 
-def _friction(item: GraspObject) -> str:
+def _friction_attribute(item: GraspObject) -> str:
     return f"{item.friction!r} 0.005 0.0005"
 
 
@@ -211,17 +214,17 @@ def _add_links(
     SubElement(
         gantry, "inertial", pos="0 0 0", mass=repr(_GANTRY_MASS), diaginertia="0.002 0.002 0.002"
     )
-    # Palm down: the hand's x points to the table, its z (the fingers) along the world's x.
+    # Palm down: x of the hand points to the table, and z (along the fingers) along x of the world.
     root = kinematics.link_names[0]
-    quat = _text((0.5**0.5, 0, 0.5**0.5, 0))
+    quat = _join_numbers((0.5**0.5, 0, 0.5**0.5, 0))
     links = {root: SubElement(gantry, "body", name=root, quat=quat, gravcomp="1")}
-    for joint in _outwards(kinematics):
+    for joint in _joints_from_root(kinematics):
         body = SubElement(
             links[joint.parent],
             "body",
             name=joint.child,
-            pos=_text(joint.xyz),
-            quat=_text(_quaternion(joint.rpy)),
+            pos=_join_numbers(joint.xyz),
+            quat=_join_numbers(_rpy_to_quaternion(joint.rpy)),
             gravcomp="1",
         )
         links[joint.child] = body
@@ -231,21 +234,21 @@ def _add_links(
                 "joint",
                 name=joint.name,
                 type="hinge",
-                axis=_text(joint.axis),
-                range=_text((joint.lower, joint.upper)),
+                axis=_join_numbers(joint.axis),
+                range=_join_numbers((joint.lower, joint.upper)),
                 damping=repr(parameters.joint_damping),
                 armature=repr(parameters.armature),
             )
     return links
 
 
-def _outwards(kinematics: HandKinematics) -> list[Joint]:
-    number = {name: i for i, name in enumerate(kinematics.link_names)}
-    return sorted(kinematics.joints, key=lambda joint: number[joint.child])
+def _joints_from_root(kinematics: HandKinematics) -> list[Joint]:
+    link_index = {name: i for i, name in enumerate(kinematics.link_names)}
+    return sorted(kinematics.joints, key=lambda joint: link_index[joint.child])
 
 
 def _hand_geom(parameters: ContactParameters, solref: str) -> dict[str, str]:
-    # The hand touches the object and nothing else.
+    # The hand can touch only the object, not itself or the table.
     return {
         "contype": "2",
         "conaffinity": "0",
@@ -258,13 +261,16 @@ def _add_bone(
     body: Element, shape: Mapping[str, Any], solref: str, parameters: ContactParameters
 ) -> None:
     if "box" in shape:
-        size = {"type": "box", "size": _text((np.array(shape["box"]) - _SLIM) / 2)}
+        size = {
+            "type": "box",
+            "size": _join_numbers((np.array(shape["box"]) - _BONE_REDUCTION) / 2),
+        }
     else:
         size = {"type": "sphere", "size": repr(_TIP_RADIUS)}
     attributes = {
         "name": f"bone_{shape['link']}",
         "mass": repr(float(shape["mass"])),
-        "pos": _text(shape["center"]),
+        "pos": _join_numbers(shape["center"]),
         "rgba": "0.35 0.35 0.4 1",
     }
     SubElement(body, "geom", attributes | size | _hand_geom(parameters, solref))
@@ -273,8 +279,8 @@ def _add_bone(
 def _add_skin(
     links: Mapping[str, Element],
     layout: TaxelLayout,
-    special: Mapping[str, dict[str, str]],
-    usual: dict[str, str],
+    link_attributes: Mapping[str, dict[str, str]],
+    default_attributes: dict[str, str],
     parameters: ContactParameters,
 ) -> None:
     assert layout.link is not None
@@ -289,13 +295,14 @@ def _add_skin(
             "name": f"taxel_{i}",
             "type": "sphere",
             "size": repr(radius),
-            "pos": _text(pos[i] - radius * normal[i]),
+            "pos": _join_numbers(pos[i] - radius * normal[i]),
             "mass": "0",
             "solimp": _SOLIMP,
             "rgba": "0.2 0.2 0.2 1",
         }
-        SubElement(body, "geom", attributes | special.get(link, usual))
-        SubElement(body, "site", name=f"taxel_{i}", pos=_text(pos[i]), size="0.0005")
+        contact_attributes = link_attributes.get(link, default_attributes)
+        SubElement(body, "geom", attributes | contact_attributes)
+        SubElement(body, "site", name=f"taxel_{i}", pos=_join_numbers(pos[i]), size="0.0005")
 
 
 def _add_actuators(
@@ -315,5 +322,5 @@ def _add_actuators(
             "position",
             joint=name,
             kp=repr(parameters.joint_gain),
-            forcerange=_text((-parameters.joint_torque, parameters.joint_torque)),
+            forcerange=_join_numbers((-parameters.joint_torque, parameters.joint_torque)),
         )

@@ -1,4 +1,4 @@
-r"""Capital letters as strokes: our own drawing, under the licence of this package."""
+r"""Capital letters as strokes, drawn for this package and under its licence."""
 
 import math
 from functools import cache
@@ -8,14 +8,15 @@ import numpy as np
 #: The letters that can be pressed, in the order of their classes.
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
-_STEP = 12.0  # degrees of an arc that a straight piece stands for, to 0.6 % of its radius
+_ARC_STEP = 12.0  # degrees of an arc per straight piece; accurate to 0.6 % of the radius
 
 _Points = list[tuple[float, float]]
 
 
 def letter_strokes(letter: str) -> np.ndarray:
-    r"""Returns the straight pieces of the middle lines of a capital letter without serifs, of
-    height one, around the middle of its box: :math:`x` to the right, :math:`y` downwards.
+    r"""Returns the centre lines of a capital letter without serifs as straight pieces. The letter
+    has height one and the centre of its bounding box at the origin; :math:`x` points to the right
+    and :math:`y` downwards.
 
     The letters are drawn for this package, not taken from a font.
 
@@ -23,10 +24,10 @@ def letter_strokes(letter: str) -> np.ndarray:
         letter (str): One of the letters A to Z.
 
     Shapes:
-        - **output:** pieces, their two ends, :math:`x` and :math:`y` :math:`(S, 2, 2)`
+        - **output:** :math:`x` and :math:`y` of the two ends of each piece :math:`(S, 2, 2)`
 
     Raises:
-        ValueError: If there is no such letter.
+        ValueError: If :obj:`letter` is not one of A to Z.
 
     Examples:
         >>> letter_strokes("I").tolist()
@@ -34,25 +35,27 @@ def letter_strokes(letter: str) -> np.ndarray:
     """
     if not isinstance(letter, str) or len(letter) != 1 or letter not in LETTERS:
         raise ValueError(f"'letter' must be one of the capital letters A to Z (got {letter!r})")
-    return _strokes(letter).copy()
+    return _centred_strokes(letter).copy()
 
 
 @cache
-def _strokes(letter: str) -> np.ndarray:
+def _centred_strokes(letter: str) -> np.ndarray:
     lines = [np.array(line) for line in _LINES[letter]]
     pieces = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
-    middle = (pieces.min(axis=(0, 1)) + pieces.max(axis=(0, 1))) / 2
-    centred: np.ndarray = pieces - middle
+    centre = (pieces.min(axis=(0, 1)) + pieces.max(axis=(0, 1))) / 2
+    centred: np.ndarray = pieces - centre
     return centred
 
 
 def _arc(
-    middle: tuple[float, float], radii: tuple[float, float], start: float, stop: float
+    centre: tuple[float, float], radii: tuple[float, float], start: float, stop: float
 ) -> _Points:
-    # Degrees from the right over the bottom to the left, as y points downwards.
-    number = max(2, math.ceil(abs(stop - start) / _STEP) + 1)
-    angles = [math.radians(start + (stop - start) * i / (number - 1)) for i in range(number)]
-    (x, y), (rx, ry) = middle, radii
+    # Angles in degrees from the right over the bottom to the left, because y points downwards.
+    num_points = max(2, math.ceil(abs(stop - start) / _ARC_STEP) + 1)
+    angles = [
+        math.radians(start + (stop - start) * i / (num_points - 1)) for i in range(num_points)
+    ]
+    (x, y), (rx, ry) = centre, radii
     return [(x + rx * math.cos(angle), y + ry * math.sin(angle)) for angle in angles]
 
 

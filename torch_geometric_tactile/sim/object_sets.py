@@ -1,4 +1,4 @@
-r"""Sets of objects, by name."""
+r"""Named sets of objects."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from torch_geometric_tactile.sim.drawn_objects import NUM_DRAWN, drawn_objects
 from torch_geometric_tactile.sim.objects import GraspObject, control8, paper8, twenty
 
-#: The sets of objects of :func:`simulate`, by name: functions that return them.
+#: Functions that return the sets of objects of :func:`simulate`, by name.
 OBJECT_SETS: dict[str, Callable[[], list[GraspObject]]] = {
     "paper8": paper8,
     "control8": control8,
@@ -21,14 +21,15 @@ def object_set(
     r"""Returns the name and the objects of a set of objects to grasp.
 
     Args:
-        objects (str or sequence of GraspObject): Name of the set, or objects of your own, of which
-            each has another name.
-        num_objects (int, optional): How many of :obj:`"shapes"` are drawn.
-        seed (int): Which of them.
+        objects (str or sequence of GraspObject): Name of the set, or objects of your own with
+            different names.
+        num_objects (int, optional): Number of objects of :obj:`"shapes"`.
+        seed (int): Seed of the objects of :obj:`"shapes"`.
 
     Raises:
-        ValueError: If there is no such set or no object, two objects have one name or one that is
-            no name of a file, or a number is given for another set than :obj:`"shapes"`.
+        ValueError: If the set is unknown or empty, two objects have the same name, a name cannot be
+            the name of a file, or :obj:`num_objects` is given for a set other than
+            :obj:`"shapes"`.
 
     Examples:
         >>> name, objects = object_set("shapes", num_objects=2)
@@ -49,8 +50,8 @@ def object_set(
     for item in items:
         if not isinstance(item, GraspObject) or Path(item.name).name != item.name:
             raise ValueError(
-                "'objects' must be the name of a set, or GraspObjects whose names can be names of "
-                f"files (got {item!r})"
+                "'objects' must be the name of a set, or GraspObjects with names that are valid "
+                f"file names (got {item!r})"
             )
     names = [item.name for item in items]
     if not items or len(set(names)) < len(names):

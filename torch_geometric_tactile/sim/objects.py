@@ -1,12 +1,12 @@
-r"""The objects that the simulated hand grasps."""
+r"""Objects for the simulated hand."""
 
 from dataclasses import dataclass, replace
 from itertools import product
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Shape
-from torch_geometric_tactile.datasets._allegro_labels import PAPER_OBJECTS
-from torch_geometric_tactile.datasets._allegro_labels import PROPERTIES as _PROPERTIES
+from torch_geometric_tactile.data._paper_objects import PAPER_OBJECTS
+from torch_geometric_tactile.data._paper_objects import PROPERTIES as _PROPERTIES
 
 #: The properties of objects, in the order of the "Tactile Object Property Recognition ..." paper.
 PROPERTIES = _PROPERTIES
@@ -22,15 +22,17 @@ class GraspObject:
     r"""An object for the simulated hand. Sizes and labels follow the papers' descriptions; masses
     and frictions are plausible, not measured.
 
+    The plan of a grasp may depend on the size, but not on mass, friction and softness.
+
     Args:
-        name (str): Its name.
+        name (str): Name of the object.
         shape (str): :obj:`"box"`, :obj:`"cylinder"` (axis along :math:`y`), :obj:`"ellipsoid"` or
             :obj:`"sphere"`.
         size (tuple of float): Full extent along :math:`x` (between fingers and thumb), :math:`y`
-            (across the fingers) and :math:`z` (upwards), in metres. The controller may know it.
-        mass (float): Mass in kilograms. The controller must not know it, nor what follows.
+            (across the fingers) and :math:`z` (upwards), in metres.
+        mass (float): Mass in kilograms.
         friction (float): Coefficient of sliding friction against the skin.
-        soft (bool): Whether the surface gives way.
+        soft (bool): Whether the surface is soft.
 
     Raises:
         ValueError: If the shape is unknown or a number is not positive.
@@ -68,16 +70,16 @@ class GraspObject:
 
     @property
     def labels(self) -> tuple[int, ...]:
-        r"""The six properties in the order of :obj:`PROPERTIES`, 1 where it has them."""
-        has = {
+        r"""The six properties in the order of :obj:`PROPERTIES`: 1 if the object has it, else 0."""
+        properties = {
             "heavy" if self.mass > sum(_MASS.values()) / 2 else "light",
             "soft" if self.soft else "hard",
             "slippery" if self.friction < sum(_FRICTION.values()) / 2 else "non-slippery",
         }
-        return tuple(int(name in has) for name in PROPERTIES)
+        return tuple(int(name in properties) for name in PROPERTIES)
 
 
-def _object(
+def _make_object(
     name: str, shape: Shape, millimetres: tuple[float, float, float], properties: str
 ) -> GraspObject:
     weight, softness, slip = properties.split()
@@ -93,14 +95,14 @@ def _object(
 
 
 def paper8() -> list[GraspObject]:
-    r"""The eight objects of the "Tactile Object Property Recognition ..." paper as primitives:
-    every combination of two masses, two softnesses and two frictions once.
+    r"""Returns the eight objects of the "Tactile Object Property Recognition ..." paper as
+    primitives: one object for each combination of two masses, two softnesses and two frictions.
 
     Examples:
         >>> [item.name for item in paper8()][:3]
         ['plastic_tube', 'sponge', 'mayonnaise']
     """
-    forms: dict[str, tuple[Shape, tuple[float, float, float]]] = {
+    shapes: dict[str, tuple[Shape, tuple[float, float, float]]] = {  # sizes in millimetres
         "plastic_tube": ("cylinder", (56, 170, 56)),
         "sponge": ("box", (70, 115, 60)),
         "mayonnaise": ("ellipsoid", (68, 190, 68)),
@@ -110,12 +112,14 @@ def paper8() -> list[GraspObject]:
         "saran_wrap": ("box", (50, 220, 50)),
         "purse": ("box", (60, 120, 85)),
     }
-    return [_object(name, *forms[name], " ".join(PAPER_OBJECTS[name])) for name in PAPER_OBJECTS]
+    return [
+        _make_object(name, *shapes[name], " ".join(PAPER_OBJECTS[name])) for name in PAPER_OBJECTS
+    ]
 
 
 def control8() -> list[GraspObject]:
-    r"""Eight objects of one shape and size, with every combination of mass, softness and friction:
-    they cannot be distinguished by their shape.
+    r"""Returns eight objects of one shape and size, one for each combination of mass, softness and
+    friction: their shape does not distinguish them.
 
     Examples:
         >>> objects = control8()
@@ -123,7 +127,7 @@ def control8() -> list[GraspObject]:
         (8, {(0.068, 0.18, 0.068)})
     """
     return [
-        _object(
+        _make_object(
             f"{weight}_{softness}_{slip}", "cylinder", (68, 180, 68), f"{weight} {softness} {slip}"
         )
         for weight, softness, slip in product(
@@ -133,27 +137,27 @@ def control8() -> list[GraspObject]:
 
 
 def twenty() -> list[GraspObject]:
-    r"""Twenty objects, five shapes in four sizes: as many as the "Morphology-Specific Convolutional
-    Neural Networks ..." paper has.
+    r"""Returns twenty objects, five shapes in four sizes: the number of objects of the
+    "Morphology-Specific Convolutional Neural Networks ..." paper.
 
     Examples:
         >>> len(twenty()), twenty()[0].name
         (20, 'tube_0')
     """
     shapes = [
-        _object("tube", "cylinder", (64, 180, 64), "light soft slippery"),
-        _object("can", "cylinder", (68, 120, 68), "light hard non-slippery"),
-        _object("ball", "ellipsoid", (76, 90, 76), "light soft non-slippery"),
-        _object("bottle", "ellipsoid", (68, 190, 68), "heavy hard slippery"),
-        _object("carton", "box", (62, 130, 66), "heavy hard non-slippery"),
+        _make_object("tube", "cylinder", (64, 180, 64), "light soft slippery"),
+        _make_object("can", "cylinder", (68, 120, 68), "light hard non-slippery"),
+        _make_object("ball", "ellipsoid", (76, 90, 76), "light soft non-slippery"),
+        _make_object("bottle", "ellipsoid", (68, 190, 68), "heavy hard slippery"),
+        _make_object("carton", "box", (62, 130, 66), "heavy hard non-slippery"),
     ]
     return [
-        replace(item, name=f"{item.name}_{i}", size=_scaled(item.size, factor))
+        replace(item, name=f"{item.name}_{i}", size=_scale(item.size, factor))
         for item in shapes
         for i, factor in enumerate((0.85, 0.95, 1.05, 1.15))
     ]
 
 
-def _scaled(size: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
+def _scale(size: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
     x, y, z = size
     return (round(x * factor, 4), round(y * factor, 4), round(z * factor, 4))

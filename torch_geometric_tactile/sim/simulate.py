@@ -1,4 +1,4 @@
-r"""Recordings of simulated grasps: many trials, on many processes, finished ones kept."""
+r"""Recordings of simulated grasps of the Allegro hand, one file per trial."""
 
 import json
 import logging
@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,11 +18,10 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
-from torch_geometric_tactile.sim._presets import PRESETS, Preset, TrialReport
 from torch_geometric_tactile.sim._trial_files import (
     SimulatedTrial,
     check_run,
-    kept_meta,
+    finished_metadata,
     require_simulator,
     run_trials,
 )
@@ -35,12 +34,62 @@ from torch_geometric_tactile.sim.spread import GraspSpread
 from torch_geometric_tactile.sim.squeeze import plan_squeeze
 
 _ENCODER_NOISE = 0.0015  # rad
-_SHORTEST = 1.0  # s
-#: What the hand does with the object, and the word of its success.
+_MIN_SECONDS = 1.0
+#: The motions of the hand, each with the participle that reports its success.
 MOTIONS = {"lift": "lifted", "squeeze": "squeezed"}
-#: The layouts of hands that can be simulated.
+#: Names of the layouts of the hands that can be simulated.
 HANDS = ("allegro_uskin", "allegro_uskin_240")
 _logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Preset:
+    r"""Duration, time steps, frame rate and number of simulated trials.
+
+    Args:
+        duration (float): Length of a trial in seconds.
+        timestep (float): Step of the physics in seconds.
+        step (float): Time between targets of the controller in seconds.
+        rate (float): Frames recorded per second.
+        trials (int): Default number of trials of each object.
+
+    Examples:
+        >>> from torch_geometric_tactile.sim import PRESETS
+        >>> PRESETS["ci"]
+        Preset(duration=5.0, timestep=0.004, step=0.02, rate=50.0, trials=3)
+    """
+
+    duration: float
+    timestep: float
+    step: float
+    rate: float
+    trials: int
+
+
+#: Duration, time steps, frame rate and number of trials of :func:`simulate`, by name.
+PRESETS = {
+    "full": Preset(duration=17.0, timestep=0.002, step=0.01, rate=100.0, trials=10),
+    "ci": Preset(duration=5.0, timestep=0.004, step=0.02, rate=50.0, trials=3),
+}
+
+
+class TrialReport(NamedTuple):
+    r"""Number of attempts at a simulated trial, and the path of its file.
+
+    :obj:`path` is :obj:`None` if no attempt lifted and held the object, or squeezed it.
+    :obj:`kept` is :obj:`True` if the file existed already.
+
+    Examples:
+        >>> report = TrialReport("sponge", 0, attempts=2, path=Path("sponge_000.h5"), kept=False)
+        >>> report.attempts, report.path.name
+        (2, 'sponge_000.h5')
+    """
+
+    object_name: str
+    trial: int
+    attempts: int
+    path: Path | None
+    kept: bool
 
 
 @dataclass(frozen=True)
@@ -81,38 +130,41 @@ class _Trial(SimulatedTrial[TrialReport]):
         )
         return identity
 
-    def kept(self) -> TrialReport:
-        # Recordings of earlier versions name neither spread nor motion: they were always these.
-        before = {"spread": asdict(GraspSpread()), "motion": "lift"}
-        attempt = kept_meta(self.path, self.identity(), before).get("attempt")
+    def finished_report(self) -> TrialReport:
+        # Files of earlier versions contain neither spread nor motion, which were fixed then.
+        defaults = {"spread": asdict(GraspSpread()), "motion": "lift"}
+        attempt = finished_metadata(self.path, self.identity(), defaults).get("attempt")
         if type(attempt) is not int or attempt < 0:
             raise ValueError(
-                f"'{self.path}' must tell its 'attempt', a whole number, in its metadata (got "
+                f"'{self.path}' must have a whole number 'attempt' in its metadata (got "
                 f"{attempt!r}); delete the file to simulate it again"
             )
         return TrialReport(self.item.name, self.trial, attempt + 1, self.path, kept=True)
 
     def simulate(self) -> TrialReport:
         name, number = self.item.name, self.trial
-        recording, attempts = self.attempted()
+        recording, attempts = self.record()
         if recording is not None:
             write_hdf5(recording, self.path)
             return TrialReport(name, number, attempts, self.path, kept=False)
-        failed = "%s, trial %d: not %s in %d attempts"
-        _logger.warning(failed, name, number, MOTIONS[self.motion], self.max_attempts)
+        message = "%s, trial %d: not %s in %d attempts"
+        _logger.warning(message, name, number, MOTIONS[self.motion], self.max_attempts)
         return TrialReport(name, number, self.max_attempts, None, kept=False)
 
-    def attempted(self) -> tuple[Recording | None, int]:
-        r"""Returns the trial, if an attempt at it succeeded, and the number of attempts."""
+    def record(self) -> tuple[Recording | None, int]:
+        r"""Returns the recording of the first successful attempt, :obj:`None` if all failed, and
+        the number of attempts.
+        """
         simulator = _simulator(self.hand, self.item, self.preset.timestep)
-        planned = plan_squeeze if self.motion == "squeeze" else plan_grasp
+        plan_motion = plan_squeeze if self.motion == "squeeze" else plan_grasp
         preset = self.preset
         for attempt in range(self.max_attempts):
             rng = np.random.default_rng([self.seed, self.index, self.trial, attempt])
-            plan = planned(self.item.size, rng, preset.duration, preset.step, self.spread)
+            plan = plan_motion(self.item.size, rng, preset.duration, preset.step, self.spread)
             result = simulator.run(plan, preset.rate)
             if result.success:
-                return _recording(self, attempt, plan, result, simulator.layout, rng), attempt + 1
+                recording = _to_recording(self, attempt, plan, result, simulator.layout, rng)
+                return recording, attempt + 1
         return None, self.max_attempts
 
 
@@ -135,42 +187,42 @@ def simulate(
     r"""Simulates grasps with the Allegro hand and writes one HDF5 recording per trial. Yields a
     report when the file of a trial is finished, and writes :obj:`simulation.json` at the end.
 
-    A trial is a function of seed, object, trial and attempt, bit for bit whatever :obj:`jobs` is
-    (another release of MuJoCo may give other bits). Trials whose file is there already are kept,
-    so that a run that was stopped or killed goes on where it was.
+    Seed, object, trial and attempt determine the recording of a trial bit for bit, for any
+    :obj:`jobs`; other releases of MuJoCo may differ in some bits. Trials whose file exists are not
+    simulated again, so that the same call resumes an interrupted run.
 
     Args:
         out (str or PathLike): Folder of the recordings.
         objects (str or sequence of GraspObject): :obj:`"paper8"`, :obj:`"control8"`,
             :obj:`"twenty"` or :obj:`"shapes"` (:func:`drawn_objects`), or objects of your own.
-        trials (int, optional): Trials of each object; the preset's if left out.
+        trials (int, optional): Trials of each object (default: that of the preset).
         seed (int): Seed, not negative.
-        jobs (int): Processes.
+        jobs (int): Number of processes.
         preset (str): :obj:`"full"` (17 s at 100 Hz) or :obj:`"ci"` (5 s at 50 Hz, coarse).
-        max_attempts (int): Attempts at a trial before it is given up.
-        skin (SkinModel, optional): What the skin makes of the forces.
+        max_attempts (int): Largest number of attempts at a trial.
+        skin (SkinModel, optional): Model of the readings of the skin.
         hand (str, optional): :obj:`"allegro_uskin"` (384 taxels) or :obj:`"allegro_uskin_240"`
-            (none on the palm). If left out, that of the paper which the objects are of: the
-            second for :obj:`"twenty"`, else the first.
-        plan (GraspSpread, optional): How much the grasps differ from each other; that of an
-            operator who takes care if left out.
-        seconds (float, optional): Length of a trial, from 1 on; the preset's if left out.
-        num_objects (int, optional): How many objects of :obj:`"shapes"` are drawn; 40 if left out.
-            The seed decides which.
+            (none on the palm). The default is the hand of the paper of the objects: the second
+            for :obj:`"twenty"`, else the first.
+        plan (GraspSpread, optional): Variation between grasps (default: that of a careful
+            operator).
+        seconds (float, optional): Length of a trial, at least 1 (default: that of the preset).
+        num_objects (int, optional): Number of objects of :obj:`"shapes"`, which are drawn with
+            :obj:`seed` (default: 40).
         motion (str): :obj:`"lift"` lifts and holds the objects (:func:`plan_grasp`),
-            :obj:`"squeeze"` squeezes them again and again where they are (:func:`plan_squeeze`).
+            :obj:`"squeeze"` squeezes them repeatedly in place (:func:`plan_squeeze`).
 
     Raises:
         ImportError: If MuJoCo or h5py is missing.
-        ValueError: If an argument is unknown or too small, or the folder holds recordings that were
-            made with other arguments.
+        ValueError: If an argument is unknown or too small, or the folder contains recordings that
+            were made with other arguments.
 
     Examples:
         >>> from torch_geometric_tactile.sim import simulate
         >>> for report in simulate("sim", "paper8", trials=1, preset="ci"):  # doctest: +SKIP
         ...     print(report.object_name, report.attempts)
     """
-    settings = _settings(preset, seconds)
+    settings = _preset_settings(preset, seconds)
     hand = hand or (HANDS[1] if objects == "twenty" else HANDS[0])
     need(hand in HANDS, f"'hand' must be one of {list(HANDS)}", f"'{hand}'")
     need(motion in MOTIONS, f"'motion' must be one of {list(MOTIONS)}", f"'{motion}'")
@@ -180,7 +232,7 @@ def simulate(
         raise ValueError(f"'plan' must be a GraspSpread, such as GraspSpread.wide() (got {plan!r})")
     set_name, items = object_set(objects, num_objects, seed)
     require_simulator("the simulated hand")
-    made = [
+    simulated_trials = [
         _Trial(
             out=str(out),
             hand=hand,
@@ -198,14 +250,16 @@ def simulate(
         for trial in range(trials)
         for index, item in enumerate(items)
     ]
-    return run_trials(made, Path(out), jobs, partial(_summary, made[0]))
+    summarize = partial(_summarize, simulated_trials[0])
+    return run_trials(simulated_trials, Path(out), jobs, summarize)
 
 
-def _settings(preset: str, seconds: float | None) -> Preset:
+def _preset_settings(preset: str, seconds: float | None) -> Preset:
     need(preset in PRESETS, f"'preset' must be one of {list(PRESETS)}", f"'{preset}'")
     if seconds is None:
         return PRESETS[preset]
-    need(_SHORTEST <= seconds < math.inf, f"'seconds' must be at least {_SHORTEST:g}", seconds)
+    is_valid = _MIN_SECONDS <= seconds < math.inf
+    need(is_valid, f"'seconds' must be at least {_MIN_SECONDS:g}", seconds)
     return replace(PRESETS[preset], duration=float(seconds))
 
 
@@ -218,13 +272,15 @@ def grasp_recordings(
     only: str | None = None,
     motion: str = "lift",
 ) -> Iterator[Recording]:
-    r"""Yields simulated grasps endlessly: the recordings that :func:`simulate` would write, cycling
-    through the objects. A grasp is simulated when it is asked for; one that fails is skipped.
+    r"""Yields an endless stream of simulated grasps: the recordings that :func:`simulate` would
+    write, cycling through the objects. A grasp is simulated when it is requested; failed trials
+    are skipped.
 
     Args:
         objects, seed, preset: As of :func:`simulate`.
-        rate (float, optional): Frames per second, the preset's or a whole part of it.
-        only (str, optional): Name of the one object that is grasped, of those of the set.
+        rate (float, optional): Frames per second: the rate of the preset divided by a whole number
+            (default: the rate of the preset).
+        only (str, optional): Name of the only object of the set to grasp (default: all).
         motion (str): :obj:`"lift"` or :obj:`"squeeze"`.
 
     Raises:
@@ -232,11 +288,11 @@ def grasp_recordings(
         ValueError: If an argument is unknown.
 
     Examples:
-        >>> recordings = grasp_recordings(only="sponge", rate=25.0)  # simulates nothing yet
+        >>> recordings = grasp_recordings(only="sponge", rate=25.0)  # simulates on request only
         >>> next(recordings).label  # doctest: +SKIP
         'sponge'
     """
-    settings = _settings(preset, None)
+    settings = _preset_settings(preset, None)
     if rate is not None:
         if not 0 < rate <= settings.rate:
             raise ValueError(f"'rate' must be above 0 and at most {settings.rate:g} (got {rate})")
@@ -244,30 +300,33 @@ def grasp_recordings(
     need(motion in MOTIONS, f"'motion' must be one of {list(MOTIONS)}", f"'{motion}'")
     check_run(seed)
     set_name, items = object_set(objects, None, seed)
-    chosen = [(index, item) for index, item in enumerate(items) if only in (None, item.name)]
-    if not chosen:
+    selected = [(index, item) for index, item in enumerate(items) if only in (None, item.name)]
+    if not selected:
         raise ValueError(f"'only' must be one of {[item.name for item in items]} (got '{only}')")
     require_simulator("the simulated hand")
     hand = HANDS[1] if objects == "twenty" else HANDS[0]
-    made = (10, settings, SkinModel(), GraspSpread(), motion)
-    trials = ((trial, *one) for trial in count() for one in chosen)
-    tasks = (_Trial("", hand, set_name, item, i, trial, seed, *made) for trial, i, item in trials)
-    return (recording for task in tasks if (recording := task.attempted()[0]) is not None)
+    constants = (10, settings, SkinModel(), GraspSpread(), motion)
+    trials = (
+        _Trial("", hand, set_name, item, index, number, seed, *constants)
+        for number in count()
+        for index, item in selected
+    )
+    return (recording for trial in trials if (recording := trial.record()[0]) is not None)
 
 
 @lru_cache(maxsize=1)
-def _hand(name: str) -> tuple[TaxelLayout, HandKinematics]:
+def _stock_hand(name: str) -> tuple[TaxelLayout, HandKinematics]:
     return stock_layout(name), HandKinematics.allegro()
 
 
 @lru_cache(maxsize=4)
 def _simulator(hand: str, item: GraspObject, timestep: float) -> GraspSimulator:
-    layout, kinematics = _hand(hand)
+    layout, kinematics = _stock_hand(hand)
     return GraspSimulator(layout, kinematics, item, ContactParameters(timestep=timestep))
 
 
-def _recording(
-    task: _Trial,
+def _to_recording(
+    trial: _Trial,
     attempt: int,
     plan: GraspPlan,
     result: GraspResult,
@@ -278,17 +337,17 @@ def _recording(
     packages = ("torch-geometric-tactile", "mujoco", "numpy")
     return Recording(
         time=result.time,
-        tactile=task.skin.readings(result.force, result.time, layout, rng),
+        tactile=trial.skin.readings(result.force, result.time, layout, rng),
         joint=joint.astype(np.float32),
-        label=task.item.name,
+        label=trial.item.name,
         meta={
-            **task.identity(),
-            **_facts(task, plan),
+            **trial.identity(),
+            **_grasp_metadata(trial, plan),
             "attempt": attempt,
             "unit": "count",
-            "rate": task.preset.rate,
+            "rate": trial.preset.rate,
             "synthetic": True,
-            "labels": list(task.item.labels),
+            "labels": list(trial.item.labels),
             "label_names": list(PROPERTIES),
             "phase_names": list(plan.phase_names),
             "versions": {name: version(name) for name in packages},
@@ -304,9 +363,9 @@ def _recording(
     )
 
 
-def _facts(task: _Trial, plan: GraspPlan) -> dict[str, Any]:
-    # What a data set may ask for, or split by.
-    item, (lateral, yaw) = task.item, plan.gantry[:, [1, 3]].mean(axis=0).tolist()
+def _grasp_metadata(trial: _Trial, plan: GraspPlan) -> dict[str, Any]:
+    # Properties that a data set can have as targets, or split by.
+    item, (lateral, yaw) = trial.item, plan.gantry[:, [1, 3]].mean(axis=0).tolist()
     return {
         "shape": item.shape,
         "width": item.width,
@@ -314,23 +373,23 @@ def _facts(task: _Trial, plan: GraspPlan) -> dict[str, Any]:
         "friction": item.friction,
         "palm_lateral": lateral,
         "palm_yaw": yaw,
-        "placement": task.spread.placement(lateral, yaw),
-        "size": int(item.width * 100 + 1e-9),
+        "placement": trial.spread.placement(lateral, yaw),
+        "size": int(item.width * 100 + 1e-9),  # whole centimetres of width
     }
 
 
-def _summary(first: _Trial, reports: list[TrialReport]) -> dict[str, Any]:
+def _summarize(first_trial: _Trial, reports: list[TrialReport]) -> dict[str, Any]:
     given_up = [report for report in reports if report.path is None]
     return {
         "synthetic": True,
         "note": "Simulated. Masses, frictions, skin constants and patch places are plausible, not "
         "measured.",
-        "hand": first.hand,
-        "object_set": first.object_set,
-        "seed": first.seed,
-        "preset": asdict(first.preset),
-        "spread": asdict(first.spread),
-        "motion": first.motion,
+        "hand": first_trial.hand,
+        "object_set": first_trial.object_set,
+        "seed": first_trial.seed,
+        "preset": asdict(first_trial.preset),
+        "spread": asdict(first_trial.spread),
+        "motion": first_trial.motion,
         "trials": len(reports),
         "attempts": sum(report.attempts for report in reports),
         "successes": len(reports) - len(given_up),

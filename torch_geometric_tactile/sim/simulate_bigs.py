@@ -1,4 +1,6 @@
-r"""Simulated grasps in the form of the BiGS set: contact, lift and shake with three fingertips."""
+r"""Recordings of simulated grasps in the format of the BiGS set: contact, lift and shake with three
+fingertips.
+"""
 
 import json
 from collections import Counter
@@ -27,7 +29,7 @@ from torch_geometric_tactile.sim._bigs_times import (
 from torch_geometric_tactile.sim._trial_files import (
     SimulatedTrial,
     check_run,
-    kept_meta,
+    finished_metadata,
     require_simulator,
     run_trials,
 )
@@ -37,11 +39,11 @@ from torch_geometric_tactile.sim.bigs_slip import slip_onset
 from torch_geometric_tactile.sim.biotac_model import BioTacModel, SessionOffsets
 from torch_geometric_tactile.sim.biotac_vibration import vibration
 
-#: Number of grasps that :func:`simulate_bigs` writes if none is given.
+#: Default number of grasps of :func:`simulate_bigs`.
 BIGS_GRASPS = 2000
 _GENERATOR = "bigs"
-_VERSION = 2  # of the generator: another one makes other bits
-_TICKS = CONTROL_RATE // FRAME_RATE  # a frame
+_VERSION = 2  # of the generator; recordings of different versions differ
+_TICKS_PER_FRAME = CONTROL_RATE // FRAME_RATE
 _ARM_NOISE, _FINGER_NOISE = 0.0002, 0.002  # rad
 _WRENCH_NOISE = np.repeat([0.05, 0.002], 3)  # N, N m
 # Denavit-Hartenberg parameters a (m), alpha (rad) and d (m) of a seven-joint WAM.
@@ -54,15 +56,16 @@ _LINKS = (
     (0.0, np.pi / 2, 0.0),
     (0.0, 0.0, 0.06),
 )
-_POSTURE = np.array([0.0, 0.7, 0.0, 1.9, 0.0, np.pi - 2.6, 0.0])  # hand down, before the arm
+# Joint angles (rad) with the hand pointing down, in front of the arm.
+_POSTURE = np.array([0.0, 0.7, 0.0, 1.9, 0.0, np.pi - 2.6, 0.0])
 
 
 class BigsReport(NamedTuple):
-    r"""The outcome of one grasp and the path of its file.
+    r"""Outcome of one grasp, and the path of its file.
 
-    :obj:`success` tells whether the object was in the hand after the shake; if not, :obj:`lost` is
-    the time from the start of pick-up to the loss in seconds. :obj:`kept` tells whether the file
-    existed already.
+    :obj:`success` is :obj:`True` if the object was still in the hand after the shake; otherwise
+    :obj:`lost` is the time from the start of pick-up to the loss in seconds. :obj:`kept` is
+    :obj:`True` if the file existed already.
 
     Examples:
         >>> report = BigsReport("ball", 3, success=False, lost=1.2, path=Path("x.h5"), kept=False)
@@ -91,7 +94,7 @@ class _Trial(SimulatedTrial[BigsReport]):
 
     @property
     def session(self) -> int:
-        # All objects in each session, in the proportions of the set.
+        # Every session contains all objects, in the proportions of the set.
         return self.trial // len(BIGS_ORDER) % NUM_SESSIONS
 
     @property
@@ -110,14 +113,14 @@ class _Trial(SimulatedTrial[BigsReport]):
             "fingertip": asdict(self.model),
         }
 
-    def kept(self) -> BigsReport:
-        meta = kept_meta(self.path, self.identity())
+    def finished_report(self) -> BigsReport:
+        meta = finished_metadata(self.path, self.identity())
         lost = meta.get("lost", -1.0)
         if lost is not None and (type(lost) is not float or lost < 0):
             raise ValueError(
-                f"'{self.path}' must tell in its metadata when its object was 'lost', in seconds "
-                f"after pick-up or null (got {meta.get('lost')!r}); delete the file to simulate it "
-                "again"
+                f"'{self.path}' must have the time 'lost' of its object in its metadata, in "
+                f"seconds after pick-up or null (got {meta.get('lost')!r}); delete the file to "
+                "simulate it again"
             )
         return BigsReport(self.shape, self.trial, lost is None, lost, self.path, kept=True)
 
@@ -125,8 +128,8 @@ class _Trial(SimulatedTrial[BigsReport]):
         rng = np.random.default_rng([self.seed, 0, self.trial])
         grasp = draw_grasp(self.shape, rng)
         physics = BigsSimulator(grasp).run()
-        write_hdf5(_recording(self, grasp, physics, rng), self.path)
-        lost = _lost(physics)
+        write_hdf5(_to_recording(self, grasp, physics, rng), self.path)
+        lost = _loss_seconds(physics)
         return BigsReport(self.shape, self.trial, lost is None, lost, self.path, kept=False)
 
 
@@ -142,25 +145,26 @@ def simulate_bigs(
     :class:`~torch_geometric_tactile.datasets.BiGS` reads. Yields a report when each file is
     finished, and writes :obj:`simulation.json` at the end.
 
-    Three fingertips close around a cylinder, a box or a ball, squeeze, lift and shake it. Every
-    grasp has its own size, mass, friction, grip, place, tilt and timing. A grasp is a success if
-    the object is in the hand after the shake; failed ones are kept. Of four grasps two are of the
-    cylinder, one of the box and one of the ball.
+    Three fingertips close around a cylinder, a box or a ball, squeeze, lift and shake it. Size,
+    mass, friction, grip, position, tilt and timing vary between grasps. A grasp is a success if the
+    object is still in the hand after the shake; failed grasps are recorded as well. Of four grasps
+    two are of the cylinder, one of the box and one of the ball.
 
-    A grasp is a function of seed and number, bit for bit whatever :obj:`jobs` and :obj:`grasps` are
-    (another release of MuJoCo may give other bits). Grasps whose file is there already are kept, so
-    that a run that was stopped or killed goes on where it was, and a larger one adds to a smaller.
+    Seed and number determine the recording of a grasp bit for bit, for any :obj:`jobs` and
+    :obj:`grasps`; other releases of MuJoCo may differ in some bits. Grasps whose file exists are
+    not simulated again, so that the same call resumes an interrupted run, and a larger number of
+    grasps extends a smaller one.
 
     Args:
         out (str or PathLike): Folder of the recordings.
         grasps (int): Number of grasps.
         seed (int): Seed, not negative.
-        jobs (int): Processes.
-        model (BioTacModel, optional): What the fingertips make of the forces.
+        jobs (int): Number of processes.
+        model (BioTacModel, optional): Model of the readings of the fingertips.
 
     Raises:
         ImportError: If MuJoCo or h5py is missing.
-        ValueError: If a number is too small, or the folder holds recordings that were made with
+        ValueError: If a number is too small, or the folder contains recordings that were made with
             other arguments.
 
     Examples:
@@ -173,57 +177,59 @@ def simulate_bigs(
     need(isinstance(model, BioTacModel), "'model' must be a BioTacModel", repr(model))
     require_simulator("the simulated grasps")
     trials = [_Trial(str(out), number, seed, model) for number in range(grasps)]
-    return run_trials(trials, Path(out), jobs, partial(_summary, trials[0]))
+    return run_trials(trials, Path(out), jobs, partial(_summarize, trials[0]))
 
 
-def _lost(physics: BigsPhysics) -> float | None:
+def _loss_seconds(physics: BigsPhysics) -> float | None:
     return None if physics.loss is None else (physics.loss - physics.pickup) / CONTROL_RATE
 
 
 @lru_cache(maxsize=NUM_SESSIONS)
-def _session(model: BioTacModel, seed: int, session: int) -> SessionOffsets:
+def _session_offsets(model: BioTacModel, seed: int, session: int) -> SessionOffsets:
     return model.session(biotac(), np.random.default_rng([seed, 1, session]))
 
 
-def _recording(
-    task: _Trial, grasp: BigsGrasp, physics: BigsPhysics, rng: np.random.Generator
+def _to_recording(
+    trial: _Trial, grasp: BigsGrasp, physics: BigsPhysics, rng: np.random.Generator
 ) -> Recording:
-    num_frames = len(physics.phase) // _TICKS
-    used = slice(num_frames * _TICKS)
-    last = slice(_TICKS - 1, num_frames * _TICKS, _TICKS)  # the tick at which a frame is complete
+    num_frames = len(physics.phase) // _TICKS_PER_FRAME
+    num_ticks = num_frames * _TICKS_PER_FRAME  # an incomplete last frame is dropped
+    complete = slice(num_ticks)
+    frame_ends = slice(_TICKS_PER_FRAME - 1, num_ticks, _TICKS_PER_FRAME)
     time = (np.arange(num_frames) + 1) / FRAME_RATE
     curvature = 0.0 if grasp.shape == "box" else 1 / grasp.half_width
-    force, normal = physics.force[last], physics.normal[last]
-    response = task.model.response(force, normal, physics.place[last], biotac(), curvature)
-    session = _session(task.model, task.seed, task.session)
-    readings = task.model.readings(response, normal, time, session, rng)
-    sliding = np.linalg.norm(physics.slide[used], axis=-1)
-    finger = np.empty((num_frames * _TICKS, 4))
-    finger[:, :3], finger[:, 3] = physics.finger[used], grasp.spread
+    force, normal = physics.force[frame_ends], physics.normal[frame_ends]
+    place = physics.place[frame_ends]
+    response = trial.model.response(force, normal, place, biotac(), curvature)
+    session = _session_offsets(trial.model, trial.seed, trial.session)
+    readings = trial.model.readings(response, normal, time, session, rng)
+    slide_speed = np.linalg.norm(physics.slide[complete], axis=-1)
+    finger = np.empty((num_ticks, 4))
+    finger[:, :3], finger[:, 3] = physics.finger[complete], grasp.spread
     finger += rng.normal(0.0, _FINGER_NOISE, finger.shape)
-    arm = _arm_joints(physics.hand[used])
+    arm = _arm_joints(physics.hand[complete])
     arm += rng.normal(0.0, _ARM_NOISE, arm.shape)
     onset = slip_onset(physics)
-    ticks = np.arange(num_frames * _TICKS)[last]
+    ticks = np.arange(num_ticks)[frame_ends]
     extra = {
         "pressure": readings.pressure,
-        "pac": vibration(physics.normal[used], sliding, rng),
-        "robot_joint": arm.reshape(num_frames, _TICKS, 7).astype(np.float32),
-        "finger_joint": finger.reshape(num_frames, _TICKS, 4).astype(np.float32),
+        "pac": vibration(physics.normal[complete], slide_speed, rng),
+        "robot_joint": arm.reshape(num_frames, _TICKS_PER_FRAME, 7).astype(np.float32),
+        "finger_joint": finger.reshape(num_frames, _TICKS_PER_FRAME, 4).astype(np.float32),
     }
-    wrench = physics.wrench[last] + _WRENCH_NOISE * rng.normal(size=(num_frames, 6))
+    wrench = physics.wrench[frame_ends] + _WRENCH_NOISE * rng.normal(size=(num_frames, 6))
     return Recording(
         time=time,
         tactile=readings.tactile,
         label="success" if physics.success else "failure",
         meta={
-            **task.identity(),
+            **trial.identity(),
             "unit": "count",
             "rate": float(FRAME_RATE),
             "synthetic": True,
             "pickup_time": (physics.pickup + 1) / CONTROL_RATE,
             "shake_time": (physics.pickup + 1) / CONTROL_RATE + grasp.pause,
-            "lost": _lost(physics),
+            "lost": _loss_seconds(physics),
             "slip_time": None if onset is None else (onset + 1) / CONTROL_RATE,
             "phase_names": list(BIGS_PHASES),
             "finger_names": list(FINGERS),
@@ -231,23 +237,23 @@ def _recording(
             "versions": {name: version(name) for name in ("mujoco", "numpy")},
         },
         privileged={
-            "phase": physics.phase[last].astype(np.int64),
+            "phase": physics.phase[frame_ends].astype(np.int64),
             "force": force.astype(np.float32),
             "normal_force": normal.astype(np.float32),
-            "shear_force": physics.shear[last].astype(np.float32),
-            "contact_place": physics.place[last].astype(np.float32),
-            "slide_speed": sliding[last].astype(np.float32),
+            "shear_force": physics.shear[frame_ends].astype(np.float32),
+            "contact_place": place.astype(np.float32),
+            "slide_speed": slide_speed[frame_ends].astype(np.float32),
             "slip": np.asarray(ticks >= (np.inf if onset is None else onset)).astype(np.int64),
-            "object_pose": physics.object_pose[last].astype(np.float32),
+            "object_pose": physics.object_pose[frame_ends].astype(np.float32),
         },
         extra={**extra, "wrench": wrench.astype(np.float32)},
     )
 
 
 def _arm_joints(hand: np.ndarray) -> np.ndarray:
-    # The joint angles of an arm (K, 7) for places and turns of the hand (K, 6), from the place
-    # where the arm has its posture. The physics has no arm: its hand moves by itself. These are the
-    # angles with which a WAM would move it, to first order, with the smallest sum of squares.
+    # Joint angles of an arm (K, 7) for displacements and rotations of the hand (K, 6) from the
+    # posture. The physics has no arm, and its hand moves freely. These are the angles with which a
+    # WAM would move it, to first order, with the smallest sum of squares.
     return np.asarray(_POSTURE + hand @ np.linalg.pinv(_jacobian()).T)
 
 
@@ -255,13 +261,13 @@ def _arm_joints(hand: np.ndarray) -> np.ndarray:
 def _jacobian() -> np.ndarray:
     frames = [np.eye(4)]
     for (a, alpha, d), angle in zip(_LINKS, _POSTURE, strict=True):
-        frames.append(frames[-1] @ _link(a, alpha, d, float(angle)))
+        frames.append(frames[-1] @ _link_transform(a, alpha, d, float(angle)))
     end = frames[-1][:3, 3]
     axes = [(frame[:3, 2], frame[:3, 3]) for frame in frames[:-1]]
     return np.array([np.concatenate([np.cross(z, end - p), z]) for z, p in axes]).T
 
 
-def _link(a: float, alpha: float, d: float, angle: float) -> np.ndarray:
+def _link_transform(a: float, alpha: float, d: float, angle: float) -> np.ndarray:
     c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
     return np.array(
         [
@@ -273,15 +279,15 @@ def _link(a: float, alpha: float, d: float, angle: float) -> np.ndarray:
     )
 
 
-def _summary(task: _Trial, reports: Sequence[BigsReport]) -> dict[str, Any]:
+def _summarize(trial: _Trial, reports: Sequence[BigsReport]) -> dict[str, Any]:
     by_object = {}
     for name in dict.fromkeys(BIGS_ORDER):
-        mine = [report for report in reports if report.object_name == name]
+        object_reports = [report for report in reports if report.object_name == name]
         by_object[name] = {
-            "grasps": len(mine),
-            "successes": sum(report.success for report in mine),
+            "grasps": len(object_reports),
+            "successes": sum(report.success for report in object_reports),
             "lost_before_input_ends": sum(
-                report.lost is not None and report.lost < INPUT_END for report in mine
+                report.lost is not None and report.lost < INPUT_END for report in object_reports
             ),
         }
     totals: Counter[str] = Counter()
@@ -293,8 +299,8 @@ def _summary(task: _Trial, reports: Sequence[BigsReport]) -> dict[str, Any]:
         "plausible, not measured; grips were calibrated to the success rates of the BiGS set.",
         "generator": _GENERATOR,
         "generator_version": _VERSION,
-        "seed": task.seed,
-        "fingertip": json.loads(json.dumps(asdict(task.model))),
+        "seed": trial.seed,
+        "fingertip": json.loads(json.dumps(asdict(trial.model))),
         **totals,
         "objects": by_object,
         "mujoco": version("mujoco"),

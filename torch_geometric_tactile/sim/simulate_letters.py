@@ -1,4 +1,4 @@
-r"""Simulated presses of letters on a pressure array, as a folder for each letter."""
+r"""Recordings of simulated presses of letters on a pressure array, one folder per letter."""
 
 import io
 import json
@@ -26,18 +26,18 @@ from torch_geometric_tactile.sim._trial_files import (
 from torch_geometric_tactile.sim.letter_outlines import LETTERS, letter_strokes
 from torch_geometric_tactile.sim.letter_press import LetterPress
 
-#: Number of presses of each letter that :func:`simulate_letters` writes if none is given.
+#: Default number of presses of each letter of :func:`simulate_letters`.
 LETTER_PRESSES = 500
-_BLOCK = 100  # presses in a file
+_BLOCK_SIZE = 100  # presses in a file
 _GENERATOR = "letters"
-_VERSION = 1  # of the generator: another one makes other bits
-_LAYOUT = "layout.json"
+_VERSION = 1  # of the generator; presses of different versions differ
+_LAYOUT_FILE = "layout.json"
 _NOTE = "Simulated. Letters, spread, tilt and crosstalk are plausible, not measured."
 
 
 class LetterReport(NamedTuple):
     r"""A finished file of presses: the letter, the index of the first press and the number of
-    presses. :obj:`kept` tells whether the file existed already.
+    presses. :obj:`kept` is :obj:`True` if the file existed already.
 
     Examples:
         >>> report = LetterReport("A", 100, presses=50, path=Path("A/A_0100.npy"), kept=False)
@@ -71,16 +71,16 @@ class _Block(SimulatedTrial[LetterReport]):
         return (32, 32) if self.layout is None else (self.layout.num_taxels,)
 
     def is_finished(self) -> bool:
-        return super().is_finished() and _presses_in(self) >= self.presses
+        return super().is_finished() and _num_presses(self) >= self.presses
 
-    def kept(self) -> LetterReport:
-        return LetterReport(self.letter, self.first, _presses_in(self), self.path, kept=True)
+    def finished_report(self) -> LetterReport:
+        return LetterReport(self.letter, self.first, _num_presses(self), self.path, kept=True)
 
     def simulate(self) -> LetterReport:
-        number = LETTERS.index(self.letter)
+        letter_index = LETTERS.index(self.letter)
         readings = []
         for i in range(self.first, self.first + self.presses):
-            rng = np.random.default_rng([self.seed, number, i])
+            rng = np.random.default_rng([self.seed, letter_index, i])
             readings.append(self.press.press(self.letter, 1, rng, self.layout).readings)
         _write_block(np.concatenate(readings).reshape(-1, *self.shape), self.path)
         return LetterReport(self.letter, self.first, self.presses, self.path, kept=False)
@@ -96,32 +96,32 @@ def simulate_letters(
     letters: Sequence[str] = LETTERS,
     layout: TaxelLayout | None = None,
 ) -> Generator[LetterReport, None, None]:
-    r"""Simulates presses of letters and writes them to a folder for each letter, which
+    r"""Simulates presses of letters and writes them to one folder per letter, which
     :class:`~torch_geometric_tactile.datasets.LetterShape` reads. Yields a report for each file when
     it is finished.
 
-    A file, such as :obj:`A/A_0100.npy`, holds up to 100 presses in kPa, 32-bit floats
-    :math:`(P, 32, 32)`. Of a :obj:`layout` other than :func:`letter_array` they are
-    :math:`(P, N)`, and :obj:`layout.json` lies beside the folders. :obj:`simulation.json` tells how
-    they were made.
+    A file, such as :obj:`A/A_0100.npy`, contains up to 100 presses in kPa as 32-bit floats
+    :math:`(P, 32, 32)`. With a :obj:`layout` other than :func:`letter_array`, their shape is
+    :math:`(P, N)`, and the layout is written to :obj:`layout.json` beside the folders.
+    :obj:`simulation.json` contains the arguments.
 
-    A press is a function of seed, letter and number, bit for bit whatever :obj:`jobs` and
-    :obj:`presses` are (another processor or release of NumPy may round another way). Finished files
-    are kept, so that a run that was stopped or killed goes on where it was, and a larger one adds
-    to a smaller.
+    Seed, letter and number determine a press bit for bit, for any :obj:`jobs` and :obj:`presses`;
+    other processors or releases of NumPy may round differently. Finished files are not simulated
+    again, so that the same call resumes an interrupted run, and a larger number of presses extends
+    a smaller one.
 
     Args:
         out (str or PathLike): Folder of the letters.
         presses (int): Number of presses of each letter.
         seed (int): Seed, not negative.
-        jobs (int): Processes.
-        press (LetterPress, optional): The model.
-        letters (sequence of str): The letters, all by default.
-        layout (TaxelLayout, optional): The pixels.
+        jobs (int): Number of processes.
+        press (LetterPress, optional): The model of a press.
+        letters (sequence of str): The letters (default: all).
+        layout (TaxelLayout, optional): The pixels (default: :func:`letter_array`).
 
     Raises:
-        ValueError: If a number is too small, there is no such letter, the letters do not fit on the
-            layout, or the folder holds presses that were made with other arguments.
+        ValueError: If a number is too small, a letter is unknown, the letters do not fit on the
+            layout, or the folder contains presses that were made with other arguments.
 
     Examples:
         >>> from tempfile import TemporaryDirectory
@@ -135,24 +135,24 @@ def simulate_letters(
     need(isinstance(press, LetterPress), "'press' must be a LetterPress", repr(press))
     need(
         0 < len(letters) == len(set(letters)),
-        "'letters' must be one or more, each once",
+        "'letters' must be one or more different letters",
         repr(letters),
     )
     for letter in letters:
         letter_strokes(letter)
     press.check_layout(letter_array() if layout is None else layout)
-    if layout is not None and _same_taxels(layout, letter_array()):
+    if layout is not None and _have_same_taxels(layout, letter_array()):
         layout = None
     blocks = [
-        _Block(str(out), letter, first, min(_BLOCK, presses - first), seed, press, layout)
+        _Block(str(out), letter, first, min(_BLOCK_SIZE, presses - first), seed, press, layout)
         for letter in letters
-        for first in range(0, presses, _BLOCK)
+        for first in range(0, presses, _BLOCK_SIZE)
     ]
-    return _run(blocks, Path(out), jobs)
+    return _run_blocks(blocks, Path(out), jobs)
 
 
 def num_letter_files(presses: int, letters: Sequence[str] = LETTERS) -> int:
-    r"""Returns how many files :func:`simulate_letters` writes.
+    r"""Returns the number of files that :func:`simulate_letters` writes.
 
     Args:
         presses (int): Number of presses of each letter.
@@ -162,28 +162,28 @@ def num_letter_files(presses: int, letters: Sequence[str] = LETTERS) -> int:
         >>> num_letter_files(500)
         130
     """
-    return len(letters) * math.ceil(presses / _BLOCK)
+    return len(letters) * math.ceil(presses / _BLOCK_SIZE)
 
 
-def _same_taxels(first: TaxelLayout, second: TaxelLayout) -> bool:
+def _have_same_taxels(first: TaxelLayout, second: TaxelLayout) -> bool:
     a, b = first.image_map, second.image_map
     same_map = a is b if a is None or b is None else torch.equal(a, b)
     return same_map and torch.equal(first.pos, second.pos)
 
 
-def _run(blocks: list[_Block], out: Path, jobs: int) -> Generator[LetterReport, None, None]:
-    # Before the first press, such that no file is ever without what tells how it was made.
-    settings = _settings(blocks[0])
+def _run_blocks(blocks: list[_Block], out: Path, jobs: int) -> Generator[LetterReport, None, None]:
+    # The settings are written before the first press: an .npy file does not contain them.
+    settings = _run_settings(blocks[0])
     if (out / SUMMARY).exists():
         _check_settings(out / SUMMARY, settings)
     else:
-        strays = sorted(path for block in blocks if (path := block.path).exists())
-        if strays:
+        unknown_files = sorted(path for block in blocks if (path := block.path).exists())
+        if unknown_files:
             raise ValueError(
-                f"'{strays[0]}' lies in a folder without '{SUMMARY}', which tells how it was made; "
-                "choose another folder"
+                f"'{unknown_files[0]}' lies in a folder without '{SUMMARY}', which has its "
+                "settings; choose another folder"
             )
-    _prepare_layout(out / _LAYOUT, blocks[0].layout)
+    _prepare_layout(out / _LAYOUT_FILE, blocks[0].layout)
     _check_blocks(blocks)
     write_summary(out, settings)
     yield from run_trials(blocks, out, jobs)
@@ -191,77 +191,79 @@ def _run(blocks: list[_Block], out: Path, jobs: int) -> Generator[LetterReport, 
 
 def _prepare_layout(path: Path, layout: TaxelLayout | None) -> None:
     if path.exists():
-        found = TaxelLayout.load(path)
-        if layout is None or not _same_taxels(found, layout):
+        folder_layout = TaxelLayout.load(path)
+        if layout is None or not _have_same_taxels(folder_layout, layout):
             raise ValueError(
-                f"'{path}' must have the taxels of 'layout', as the presses beside it (got "
-                f"{found!r}); choose another folder"
+                f"'{path}', the layout of the presses in this folder, must have the taxels of "
+                f"'layout' (got {folder_layout!r}); choose another folder"
             )
     elif layout is not None:
         layout.save(path)
 
 
 def _check_blocks(blocks: list[_Block]) -> None:
-    wanted = {block.path: block for block in blocks}
-    for folder in dict.fromkeys(path.parent for path in wanted):
+    block_by_path = {block.path: block for block in blocks}
+    for folder in dict.fromkeys(path.parent for path in block_by_path):
         for path in sorted(folder.glob("*.npy")):
-            if path not in wanted or _presses_in(wanted[path]) > wanted[path].presses:
+            block = block_by_path.get(path)
+            if block is None or _num_presses(block) > block.presses:
                 raise ValueError(
-                    f"'{path}' holds presses beyond the number that 'presses' asks for; ask for as "
-                    "many as before or more, or choose another folder"
+                    f"'{path}' holds more presses than 'presses' requests; use at least the "
+                    "number of the earlier run, or choose another folder"
                 )
 
 
-def _settings(task: _Block) -> dict[str, Any]:
+def _run_settings(block: _Block) -> dict[str, Any]:
     return {
         "synthetic": True,
         "note": _NOTE,
         "generator": _GENERATOR,
         "generator_version": _VERSION,
         "unit": "kPa",
-        "seed": task.seed,
-        "layout": (task.layout or letter_array()).name,
-        "num_taxels": (task.layout or letter_array()).num_taxels,
-        "press": json.loads(json.dumps(asdict(task.press))),
+        "seed": block.seed,
+        "layout": (block.layout or letter_array()).name,
+        "num_taxels": (block.layout or letter_array()).num_taxels,
+        "press": json.loads(json.dumps(asdict(block.press))),
     }
 
 
 def _check_settings(path: Path, settings: dict[str, Any]) -> None:
     try:
-        found = read_json(path)
+        content = read_json(path)
     except ValueError as error:
         raise ValueError(f"'{path}' is damaged ({error}); choose another folder") from error
-    for key, wanted in settings.items():
-        got = found.get(key) if isinstance(found, dict) else None
-        if got != wanted and key != "note":
-            if key == "press" and isinstance(got, dict):
-                key = next(name for name in wanted if got.get(name) != wanted[name])
-                got, wanted = got.get(key), wanted[key]
+    for key, expected in settings.items():
+        value = content.get(key) if isinstance(content, dict) else None
+        if value != expected and key != "note":
+            if key == "press" and isinstance(value, dict):
+                key = next(name for name in expected if value.get(name) != expected[name])
+                value, expected = value.get(key), expected[key]
             raise ValueError(
-                f"'{path}': its presses were made with another '{key}' ({got}, not {wanted}); "
+                f"'{path}': its presses were made with another '{key}' ({value}, not {expected}); "
                 "choose another folder"
             )
 
 
-def _presses_in(task: _Block) -> int:
+def _num_presses(block: _Block) -> int:
     try:
-        block = np.load(task.path, mmap_mode="r", allow_pickle=False)
-        shape, kind = block.shape, block.dtype
+        readings = np.load(block.path, mmap_mode="r", allow_pickle=False)
+        shape, dtype = readings.shape, readings.dtype
     except (ValueError, EOFError) as error:
         raise ValueError(
-            f"'{task.path}' is damaged ({error}); delete it to simulate it again"
+            f"'{block.path}' is damaged ({error}); delete it to simulate it again"
         ) from error
-    if kind != np.float32 or shape[1:] != task.shape or not 0 < shape[0] <= _BLOCK:
+    if dtype != np.float32 or shape[1:] != block.shape or not 0 < shape[0] <= _BLOCK_SIZE:
         raise ValueError(
-            f"'{task.path}' must hold float32 of shape {('P', *task.shape)} (got {kind} of shape "
-            f"{shape}); delete it to simulate it again"
+            f"'{block.path}' must hold float32 of shape {('P', *block.shape)} (got {dtype} of "
+            f"shape {shape}); delete it to simulate it again"
         )
     return int(shape[0])
 
 
-def _write_block(block: np.ndarray, path: Path) -> None:
-    r"""Writes a file of presses as a whole."""
-    content = io.BytesIO()  # NumPy's own errors of a full disk have no number
-    np.save(content, block)
+def _write_block(readings: np.ndarray, path: Path) -> None:
+    r"""Writes a file of presses, either completely or not at all."""
+    # np.save on a full disk raises an OSError without errno, so the bytes are written separately.
+    content = io.BytesIO()
+    np.save(content, readings)
     with atomic_path(path) as temporary:
         temporary.write_bytes(content.getbuffer())

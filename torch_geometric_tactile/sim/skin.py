@@ -1,4 +1,4 @@
-r"""From forces on the skin to what a magnetic skin reports."""
+r"""Readings of a magnetic skin from the forces on it."""
 
 from dataclasses import dataclass
 
@@ -6,43 +6,44 @@ import numpy as np
 
 from torch_geometric_tactile.sensors import TaxelLayout
 
-_REST = np.array([33000.0, 33000.0, 37000.0])  # counts of x, y, z with nothing touched
-_COUNTS = 65535
+_REST = np.array([33000.0, 33000.0, 37000.0])  # counts of x, y, z without contact
+_MAX_COUNT = 65535  # of 16 bits
 
 
 @dataclass(frozen=True)
 class SkinModel:
-    r"""Readings of a magnetic skin such as uSkin under given forces. A model: its constants are
-    plausible, not measured. Each part is switched off by the value in brackets.
+    r"""Computes the readings of a magnetic skin such as uSkin from forces. The constants of the
+    model are plausible, not measured. The value in brackets switches a step off.
 
-    The parts, in their order: force spreads to the other taxels of a patch
-    (:obj:`spread`, conserving the sum); a part of it follows late (:obj:`lag`); the response
-    saturates (:obj:`saturation`); axes mix (:obj:`mixing`); each device has gains and offsets of
-    its own (:obj:`gain_spread`, :obj:`offset_spread`); each trial begins with another offset and
-    drifts (:obj:`drift`); noise is added (:obj:`noise`); the result is rounded to 16-bit counts
+    The steps, in their order: force spreads to the neighbours in a patch (:obj:`spread`), with
+    constant sum; a part of the force is delayed (:obj:`lag`); the response saturates
+    (:obj:`saturation`); axes mix (:obj:`mixing`); gains and offsets differ between taxels and
+    devices (:obj:`gain_spread`, :obj:`offset_spread`); offset and drift differ between trials
+    (:obj:`drift`); noise is added (:obj:`noise`); the sum is rounded to 16-bit counts
     (:obj:`quantize`).
 
     Args:
         spread (float): Part of a taxel's force that its neighbours in the patch read (0).
-        spread_length (float): Distance in metres over which it falls to 61 %.
-        lag (float): Part of the force that follows with the time constant :obj:`lag_time`; a press
-            and a release of one second each then differ by up to half of it, slower ones by less,
-            :obj:`2 * lag * lag_time / seconds` of the range (0).
+        spread_length (float): Distance in metres over which the spread falls to 61 %.
+        lag (float): Part of the force that follows with the time constant :obj:`lag_time` (0).
+            Readings of a press and a release of one second each differ by up to half of this part;
+            slower ones by :obj:`2 * lag * lag_time / seconds` of the range.
         lag_time (float): Time constant in seconds.
         saturation (tuple of float): Force in newtons at which shear :math:`x`, :math:`y` and
             pressure :math:`z` level off (infinity).
         gain (tuple of float): Counts per newton of :math:`x, y, z`.
-        mixing (float): Part of each axis that shows in another (0).
-        gain_spread (float): Standard deviation of the taxels' gains, relative (0).
-        offset_spread (float): Standard deviation of the taxels' rest readings in counts (0).
-        drift (float): Standard deviation of a trial's offset, and of its drift over ten seconds,
+        mixing (float): Part of each axis that another axis reads (0).
+        gain_spread (float): Relative standard deviation of the gains of the taxels (0).
+        offset_spread (float): Standard deviation of the rest readings of the taxels in counts (0).
+        drift (float): Standard deviation of the offset of a trial, and of its drift in ten seconds,
             in counts (0).
         noise (float): Standard deviation of the noise in counts (0).
-        quantize (bool): Whether to round to whole counts within 16 bits.
-        device_seed (int): Which device: decides gains, offsets and mixing.
+        quantize (bool): If :obj:`True`, rounds to whole counts within 16 bits.
+        device_seed (int): Seed of the gains, offsets and mixing of a device.
 
     Raises:
-        ValueError: If a number is negative, or a part is not below one.
+        ValueError: If a number is negative, or :obj:`spread`, :obj:`lag` or :obj:`mixing` is not
+            below one.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -90,65 +91,66 @@ class SkinModel:
         layout: TaxelLayout,
         rng: np.random.Generator | None = None,
     ) -> np.ndarray:
-        r"""Returns readings in counts.
+        r"""Returns the readings of the skin in counts :math:`(T, N, 3)`.
 
         Args:
             force (numpy.ndarray): Shear along :math:`x` and :math:`y` and pressure :math:`z` on
                 each taxel in newtons :math:`(T, N, 3)`.
             time (numpy.ndarray): Times in seconds :math:`(T,)`.
-            layout (TaxelLayout): The taxels; their patches decide where force spreads.
-            rng (numpy.random.Generator, optional): Draws drift and noise; none of both if left out.
+            layout (TaxelLayout): The taxels. Force spreads within their patches.
+            rng (numpy.random.Generator, optional): Draws drift and noise (default: without both).
 
         Raises:
-            ValueError: If the forces have another shape than :math:`(T, N, 3)`.
+            ValueError: If the shape of the forces is not :math:`(T, N, 3)`.
         """
         num_taxels = layout.num_taxels
         if force.shape != (len(time), num_taxels, 3):
             raise ValueError(
                 f"'force' must have shape {(len(time), num_taxels, 3)} (got {force.shape})"
             )
-        out = self._lagged(self._spread(force.astype(np.float64), layout), time)
+        response = self._apply_lag(self._spread_force(force.astype(np.float64), layout), time)
         limit = np.array(self.saturation)
         finite = np.isfinite(limit)
-        out[..., finite] = limit[finite] * np.tanh(out[..., finite] / limit[finite])
-        device = np.random.default_rng(self.device_seed)
-        gain = np.array(self.gain) * (1 + self.gain_spread * device.normal(size=(num_taxels, 3)))
-        mix = self.mixing * device.uniform(-1.0, 1.0, (num_taxels, 3, 3))
-        mix[:, range(3), range(3)] = 1.0
-        offset = _REST + self.offset_spread * device.normal(size=(num_taxels, 3))
-        out = (mix * (out * gain)[..., None, :]).sum(axis=-1) + offset
+        response[..., finite] = limit[finite] * np.tanh(response[..., finite] / limit[finite])
+        device_rng = np.random.default_rng(self.device_seed)
+        relative_gain = 1 + self.gain_spread * device_rng.normal(size=(num_taxels, 3))
+        gain = np.array(self.gain) * relative_gain
+        mixing = self.mixing * device_rng.uniform(-1.0, 1.0, (num_taxels, 3, 3))
+        mixing[:, range(3), range(3)] = 1.0
+        offset = _REST + self.offset_spread * device_rng.normal(size=(num_taxels, 3))
+        readings = (mixing * (response * gain)[..., None, :]).sum(axis=-1) + offset
         if rng is not None:
             start, slope = self.drift * rng.normal(size=(2, num_taxels, 3))
-            out += start + slope * ((time - time[:1]) / 10.0)[:, None, None]
-            out += self.noise * rng.normal(size=out.shape)
+            readings += start + slope * ((time - time[:1]) / 10.0)[:, None, None]
+            readings += self.noise * rng.normal(size=readings.shape)
         if self.quantize:
-            out = out.round().clip(0, _COUNTS)
-        return out.astype(np.float32)
+            readings = readings.round().clip(0, _MAX_COUNT)
+        return readings.astype(np.float32)
 
-    def _spread(self, force: np.ndarray, layout: TaxelLayout) -> np.ndarray:
+    def _spread_force(self, force: np.ndarray, layout: TaxelLayout) -> np.ndarray:
         if self.spread == 0:
             return force
         pos, patch = layout.pos.double().numpy(), layout.segments("patch").numpy()
-        out = np.empty_like(force)
+        spread_force = np.empty_like(force)
         for number in np.unique(patch):
             taxels = np.flatnonzero(patch == number)
-            square = ((pos[taxels, None] - pos[taxels]) ** 2).sum(axis=-1)
-            share = np.exp(-square / (2 * self.spread_length**2))
-            np.fill_diagonal(share, 0.0)
-            total = share.sum(axis=0)
-            spread = np.where(total > 0, self.spread, 0.0)  # a single taxel keeps all
-            share *= spread / np.where(total > 0, total, 1.0)
-            np.fill_diagonal(share, 1 - spread)
-            out[:, taxels] = np.einsum("ij,tjc->tic", share, force[:, taxels])
-        return out
+            square_distance = ((pos[taxels, None] - pos[taxels]) ** 2).sum(axis=-1)
+            weights = np.exp(-square_distance / (2 * self.spread_length**2))
+            np.fill_diagonal(weights, 0.0)
+            total = weights.sum(axis=0)
+            spread = np.where(total > 0, self.spread, 0.0)  # 0 for a taxel without neighbours
+            weights *= spread / np.where(total > 0, total, 1.0)
+            np.fill_diagonal(weights, 1 - spread)
+            spread_force[:, taxels] = np.einsum("ij,tjc->tic", weights, force[:, taxels])
+        return spread_force
 
-    def _lagged(self, force: np.ndarray, time: np.ndarray) -> np.ndarray:
+    def _apply_lag(self, force: np.ndarray, time: np.ndarray) -> np.ndarray:
         if self.lag == 0 or len(time) == 0:
             return force
-        late = np.empty_like(force)
-        late[0] = force[0]
-        keep = np.exp(-np.diff(time) / self.lag_time)
-        for i, part in enumerate(keep, start=1):
-            late[i] = part * late[i - 1] + (1 - part) * force[i]
-        out: np.ndarray = (1 - self.lag) * force + self.lag * late
-        return out
+        delayed = np.empty_like(force)
+        delayed[0] = force[0]
+        decay = np.exp(-np.diff(time) / self.lag_time)
+        for i, factor in enumerate(decay, start=1):
+            delayed[i] = factor * delayed[i - 1] + (1 - factor) * force[i]
+        lagged_force: np.ndarray = (1 - self.lag) * force + self.lag * delayed
+        return lagged_force

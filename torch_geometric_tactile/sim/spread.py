@@ -1,4 +1,4 @@
-r"""How much the operator of the simulated hand errs."""
+r"""Alignment errors of the operator of the simulated hand."""
 
 from dataclasses import dataclass, fields
 from typing import Self
@@ -7,25 +7,29 @@ import numpy as np
 
 from torch_geometric_tactile._checks import need
 
-_THIRD = 0.4307272992954576  # two thirds of a normal variable lie beyond this many deviations
-_OPEN = 0.625  # how much of the spread of the closed hand the open hand has
-_LAZIEST = 0.6  # the most that a lazy finger closes
+# A third of a normal distribution lies within this number of standard deviations from the mean.
+_TERCILE = 0.4307272992954576
+_OPEN_HAND_RATIO = 0.625  # spread of the open hand relative to that of the closed hand
+_MAX_LAZY_CLOSING = 0.6  # of the motion of a finger that closes completely
 
 
 @dataclass(frozen=True)
 class GraspSpread:
-    r"""The variation between grasps of the simulated hand: standard deviations of the operator's
-    errors, drawn anew for each attempt.
+    r"""Variation between grasps of the simulated hand: standard deviations of the operator's
+    errors, which are drawn for each attempt.
 
-    :obj:`GraspSpread()` is an operator who takes care, :meth:`wide` one who does not.
+    :obj:`GraspSpread()` is a careful operator, :meth:`wide` a careless operator.
 
     Args:
-        yaw (float): Of the turn of the palm about the vertical, in radians.
-        lateral (float): Of the place of the palm across the fingers, in metres.
-        forward (float): Of the place of the palm along the fingers, in metres.
-        posture (float): Of each joint of the closed hand in radians; the open hand has 0.625 of it.
+        yaw (float): Standard deviation of the rotation of the palm about the vertical, in radians.
+        lateral (float): Standard deviation of the position of the palm across the fingers, in
+            metres.
+        forward (float): Standard deviation of the position of the palm along the fingers, in
+            metres.
+        posture (float): Standard deviation of each joint of the closed hand in radians; that of the
+            open hand is 0.625 times as large.
         lazy_finger (float): Probability that the index, middle or ring finger closes by 0 to 60 %
-            only. At most one of them does, and never the thumb.
+            only. This affects at most one finger of a grasp, and never the thumb.
 
     Raises:
         ValueError: If a number is negative or not finite, or :obj:`lazy_finger` is above 1.
@@ -54,52 +58,52 @@ class GraspSpread:
 
     @classmethod
     def wide(cls) -> Self:
-        r"""Returns one and a half to two times the spread, and a lazy finger in three of ten
-        attempts.
+        r"""Returns a spread that is about one and a half to two times as large, with a lazy finger
+        in three of ten attempts.
         """
         return cls(yaw=0.35, lateral=0.02, forward=0.012, posture=0.12, lazy_finger=0.3)
 
     @property
     def open_posture(self) -> float:
         r"""The standard deviation of each joint of the open hand in radians."""
-        return _OPEN * self.posture
+        return _OPEN_HAND_RATIO * self.posture
 
     def close_less(self, closing: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        r"""Returns by how much the joints close, after a finger was lazy or not.
-
-        Nothing is drawn if no finger is ever lazy.
+        r"""Reduces the closing motion of a lazy finger, if the attempt has one. Draws nothing if
+        :obj:`lazy_finger` is zero.
 
         Args:
-            closing (numpy.ndarray): By how much they shall close, in radians :math:`(16,)`.
-            rng (numpy.random.Generator): Draws whether, which finger, and how much it closes.
+            closing (numpy.ndarray): Planned motion of the joints in radians :math:`(16,)`.
+            rng (numpy.random.Generator): Draws the lazy finger and how far it closes.
         """
         if self.lazy_finger == 0:
             return closing
         is_lazy = rng.random() < self.lazy_finger
-        finger, part = int(rng.integers(3)), rng.uniform(0.0, _LAZIEST)
+        # Drawn for every attempt, so that later draws do not depend on a lazy finger.
+        finger, fraction = int(rng.integers(3)), rng.uniform(0.0, _MAX_LAZY_CLOSING)
         if not is_lazy:
             return closing
-        out = closing.copy()
-        out[4 * finger : 4 * finger + 4] *= part
-        return out
+        reduced = closing.copy()
+        reduced[4 * finger : 4 * finger + 4] *= fraction
+        return reduced
 
     def placement(self, lateral: float, yaw: float) -> int:
-        r"""Returns which of nine placements of the palm an attempt has: three times the third of
-        :obj:`lateral`, from the smallest up, plus the third of :obj:`yaw`. Each third is drawn
-        equally often.
+        r"""Returns the index of the placement of the palm, from 0 to 8: three times the tercile of
+        :obj:`lateral` plus the tercile of :obj:`yaw`, each counted from the smallest. All
+        placements are equally likely.
 
         Args:
-            lateral (float): Place of the palm across the fingers, in metres.
-            yaw (float): Its turn about the vertical, in radians.
+            lateral (float): Position of the palm across the fingers, in metres.
+            yaw (float): Rotation of the palm about the vertical, in radians.
         """
-        return 3 * _third(lateral, self.lateral) + _third(yaw, self.yaw)
+        return 3 * _tercile(lateral, self.lateral) + _tercile(yaw, self.yaw)
 
 
-def _third(value: float, deviation: float) -> int:
+def _tercile(value: float, deviation: float) -> int:
     if deviation == 0:
         return 1
-    return int(value > -_THIRD * deviation) + int(value > _THIRD * deviation)
+    return int(value > -_TERCILE * deviation) + int(value > _TERCILE * deviation)
 
 
-#: The spreads by name.
+#: The stock spreads by name.
 SPREADS = {"careful": GraspSpread(), "wide": GraspSpread.wide()}

@@ -1,14 +1,14 @@
-r"""A hand that squeezes an object again and again, and does not lift it."""
+r"""Repeated squeezes of an object by the simulated hand, without a lift."""
 
 import numpy as np
 
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.sim._hand_motion import (
     JOINT_TREMOR,
+    draw_phases,
+    draw_postures,
+    minimum_jerk_step,
     palm_path,
-    postures,
-    smooth,
-    timed_phases,
     tremor,
 )
 from torch_geometric_tactile.sim.grasp import GraspPlan
@@ -17,23 +17,24 @@ from torch_geometric_tactile.sim.spread import GraspSpread
 #: The phases of a simulated squeeze, in order.
 SQUEEZE_PHASES = ("hover", "reach", "close", "squeeze")
 
-# Shortest and longest duration of each phase but the last, in seconds of a trial of 10 s: what is
-# left to squeeze is at least 250 steps at 30 Hz.
+# Shortest and longest duration of each phase except the last, in seconds of a trial of 10 s. At
+# least 250 steps at 30 Hz remain for the squeezes.
 _SCHEDULE = ((0.3, 0.5), (0.4, 0.6), (0.35, 0.55))
-_FULL_LENGTH = 10.0
-_FEWEST, _MOST = 3, 5  # squeezes
-_RELEASE, _PEAK = (0.65, 0.92), (0.95, 1.2)  # how far the hand is closed; beyond 1 it presses
-_LATE = 0.06  # of a squeeze, by which a finger is early or late (standard deviation)
-_DEPTH = 0.06  # by how much a finger closes more or less than the others (standard deviation)
-_FALLEN, _LEFT = 0.02, 0.06  # how far down and sideways an object may move, m
-_TOUCH = 0.05  # pressure that counts, N
+_FULL_LENGTH = 10.0  # s
+_MIN_SQUEEZES, _MAX_SQUEEZES = 3, 5
+_RELEASE_LEVELS, _PEAK_LEVELS = (0.65, 0.92), (0.95, 1.2)  # 1 is the closed posture
+_DELAY_SPREAD = 0.06  # standard deviation of the delay of a finger, relative to a squeeze
+_DEPTH_SPREAD = 0.06  # standard deviation of the relative depth of a finger
+_MAX_FALL, _MAX_SHIFT = 0.02, 0.06  # m, of an object that is still in the hand
+_MIN_PRESSURE = 0.05  # N, from which a digit presses
 
 
 class SqueezePlan(GraspPlan):
     r"""Planned squeezes without a lift: the target pose of palm and fingers every :obj:`step`
     seconds.
 
-    As :class:`GraspPlan`, with :obj:`phase` in :obj:`SQUEEZE_PHASES`.
+    Its fields are those of :class:`GraspPlan`, with indices into :obj:`SQUEEZE_PHASES` in
+    :obj:`phase`.
 
     Examples:
         >>> plan = plan_squeeze((0.07, 0.1, 0.06), np.random.default_rng(0))
@@ -49,16 +50,17 @@ class SqueezePlan(GraspPlan):
         return SQUEEZE_PHASES
 
     def gives_up(self, tick: int, moved: np.ndarray) -> bool:
-        r"""Whether the object fell off its stand, or left the hand.
+        r"""Returns whether the object has fallen off its stand, or has left the hand.
 
         Args:
-            tick (int): Which of the steps.
-            moved (numpy.ndarray): How far the object is from where it was, in metres :math:`(3,)`.
+            tick (int): Index of the step.
+            moved (numpy.ndarray): Displacement of the object from its initial position in metres
+                :math:`(3,)`.
         """
-        return bool(moved[2] < -_FALLEN or np.hypot(*moved[:2]) > _LEFT)
+        return bool(moved[2] < -_MAX_FALL or np.hypot(*moved[:2]) > _MAX_SHIFT)
 
     def is_done(self, phase: np.ndarray, force: np.ndarray, layout: TaxelLayout) -> bool:
-        r"""Whether at least two digits press at once while the hand squeezes.
+        r"""Returns whether at least two digits press at the same time in a frame of the squeezes.
 
         Args:
             phase (numpy.ndarray): The phases of the frames :math:`(T,)`.
@@ -66,14 +68,14 @@ class SqueezePlan(GraspPlan):
             layout (TaxelLayout): The taxels.
 
         Raises:
-            ValueError: If the layout does not tell which digit a taxel is of.
+            ValueError: If the layout has no digits.
         """
-        pressed = force[phase == len(SQUEEZE_PHASES) - 1, :, 2] > _TOUCH
+        is_pressed = force[phase == len(SQUEEZE_PHASES) - 1, :, 2] > _MIN_PRESSURE
         digit = layout.segments("digit").numpy()
-        on_palm = [layout.digit_names.index("palm")] if "palm" in layout.digit_names else []
-        digits = [i for i in range(len(layout.digit_names)) if i not in on_palm]
-        touching = sum(pressed[:, digit == i].any(axis=1).astype(int) for i in digits)
-        return bool(np.any(touching >= 2))
+        palm = [layout.digit_names.index("palm")] if "palm" in layout.digit_names else []
+        digits = [i for i in range(len(layout.digit_names)) if i not in palm]
+        num_pressing = sum(is_pressed[:, digit == i].any(axis=1).astype(int) for i in digits)
+        return bool(np.any(num_pressing >= 2))
 
 
 def plan_squeeze(
@@ -86,16 +88,16 @@ def plan_squeeze(
     r"""Plans three to five squeezes of an object on its stand, which the hand reaches from above
     and does not lift, after the "Morphology-Specific Convolutional Neural Networks for Tactile
     Object Recognition with a Multi-Fingered Hand" paper: "a repeated squeezing motion of an object
-    in an unknown pose within the hand". How long and how deep a squeeze is, how far the hand opens
-    after it, and by how much each finger is early or late and closes more or less, is drawn.
+    in an unknown pose within the hand". Duration and depth of each squeeze, the opening after it,
+    and the delay and relative depth of each finger are random.
 
     Args:
         size (tuple of float): Full extent of the object in metres.
-        rng (numpy.random.Generator): Draws all that.
-        duration (float): Length of the trial in seconds; the phases are scaled with it. Of 10 s at
-            least 8.35 s, 250 steps at 30 Hz, are squeezes.
+        rng (numpy.random.Generator): Draws all random numbers.
+        duration (float): Length of the trial in seconds; the phases are scaled with it. In a trial
+            of 10 s, the squeezes take at least 8.35 s, 250 steps at 30 Hz.
         step (float): Time between targets in seconds.
-        spread (GraspSpread, optional): How much the grasps differ.
+        spread (GraspSpread, optional): Variation between grasps.
 
     Raises:
         ValueError: If the step is not positive, or longer than the trial.
@@ -106,37 +108,41 @@ def plan_squeeze(
         ((1000, 16), 'squeeze')
     """
     spread = spread or GraspSpread()
-    ticks, phase, progress, begin = timed_phases(_SCHEDULE, _FULL_LENGTH, rng, duration, step)
+    ticks, phase, progress, start = draw_phases(_SCHEDULE, _FULL_LENGTH, rng, duration, step)
     _, reach, close = progress
     gantry = palm_path(size, rng, spread, step, reach, close, np.zeros(len(ticks)))
-    start, end = postures(rng, spread)
-    closing = spread.close_less(end - start, rng)
-    times, levels = _squeezes(rng, begin, duration)
+    open_hand, closed_hand = draw_postures(rng, spread)
+    closing = spread.close_less(closed_hand - open_hand, rng)
+    times, levels = _draw_squeezes(rng, start, duration)
     longest = np.diff(times[::2]).max()
     joint = np.empty((len(ticks), 16))
     for finger in range(4):
-        late, depth = rng.normal(0.0, _LATE * longest), 1.0 + rng.normal(0.0, _DEPTH)
-        level = depth * _through(ticks - late * close, times, levels)
+        delay = rng.normal(0.0, _DELAY_SPREAD * longest)
+        depth = 1.0 + rng.normal(0.0, _DEPTH_SPREAD)
+        level = depth * _interpolate_levels(ticks - delay * close, times, levels)
         level = close * level
-        part = slice(4 * finger, 4 * finger + 4)
-        joint[:, part] = start[part] + level[:, None] * closing[part]
+        joints = slice(4 * finger, 4 * finger + 4)
+        joint[:, joints] = open_hand[joints] + level[:, None] * closing[joints]
     joint += tremor(rng, step, (len(ticks), 16), sd=JOINT_TREMOR)
     return SqueezePlan(gantry, joint, phase, step)
 
 
-def _squeezes(rng: np.random.Generator, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    # When the hand is closed how far: released, squeezed, released, ...
-    count = int(rng.integers(_FEWEST, _MOST + 1))
-    times, levels = np.empty(2 * count + 1), np.empty(2 * count + 1)
-    bounds = begin + (end - begin) * np.cumsum([0.0, *rng.dirichlet(np.full(count, 8.0))])
+def _draw_squeezes(
+    rng: np.random.Generator, start: float, end: float
+) -> tuple[np.ndarray, np.ndarray]:
+    # Times and levels at which the hand is released and squeezed in turn.
+    num_squeezes = int(rng.integers(_MIN_SQUEEZES, _MAX_SQUEEZES + 1))
+    times, levels = np.empty(2 * num_squeezes + 1), np.empty(2 * num_squeezes + 1)
+    durations = rng.dirichlet(np.full(num_squeezes, 8.0))
+    bounds = start + (end - start) * np.cumsum([0.0, *durations])
     times[::2] = bounds
-    times[1::2] = bounds[:-1] + rng.uniform(0.35, 0.65, count) * np.diff(bounds)
-    levels[::2] = rng.uniform(*_RELEASE, count + 1)
-    levels[1::2] = rng.uniform(*_PEAK, count)
+    times[1::2] = bounds[:-1] + rng.uniform(0.35, 0.65, num_squeezes) * np.diff(bounds)
+    levels[::2] = rng.uniform(*_RELEASE_LEVELS, num_squeezes + 1)
+    levels[1::2] = rng.uniform(*_PEAK_LEVELS, num_squeezes)
     return times, levels
 
 
-def _through(ticks: np.ndarray, times: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    piece = np.searchsorted(times, ticks, side="right").clip(1, len(times) - 1) - 1
-    done = smooth((ticks - times[piece]) / np.diff(times)[piece])
-    return levels[piece] + done * np.diff(levels)[piece]
+def _interpolate_levels(ticks: np.ndarray, times: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    interval = np.searchsorted(times, ticks, side="right").clip(1, len(times) - 1) - 1
+    progress = minimum_jerk_step((ticks - times[interval]) / np.diff(times)[interval])
+    return levels[interval] + progress * np.diff(levels)[interval]

@@ -1,5 +1,5 @@
-r"""Plots of layouts, readings and results. Needs the extra ``viz`` when a function is called, not
-when this package is imported.
+r"""Plots of layouts, readings and results. The functions need the extra ``viz``; the import of this
+package does not.
 """
 
 from typing import TYPE_CHECKING

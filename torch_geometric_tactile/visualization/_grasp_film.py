@@ -28,24 +28,24 @@ from torch_geometric_tactile.visualization.hand import plot_hand
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_Color = tuple[float, float, float, float]  # with opacity: taxels are seen through bones and object
+_Color = tuple[float, float, float, float]  # with opacity, so that bones and object hide no taxel
 _BONE: _Color = (0.66, 0.69, 0.74, 0.40)
 _OBJECT: _Color = (0.95, 0.74, 0.45, 0.30)
 _STAND: _Color = (0.80, 0.80, 0.78, 1.0)
 _SKIN: _Color = (0.45, 0.48, 0.53, 0.55)
 _LIGHT = np.array([0.35, -0.55, 0.76])
-_FULL_FORCE = 1.0  # newtons at the end of the colours of the film
-_TOUCH = 0.02  # newtons from which a taxel is drawn as touched
-_TAXEL, _TOUCHED = 0.0018, 0.0036  # radius of a drawn taxel, m
+_FULL_FORCE = 1.0  # N, end of the colour scale of the film
+_MIN_FORCE = 0.02  # N, from which a taxel is drawn as touched
+_TAXEL_RADIUS, _TOUCHED_RADIUS = 0.0018, 0.0036  # m, as drawn
 _MARGIN = 0.012  # m around the hand and the object
-_QUANTILE = 0.95  # of the forces at touched taxels, at the end of the colours of the phases
+_QUANTILE = 0.95  # of the forces on touched taxels, end of the colour scale of the phases
 
 
 class _Faces(NamedTuple):
     corners: np.ndarray  # (F, K, 3)
     color: np.ndarray  # (F, 4)
-    is_followed: bool = True  # by the view
-    ahead: np.ndarray | float = 0.0  # m by which they are drawn before what is nearer
+    is_in_view: bool = True  # whether the limits of the view include the faces
+    depth_offset: np.ndarray | float = 0.0  # m towards the viewer, for the order of drawing
 
 
 def plot_grasp_film(
@@ -56,28 +56,39 @@ def plot_grasp_film(
     azimuth: float = -62.0,
     elevation: float = 6.0,
 ) -> "Figure":
-    r"""Draws a simulated trial as a strip of pictures, each as near as hand and object allow.
-    Touched taxels are drawn large, before all else and in the colour of their normal force. Each
-    phase has about as many pictures, however long it lasts.
+    r"""Draws a simulated trial as a series of pictures, each zoomed to hand and object. Touched
+    taxels are drawn large, in front of all other parts and in the colour of their normal force. All
+    phases have about the same number of pictures, regardless of their duration.
+
+    Args:
+        recording (Recording): The trial.
+        layout (TaxelLayout): The taxels.
+        kinematics (HandKinematics): The hand.
+        frames (int): Number of pictures.
+        azimuth (float): Azimuth of the viewer in degrees.
+        elevation (float): Elevation of the viewer in degrees.
+
+    Raises:
+        ValueError: If the recording is not a simulated trial, or :obj:`frames` is below one.
     """
-    _check(recording)
+    _check_simulated(recording)
     need(frames >= 1, "'frames' must be at least 1", frames)
     columns = min(frames, 4)
     rows = -(-frames // columns)
-    shown = [int(i) for i in _spread_over_phases(recording.privileged["phase"], frames)]
+    indices = [int(i) for i in _evenly_over_phases(recording.privileged["phase"], frames)]
     scale = value_scale(None, (0.0, _FULL_FORCE), "sequential")
-    scenes = [list(_scene(recording, frame, layout, kinematics, scale)) for frame in shown]
+    scenes = [list(_scene(recording, frame, layout, kinematics, scale)) for frame in indices]
     view = view_axes(azimuth, elevation)
-    plane, towards = view[:2].T, view[2]
+    plane, towards_viewer = view[:2].T, view[2]
     sizes = [np.ptp(_corners(scene, plane), axis=0) + 2 * _MARGIN for scene in scenes]
     ratio = float(np.mean([size[1] / size[0] for size in sizes]))
-    tall = 1.9 * ratio
-    figure = new_figure(max(2.0 * columns, 4.0), (tall + 0.3) * rows + 1.0)
+    panel_height = 1.9 * ratio
+    figure = new_figure(max(2.0 * columns, 4.0), (panel_height + 0.3) * rows + 1.0)
     axes = []
-    for i, (frame, scene) in enumerate(zip(shown, scenes, strict=True)):
-        wide = max(sizes[i][0], sizes[i][1] / ratio)
+    for i, (frame, scene) in enumerate(zip(indices, scenes, strict=True)):
+        width = max(sizes[i][0], sizes[i][1] / ratio)
         ax = figure.add_subplot(rows, columns, i + 1)
-        _draw(ax, scene, plane, towards, np.array([wide, ratio * wide]))
+        _draw_scene(ax, scene, plane, towards_viewer, np.array([width, ratio * width]))
         force = float(recording.privileged["force"][frame, :, 2].clip(0).sum())
         phase = _phase_name(recording, int(recording.privileged["phase"][frame]))
         title_axes(
@@ -97,48 +108,56 @@ def plot_grasp_film(
 def plot_grasp_forces(
     recording: Recording, layout: TaxelLayout, kinematics: HandKinematics
 ) -> "Figure":
-    r"""Draws the normal force on every taxel of a simulated trial, a hand for each phase: the mean
-    over the last half of the phase. Few taxels carry most of it, so that the colours end at the
-    95th percentile of the taxels that are touched.
+    r"""Draws the normal force on every taxel of a simulated trial on one hand for each phase: the
+    mean over the second half of the phase. Because few taxels carry most of the force, the colour
+    scale ends at the 95th percentile of the touched taxels.
+
+    Args:
+        recording (Recording): The trial.
+        layout (TaxelLayout): The taxels.
+        kinematics (HandKinematics): The hand.
+
+    Raises:
+        ValueError: If the recording is not a simulated trial.
     """
-    _check(recording)
-    force = {}
+    _check_simulated(recording)
+    phase_force = {}
     for phase in np.unique(recording.privileged["phase"]):
         frames = np.flatnonzero(recording.privileged["phase"] == phase)
-        late = frames[len(frames) // 2 :]
-        force[int(phase)] = recording.privileged["force"][late, :, 2].mean(axis=0)
-    every = np.concatenate(list(force.values()))
-    touched = every[every > _TOUCH]
-    top = float(np.quantile(touched, _QUANTILE)) if touched.size else 1.0
-    columns = min(len(force), 3)
-    rows = -(-len(force) // columns)
+        second_half = frames[len(frames) // 2 :]
+        phase_force[int(phase)] = recording.privileged["force"][second_half, :, 2].mean(axis=0)
+    force = np.concatenate(list(phase_force.values()))
+    touched = force[force > _MIN_FORCE]
+    limit = float(np.quantile(touched, _QUANTILE)) if touched.size else 1.0
+    columns = min(len(phase_force), 3)
+    rows = -(-len(phase_force) // columns)
     figure = new_figure(2.4 * columns + 0.8, 2.6 * rows + 0.4)
     axes = []
-    for i, (phase, values) in enumerate(force.items()):
+    for i, (phase, values) in enumerate(phase_force.items()):
         axes.append(figure.add_subplot(rows, columns, i + 1))
         plot_hand(
             layout,
             kinematics,
             value=torch.from_numpy(values.astype(np.float32)),
             ax=axes[-1],
-            limits=(0.0, top),
+            limits=(0.0, limit),
             label=None,
             title=f"{_phase_name(recording, phase)}: {values.clip(0).sum():.1f} N",
         )
         axes[-1].set_axis_off()
     bar = figure.colorbar(
-        value_scale(None, (0.0, top), "sequential"),
+        value_scale(None, (0.0, limit), "sequential"),
         ax=axes,
         shrink=0.7,
         aspect=30,
-        extend="max" if touched.size and float(touched.max()) > top else "neither",
+        extend="max" if touched.size and float(touched.max()) > limit else "neither",
     )
     bar.set_label("normal force on a taxel (N)")
     title_figure(figure, f"Simulated grasp of {recording.label}: normal force on the skin by phase")
     return figure
 
 
-def _check(recording: Recording) -> None:
+def _check_simulated(recording: Recording) -> None:
     for name in ("palm_pose", "object_pose", "force", "phase"):
         if name not in recording.privileged:
             raise ValueError(
@@ -154,27 +173,29 @@ def _phase_name(recording: Recording, phase: int) -> str:
     return names[phase] if phase < len(names) else f"phase {phase}"
 
 
-def _spread_over_phases(phase: np.ndarray, frames: int) -> np.ndarray:
+def _evenly_over_phases(phase: np.ndarray, num_frames: int) -> np.ndarray:
+    # Indices of frames, of which each phase has about the same number.
     weight = 1.0 / np.bincount(phase)[phase]
-    passed = np.cumsum(weight) / weight.sum()
-    return np.searchsorted(passed, (np.arange(frames) + 0.5) / frames).clip(max=len(phase) - 1)
+    progress = np.cumsum(weight) / weight.sum()
+    targets = (np.arange(num_frames) + 0.5) / num_frames
+    return np.searchsorted(progress, targets).clip(max=len(phase) - 1)
 
 
 def _corners(scene: list[_Faces], plane: np.ndarray) -> np.ndarray:
     points = np.concatenate(
-        [(faces.corners @ plane).reshape(-1, 2) for faces in scene if faces.is_followed]
+        [(faces.corners @ plane).reshape(-1, 2) for faces in scene if faces.is_in_view]
     )
     return np.stack([points.min(axis=0), points.max(axis=0)])
 
 
-def _draw(
-    ax: Any, scene: list[_Faces], plane: np.ndarray, towards: np.ndarray, size: np.ndarray
+def _draw_scene(
+    ax: Any, scene: list[_Faces], plane: np.ndarray, towards_viewer: np.ndarray, size: np.ndarray
 ) -> None:
     from matplotlib.collections import PolyCollection
 
     polygons = [polygon for faces in scene for polygon in faces.corners @ plane]
     depth = np.concatenate(
-        [(faces.corners @ towards).mean(axis=1) + faces.ahead for faces in scene]
+        [(faces.corners @ towards_viewer).mean(axis=1) + faces.depth_offset for faces in scene]
     )
     # The painter's algorithm: far faces are drawn first.
     order = depth.argsort(kind="stable")
@@ -202,86 +223,89 @@ def _scene(
     assert recording.joint is not None
     half_x, half_y, height = STAND
     for corners in _primitive("box", [half_x, half_y, height / 2]):
-        faces = _shaded(corners + np.array([0.0, 0.0, height / 2]), _STAND)
-        yield faces._replace(is_followed=False)
+        faces = _shade(corners + np.array([0.0, 0.0, height / 2]), _STAND)
+        yield faces._replace(is_in_view=False)
     item = recording.meta["object_parameters"]
     pose = recording.privileged["object_pose"][frame]
     for corners in _primitive(item["shape"], np.array(item["size"]) / 2):
-        yield _shaded(corners @ _rotation(pose[3:]).T + pose[:3], _OBJECT)
+        yield _shade(corners @ _rotation_matrix(pose[3:]).T + pose[:3], _OBJECT)
 
     palm = recording.privileged["palm_pose"][frame]
-    turn, origin = _rotation(palm[3:]), palm[:3]
+    rotation, origin = _rotation_matrix(palm[3:]), palm[:3]
     joint = torch.from_numpy(recording.joint[frame]).double()
     links = kinematics.link_pose(joint)
     for body in stock_bodies():
-        number = kinematics.link_names.index(body["link"])
-        link_turn = turn @ links.rotation[number].numpy()
-        place = turn @ links.translation[number].numpy() + origin
-        box = "box" in body
-        half = np.array(body["box"]) / 2 if box else [body["sphere"]] * 3
-        for corners in _primitive("box" if box else "ellipsoid", half):
-            yield _shaded((corners + np.array(body["center"])) @ link_turn.T + place, _BONE)
+        link = kinematics.link_names.index(body["link"])
+        link_rotation = rotation @ links.rotation[link].numpy()
+        link_origin = rotation @ links.translation[link].numpy() + origin
+        is_box = "box" in body
+        half_size = np.array(body["box"]) / 2 if is_box else [body["sphere"]] * 3
+        for corners in _primitive("box" if is_box else "ellipsoid", half_size):
+            link_corners = corners + np.array(body["center"])
+            yield _shade(link_corners @ link_rotation.T + link_origin, _BONE)
 
     taxels = kinematics.taxel_pose(layout, joint)
     assert taxels.normal is not None
     force = recording.privileged["force"][frame, :, 2]
-    touched = force > _TOUCH
+    is_touched = force > _MIN_FORCE
     yield _Faces(
         _discs(
-            taxels.pos.numpy() @ turn.T + origin,
-            taxels.normal.numpy() @ turn.T,
-            np.where(touched, _TOUCHED, _TAXEL),
+            taxels.pos.numpy() @ rotation.T + origin,
+            taxels.normal.numpy() @ rotation.T,
+            np.where(is_touched, _TOUCHED_RADIUS, _TAXEL_RADIUS),
         ),
-        np.where(touched[:, None], scale.to_rgba(force), np.array(_SKIN)),
-        ahead=touched.astype(np.float64),
+        np.where(is_touched[:, None], scale.to_rgba(force), np.array(_SKIN)),
+        depth_offset=is_touched.astype(np.float64),
     )
 
 
-def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    return np.asarray(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix())  # of w, x, y, z
+def _rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
+    # Quaternions of recordings are w, x, y, z; those of SciPy x, y, z, w.
+    return np.asarray(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix())
 
 
-def _shaded(corners: np.ndarray, color: _Color) -> _Faces:
+def _shade(corners: np.ndarray, color: _Color) -> _Faces:
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, -1] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
-    light = np.abs(normal @ _LIGHT) / np.where(length > 0, length, 1.0)
-    light[length == 0] = 1.0
-    shade = (0.55 + 0.45 * light)[:, None] * np.array(color[:3])
+    brightness = np.abs(normal @ _LIGHT) / np.where(length > 0, length, 1.0)
+    brightness[length == 0] = 1.0
+    shade = (0.55 + 0.45 * brightness)[:, None] * np.array(color[:3])
     return _Faces(corners, np.column_stack([shade, np.full(len(shade), color[3])]))
 
 
 def _discs(pos: np.ndarray, normal: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    across = np.cross(normal, [0.3, 0.5, 0.8])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    tangent = np.cross(normal, [0.3, 0.5, 0.8])
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     angle = np.linspace(0, 2 * np.pi, 9)[:-1, None]
-    ring = np.cos(angle) * across[:, None] + np.sin(angle) * np.cross(normal, across)[:, None]
+    ring = np.cos(angle) * tangent[:, None] + np.sin(angle) * np.cross(normal, tangent)[:, None]
     return np.asarray(pos[:, None] + radius[:, None, None] * ring)
 
 
-def _primitive(shape: str, half: ArrayLike) -> list[np.ndarray]:
-    return [corners * np.asarray(half) for corners in _unit_primitive(shape)]
+def _primitive(shape: str, half_size: ArrayLike) -> list[np.ndarray]:
+    return [corners * np.asarray(half_size) for corners in _unit_primitive(shape)]
 
 
 @lru_cache
 def _unit_primitive(shape: str) -> list[np.ndarray]:
-    # In many small faces: the painter's order of large ones can be wrong.
+    # Shapes are divided into small faces, because the painter's algorithm can order large faces
+    # wrongly.
     if shape == "box":
         steps = np.linspace(-1, 1, 4)
         face = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1)
         sides = [(axis, side) for axis in range(3) for side in (-1.0, 1.0)]
         return [np.concatenate([_quads(np.insert(face, *side, axis=-1)) for side in sides])]
-    around = np.linspace(0, 2 * np.pi, 25)
+    azimuth = np.linspace(0, 2 * np.pi, 25)
     if shape == "cylinder":
-        ring = np.stack([np.cos(around), np.zeros(25), np.sin(around)], axis=1)
+        ring = np.stack([np.cos(azimuth), np.zeros(25), np.sin(azimuth)], axis=1)
         heights = np.linspace(-1, 1, 9)[:, None] * [0.0, 1.0, 0.0]
-        middle = np.broadcast_to(heights[[0, -1]], (24, 2, 3))
-        ends = np.stack([ring[:-1, None] + middle, ring[1:, None] + middle, middle], axis=2)
+        centres = np.broadcast_to(heights[[0, -1]], (24, 2, 3))
+        ends = np.stack([ring[:-1, None] + centres, ring[1:, None] + centres, centres], axis=2)
         return [_quads(ring[:, None] + heights), ends.reshape(-1, 3, 3)]
-    a, e = np.meshgrid(around, np.linspace(-np.pi / 2, np.pi / 2, 13), indexing="ij")
+    a, e = np.meshgrid(azimuth, np.linspace(-np.pi / 2, np.pi / 2, 13), indexing="ij")
     return [_quads(np.stack([np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)], axis=-1))]
 
 
 def _quads(points: np.ndarray) -> np.ndarray:
-    # The cells of a surface (U, V, 3), as (F, 4, 3).
+    # The cells of a surface (U, V, 3) as quadrilaterals (F, 4, 3).
     corners = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
     return np.stack(corners, axis=2).reshape(-1, 4, 3)

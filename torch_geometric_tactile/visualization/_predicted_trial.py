@@ -1,4 +1,4 @@
-r"""What is drawn of the predictions for a recording, in arrays that are small."""
+r"""The predictions for a recording in small arrays, ready to draw."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Self
@@ -12,32 +12,32 @@ from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.transforms import ContactCrop
 from torch_geometric_tactile.visualization._time_panels import (
-    MOST_COLUMNS,
+    MAX_COLUMNS,
     Lane,
     Phase,
     annotation_lanes,
-    phases_of,
     reading_at_rest,
+    recording_phases,
     title_parts,
 )
 from torch_geometric_tactile.visualization._truth import ANNOTATED, Truth, find_truth
 
-_REST = 0.5  # seconds, as in `plot_recording`
-_AT_REST, _SUSTAIN = 10, 3  # frames, as of `ContactCrop`
-_FLOOR = 5.0  # counts
+_REST_SECONDS = 0.5  # as in `plot_recording`
+_MIN_REST_FRAMES, _SUSTAIN_FRAMES = 10, 3  # as in `ContactCrop`
+_CONTACT_FLOOR = 5.0  # counts
 
 
 class PredictedTrial(NamedTuple):
-    r"""The answers of a predictor over the time of a recording, and what was touched.
+    r"""The predictions for a recording over time, with its truth, contact and total pressure.
 
     Shapes:
-        - **edges:** ends of the frames in seconds :math:`(T + 1,)`.
-        - **answer_edges:** ends of the answers in seconds :math:`(R + 1,)`.
-        - **last:** the last frame of each answer :math:`(R,)`.
-        - **value:** probabilities or numbers :math:`(R, C)`.
-        - **total:** sum of the lengths of all readings relative to rest :math:`(T,)`.
-        - **contact:** number of taxels in contact :math:`(T,)`.
-        - **gaps:** start and end in seconds of each time without frames :math:`(G, 2)`.
+        - **edges:** boundaries of the frames in seconds :math:`(T + 1,)`
+        - **answer_edges:** boundaries of the predictions in seconds :math:`(R + 1,)`
+        - **last:** index of the last frame of each prediction :math:`(R,)`
+        - **value:** probabilities or predicted numbers :math:`(R, C)`
+        - **total:** sum over the taxels of the norms of readings relative to rest :math:`(T,)`
+        - **contact:** number of taxels in contact :math:`(T,)`
+        - **gaps:** start and end in seconds of each time without frames :math:`(G, 2)`
     """
 
     names: list[str]
@@ -57,7 +57,7 @@ class PredictedTrial(NamedTuple):
     title: list[str]
 
     @classmethod
-    def of(
+    def from_predictions(
         cls,
         predictor: Predictor,
         recording: Recording,
@@ -65,41 +65,52 @@ class PredictedTrial(NamedTuple):
         frames: Sequence[int],
         truth: Truth | None = None,
     ) -> Self:
-        r"""Returns what is drawn.
+        r"""Returns the trial of a recording and its predictions.
+
+        Args:
+            predictor (Predictor): The predictor.
+            recording (Recording): The recording.
+            probability (torch.Tensor): Output of :meth:`Predictor.recording`.
+            frames (sequence of int): Index of the last frame of each row.
+            truth (Truth, optional): True classes or numbers (default: those in the recording).
 
         Shapes:
-            - **probability:** What :meth:`Predictor.recording` returned :math:`(R, C)`.
-            - **frames:** The last frame of each row :math:`(R,)`.
+            - **probability:** :math:`(R, C)`
+            - **frames:** :math:`(R,)`
         """
         names = predictor.names(probability.size(1))
         time = recording.time - recording.time[0]
         last = np.asarray(frames, dtype=np.int64)
         edges = _frame_edges(time)
-        every_frame = np.array_equal(last, np.arange(len(time)))
-        is_class = predictor.task != "regression"
-        total = _total(recording, time)
-        found = find_truth(recording, names, predictor.task) if truth is None else truth
+        has_all_frames = np.array_equal(last, np.arange(len(time)))
+        has_labels = predictor.task != "regression"
+        total = _total_pressure(recording, time)
+        if truth is None:
+            truth = find_truth(recording, names, predictor.task)
+        is_annotated = truth is not None and truth.source == ANNOTATED
         return cls(
             names,
             predictor.task,
             edges,
-            edges if every_frame else _answer_edges(time[last], edges),
+            edges if has_all_frames else _answer_edges(time[last], edges),
             last,
             probability.cpu().double().numpy(),
-            predictor.labels(probability) if is_class and len(last) else [],
-            found,
+            predictor.labels(probability) if has_labels and len(last) else [],
+            truth,
             total,
-            _contact(recording, time),
-            phases_of(recording, time),
+            _num_contacts(recording, time),
+            recording_phases(recording, time),
             recording.gaps - recording.time[0],
-            [] if found is not None and found.source == ANNOTATED else annotation_lanes(recording),
+            [] if is_annotated else annotation_lanes(recording),
             UNITS.get(recording.meta.get("unit", ""), "unit unknown"),
             title_parts(recording),
         )
 
     @property
-    def share_right(self) -> float | None:
-        r"""The part of the answers that are true, of those frames whose class is known."""
+    def accuracy(self) -> float | None:
+        r"""Part of the predicted classes that are true, among frames whose class is known;
+        :obj:`None` without such frames.
+        """
         if self.truth is None or self.task != "multiclass":
             return None
         true = self.truth.value[self.last]
@@ -109,12 +120,12 @@ class PredictedTrial(NamedTuple):
 
 def _frame_edges(time: np.ndarray) -> np.ndarray:
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
-    middles = (time[1:] + time[:-1]) / 2
-    return np.array([time[0] - step / 2, *middles, time[-1] + step / 2])
+    centres = (time[1:] + time[:-1]) / 2
+    return np.array([time[0] - step / 2, *centres, time[-1] + step / 2])
 
 
 def _answer_edges(time: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    # An answer stands from the last frame of its window to that of the next.
+    # A prediction is drawn from the last frame of its window to that of the next window.
     if len(time) == 0:
         return edges[:1]
     width = 0.03 * (edges[-1] - edges[0])
@@ -122,80 +133,83 @@ def _answer_edges(time: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.append(time, min(time[-1] + step, max(edges[-1], time[-1] + width)))
 
 
-def _change(recording: Recording, time: np.ndarray) -> np.ndarray:
-    if len(time) == 1:  # which has no rest: the taxels are compared with each other
+def _change_from_rest(recording: Recording, time: np.ndarray) -> np.ndarray:
+    if len(time) == 1:  # a single frame has no rest, so taxels are compared with their median
         first = recording.tactile[0]
-        seen = ~np.isnan(first).all(axis=0)
-        center = np.zeros(first.shape[1], dtype=np.float32)
-        center[seen] = np.nanmedian(first[:, seen], axis=0)
-        return recording.tactile - center
-    window = min(_REST, recording.duration / 10)
+        has_readings = ~np.isnan(first).all(axis=0)
+        median = np.zeros(first.shape[1], dtype=np.float32)
+        median[has_readings] = np.nanmedian(first[:, has_readings], axis=0)
+        return recording.tactile - median
+    window = min(_REST_SECONDS, recording.duration / 10)
     change: np.ndarray = recording.tactile - reading_at_rest(recording.tactile, time, window)
     return change
 
 
-def _total(recording: Recording, time: np.ndarray) -> np.ndarray:
-    change = np.nan_to_num(_change(recording, time))
+def _total_pressure(recording: Recording, time: np.ndarray) -> np.ndarray:
+    change = np.nan_to_num(_change_from_rest(recording, time))
     total: np.ndarray = np.linalg.norm(change, axis=2).sum(axis=1, dtype=np.float64)
     return total
 
 
-def _contact(recording: Recording, time: np.ndarray) -> np.ndarray | None:
-    window = min(_REST, recording.duration / 10)
-    rest = max(int((time <= window).sum()), _AT_REST)
-    if recording.num_frames < rest + _SUSTAIN:
+def _num_contacts(recording: Recording, time: np.ndarray) -> np.ndarray | None:
+    window = min(_REST_SECONDS, recording.duration / 10)
+    num_rest_frames = max(int((time <= window).sum()), _MIN_REST_FRAMES)
+    if recording.num_frames < num_rest_frames + _SUSTAIN_FRAMES:
         return None
     tactile = recording.tactile
-    whole = np.isnan(tactile) | (tactile == np.round(tactile))
+    is_integer = np.isnan(tactile) | (tactile == np.round(tactile))
     unit = recording.meta.get("unit")
-    floor = _FLOOR if unit == "count" or (unit is None and whole.all()) else 0.0
-    crop = ContactCrop(rest, floor=floor, sustain=_SUSTAIN)
+    # Only counts need a floor: in other units its value would be arbitrary.
+    has_counts = unit == "count" or (unit is None and is_integer.all())
+    floor = _CONTACT_FLOOR if has_counts else 0.0
+    crop = ContactCrop(num_rest_frames, floor=floor, sustain=_SUSTAIN_FRAMES)
     signals = torch.from_numpy(tactile.transpose(1, 2, 0).copy())
-    stays = crop.stays_beyond(signals.unsqueeze(0))[0].any(dim=1)  # (N, T)
-    contact = stays.clone()
-    for i in range(1, _SUSTAIN):
-        contact[:, i:] |= stays[:, : stays.size(1) - i]
-    out: np.ndarray = contact.sum(dim=0).numpy()
-    return out
+    # True where a taxel is beyond its threshold in this frame and the next ones, (N, T).
+    starts_contact = crop.stays_beyond(signals.unsqueeze(0))[0].any(dim=1)
+    contact = starts_contact.clone()
+    for i in range(1, _SUSTAIN_FRAMES):
+        contact[:, i:] |= starts_contact[:, : starts_contact.size(1) - i]
+    num_contacts: np.ndarray = contact.sum(dim=0).numpy()
+    return num_contacts
 
 
-def thinned_steps(edges: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    r"""Returns steps of which no more are left than pixels can show: of each few the least and the
-    greatest value, in their order.
+def thin_steps(edges: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    r"""Reduces a step function to the resolution of a panel: the smallest and the largest value of
+    each block of steps, in their order.
 
     Shapes:
-        - **edges:** :math:`(R + 1,)`
-        - **value:** :math:`(R, K)`
+        - **edges:** boundaries of the steps :math:`(R + 1,)`
+        - **value:** values of :math:`K` series :math:`(R, K)`
     """
-    if len(value) <= 2 * MOST_COLUMNS:
+    if len(value) <= 2 * MAX_COLUMNS:
         return edges, value
-    size = -(-len(value) // MOST_COLUMNS)
+    size = -(-len(value) // MAX_COLUMNS)
     starts = np.arange(0, len(value), size)
     low = np.where(np.isnan(value), np.inf, value)
     high = np.where(np.isnan(value), -np.inf, value)
     steps = []
-    for part, least, most in zip(
+    for block, low_block, high_block in zip(
         *(np.split(values, starts[1:]) for values in (value, low, high)), strict=True
     ):
-        ends = np.sort([least.argmin(axis=0), most.argmax(axis=0)], axis=0)
-        steps.append(np.take_along_axis(part, ends, axis=0))
+        extremes = np.sort([low_block.argmin(axis=0), high_block.argmax(axis=0)], axis=0)
+        steps.append(np.take_along_axis(block, extremes, axis=0))
     stops = np.append(starts[1:], len(value))
-    middles = (edges[starts] + edges[stops]) / 2
-    thin = np.append(np.stack([edges[starts], middles], axis=1).reshape(-1), edges[-1])
-    return thin, np.concatenate(steps)
+    centres = (edges[starts] + edges[stops]) / 2
+    thin_edges = np.append(np.stack([edges[starts], centres], axis=1).reshape(-1), edges[-1])
+    return thin_edges, np.concatenate(steps)
 
 
-def thinned_codes(edges: np.ndarray, code: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    r"""Returns numbers of classes of which no more are left than pixels can show: of each few the
-    most frequent.
+def thin_codes(edges: np.ndarray, code: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    r"""Reduces class indices over time to the resolution of a panel: the most frequent index of
+    each block of steps.
 
     Shapes:
-        - **edges:** :math:`(R + 1,)`
-        - **code:** from -1 on :math:`(R,)`
+        - **edges:** boundaries of the steps :math:`(R + 1,)`
+        - **code:** class indices, at least -1 :math:`(R,)`
     """
-    if len(code) <= MOST_COLUMNS:
+    if len(code) <= MAX_COLUMNS:
         return edges, code
-    starts = np.arange(0, len(code), -(-len(code) // MOST_COLUMNS))
-    parts = np.split(code + 1, starts[1:])
-    most = np.array([np.bincount(part).argmax() for part in parts]) - 1
-    return np.append(edges[starts], edges[-1]), most
+    starts = np.arange(0, len(code), -(-len(code) // MAX_COLUMNS))
+    blocks = np.split(code + 1, starts[1:])
+    most_frequent = np.array([np.bincount(block).argmax() for block in blocks]) - 1
+    return np.append(edges[starts], edges[-1]), most_frequent

@@ -1,4 +1,4 @@
-r"""The colours, sizes and texts that all pictures share."""
+r"""Colours, sizes and texts of all pictures."""
 
 import textwrap
 from collections.abc import Sequence
@@ -17,23 +17,24 @@ if TYPE_CHECKING:
 
 DPI = 150
 INSTALL = 'pip install "torch-geometric-tactile[viz]"'
-# Points. At most 8 inches wide, a figure in a column of 720 pixels shows 8 points as 10 pixels.
+# Font sizes in points. A figure 8 inches wide, in a column of 720 pixels, shows 8 points as 10
+# pixels.
 TITLE, TEXT, SMALL, TINY = 10.5, 9.0, 8.0, 7.0
 
 
-MOST_WIDTH = 8.0  # inches
+MAX_WIDTH = 8.0  # inches
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 DASHES = ("-", "--", "-.", ":")
-HOLLOW = "hollow: no spread known"  # of one run, or not published
+HOLLOW = "hollow: no spread known"  # results of one run, or published without a spread
 _MARGIN = 0.25  # inches to either side of a title
-_LETTER = 0.52  # mean width of a letter, in its size
+_LETTER_WIDTH = 0.52  # mean, in units of the font size
 
 
 _Hues = tuple[str, ...]
 
 
 class Theme(NamedTuple):
-    r"""The colours of a picture, on a light page if not told otherwise."""
+    r"""Colours of a picture; the defaults are those of a light page."""
 
     ground: str = "#ffffff"
     ink: str = "#1b1f24"
@@ -78,13 +79,20 @@ CURRENT_THEME: ContextVar[Theme] = ContextVar("theme", default=THEMES["light"])
 
 
 def current_theme() -> Theme:
-    r"""Returns the colours of the figures that are made now."""
+    r"""Returns the colours of new figures."""
     return CURRENT_THEME.get()
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    r"""Returns an empty figure in the colours of :func:`theme` that is drawn in memory and shown by
-    notebooks.
+    r"""Returns an empty figure in the colours of :func:`theme`, which is drawn in memory and
+    displayed by notebooks.
+
+    Args:
+        width (float): Width in inches.
+        height (float): Height in inches.
+
+    Raises:
+        ImportError: If matplotlib is missing.
 
     Examples:
         >>> figure = new_figure(4.0, 3.0)
@@ -94,50 +102,53 @@ def new_figure(width: float, height: float) -> "Figure":
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-        from torch_geometric_tactile.visualization._shown_figure import ShownFigure
+        from torch_geometric_tactile.visualization._notebook_figure import NotebookFigure
     except ImportError as error:
         raise ImportError(f"pictures need matplotlib: {INSTALL}") from error
     ground = current_theme().ground
-    figure = ShownFigure(figsize=(width, height), layout="constrained", facecolor=ground)
+    figure = NotebookFigure(figsize=(width, height), layout="constrained", facecolor=ground)
     FigureCanvasAgg(figure)
     return figure
 
 
 def series_color(index: int) -> str:
-    r"""Returns the colour of a series, which repeats after those of the palette."""
+    r"""Returns the colour of a series; colours repeat after the end of the palette."""
     palette = current_theme().palette
     return palette[index % len(palette)]
 
 
 def series_marker(index: int) -> str:
-    r"""Returns the marker of a series."""
+    r"""Returns the marker of a series; markers repeat after the last one."""
     return MARKERS[index % len(MARKERS)]
 
 
 def colormap(name: str) -> Any:
-    r"""Returns a map from 0 to 1 to colours."""
+    r"""Returns a colour map of matplotlib: :obj:`"sequential"`, :obj:`"diverging"` and
+    :obj:`"share"` are those of the theme, and other names those of matplotlib.
+    """
     from matplotlib import colormaps
     from matplotlib.colors import LinearSegmentedColormap
 
-    look = current_theme()
+    theme = current_theme()
     if name == "diverging":
-        return LinearSegmentedColormap.from_list("diverging", look.diverging)
-    return colormaps[{"sequential": look.sequential, "share": look.share}.get(name, name)]
+        return LinearSegmentedColormap.from_list("diverging", theme.diverging)
+    return colormaps[{"sequential": theme.sequential, "share": theme.share}.get(name, name)]
 
 
 def ink_on(color: Sequence[float]) -> str:
-    r"""Returns black or white, whichever is read better on a colour.
+    r"""Returns black or white, whichever is easier to read on a colour.
 
     Examples:
         >>> ink_on((0.9, 0.9, 0.2)), ink_on((0.0, 0.1, 0.4))
         ('#000000', '#ffffff')
     """
-    light = 0.299 * color[0] + 0.587 * color[1] + 0.114 * color[2]
-    return "#000000" if light > 0.5 else "#ffffff"
+    luma = 0.299 * color[0] + 0.587 * color[1] + 0.114 * color[2]
+    return "#000000" if luma > 0.5 else "#ffffff"
 
 
 def plain_text(text: str) -> str:
-    r"""Returns a text in which matplotlib finds no formula and no control characters, but lines.
+    r"""Returns a text that matplotlib draws literally: dollar signs start no formula, and control
+    characters except line breaks are escaped.
 
     Examples:
         >>> print(plain_text("$5 mug"))
@@ -146,35 +157,35 @@ def plain_text(text: str) -> str:
     return "\n".join(map(printable, text.split("\n"))).replace("$", r"\$")
 
 
-def wrapped(text: str, width: int) -> str:
-    r"""Returns a text in lines.
+def wrap_text(text: str, width: int) -> str:
+    r"""Returns a text in lines of at most :obj:`width` letters.
 
     Examples:
-        >>> wrapped("leave objects out", 14)
+        >>> wrap_text("leave objects out", 14)
         'leave objects\nout'
     """
     return plain_text("\n".join(textwrap.wrap(text, max(width, 1))))
 
 
-def fitted(text: str, inches: float, size: float = TITLE) -> str:
-    r"""Returns a text in lines of a width."""
-    return wrapped(text, int(inches * 72 / (_LETTER * size)))
+def fit_text(text: str, inches: float, size: float = TITLE) -> str:
+    r"""Returns a text in lines of at most :obj:`inches`, in a font of :obj:`size` points."""
+    return wrap_text(text, int(inches * 72 / (_LETTER_WIDTH * size)))
 
 
 def hollow_handle() -> "Line2D":
-    r"""Returns the mark that legends explain with :obj:`HOLLOW`."""
+    r"""Returns the legend handle of hollow marks, which :obj:`HOLLOW` explains."""
     from matplotlib.lines import Line2D
 
-    look = current_theme()
+    theme = current_theme()
     return Line2D(
-        [], [], linestyle="none", marker="o", color=look.soft, markerfacecolor=look.ground
+        [], [], linestyle="none", marker="o", color=theme.soft, markerfacecolor=theme.ground
     )
 
 
 def draw_legend(
     figure: "Figure", handles: list[Any], labels: list[str], *, columns: int, has_hollow: bool
 ) -> None:
-    r"""Draws a legend below the plots, which explains hollow marks where there are some."""
+    r"""Draws a legend below the plots, with an explanation of hollow marks if there are some."""
     if has_hollow:
         handles, labels = [*handles, hollow_handle()], [*labels, HOLLOW]
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)
@@ -191,8 +202,8 @@ def draw_series(
     markersize: float,
     alpha: float,
 ) -> None:
-    r"""Draws a series as a line with a band (places, lower and upper ends); its marks are hollow
-    without one.
+    r"""Draws a series as a line with a band (positions, lower and upper limits). Without a band,
+    the marks are hollow.
     """
     color = series_color(index)
     ax.plot(
@@ -210,45 +221,46 @@ def draw_series(
 
 
 def symmetric_limit(values: np.ndarray, quantile: float) -> tuple[float, bool]:
-    r"""Returns the end of a scale about zero, a quantile of the sizes of values, and whether some
-    are beyond it; only finite ones count.
+    r"""Returns the end of a scale that is symmetric about zero, and whether values lie beyond it.
+
+    The end is a quantile of the absolute values. Infinite and missing values do not count.
     """
-    size = np.abs(values[np.isfinite(values)])
-    if size.size == 0 or size.max() == 0:
+    absolute = np.abs(values[np.isfinite(values)])
+    if absolute.size == 0 or absolute.max() == 0:
         return 1.0, False
-    # Where almost no value differs from zero, the quantile is zero.
-    limit = float(np.quantile(size, quantile)) or float(size.max())
-    return limit, float(size.max()) > limit
+    # The quantile is zero if almost all values are.
+    limit = float(np.quantile(absolute, quantile)) or float(absolute.max())
+    return limit, float(absolute.max()) > limit
 
 
 def title_figure(figure: "Figure", title: str | None) -> None:
-    r"""Writes the title of a figure, if there is one, in as many lines as its width needs."""
+    r"""Writes the title of a figure, wrapped to its width; nothing if it is :obj:`None`."""
     if title is not None:
-        figure.suptitle(fitted(title, figure.get_figwidth() - 2 * _MARGIN))
+        figure.suptitle(fit_text(title, figure.get_figwidth() - 2 * _MARGIN))
 
 
 def title_axes(ax: "Axes", title: str, size: float = TEXT, **kwargs: Any) -> "Text":
-    r"""Writes the title of axes, and returns it."""
+    r"""Writes the title of axes, and returns its text object."""
     return ax.set_title(title, fontsize=size, color=current_theme().ink, **kwargs)
 
 
 def style_axes(ax: "Axes") -> None:
-    r"""Gives axes the colours and sizes of all pictures, before anything is drawn."""
-    look = current_theme()
-    ax.set_facecolor(look.ground)
+    r"""Applies the colours and sizes of all pictures to empty axes."""
+    theme = current_theme()
+    ax.set_facecolor(theme.ground)
     ax.set_axisbelow(True)
     for spine in ax.spines.values():
-        spine.set(color=look.faint, linewidth=0.8)
+        spine.set(color=theme.faint, linewidth=0.8)
     ax.tick_params(
-        which="both", color=look.faint, labelcolor=look.soft, labelsize=SMALL, width=0.8, length=3
+        which="both", color=theme.faint, labelcolor=theme.soft, labelsize=SMALL, width=0.8, length=3
     )
     for axis in (ax.xaxis, ax.yaxis):
-        axis.label.set(color=look.soft, fontsize=TEXT)
-        axis.get_offset_text().set(color=look.soft, fontsize=SMALL)
+        axis.label.set(color=theme.soft, fontsize=TEXT)
+        axis.get_offset_text().set(color=theme.soft, fontsize=SMALL)
 
 
 def open_plot(ax: "Axes", axis: Literal["both", "x", "y"] = "both") -> None:
-    r"""Draws the grid of a plot, and leaves out the frame at the top and at the right."""
+    r"""Draws the grid of a plot, and removes the frame at the top and on the right."""
     ax.grid(axis=axis, color=current_theme().grid, linewidth=0.7)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)

@@ -1,4 +1,4 @@
-r"""What pictures of taxels share, whether of one pad or of a whole hand."""
+r"""Shared parts of the pictures of taxels, of one pad or of a hand."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
@@ -20,25 +20,32 @@ from torch_geometric_tactile.visualization._style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_DIGIT_ORDER = (0, 2, 3, 1, None, 4, 5)  # of the palette; palms are grey
+_DIGIT_COLORS = (0, 2, 3, 1, None, 4, 5)  # indices into the palette; the palm, None, is grey
 
 
 def view_axes(azimuth: float, elevation: float) -> np.ndarray:
-    r"""Returns the directions to the right, up and towards a viewer who, in degrees, walked around
-    :math:`z` and rose, as the rows of :math:`(3, 3)`.
+    r"""Returns the unit vectors to the right, up and towards a viewer as rows :math:`(3, 3)`.
+
+    Args:
+        azimuth (float): Azimuth of the viewer about :math:`z` in degrees.
+        elevation (float): Elevation of the viewer in degrees.
     """
-    turn, rise = np.deg2rad(azimuth), np.deg2rad(elevation)
-    right = [-np.sin(turn), np.cos(turn), 0.0]
-    up = [-np.sin(rise) * np.cos(turn), -np.sin(rise) * np.sin(turn), np.cos(rise)]
-    towards = [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)]
-    return np.array([right, up, towards])
+    a, e = np.deg2rad(azimuth), np.deg2rad(elevation)
+    right = [-np.sin(a), np.cos(a), 0.0]
+    up = [-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)]
+    towards_viewer = [np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]
+    return np.array([right, up, towards_viewer])
 
 
 def checked_values(name: str, values: Tensor, num_taxels: int) -> Tensor:
-    r"""Returns one number a taxel, as double on the CPU.
+    r"""Returns values of taxels in double precision on the CPU.
 
     Shapes:
-        - **num_taxels:** Number of taxels :math:`N`.
+        - **values, output:** :math:`(N,)`
+
+    Raises:
+        ValueError: If the shape is not :obj:`(num_taxels,)`; the message names the argument
+            :obj:`name`.
     """
     values = torch.as_tensor(values).detach().cpu().double()
     if values.shape != (num_taxels,):
@@ -50,20 +57,31 @@ def checked_edges(name: str, edge_index: Tensor, num_taxels: int) -> Tensor:
     r"""Returns directed edges on the CPU, without self-loops.
 
     Shapes:
-        - **edge_index:** The edges :math:`(2, |\mathcal{E}|)`.
+        - **edge_index:** :math:`(2, |\mathcal{E}|)`
+
+    Raises:
+        ValueError: If the edges are invalid; the message names the argument :obj:`name`.
     """
     edge_index = check_edges(torch.as_tensor(edge_index).detach().cpu(), num_taxels, f"'{name}'")
     return edge_index[:, edge_index[0] != edge_index[1]]
 
 
 def value_scale(values: Tensor | None, limits: tuple[float, float] | None, cmap: str) -> Any:
-    r"""Returns matplotlib's map from values to colours.
+    r"""Returns the mapping of matplotlib from values to colours.
+
+    Args:
+        values (torch.Tensor, optional): The values, whose range is the default of :obj:`limits`.
+        limits (tuple of float, optional): Values at the ends of the colour scale.
+        cmap (str): Name of the colour map, as of :func:`colormap`.
 
     Shapes:
-        - **values:** The values :math:`(N,)`; NaN is ignored.
+        - **values:** :math:`(N,)`; NaN is ignored
+
+    Raises:
+        ValueError: If :obj:`limits` are not increasing.
     """
     low, high = _value_limits(values) if limits is None else limits
-    need(low < high, f"'limits' must rise (got {low} and {high})")
+    need(low < high, f"'limits' must be increasing (got {low} and {high})")
 
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -78,23 +96,23 @@ def _value_limits(values: Tensor | None) -> tuple[float, float]:
     low, high = float(finite.min()), float(finite.max())
     if low < high:
         return low, high
-    half = max(abs(low), 1.0) / 2
-    return low - half, high + half
+    half_range = max(abs(low), 1.0) / 2
+    return low - half_range, high + half_range
 
 
 def value_colors(values: Tensor, scale: Any) -> list[tuple[float, ...]]:
-    r"""Returns the colour of each value; that of the page for a missing value.
+    r"""Returns the colour of each value; missing values (NaN) have the colour of the page.
 
     Shapes:
-        - **values:** The values :math:`(N,)`.
+        - **values:** :math:`(N,)`
     """
     from matplotlib.colors import to_rgba
 
     colors = scale.to_rgba(values.nan_to_num().numpy())
     ground = to_rgba(current_theme().ground)
     return [
-        ground if gone else tuple(color)
-        for gone, color in zip(values.isnan().tolist(), colors, strict=True)
+        ground if is_missing else tuple(color)
+        for is_missing, color in zip(values.isnan().tolist(), colors, strict=True)
     ]
 
 
@@ -107,10 +125,10 @@ def draw_taxels(
     outline: str,
     linewidth: float,
 ) -> None:
-    r"""Draws the taxels as circles in the order given; missing ones have a dashed outline.
+    r"""Draws the taxels as circles, in their order; missing taxels have a dashed outline.
 
     Shapes:
-        - **plane:** The taxels in the plane, in millimetres :math:`(N, 2)`.
+        - **plane:** positions in the plane in millimetres :math:`(N, 2)`
     """
     from matplotlib.collections import EllipseCollection
 
@@ -125,7 +143,7 @@ def draw_taxels(
             facecolors=list(colors),
             edgecolors=outline,
             linewidths=linewidth,
-            linestyles=["--" if gone else "-" for gone in missing],
+            linestyles=["--" if is_missing else "-" for is_missing in missing],
             zorder=2,
         )
     )
@@ -162,10 +180,10 @@ def draw_color_bar(ax: "Axes", scale: Any, label: str) -> None:
 
 
 def figure_size(plane: Tensor, width: float) -> tuple[float, float]:
-    r"""Returns width and height in inches of an axes that shows a layout without waste.
+    r"""Returns width and height in inches of axes in the proportions of a layout.
 
     Shapes:
-        - **plane:** :math:`(N, 2)`
+        - **plane:** positions in the plane in millimetres :math:`(N, 2)`
     """
     low, high = map_corners(plane, taxel_diameter(plane))
     ratio = (high[1] - low[1]) / (high[0] - low[0])
@@ -173,45 +191,56 @@ def figure_size(plane: Tensor, width: float) -> tuple[float, float]:
 
 
 def taxel_diameter(plane: Tensor) -> float:
+    r"""Returns the diameter in millimetres at which circles do not overlap.
+
+    Shapes:
+        - **plane:** positions in the plane in millimetres :math:`(N, 2)`
+    """
     extent = max(float((plane.amax(dim=0) - plane.amin(dim=0)).max()), 1.0)
     if len(plane) < 2:
         return extent / 4
     nearest = torch.cdist(plane, plane).fill_diagonal_(torch.inf).min()
-    # Taxels that coincide in the projection must stay visible.
+    # The lower limit keeps taxels visible that coincide in the projection.
     return min(max(0.94 * float(nearest), extent / 50), extent / 4)
 
 
 def map_corners(plane: Tensor, diameter: float) -> tuple[list[float], list[float]]:
+    r"""Returns the lower left and the upper right corner of a map, with a margin of one diameter.
+
+    Shapes:
+        - **plane:** positions in the plane in millimetres :math:`(N, 2)`
+    """
     return (plane.amin(dim=0) - diameter).tolist(), (plane.amax(dim=0) + diameter).tolist()
 
 
 def digit_color(digit: int) -> str:
     r"""Returns the colour of a digit, the same in all pictures."""
-    look = current_theme()
-    place = _DIGIT_ORDER[digit % len(_DIGIT_ORDER)]
-    return "#8a8f96" if place is None else look.palette[place]
+    theme = current_theme()
+    palette_index = _DIGIT_COLORS[digit % len(_DIGIT_COLORS)]
+    return "#8a8f96" if palette_index is None else theme.palette[palette_index]
 
 
 def segment_colors(
     layout: TaxelLayout, by: Literal["patch", "digit"]
 ) -> list[tuple[float, float, float]]:
-    r"""Returns the colour of each taxel: that of its digit, or its patch's tint of it."""
+    r"""Returns the colour of each taxel: the colour of its digit or, by patch, a tint of it."""
     from matplotlib.colors import to_rgb
 
     digits = layout.segments("digit").tolist()
     patches = layout.segments("patch").tolist()
-    base = [to_rgb(digit_color(digit)) for digit in digits]
+    digit_colors = [to_rgb(digit_color(digit)) for digit in digits]
     if by == "digit":
-        return base
-    first: dict[int, list[int]] = {}
+        return digit_colors
+    digit_patches: dict[int, list[int]] = {}
     for digit, patch in dict.fromkeys(zip(digits, patches, strict=True)):
-        first.setdefault(digit, []).append(patch)
+        digit_patches.setdefault(digit, []).append(patch)
     colors = []
     ground = to_rgb(current_theme().ground)
-    for color, digit, patch in zip(base, digits, patches, strict=True):
-        # Towards the page, with every second patch far ahead, so that neighbours differ.
-        number = first[digit].index(patch)
-        tint = 0.55 * (number % 2) + 0.3 * number / len(first[digit])
+    for color, digit, patch in zip(digit_colors, digits, patches, strict=True):
+        # Tints approach the colour of the page; every second patch is much lighter, so that
+        # neighbours differ.
+        number = digit_patches[digit].index(patch)
+        tint = 0.55 * (number % 2) + 0.3 * number / len(digit_patches[digit])
         red, green, blue = (c + (g - c) * tint for c, g in zip(color, ground, strict=True))
         colors.append((red, green, blue))
     return colors

@@ -1,6 +1,4 @@
-r"""What pictures over the time of a recording share: its rest, its phases, its annotations and its
-title.
-"""
+r"""Shared parts of the pictures of a recording over time: rest, phases, annotations and title."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,14 +16,14 @@ from torch_geometric_tactile.visualization._style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_COLUMNS = 1500  # about the pixels of a panel; more would drop frames unseen
+MAX_COLUMNS = 1500  # about the pixels of a panel; matplotlib would drop some of more columns
 LANE_HEIGHT = 0.24  # inches
-_MOST_LANES = 8
-_LETTERS = 20  # of the name of a lane
+_MAX_LANES = 8
+_MAX_NAME_LENGTH = 20  # letters of the name of a lane
 
 
 class Phase(NamedTuple):
-    r"""A phase of a trial, in seconds."""
+    r"""A phase of a trial, with its start and end in seconds."""
 
     name: str
     start: float
@@ -33,25 +31,30 @@ class Phase(NamedTuple):
 
 
 def reading_at_rest(tactile: np.ndarray, time: np.ndarray, rest: float) -> np.ndarray:
-    r"""Returns the median reading of each taxel and channel in the first seconds :math:`(N, C)`."""
-    first = nan_median(tactile[time <= rest])
-    # A taxel that is missing at first takes its first reading.
-    late = np.isnan(first)
-    if late.any():
-        first = np.where(late, nan_median(tactile), first)
-    return first
+    r"""Returns the median reading of each taxel and channel in the first :obj:`rest` seconds
+    :math:`(N, C)`; without readings there, the median of the entire recording.
+    """
+    median = nan_median(tactile[time <= rest])
+    is_missing = np.isnan(median)
+    if is_missing.any():
+        median = np.where(is_missing, nan_median(tactile), median)
+    return median
 
 
 def nan_median(values: np.ndarray) -> np.ndarray:
-    r"""Returns the median over the frames of readings :math:`(T, ...)`, NaN without any."""
-    out = np.full(values.shape[1:], np.nan, dtype=np.float32)
-    present = ~np.isnan(values).all(axis=0)
-    out[present] = np.nanmedian(values[:, present], axis=0)
-    return out
+    r"""Returns the median over the frames of readings :math:`(T, ...)`, NaN if all are missing."""
+    median = np.full(values.shape[1:], np.nan, dtype=np.float32)
+    has_readings = ~np.isnan(values).all(axis=0)
+    median[has_readings] = np.nanmedian(values[:, has_readings], axis=0)
+    return median
 
 
-def phases_of(recording: Recording, time: np.ndarray) -> list[Phase]:
-    r"""Returns the phases of a recording, if it knows them, at times :math:`(T,)` in seconds."""
+def recording_phases(recording: Recording, time: np.ndarray) -> list[Phase]:
+    r"""Returns the phases of a recording; an empty list if it has no signal :obj:`"phase"`.
+
+    Shapes:
+        - **time:** times of the frames in seconds :math:`(T,)`
+    """
     phase = recording.privileged.get("phase")
     if phase is None or phase.ndim != 1:
         return []
@@ -71,14 +74,14 @@ def phases_of(recording: Recording, time: np.ndarray) -> list[Phase]:
 
 
 def name_phases(ax: "Axes", phases: list[Phase], duration: float) -> None:
-    r"""Writes the names of phases above axes, where there is room."""
+    r"""Writes the names of phases above axes, shortened to the widths of the phases."""
     for phase in phases:
-        # About 95 letters of this size fit above the panel; a longer name would run into the next.
-        letters = int(95 * (phase.end - phase.start) / duration)
+        # About 95 letters of this size fit above a panel.
+        max_length = int(95 * (phase.end - phase.start) / duration)
         name = phase.name
-        if len(name) > letters:
-            name = name[: max(letters - 3, 0)].rstrip() + "..."
-        if len(name) <= letters:
+        if len(name) > max_length:
+            name = name[: max(max_length - 3, 0)].rstrip() + "..."
+        if len(name) <= max_length:
             ax.text(
                 (phase.start + phase.end) / 2,
                 1.03,
@@ -91,11 +94,11 @@ def name_phases(ax: "Axes", phases: list[Phase], duration: float) -> None:
             )
 
 
-def blank_gaps(ax: "Axes", gaps: np.ndarray) -> None:
-    r"""Covers the time without frames, over which lines and steps would go on.
+def cover_gaps(ax: "Axes", gaps: np.ndarray) -> None:
+    r"""Covers lines and steps in times without frames.
 
     Shapes:
-        - **gaps:** start and end of each in seconds :math:`(G, 2)`
+        - **gaps:** start and end of each time without frames in seconds :math:`(G, 2)`
     """
     if not len(gaps):
         return
@@ -112,44 +115,52 @@ def blank_gaps(ax: "Axes", gaps: np.ndarray) -> None:
 
 
 class Lane(NamedTuple):
-    r"""The annotations of one label: their starts and lengths in seconds."""
+    r"""The annotations of a label as bars: their starts and lengths in seconds."""
 
     name: str
     bars: list[tuple[float, float]]
 
 
 def annotation_lanes(recording: Recording) -> list[Lane]:
-    r"""Returns a lane for each label of the annotations, since the first frame; labels beyond the
-    first few share the last lane.
+    r"""Returns a lane for each label of the annotations, with times since the first frame. If there
+    are more than eight labels, all labels after the seventh share the last lane.
     """
-    start = float(recording.time[0])
+    first_time = float(recording.time[0])
     bars: dict[str, list[tuple[float, float]]] = {}
-    for begin, end, label in recording.annotations:
-        bars.setdefault(label, []).append((begin - start, end - begin))
-    lanes = [Lane(label, found) for label, found in bars.items()]
-    if len(lanes) <= _MOST_LANES:
+    for start, end, label in recording.annotations:
+        bars.setdefault(label, []).append((start - first_time, end - start))
+    lanes = [Lane(label, label_bars) for label, label_bars in bars.items()]
+    if len(lanes) <= _MAX_LANES:
         return lanes
-    head, rest = lanes[: _MOST_LANES - 1], lanes[_MOST_LANES - 1 :]
-    return [*head, Lane(f"{len(rest)} others", [bar for lane in rest for bar in lane.bars])]
+    separate, joined = lanes[: _MAX_LANES - 1], lanes[_MAX_LANES - 1 :]
+    name = f"{len(joined)} others"
+    return [*separate, Lane(name, [bar for lane in joined for bar in lane.bars])]
 
 
 def draw_annotations(
     ax: "Axes", lanes: list[Lane], colors: Mapping[str, str] | None = None
 ) -> None:
-    r"""Draws the annotations of a recording in lanes by their labels, if their colours are given in
-    these and others in grey.
+    r"""Draws the annotations of a recording in lanes by label.
+
+    Args:
+        ax (matplotlib.axes.Axes): The panel.
+        lanes (list of Lane): The lanes.
+        colors (Mapping, optional): Colours by label, grey for other labels (default: those of the
+            palette).
     """
     for i, lane in enumerate(lanes):
         color = series_color(i) if colors is None else colors.get(lane.name, current_theme().faint)
-        # With an outline, by which one of no length is seen.
+        # The outline keeps annotations without duration visible.
         ax.broken_barh(lane.bars, (i - 0.3, 0.6), color=color, linewidth=1.0)
-    names = [lane.name for lane in lanes]
-    short = [name if len(name) <= _LETTERS else f"{name[: _LETTERS - 3]}..." for name in names]
-    style_lanes(ax, [plain_text(name) for name in short])
+    limit = _MAX_NAME_LENGTH
+    names = [
+        lane.name if len(lane.name) <= limit else f"{lane.name[: limit - 3]}..." for lane in lanes
+    ]
+    style_lanes(ax, [plain_text(name) for name in names])
 
 
 def style_lanes(ax: "Axes", names: list[str]) -> None:
-    r"""Names the lanes of a panel, the first one on top."""
+    r"""Names the lanes of a panel, with the first lane at the top."""
     ax.set_ylim(len(names) - 0.5, -0.5)
     ax.set_yticks(range(len(names)), names, fontsize=SMALL)
     ax.tick_params(axis="y", length=0)
@@ -157,7 +168,7 @@ def style_lanes(ax: "Axes", names: list[str]) -> None:
 
 
 def title_parts(recording: Recording) -> list[str]:
-    r"""Returns what the title of a recording says: what it is of, and how long."""
+    r"""Returns the parts of the title of a recording: sensor, object, trial, label and length."""
     parts = []
     for key in ("sensor", "object", "trial"):
         if recording.meta.get(key) not in (None, ""):
@@ -172,8 +183,8 @@ def title_parts(recording: Recording) -> list[str]:
 
 
 def shade_phases(ax: "Axes", phases: list[Phase]) -> None:
-    r"""Draws every other phase in another ground."""
-    look = current_theme()
+    r"""Shades every second phase."""
+    theme = current_theme()
     for i, phase in enumerate(phases):
-        color = look.ground if i % 2 else look.band
+        color = theme.ground if i % 2 else theme.band
         ax.axvspan(phase.start, phase.end, color=color, zorder=0, linewidth=0)

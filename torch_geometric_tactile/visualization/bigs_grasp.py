@@ -1,4 +1,4 @@
-r"""Pictures of simulated grasps of three fingertips over time."""
+r"""Pictures of simulated grasps with three fingertips over time."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -22,21 +22,22 @@ from torch_geometric_tactile.visualization._style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_INPUT = 2.0  # s after pick-up, where the input of the paper ends
-_SHADE = 0.10  # opacity of the colour of a phase
+_INPUT_SECONDS = 2.0  # from pick-up to the end of the input of the paper
+_PHASE_OPACITY = 0.10
 
 
 def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
-    r"""Draws simulated grasps side by side over time: the change of every electrode of each
-    fingertip, the normal force and the shear of each, and how loud the vibration is. Phases are
-    shaded; a dashed line is where the input of the paper ends, a red one the onset of slip, a
-    dotted red one the loss of the object. One or two grasps fit a page.
+    r"""Draws simulated grasps side by side over time: the change of the readings of all electrodes,
+    and normal force, shear and standard deviation of the vibration of each fingertip. Phases are
+    shaded; a dashed line marks the end of the input of the paper, a red line the onset of slip, and
+    a dotted red line the loss of the object. One or two grasps fit on a page.
 
     Args:
         recordings (sequence of Recording): Grasps as :func:`simulate_bigs` writes them.
 
     Raises:
-        ValueError: If there are none, or one lacks something.
+        ValueError: If there is no grasp, or a recording lacks frames, signals or metadata of such
+            a grasp.
 
     Examples:
         >>> try:
@@ -47,48 +48,48 @@ def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
     """
     need(len(recordings) != 0, "'recordings' must hold at least one grasp (got none)")
     for recording in recordings:
-        _check(recording)
-    changes = [_change(recording) for recording in recordings]
-    most = max(1.0, *(float(np.percentile(np.abs(change), 99.5)) for change in changes))
+        _check_grasp(recording)
+    changes = [_change_from_rest(recording) for recording in recordings]
+    limit = max(1.0, *(float(np.percentile(np.abs(change), 99.5)) for change in changes))
     figure = new_figure(max(8.0, 3.6 * len(recordings) + 0.8), 8.4)
     axes = figure.subplots(
         6, len(recordings), sharex="col", squeeze=False, height_ratios=(1.2, 1.2, 1.2, 1, 1, 1)
     )
-    force = max(float(r.privileged["normal_force"].max()) for r in recordings)
+    max_force = max(float(r.privileged["normal_force"].max()) for r in recordings)
     image: Any = None
     for column, (recording, change) in enumerate(zip(recordings, changes, strict=True)):
         names = recording.meta["finger_names"]
         for finger in range(3):
-            image = _electrodes(axes[finger, column], recording, change[..., finger], most)
+            image = _draw_electrodes(axes[finger, column], recording, change[..., finger], limit)
             if column == 0:
                 axes[finger, column].set_ylabel(f"{names[finger]}\nelectrode")
-        _lines(axes[3, column], recording, recording.privileged["normal_force"], names)
-        _lines(axes[4, column], recording, recording.privileged["shear_force"], names)
-        loud = recording.extra["pac"].astype(np.float64).std(axis=2)
-        _lines(axes[5, column], recording, loud, names)
+        _draw_lines(axes[3, column], recording, recording.privileged["normal_force"], names)
+        _draw_lines(axes[4, column], recording, recording.privileged["shear_force"], names)
+        vibration = recording.extra["pac"].astype(np.float64).std(axis=2)
+        _draw_lines(axes[5, column], recording, vibration, names)
         axes[5, column].set_yscale("log")
-        axes[3, column].set_ylim(0, 1.35 * force)
-        axes[4, column].set_ylim(0, 0.6 * force)
+        axes[3, column].set_ylim(0, 1.35 * max_force)
+        axes[4, column].set_ylim(0, 0.6 * max_force)
         axes[5, column].set_xlabel("time (s)")
-        _title(axes[0, column], recording)
+        _draw_title(axes[0, column], recording)
         for row in range(3, 6):
-            _mark(axes[row, column], recording, shade=True)
+            _mark_times(axes[row, column], recording, shade=True)
         for row in range(3):
-            _mark(axes[row, column], recording, shade=False)
+            _mark_times(axes[row, column], recording, shade=False)
     for row, label in ((3, "normal force (N)"), (4, "shear (N)"), (5, "vibration\n(sd, counts)")):
         axes[row, 0].set_ylabel(label)
-    look = current_theme()
-    axes[3, 0].legend(loc="upper left", ncols=3, fontsize=SMALL, frameon=False, labelcolor=look.ink)
+    ink = current_theme().ink
+    axes[3, 0].legend(loc="upper left", ncols=3, fontsize=SMALL, frameon=False, labelcolor=ink)
     figure.colorbar(image, ax=axes[:3, :], label="change (counts)", aspect=40, pad=0.01)
     title_figure(
         figure,
-        "Simulated grasps. Dashed: the end of the input; red: the onset of slip; red, dotted: the "
-        "loss of the object",
+        "Simulated grasps. Dashed: end of the input; red: onset of slip; red, dotted: loss of the "
+        "object",
     )
     return figure
 
 
-def _check(recording: Recording) -> None:
+def _check_grasp(recording: Recording) -> None:
     missing = [
         name
         for name in ("normal_force", "shear_force", "phase")
@@ -107,36 +108,36 @@ def _check(recording: Recording) -> None:
         )
 
 
-def _change(recording: Recording) -> np.ndarray:
-    before = recording.privileged["phase"] == 0
-    rest = recording.tactile[before if before.any() else slice(1)].mean(axis=0)
+def _change_from_rest(recording: Recording) -> np.ndarray:
+    is_closing = recording.privileged["phase"] == 0  # before contact
+    rest = recording.tactile[is_closing if is_closing.any() else slice(1)].mean(axis=0)
     change: np.ndarray = recording.tactile - rest
     return change
 
 
-def _electrodes(ax: Any, recording: Recording, change: np.ndarray, most: float) -> Any:
+def _draw_electrodes(ax: Any, recording: Recording, change: np.ndarray, limit: float) -> Any:
     extent = (0.0, float(recording.time[-1]), change.shape[1] + 0.5, 0.5)
     image = ax.imshow(
         change.T,
         aspect="auto",
         extent=extent,
         cmap=colormap("diverging"),
-        vmin=-most,
-        vmax=most,
+        vmin=-limit,
+        vmax=limit,
         interpolation="nearest",
     )
     ax.set_yticks([1, 10, 19])
     return image
 
 
-def _lines(ax: Any, recording: Recording, values: np.ndarray, names: Sequence[str]) -> None:
+def _draw_lines(ax: Any, recording: Recording, values: np.ndarray, names: Sequence[str]) -> None:
     for finger in range(3):
         color = series_color(finger)
         ax.plot(recording.time, values[:, finger], color=color, linewidth=0.9, label=names[finger])
     ax.margins(x=0)
 
 
-def _title(ax: Any, recording: Recording) -> None:
+def _draw_title(ax: Any, recording: Recording) -> None:
     grasp = recording.meta.get("grasp", {})
     parts = [str(recording.meta.get("object", "grasp")), str(recording.label)]
     if "mass" in grasp:
@@ -144,10 +145,10 @@ def _title(ax: Any, recording: Recording) -> None:
     title_axes(ax, plain_text(": ".join([", ".join(parts[:2]), *parts[2:]])), size=TEXT, pad=16)
     phase, names = recording.privileged["phase"], recording.meta["phase_names"]
     for number in np.unique(phase):
-        middle = float(recording.time[phase == number].mean())
+        centre = float(recording.time[phase == number].mean())
         ax.annotate(
             names[number],
-            (middle, 1.02),
+            (centre, 1.02),
             xycoords=("data", "axes fraction"),
             ha="center",
             va="bottom",
@@ -156,19 +157,20 @@ def _title(ax: Any, recording: Recording) -> None:
         )
 
 
-def _mark(ax: Any, recording: Recording, shade: bool) -> None:
-    phase, time, look = recording.privileged["phase"], recording.time, current_theme()
+def _mark_times(ax: Any, recording: Recording, shade: bool) -> None:
+    phase, time, theme = recording.privileged["phase"], recording.time, current_theme()
     for number in np.unique(phase):
         start = float(time[phase == number][0])
         if shade:
             end = float(time[phase == number][-1])
-            color = look.palette[(4, 5, 1)[(number - 1) % 3]] if number else look.ground
-            ax.axvspan(start, end, color=color, alpha=_SHADE, zorder=0, linewidth=0)
+            color = theme.palette[(4, 5, 1)[(number - 1) % 3]] if number else theme.ground
+            ax.axvspan(start, end, color=color, alpha=_PHASE_OPACITY, zorder=0, linewidth=0)
         if number:
-            ax.axvline(start, color=look.faint, linewidth=0.7)
-    ax.axvline(recording.meta["pickup_time"] + _INPUT, color=look.ink, linestyle="--", linewidth=1)
+            ax.axvline(start, color=theme.faint, linewidth=0.7)
+    input_end = recording.meta["pickup_time"] + _INPUT_SECONDS
+    ax.axvline(input_end, color=theme.ink, linestyle="--", linewidth=1)
     if recording.meta.get("slip_time") is not None:
-        ax.axvline(recording.meta["slip_time"], color=look.alarm, linewidth=1.4)
+        ax.axvline(recording.meta["slip_time"], color=theme.alarm, linewidth=1.4)
     if recording.meta.get("lost") is not None:
-        lost = recording.meta["pickup_time"] + recording.meta["lost"]
-        ax.axvline(lost, color=look.alarm, linewidth=1.4, linestyle=":")
+        loss_time = recording.meta["pickup_time"] + recording.meta["lost"]
+        ax.axvline(loss_time, color=theme.alarm, linewidth=1.4, linestyle=":")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.visualization._style import (
     MARKERS,
-    MOST_WIDTH,
+    MAX_WIDTH,
     current_theme,
     draw_legend,
     new_figure,
@@ -24,20 +24,20 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 _Values = Mapping[str, tuple[float, float]]
-_ROW_HEIGHT, _OF_SERIES = 0.14, 0.065  # inches of a row, and more for each series
-_NARROWEST = 2.2  # inches of a panel
-_HALF_ROW = 0.32  # of a row, to either side, in which points are drawn
+_ROW_HEIGHT, _SERIES_HEIGHT = 0.14, 0.065  # inches of a row, and in addition for each series
+_MIN_PANEL_WIDTH = 2.2  # inches
+_HALF_ROW = 0.32  # points lie within this part of a row to either side of its centre
 
 
 class ComparisonPanel(NamedTuple):
-    r"""The title, axis label and numbers of one panel of :func:`plot_comparison`.
+    r"""Title, axis label and numbers of one panel of :func:`plot_comparison`.
 
     Args:
-        title (str): Its title.
-        xlabel (str): What is drawn, with its unit.
-        rows (Mapping): Mean and standard deviation of each series, for each row. A series that has
-            nothing to show in a row is left out; a standard deviation that is NaN has no bar. A
-            line parts rows with different names before a colon.
+        title (str): Title of the panel.
+        xlabel (str): Name and unit of the numbers.
+        rows (Mapping): Mean and standard deviation of each series, for each row. A series without a
+            result in a row is left out there; a standard deviation of NaN has no bar. A line
+            separates rows whose names differ before the colon.
         from_zero (bool): Whether the axis begins at zero.
 
     Examples:
@@ -58,19 +58,21 @@ def plot_comparison(
 ) -> "Figure":
     r"""Draws a table of numbers as points, with one line for each row and one colour for each
     series. Points without a standard deviation, such as published numbers or those of one seed, are
-    hollow. Panels are drawn two side by side: two with the same rows share the names of the rows,
-    and all with the same label share the axis. Panels of other rows stand below one another if the
-    names of two are too wide for a page.
+    hollow.
+
+    Two panels are drawn side by side, or one if the names of their rows are too wide for a page.
+    Neighbours with the same rows share the names of the rows, and panels with the same label share
+    the range of the axis.
 
     Args:
         panels (sequence of ComparisonPanel): The panels.
-        series (sequence of str): Names of the series, in the order of the legend; the first, drawn
-            as black diamonds, is what the others are compared with.
+        series (sequence of str): Names of the series, in the order of the legend; the first series,
+            drawn as black diamonds, is the reference.
         title (str): Title of the picture.
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no panel or row, or a series has no place in :obj:`series`.
+        ValueError: If there is no panel or row, or :obj:`series` lacks a series of a panel.
 
     Examples:
         >>> rows = {"GCN": {"published": (86.1, float("nan")), "ours": (84.0, 1.5)}}
@@ -83,28 +85,28 @@ def plot_comparison(
         raise ValueError("'panels' must hold at least one panel with at least one row (got none)")
     unknown = {name for panel in panels for row in panel.rows.values() for name in row} - {*series}
     need(not unknown, f"'series' must hold all names of 'panels' (lacks {sorted(unknown)})")
-    columns = _columns(panels)
-    lines = [panels[i : i + columns] for i in range(0, len(panels), columns)]
-    heights = [max(len(panel.rows) for panel in line) for line in lines]
-    row_height = _ROW_HEIGHT + _OF_SERIES * len(series)
+    columns = _num_columns(panels)
+    panel_rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
+    heights = [max(len(panel.rows) for panel in panel_row) for panel_row in panel_rows]
+    row_height = _ROW_HEIGHT + _SERIES_HEIGHT * len(series)
     figure = new_figure(
-        min(MOST_WIDTH, 3.4 * columns + _names_width(panels) + 0.6),
-        row_height * sum(heights) + 0.75 * len(lines) + 0.5 + 0.2 * len(series),
+        min(MAX_WIDTH, 3.4 * columns + _names_width(panels) + 0.6),
+        row_height * sum(heights) + 0.75 * len(panel_rows) + 0.5 + 0.2 * len(series),
     )
-    axes = figure.subplots(len(lines), columns, squeeze=False, height_ratios=heights)
-    for line, row in zip(lines, axes, strict=True):
-        for i, ax in enumerate(row):
-            if i >= len(line):
+    axes = figure.subplots(len(panel_rows), columns, squeeze=False, height_ratios=heights)
+    for panel_row, axes_row in zip(panel_rows, axes, strict=True):
+        for i, ax in enumerate(axes_row):
+            if i >= len(panel_row):
                 ax.set_axis_off()
                 continue
-            _draw(ax, line[i], series)
-            if i and list(line[i].rows) == list(line[0].rows):
+            _draw_panel(ax, panel_row[i], series)
+            if i and list(panel_row[i].rows) == list(panel_row[0].rows):
                 ax.tick_params(labelleft=False)
-    drawn = list(zip(panels, axes.flat, strict=False))
+    panel_axes = list(zip(panels, axes.flat, strict=False))
     for label in {panel.xlabel for panel in panels}:
-        alike = [ax for panel, ax in drawn if panel.xlabel == label]
-        low, high = zip(*(ax.get_xlim() for ax in alike), strict=True)
-        for ax in alike:
+        same_label = [ax for panel, ax in panel_axes if panel.xlabel == label]
+        low, high = zip(*(ax.get_xlim() for ax in same_label), strict=True)
+        for ax in same_label:
             ax.set_xlim(min(low), max(high))
     points = [
         (name, isfinite(sd))
@@ -112,10 +114,10 @@ def plot_comparison(
         for values in panel.rows.values()
         for name, (_, sd) in values.items()
     ]
-    known = {name for name, is_spread_known in points if is_spread_known}
-    handles = [_handle(i, name in known) for i, name in enumerate(series)]
+    with_spread = {name for name, has_spread in points if has_spread}
+    handles = [_legend_handle(i, name in with_spread) for i, name in enumerate(series)]
     labels = [plain_text(name) for name in series]
-    has_hollow = not all(is_spread_known for _, is_spread_known in points)
+    has_hollow = not all(has_spread for _, has_spread in points)
     columns = 1 if max(map(len, labels)) > 40 else 2
     draw_legend(figure, handles, labels, columns=columns, has_hollow=has_hollow)
     title_figure(figure, title)
@@ -126,26 +128,26 @@ def _names_width(panels: Sequence[ComparisonPanel]) -> float:
     return 0.075 * max(len(name) for panel in panels for name in panel.rows)
 
 
-def _columns(panels: Sequence[ComparisonPanel]) -> int:
+def _num_columns(panels: Sequence[ComparisonPanel]) -> int:
     if len(panels) == 1:
         return 1
-    share = all(
+    share_names = all(
         list(left.rows) == list(right.rows)
         for left, right in zip(panels[::2], panels[1::2], strict=False)
     )
-    names = _names_width(panels)
-    return 2 if (names if share else 2 * names) + 2 * _NARROWEST <= MOST_WIDTH else 1
+    names_width = _names_width(panels) if share_names else 2 * _names_width(panels)
+    return 2 if names_width + 2 * _MIN_PANEL_WIDTH <= MAX_WIDTH else 1
 
 
-def _draw(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
-    look = current_theme()
+def _draw_panel(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
+    theme = current_theme()
     names = list(panel.rows)
     share_rows = any(len(values) > 1 for values in panel.rows.values())
     for y, values in enumerate(panel.rows.values()):
         if y % 2 == 0:
-            ax.axhspan(y - 0.5, y + 0.5, color=look.band, zorder=0, linewidth=0)
+            ax.axhspan(y - 0.5, y + 0.5, color=theme.band, zorder=0, linewidth=0)
         if y and names[y].split(":")[0] != names[y - 1].split(":")[0]:
-            ax.axhline(y - 0.5, color=look.faint, linewidth=0.8)
+            ax.axhline(y - 0.5, color=theme.faint, linewidth=0.8)
         for i, name in enumerate(series):
             if name not in values:
                 continue
@@ -157,11 +159,11 @@ def _draw(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
                 xerr=sd if isfinite(sd) else None,
                 elinewidth=1.0,
                 capsize=1.6,
-                **_style(i, isfinite(sd)),
+                **_marker_style(i, isfinite(sd)),
             )
     ax.set_ylim(len(panel.rows) - 0.5, -0.5)
     ax.set_yticks(range(len(panel.rows)), [plain_text(name) for name in names])
-    ax.tick_params(axis="y", labelcolor=look.ink)
+    ax.tick_params(axis="y", labelcolor=theme.ink)
     if panel.from_zero:
         ax.set_xlim(left=0.0)
     ax.tick_params(axis="y", length=0)
@@ -170,21 +172,21 @@ def _draw(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
     title_axes(ax, plain_text(panel.title))
 
 
-def _style(index: int, is_spread_known: bool) -> dict[str, Any]:
-    look = current_theme()
-    color = look.ink if index == 0 else series_color(index - 1)
+def _marker_style(index: int, has_spread: bool) -> dict[str, Any]:
+    theme = current_theme()
+    color = theme.ink if index == 0 else series_color(index - 1)
     return {
         "linestyle": "none",
         "marker": "D" if index == 0 else MARKERS[(index - 1) % len(MARKERS)],
         "color": color,
         "markersize": 5.0,
-        "markerfacecolor": color if is_spread_known else look.ground,
-        "markeredgewidth": 0.3 if is_spread_known else 1.1,
-        "markeredgecolor": look.ground if is_spread_known else color,
+        "markerfacecolor": color if has_spread else theme.ground,
+        "markeredgewidth": 0.3 if has_spread else 1.1,
+        "markeredgecolor": theme.ground if has_spread else color,
     }
 
 
-def _handle(index: int, is_spread_known: bool) -> "Line2D":
+def _legend_handle(index: int, has_spread: bool) -> "Line2D":
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], **_style(index, is_spread_known))
+    return Line2D([], [], **_marker_style(index, has_spread))

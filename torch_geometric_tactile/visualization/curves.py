@@ -1,4 +1,4 @@
-r"""Pictures of a number along an axis."""
+r"""Pictures of curves with bands of one standard deviation."""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -24,15 +24,15 @@ def plot_curves(
     ylabel: str,
     title: str,
 ) -> "Figure":
-    r"""Draws means along an axis, one line for each of several series, with a band of one standard
-    deviation to either side. The points of a series without any deviation, such as that of one
-    seed, are hollow, and the legend says so.
+    r"""Draws the means of several series as lines, with bands of one standard deviation to either
+    side. The points of a series without any standard deviation, such as that of one seed, are
+    hollow, and the legend explains them.
 
     Args:
-        curves (Mapping): Points of each series: place on the axis, mean and standard deviation (NaN
-            for none).
-        xlabel (str): What the axis is.
-        ylabel (str): What is drawn, with its unit.
+        curves (Mapping): Points of each series: position on the axis, mean and standard deviation
+            (NaN for none).
+        xlabel (str): Label of the axis.
+        ylabel (str): Name and unit of the means.
         title (str): Title of the picture.
 
     Raises:
@@ -49,20 +49,20 @@ def plot_curves(
     figure = new_figure(7.0, 4.0 + 0.2 * len(curves))
     ax = figure.subplots()
     for i, (name, points) in enumerate(curves.items()):
-        known = [(x, mean - sd, mean + sd) for x, mean, sd in points if isfinite(sd)]
+        band = [(x, mean - sd, mean + sd) for x, mean, sd in points if isfinite(sd)]
         draw_series(
             ax,
             i,
             [x for x, _, _ in points],
             [mean for _, mean, _ in points],
-            tuple(zip(*known, strict=True)) if known else None,
+            tuple(zip(*band, strict=True)) if band else None,
             label=plain_text(name),
             markersize=5.0,
             alpha=0.15,
         )
-    every = sorted({point[0] for points in curves.values() for point in points})
-    if len(every) <= 20:
-        ax.set_xticks(every)
+    positions = sorted({point[0] for points in curves.values() for point in points})
+    if len(positions) <= 20:  # more ticks would overlap
+        ax.set_xticks(positions)
     open_plot(ax)
     ax.set_xlabel(plain_text(xlabel))
     ax.set_ylabel(plain_text(ylabel))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_VIEWS = ((0, 1), (0, 2), (1, 2))
+_VIEWS = ((0, 1), (0, 2), (1, 2))  # pairs of axes
 
 
 def plot_embedding(
@@ -36,24 +36,25 @@ def plot_embedding(
     title: str | None = None,
     untrained: Tensor | None = None,
 ) -> "Figure":
-    r"""Draws each taxel at the place of its features, beside a hand that explains the colours, as
-    in the "Tactile Object Property Recognition using Geometrical Graph Edge Features and
-    Multi-Thread Graph Convolutional Network" and the "Multifingered Object Recognition with Tactile
-    Sensors and Graph Convolutional Networks using Topological Graph Segmentation" papers.
+    r"""Draws each taxel at the position of its features in an embedding, with a hand as the legend
+    of the colours, as in the "Tactile Object Property Recognition using Geometrical Graph Edge
+    Features and Multi-Thread Graph Convolutional Network" and the "Multifingered Object Recognition
+    with Tactile Sensors and Graph Convolutional Networks using Topological Graph Segmentation"
+    papers.
 
-    Places in three dimensions are seen along each of the three axes. The axes have no numbers,
-    since neither the scale nor the direction of an embedding means anything.
+    Embeddings in three dimensions are drawn along each of the three axes. The axes have no numbers,
+    because neither the scale nor the direction of an embedding has a meaning.
 
     Args:
-        places (torch.Tensor): Where each taxel lies.
+        places (torch.Tensor): Position of each taxel in the embedding.
         layout (TaxelLayout): The layout.
         kinematics (HandKinematics, optional): The hand, as of :func:`plot_hand`.
-        color_by (str): Which taxels share a colour, those of a :obj:`"patch"` (tints of its digit's
-            colour) or of a :obj:`"digit"`. Markers tell the digits apart in both.
-        axis_name (str): What the axes are called, before their number, such as :obj:`"t-SNE"`.
+        color_by (str): Segments of one colour: :obj:`"patch"` (tints of the colour of the digit) or
+            :obj:`"digit"`. Digits have different markers in both cases.
+        axis_name (str): Name of the axes, to which a number is added, such as :obj:`"t-SNE"`.
         title (str, optional): Title of the picture.
-        untrained (torch.Tensor, optional): Places by the features of an untrained model of the same
-            form, drawn beside: only what differs was learnt.
+        untrained (torch.Tensor, optional): Positions by the features of an untrained network of the
+            same shape, drawn for comparison: training has caused only the differences.
 
     Shapes:
         - **places:** :math:`(N, 2)` or :math:`(N, 3)`
@@ -70,18 +71,19 @@ def plot_embedding(
         >>> figure.axes[0].get_xlabel()
         't-SNE 1'
     """
-    places = _checked("places", places, layout)
-    twin = None if untrained is None else _checked("untrained", untrained, layout)
-    if twin is not None and twin.shape != places.shape:
-        raise ValueError(
-            f"'untrained' must have the shape of 'places', {tuple(places.shape)} (got "
-            f"{tuple(twin.shape)})"
-        )
+    places = _checked_places("places", places, layout)
+    if untrained is not None:
+        untrained = _checked_places("untrained", untrained, layout)
+        if untrained.shape != places.shape:
+            raise ValueError(
+                f"'untrained' must have the shape of 'places', {tuple(places.shape)} (got "
+                f"{tuple(untrained.shape)})"
+            )
     if color_by not in ("patch", "digit"):
         raise ValueError(f"'color_by' must be 'patch' or 'digit' (got '{color_by}')")
     views = _VIEWS[: 3 if places.size(1) == 3 else 1]
-    if twin is not None:
-        figure, axes, hand = _beside(len(views))
+    if untrained is not None:
+        figure, axes, hand = _axes_of_two_models(len(views))
     elif len(views) == 1:
         figure = new_figure(8.0, 4.3)
         axes = list(figure.subplots(1, 2, width_ratios=[1.25, 1]).flat)
@@ -91,13 +93,13 @@ def plot_embedding(
         axes = list(figure.subplots(2, 2).flat)
         hand = axes.pop()
     colors = segment_colors(layout, color_by)
-    shown = [(places, view) for view in views]
-    if twin is not None:
-        shown += [(twin, view) for view in views]
+    panels = [(places, view) for view in views]
+    if untrained is not None:
+        panels += [(untrained, view) for view in views]
         title_axes(axes[0], "trained")
         title_axes(axes[len(views)], "untrained")
-    for ax, (drawn, (first, second)) in zip(axes, shown, strict=True):
-        _draw_places(ax, drawn[:, [first, second]], layout, colors)
+    for ax, (embedding, (first, second)) in zip(axes, panels, strict=True):
+        _draw_places(ax, embedding[:, [first, second]], layout, colors)
         ax.set_xlabel(plain_text(f"{axis_name} {first + 1}"))
         ax.set_ylabel(plain_text(f"{axis_name} {second + 1}"))
     plot_hand(layout, kinematics, ax=hand, color_by=color_by, names="digit")
@@ -107,7 +109,7 @@ def plot_embedding(
     return figure
 
 
-def _checked(name: str, places: Tensor, layout: TaxelLayout) -> Tensor:
+def _checked_places(name: str, places: Tensor, layout: TaxelLayout) -> Tensor:
     places = torch.as_tensor(places).detach().cpu().double()
     if places.shape not in ((layout.num_taxels, 2), (layout.num_taxels, 3)):
         raise ValueError(
@@ -118,12 +120,13 @@ def _checked(name: str, places: Tensor, layout: TaxelLayout) -> Tensor:
     return places
 
 
-def _beside(num_views: int) -> "tuple[Figure, list[Axes], Axes]":
-    # Both models of one view side by side, of several below one another; the hand at the right.
+def _axes_of_two_models(num_views: int) -> "tuple[Figure, list[Axes], Axes]":
+    # Models are drawn side by side if they have one view, else one below the other. The hand is on
+    # the right.
     rows, columns = (1, 2) if num_views == 1 else (2, num_views)
     figure = new_figure(8.0, 3.3 if rows == 1 else 4.9)
-    width_of_hand = 1.0 if rows == 1 else 1.5  # of a view; its names must not touch
-    grid = figure.add_gridspec(rows, columns + 1, width_ratios=[1.0] * columns + [width_of_hand])
+    hand_width = 1.0 if rows == 1 else 1.5  # in widths of a view; the names of digits need space
+    grid = figure.add_gridspec(rows, columns + 1, width_ratios=[1.0] * columns + [hand_width])
     axes = [figure.add_subplot(grid[i // columns, i % columns]) for i in range(rows * columns)]
     return figure, axes, figure.add_subplot(grid[:, columns])
 
@@ -133,13 +136,13 @@ def _draw_places(
 ) -> None:
     digit = layout.segments("digit")
     for i in range(len(layout.digit_names)):
-        chosen = (digit == i).nonzero().view(-1).tolist()
-        x, y = places[chosen].T.tolist()
+        taxels = (digit == i).nonzero().view(-1).tolist()
+        x, y = places[taxels].T.tolist()
         ax.scatter(
             x,
             y,
             s=20,
-            c=[colors[k] for k in chosen],
+            c=[colors[k] for k in taxels],
             marker=MARKERS[i % len(MARKERS)],
             edgecolors=current_theme().outline,
             linewidths=0.4,

@@ -1,4 +1,4 @@
-r"""Pictures of feature maps, and of samples laid out by their features."""
+r"""Pictures of feature maps, and of samples in an embedding of their features."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil
@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.visualization._style import (
-    MOST_WIDTH,
+    MAX_WIDTH,
     TEXT,
     colormap,
     current_theme,
-    fitted,
+    fit_text,
     new_figure,
     plain_text,
     series_color,
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 def plot_feature_maps(
     image: ArrayLike, maps: Mapping[str, ArrayLike], title: str, columns: int = 9
 ) -> "Figure":
-    r"""Draws an image and feature maps of it, a row for each kind. All maps of a kind share one
-    scale of colours, from the smallest to the largest number.
+    r"""Draws an image and its feature maps, with separate rows for each kind of maps. All maps of a
+    kind share one colour scale, from the smallest to the largest number.
 
     Args:
         image (array): The image.
-        maps (Mapping): The maps of each kind, by its name.
+        maps (Mapping): The maps of each kind, by the name of the kind.
         title (str): Title of the picture.
-        columns (int): Maps side by side at most.
+        columns (int): Largest number of maps side by side.
 
     Shapes:
         - **image:** :math:`(H, W)`
@@ -45,7 +45,7 @@ def plot_feature_maps(
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no map, or one has another shape.
+        ValueError: If there is no map, or maps have another shape.
 
     Examples:
         >>> figure = plot_feature_maps(np.eye(8), {"first layer": np.ones((3, 4, 4))}, "Maps")
@@ -56,28 +56,28 @@ def plot_feature_maps(
     if not kinds or any(kind.ndim != 3 or kind.size == 0 for kind in kinds.values()):
         raise ValueError("'maps' must hold maps of shape (number, height, width), at least one")
     columns = min(columns, max(len(kind) for kind in kinds.values()))
-    rows = {name: ceil(len(kind) / columns) for name, kind in kinds.items()}
-    total = sum(rows.values())
-    figure = new_figure(min(MOST_WIDTH, 0.95 * (columns + 1.4) + 0.4), 0.95 * total + 0.8)
-    grid = figure.add_gridspec(total, columns + 1, width_ratios=[1.5, *[1] * columns])
+    num_rows = {name: ceil(len(kind) / columns) for name, kind in kinds.items()}
+    total_rows = sum(num_rows.values())
+    figure = new_figure(min(MAX_WIDTH, 0.95 * (columns + 1.4) + 0.4), 0.95 * total_rows + 0.8)
+    grid = figure.add_gridspec(total_rows, columns + 1, width_ratios=[1.5, *[1] * columns])
     ax = figure.add_subplot(grid[:, 0])
-    _draw(ax, np.asarray(image), 0.0, None)
+    _draw_image(ax, np.asarray(image), 0.0, None)
     title_axes(ax, "input")
-    first = 0
+    first_row = 0
     for name, kind in kinds.items():
         for i, values in enumerate(kind):
-            ax = figure.add_subplot(grid[first + i // columns, 1 + i % columns])
-            _draw(ax, values, float(kind.min()), float(kind.max()))
+            ax = figure.add_subplot(grid[first_row + i // columns, 1 + i % columns])
+            _draw_image(ax, values, float(kind.min()), float(kind.max()))
             if i == 0:
                 text = ax.text(0, 1.12, plain_text(name), fontsize=TEXT, transform=ax.transAxes)
-                # It may be wider than its map.
+                # The name may be wider than its map, so the layout must not reserve space for it.
                 text.set(color=current_theme().ink, va="bottom", in_layout=False)
-        first += rows[name]
+        first_row += num_rows[name]
     title_figure(figure, title)
     return figure
 
 
-def _draw(ax: "Axes", values: np.ndarray, low: float, high: float | None) -> None:
+def _draw_image(ax: "Axes", values: np.ndarray, low: float, high: float | None) -> None:
     ax.imshow(values, cmap=colormap("sequential"), vmin=low, vmax=high, interpolation="nearest")
     ax.set_xticks(())
     ax.set_yticks(())
@@ -86,20 +86,21 @@ def _draw(ax: "Axes", values: np.ndarray, low: float, high: float | None) -> Non
 def plot_sample_embeddings(
     panels: Mapping[str, tuple[ArrayLike, Sequence[str]]], title: str, columns: int = 4
 ) -> "Figure":
-    r"""Draws samples at the places of their features, coloured by class, a panel for each model.
-    The axes have no numbers: neither the scale nor the direction of an embedding means anything.
+    r"""Draws samples at the positions of their features in an embedding, coloured by class, in a
+    panel for each model. The axes have no numbers, because neither the scale nor the direction of
+    an embedding has a meaning.
 
     Args:
-        panels (Mapping): Places and class names of the samples, by the name of the model.
+        panels (Mapping): Positions and class names of the samples, by the name of the model.
         title (str): Title of the picture.
-        columns (int): Panels side by side at most.
+        columns (int): Largest number of panels side by side.
 
     Shapes:
-        - **places:** :math:`(S, 2)`
+        - **positions:** :math:`(S, 2)`
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no panel, or places and names differ in number.
+        ValueError: If there is no panel, or the numbers of positions and names differ.
 
     Examples:
         >>> places = np.array([[0.0, 1.0], [2.0, 3.0]])
@@ -113,16 +114,16 @@ def plot_sample_embeddings(
     rows = ceil(len(panels) / columns)
     figure = new_figure(max(4.0, 2.0 * columns), 2.1 * rows + 0.9)
     axes = figure.subplots(rows, columns, squeeze=False).flat
-    for ax, (model, (given, labels)) in zip(axes, panels.items(), strict=False):
-        places = np.asarray(given, dtype=np.float64)
+    for ax, (model, (positions, labels)) in zip(axes, panels.items(), strict=False):
+        places = np.asarray(positions, dtype=np.float64)
         if places.shape != (len(labels), 2):
             raise ValueError(
                 f"'places' of '{model}' must have shape ({len(labels)}, 2) (got {places.shape})"
             )
         for i, name in enumerate(names):
-            chosen = places[[label == name for label in labels]]
+            class_places = places[[label == name for label in labels]]
             ax.scatter(
-                *chosen.T,
+                *class_places.T,
                 s=14,
                 color=series_color(i),
                 marker=series_marker(i),
@@ -130,12 +131,12 @@ def plot_sample_embeddings(
                 edgecolors=current_theme().ground,
                 label=plain_text(name),
             )
-        title_axes(ax, fitted(model, 1.9, TEXT))
+        title_axes(ax, fit_text(model, 1.9, TEXT))
         ax.set_xticks(())
         ax.set_yticks(())
     for ax in list(figure.axes)[len(panels) :]:
         ax.set_visible(False)
-    handles, found = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, found, loc="outside lower center", ncols=min(len(names), 8))
+    handles, legend_labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, legend_labels, loc="outside lower center", ncols=min(len(names), 8))
     title_figure(figure, title)
     return figure

@@ -1,5 +1,6 @@
-r"""What all figures share: their colours and their files. They are made without pyplot: no global
-state, no display, safe in threads."""
+r"""Theme and files of all figures. Figures do not use pyplot: they have no global state, need no
+display and can be drawn in threads.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,15 +17,15 @@ if TYPE_CHECKING:
 
 
 def save_figure(figure: "Figure", path: PathLike) -> None:
-    r"""Writes a figure as a PNG file that is either complete or absent, at 150 dots per inch. The
-    same figure gives the same bytes.
+    r"""Writes a figure as a PNG file at 150 dots per inch. The file is either complete or absent,
+    and equal figures have equal bytes.
 
     Args:
         figure (matplotlib.figure.Figure): The figure.
         path (str or PathLike): The file, with the suffix :obj:`.png`.
 
     Raises:
-        ValueError: If :obj:`path` has another suffix.
+        ValueError: If :obj:`path` does not end in :obj:`.png`.
 
     Examples:
         >>> import tempfile
@@ -48,14 +49,14 @@ def save_figure(figure: "Figure", path: PathLike) -> None:
 
 @contextmanager
 def theme(name: Literal["light", "dark"]) -> Iterator[None]:
-    r"""Draws the figures made within a :obj:`with` block in the colours of a light or a dark page.
-    Without it they are light.
+    r"""Sets the colours of the figures made within a :obj:`with` block to those of a light or a
+    dark page. The default is a light page.
 
     Args:
         name (str): :obj:`"light"` or :obj:`"dark"`.
 
     Raises:
-        ValueError: If there is no such theme.
+        ValueError: If the theme is unknown.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid

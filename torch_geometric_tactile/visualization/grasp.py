@@ -1,4 +1,4 @@
-r"""Pictures of grasps: the readings of all fingers."""
+r"""Pictures of grasps with the readings of all fingers."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -9,7 +9,7 @@ from torch import Tensor
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.visualization._style import (
-    MOST_WIDTH,
+    MAX_WIDTH,
     TEXT,
     current_theme,
     new_figure,
@@ -32,14 +32,14 @@ def plot_grasps(
     edge_index: Tensor | None = None,
     unit: str = "standard deviations",
 ) -> "Figure":
-    r"""Draws several grasps, one row per grasp and one column per finger, all on one colour scale.
+    r"""Draws several grasps, one row per grasp and one column per finger, with one colour scale.
 
     The scale is symmetric about zero and ends at the 98th percentile of the absolute readings, so
-    that one broken taxel does not pale all others.
+    that a single broken taxel does not make all other taxels pale.
 
     Args:
         layout (TaxelLayout): The layout of one finger.
-        readings (Mapping of str to torch.Tensor): The readings of each grasp under its title.
+        readings (Mapping of str to torch.Tensor): The readings of each grasp by title.
         finger_names (sequence of str): Names of the :math:`K` fingers.
         edge_index (torch.Tensor, optional): Edges to draw below the taxels.
         unit (str): Unit of the readings.
@@ -68,25 +68,25 @@ def plot_grasps(
                 f"'readings' must have shape {shape} (got {tuple(reading.shape)} for '{title}')"
             )
     values = torch.stack(list(readings.values())).detach().cpu().double().numpy()
-    limit, clipped = symmetric_limit(values, _QUANTILE)
-    wide = min(2.3, (MOST_WIDTH - 1.0) / len(finger_names))
-    width, height = figure_size(layout_plane(layout), wide)
-    header = 0.3
+    limit, is_clipped = symmetric_limit(values, _QUANTILE)
+    max_width = min(2.3, (MAX_WIDTH - 1.0) / len(finger_names))
+    width, height = figure_size(layout_plane(layout), max_width)
+    heading_height = 0.3
     figure = new_figure(
-        width * len(finger_names) + 1.0, (height + header + 0.35) * len(readings) + 0.2
+        width * len(finger_names) + 1.0, (height + heading_height + 0.35) * len(readings) + 0.2
     )
-    rows = figure.add_gridspec(
-        2 * len(readings), len(finger_names), height_ratios=[header, height] * len(readings)
+    grid = figure.add_gridspec(
+        2 * len(readings), len(finger_names), height_ratios=[heading_height, height] * len(readings)
     )
     panels = []
     for row, (title, reading) in enumerate(readings.items()):
-        heading = figure.add_subplot(rows[2 * row, :])
+        heading = figure.add_subplot(grid[2 * row, :])
         heading.axis("off")
         text = heading.text(0, 0.2, plain_text(title), fontsize=TEXT + 1, weight="bold")
         text.set(color=current_theme().ink, in_layout=False)
         panels.append(heading)
         for column, name in enumerate(finger_names):
-            ax = figure.add_subplot(rows[2 * row + 1, column])
+            ax = figure.add_subplot(grid[2 * row + 1, column])
             plot_layout(
                 layout,
                 reading[:, column],
@@ -107,7 +107,7 @@ def plot_grasps(
     figure.colorbar(
         value_scale(None, (-limit, limit), "diverging"),
         ax=panels,
-        extend="both" if clipped else "neither",
+        extend="both" if is_clipped else "neither",
         shrink=0.8,
         aspect=15 * len(readings),
         label=plain_text(f"reading ({unit})"),

@@ -1,4 +1,4 @@
-r"""Several pictures of one hand side by side."""
+r"""Pictures of several values on the taxels of one hand, side by side."""
 
 from collections.abc import Mapping
 from math import ceil
@@ -10,7 +10,7 @@ from torch import Tensor
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.visualization._style import (
-    MOST_WIDTH,
+    MAX_WIDTH,
     new_figure,
     plain_text,
     title_figure,
@@ -21,8 +21,8 @@ from torch_geometric_tactile.visualization.hand import plot_hand
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WIDTH = 3.2  # inches of a hand at most
-_BAR = 0.9
+_MAX_PANEL_WIDTH = 3.2  # inches
+_BAR_WIDTH = 0.9  # inches
 
 
 def plot_hand_panels(
@@ -36,19 +36,20 @@ def plot_hand_panels(
     columns: int = 4,
     title: str | None = None,
 ) -> "Figure":
-    r"""Draws a hand for each of several values of its taxels, such as the attribution of each
-    label, with one scale of colours for all: zero is pale, red above and blue below.
+    r"""Draws a hand for each of several sets of values of its taxels, such as the attribution of
+    each label, with one colour scale: zero is pale, positive values are red and negative values
+    blue.
 
     Args:
         layout (TaxelLayout): The layout.
-        values (Mapping of str to torch.Tensor): The values by the title of their picture; missing
-            values (NaN) have a dashed outline.
+        values (Mapping of str to torch.Tensor): The values by the title of their picture; taxels
+            with a missing value (NaN) have a dashed outline.
         kinematics (HandKinematics, optional): The hand, as of :func:`plot_hand`.
         joint (torch.Tensor, optional): Joint angles in radians, as of :func:`plot_hand`.
-        label (str): What the values are, with their unit, beside the colour bar.
-        limit (float, optional): Value at the end of the colour scale, in whose colour all beyond
-            are; the largest absolute value if left out.
-        columns (int): Number of pictures side by side, at most.
+        label (str): Name and unit of the values, beside the colour bar.
+        limit (float, optional): Absolute value at the ends of the colour scale (default: the
+            largest absolute value). Values beyond have the colour of the end.
+        columns (int): Largest number of pictures side by side.
         title (str, optional): Title of all pictures.
 
     Shapes:
@@ -69,20 +70,21 @@ def plot_hand_panels(
     """
     need(values, "'values' must hold the values of at least one picture (got none)")
     need(columns >= 1, "'columns' must be at least 1", columns)
-    checked = {
+    taxel_values = {
         name: checked_values(f"values['{name}']", value, layout.num_taxels)
         for name, value in values.items()
     }
-    largest = float(torch.cat(list(checked.values())).nan_to_num().abs().max()) or 1.0
+    largest = float(torch.cat(list(taxel_values.values())).nan_to_num().abs().max()) or 1.0
     need(limit is None or limit > 0, "'limit' must be positive", limit)
-    end = largest if limit is None else limit
-    limits = (-end, end)
-    columns = min(columns, len(checked))
-    rows = ceil(len(checked) / columns)
-    width = min(_WIDTH, (MOST_WIDTH - _BAR) / columns)
-    figure = new_figure(width * columns + _BAR, (width + 0.2) * rows + (0.4 if title else 0.1))
+    scale_end = largest if limit is None else limit
+    limits = (-scale_end, scale_end)
+    columns = min(columns, len(taxel_values))
+    rows = ceil(len(taxel_values) / columns)
+    width = min(_MAX_PANEL_WIDTH, (MAX_WIDTH - _BAR_WIDTH) / columns)
+    title_height = 0.4 if title else 0.1
+    figure = new_figure(width * columns + _BAR_WIDTH, (width + 0.2) * rows + title_height)
     axes = figure.subplots(rows, columns, squeeze=False)
-    for ax, (name, value) in zip(axes.flat, checked.items(), strict=False):
+    for ax, (name, value) in zip(axes.flat, taxel_values.items(), strict=False):
         plot_hand(
             layout,
             kinematics,
@@ -95,14 +97,14 @@ def plot_hand_panels(
             title=name,
         )
         ax.set_axis_off()
-    for ax in axes.flat[len(checked) :]:
+    for ax in axes.flat[len(taxel_values) :]:
         ax.set_visible(False)
     figure.colorbar(
         value_scale(None, limits, "diverging"),
         ax=axes,
         shrink=0.8,
         aspect=30,
-        extend="both" if largest > end else "neither",
+        extend="both" if largest > scale_end else "neither",
         label=plain_text(label),
     )
     title_figure(figure, title)

@@ -32,18 +32,18 @@ if TYPE_CHECKING:
 
 
 def layout_plane(layout: TaxelLayout) -> Tensor:
-    r"""Projects the taxels onto the plane that faces the viewer of the pad, and pads on several
-    links side by side in the order of their links, as the viewer shows them.
+    r"""Projects the taxels onto the plane that faces the viewer of the pad. Pads on several links
+    are placed side by side in the order of their links, as in the viewer.
 
-    The mean normal of a pad points at the viewer; of the axes of the link frame, the two that are
-    farthest from it are to the right and up. The origin is that of the link frame; of
-    several links, the lower left corner of the first pad is at the left.
+    The mean normal of a pad points at the viewer; the two axes of the link frame at the largest
+    angles to the normal point to the right and up. The origin is that of the link frame; with
+    several links, the lower left corner of the first pad is on the left.
 
     Args:
         layout (TaxelLayout): The layout.
 
     Shapes:
-        - **output:** places in the plane in millimetres :math:`(N, 2)`
+        - **output:** positions in the plane in millimetres :math:`(N, 2)`
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -54,9 +54,9 @@ def layout_plane(layout: TaxelLayout) -> Tensor:
     """
     plane = layout.pos.new_zeros(layout.num_taxels, 2)
     pads = pads_side_by_side(layout)
-    for mine, axes, shift in pads:
-        places = layout.pos[mine].double() @ axes.T + (shift if len(pads) > 1 else 0.0)
-        plane[mine] = (1e3 * places[:, :2]).to(plane.dtype)
+    for taxels, axes, shift in pads:
+        pos = layout.pos[taxels].double() @ axes.T + (shift if len(pads) > 1 else 0.0)
+        plane[taxels] = (1e3 * pos[:, :2]).to(plane.dtype)
     return plane
 
 
@@ -72,23 +72,23 @@ def plot_layout(
     title: str | None = None,
     numbers: bool = True,
 ) -> "Figure":
-    r"""Draws the taxels of a layout as circles, seen from the side of the pad that is touched.
+    r"""Draws the taxels of a layout as circles, seen from the contact side of the pad.
 
-    The picture is not mirrored, and its axes are named by those of the link's frame. Pads on
+    The picture is not mirrored, and its axes have the names of those of the link frame. Pads on
     several links are drawn side by side, below the names of the links.
 
     Args:
         layout (TaxelLayout): The layout.
-        values (torch.Tensor, optional): What colours the taxels; a missing value (NaN) stays white
-            with a dashed outline.
+        values (torch.Tensor, optional): Values that determine the colours of the taxels; taxels
+            with a missing value (NaN) are white with a dashed outline.
         edge_index (torch.Tensor, optional): Edges to draw below the taxels.
-        ax (matplotlib.axes.Axes, optional): Where to draw. A new figure if left out.
-        limits (tuple of float, optional): Values at the ends of the colour scale; lowest and
-            highest value if left out.
-        cmap (str): Name of matplotlib's colour map.
-        label (str, optional): Label of the colour bar. No colour bar if :obj:`None`.
+        ax (matplotlib.axes.Axes, optional): Axes to draw on (default: those of a new figure).
+        limits (tuple of float, optional): Values at the ends of the colour scale (default: lowest
+            and highest value).
+        cmap (str): Name of a colour map of matplotlib.
+        label (str, optional): Label of the colour bar. With :obj:`None`, there is no colour bar.
         title (str, optional): Title of the picture.
-        numbers (bool): Whether to number the taxels, from 0 as in the readings.
+        numbers (bool): Whether to draw the indices of the taxels in the readings.
 
     Shapes:
         - **values:** one per taxel :math:`(N,)`
@@ -97,7 +97,7 @@ def plot_layout(
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If :obj:`values` or :obj:`edge_index` does not fit the layout, or
-            :obj:`limits` do not rise.
+            :obj:`limits` are not increasing.
 
     Examples:
         >>> import torch
@@ -108,7 +108,7 @@ def plot_layout(
     """
     if values is not None:
         values = checked_values("values", values, layout.num_taxels)
-    edges = None if edge_index is None else _pairs(edge_index, layout.num_taxels)
+    edges = None if edge_index is None else _undirected_edges(edge_index, layout.num_taxels)
     scale = value_scale(values, limits, cmap)
     plane = layout_plane(layout)
     if ax is None:
@@ -118,9 +118,9 @@ def plot_layout(
     from matplotlib.collections import LineCollection
     from matplotlib.colors import to_rgba
 
-    look = current_theme()
+    theme = current_theme()
     diameter = taxel_diameter(plane)
-    colors: list[tuple[float, ...]] = [to_rgba(look.band)] * layout.num_taxels
+    colors: list[tuple[float, ...]] = [to_rgba(theme.band)] * layout.num_taxels
     missing = [False] * layout.num_taxels
     if values is not None:
         missing = values.isnan().tolist()
@@ -128,40 +128,39 @@ def plot_layout(
     if edges is not None:
         ax.add_collection(
             LineCollection(
-                list(plane[edges.T].numpy()), colors=look.faint, linewidths=0.8, zorder=1
+                list(plane[edges.T].numpy()), colors=theme.faint, linewidths=0.8, zorder=1
             )
         )
-    draw_taxels(ax, plane, diameter, colors, missing, look.outline, 0.5)
+    draw_taxels(ax, plane, diameter, colors, missing, theme.outline, 0.5)
     if numbers:
         _draw_numbers(ax, plane, diameter, colors)
-    shown = None if values is None else scale
-    finish_map(ax, map_corners(plane, diameter), 5, title, shown, label)
+    bar_scale = None if values is None else scale
+    finish_map(ax, map_corners(plane, diameter), 5, title, bar_scale, label)
     _name_axes(ax, layout, plane, diameter)
     return ax.figure.figure
 
 
 def _name_axes(ax: "Axes", layout: TaxelLayout, plane: Tensor, diameter: float) -> None:
     pads = pads_side_by_side(layout)
-    shown = {facing_sides(axes[2]) for _, axes, _ in pads}
-    if len(shown) == 1:  # pads may be seen from different sides
-        first, second = shown.pop()
+    sides = {facing_sides(axes[2]) for _, axes, _ in pads}
+    if len(sides) == 1:  # pads that face different sides have no common axes
+        first, second = sides.pop()
         ax.set_xlabel(f"{'xyz'[first]} (mm)", fontsize=SMALL)
         ax.set_ylabel(f"{'xyz'[second]} (mm)", fontsize=SMALL)
     if len(pads) == 1:
         return
     assert layout.link is not None
-    for mine, _, _ in pads:
-        low, high = plane[mine].amin(dim=0), plane[mine].amax(dim=0)
-        name = plain_text(layout.link_names[int(layout.link[mine[0]])])
+    for taxels, _, _ in pads:
+        low, high = plane[taxels].amin(dim=0), plane[taxels].amax(dim=0)
+        name = plain_text(layout.link_names[int(layout.link[taxels[0]])])
         text = ax.text(float(low[0] + high[0]) / 2, float(high[1]) + diameter, name, fontsize=SMALL)
         text.set(ha="center", va="bottom", color=current_theme().ink)
     corners = map_corners(plane, diameter)
-    ax.set_ylim(
-        top=corners[1][1] + 0.07 * (corners[1][0] - corners[0][0])
-    )  # for the name of the highest pad
+    # Space for the name of the highest pad.
+    ax.set_ylim(top=corners[1][1] + 0.07 * (corners[1][0] - corners[0][0]))
 
 
-def _pairs(edge_index: Tensor, num_taxels: int) -> Tensor:
+def _undirected_edges(edge_index: Tensor, num_taxels: int) -> Tensor:
     edges = checked_edges("edge_index", edge_index, num_taxels)
     return edges.sort(dim=0).values.unique(dim=1)
 
@@ -173,15 +172,15 @@ def _draw_numbers(
     from matplotlib.textpath import TextPath
     from matplotlib.transforms import Affine2D
 
-    # Paths in millimetres, not text in points: they fit into their circles at every figure size.
+    # Paths in millimetres, unlike text in points, fit into their circles at every figure size.
     paths = [TextPath((0, 0), str(i), size=1.0) for i in range(len(plane))]
     boxes = [path.get_extents() for path in paths]
     size = diameter * min(0.45 / boxes[0].height, 0.75 / max(box.width for box in boxes))
-    middle = (boxes[0].y0 + boxes[0].y1) / 2
-    placed = [
-        Affine2D().translate(-(box.x0 + box.x1) / 2, -middle).scale(size).translate(x, y)
+    centre = (boxes[0].y0 + boxes[0].y1) / 2
+    numbers = [
+        Affine2D().translate(-(box.x0 + box.x1) / 2, -centre).scale(size).translate(x, y)
         .transform_path(path)
         for path, box, (x, y) in zip(paths, boxes, plane.tolist(), strict=True)
     ]  # fmt: skip
     inks = [ink_on(color) for color in colors]
-    ax.add_collection(PathCollection(placed, facecolors=inks, linewidths=0, zorder=3))
+    ax.add_collection(PathCollection(numbers, facecolors=inks, linewidths=0, zorder=3))

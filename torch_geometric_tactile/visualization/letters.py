@@ -10,7 +10,7 @@ import torch
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
 from torch_geometric_tactile.visualization._style import (
-    MOST_WIDTH,
+    MAX_WIDTH,
     SMALL,
     current_theme,
     new_figure,
@@ -23,8 +23,8 @@ from torch_geometric_tactile.visualization._taxel_map import draw_taxels, value_
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_INCHES = 1.05  # of a panel at most
-_CLOSER = 1.12  # circles cover most of the gaps between them
+_MAX_PANEL_WIDTH = 1.05  # inches
+_RELATIVE_DIAMETER = 1.12  # of circles; above 1 they cover most of the gaps between them
 
 
 def plot_presses(
@@ -38,26 +38,26 @@ def plot_presses(
     label: str = "kPa",
     title: str | None = None,
 ) -> "Figure":
-    r"""Draws presses on a flat array beside each other, each as an image if the layout has an image
-    map, and else as circles; :math:`y` points downwards, as the rows of an image do.
+    r"""Draws presses on a flat array side by side, as images if the layout has an image map, else
+    as circles. The :math:`y` axis points downwards, like the rows of an image.
 
     Args:
         readings (numpy.ndarray): The presses :math:`(P, N)`, or images of them
             :math:`(P, H, W)` with :math:`H \cdot W = N`.
-        titles (sequence of str): What is written above each.
-        layout (TaxelLayout, optional): The pixels; :func:`letter_array` if left out.
+        titles (sequence of str): Titles of the presses.
+        layout (TaxelLayout, optional): The pixels (default: :func:`letter_array`).
         columns (int): Number of presses in a row.
-        limits (tuple of float, optional): Readings at the ends of the colour scale; zero and the
-            largest reading if left out.
-        cmap (str): Name of matplotlib's colour map, or :obj:`"sequential"` for that of all
-            pictures.
+        limits (tuple of float, optional): Readings at the ends of the colour scale (default: zero
+            and the largest reading).
+        cmap (str): Name of a colour map of matplotlib, or :obj:`"sequential"` for that of the
+            theme.
         label (str): Label of the colour bar.
         title (str, optional): Title of the picture.
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there are no presses, they do not fit the layout, they have another number
-            of titles, or :obj:`columns` is below one.
+        ValueError: If there are no presses, their shape does not fit the layout, the number of
+            titles differs, or :obj:`columns` is below one.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -67,26 +67,28 @@ def plot_presses(
         'B'
     """
     layout = letter_array() if layout is None else layout
-    presses = _checked(readings, titles, layout)
+    presses = _checked_presses(readings, titles, layout)
     need(columns >= 1, "'columns' must be at least 1", columns)
     if limits is None:
         limits = (0.0, max(float(np.nanmax(presses, initial=0.0)), 1e-6))
     scale = value_scale(None, limits, cmap)
     rows = math.ceil(len(presses) / columns)
-    side = min(_INCHES, (MOST_WIDTH - 0.7) / columns)
+    side = min(_MAX_PANEL_WIDTH, (MAX_WIDTH - 0.7) / columns)
     figure = new_figure(side * columns + 0.7, (side + 0.2) * rows + (0.3 if title else 0.0))
     axes = figure.subplots(rows, columns, squeeze=False)
     for ax in axes.flat:
         ax.set_axis_off()
     for ax, press, text in zip(axes.flat, presses, titles, strict=False):
-        _draw(ax, press, layout, scale)
+        _draw_press(ax, press, layout, scale)
         title_axes(ax, plain_text(text), size=SMALL + 0.5, pad=2)
     figure.colorbar(scale, ax=axes, aspect=40, pad=0.01, label=plain_text(label))
     title_figure(figure, title)
     return figure
 
 
-def _checked(readings: np.ndarray, titles: Sequence[str], layout: TaxelLayout) -> np.ndarray:
+def _checked_presses(
+    readings: np.ndarray, titles: Sequence[str], layout: TaxelLayout
+) -> np.ndarray:
     presses = np.asarray(readings, dtype=np.float64)
     if presses.ndim not in (2, 3) or len(presses) == 0:
         raise ValueError(
@@ -102,20 +104,21 @@ def _checked(readings: np.ndarray, titles: Sequence[str], layout: TaxelLayout) -
     return presses
 
 
-def _draw(ax: Any, press: np.ndarray, layout: TaxelLayout, scale: Any) -> None:
+def _draw_press(ax: Any, press: np.ndarray, layout: TaxelLayout, scale: Any) -> None:
     if layout.image_map is not None:
         row, column = layout.image_map.numpy().T
         image = np.full((row.max() + 1, column.max() + 1), np.nan)
         image[row, column] = press
-        shown = scale.cmap.with_extremes(bad=current_theme().grid)
-        ax.imshow(image, cmap=shown, norm=scale.norm, interpolation="nearest")
+        cmap = scale.cmap.with_extremes(bad=current_theme().grid)
+        ax.imshow(image, cmap=cmap, norm=scale.norm, interpolation="nearest")
         return
     plane = layout.pos.double()[:, :2] * 1e3
-    nearest = torch.cdist(plane, plane).fill_diagonal_(torch.inf).min() if len(plane) > 1 else 1.0
+    pitch = torch.cdist(plane, plane).fill_diagonal_(torch.inf).min() if len(plane) > 1 else 1.0
+    diameter = _RELATIVE_DIAMETER * float(pitch)
     colors = value_colors(torch.from_numpy(press), scale)
-    draw_taxels(ax, plane, _CLOSER * float(nearest), colors, [False] * len(press), "none", 0.0)
+    draw_taxels(ax, plane, diameter, colors, [False] * len(press), "none", 0.0)
     (left, top), (right, bottom) = plane.amin(dim=0).tolist(), plane.amax(dim=0).tolist()
-    edge = _CLOSER * float(nearest) / 2
-    ax.set_xlim(left - edge, right + edge)
-    ax.set_ylim(bottom + edge, top - edge)
+    radius = diameter / 2
+    ax.set_xlim(left - radius, right + radius)
+    ax.set_ylim(bottom + radius, top - radius)
     ax.set_aspect("equal")

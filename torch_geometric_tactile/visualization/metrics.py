@@ -1,4 +1,4 @@
-r"""Pictures of how well models classify."""
+r"""Pictures of the results of classifiers: confusion matrices, ROC curves and accuracies."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil, floor, isfinite
@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.visualization._style import (
     DASHES,
-    MOST_WIDTH,
+    MAX_WIDTH,
     SMALL,
     TEXT,
     colormap,
     current_theme,
-    fitted,
+    fit_text,
     ink_on,
     new_figure,
     open_plot,
@@ -24,7 +24,7 @@ from torch_geometric_tactile.visualization._style import (
     series_marker,
     title_axes,
     title_figure,
-    wrapped,
+    wrap_text,
 )
 
 if TYPE_CHECKING:
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _Accuracy = tuple[float, float]
-_LOWEST = 0.4
-_ROC = 4.4  # inches
-_MOST_COUNTED = 12  # classes of a matrix with counts
+_AXIS_START = 0.4  # of the axis of accuracies, unless a result is lower
+_ROC_SIZE = 4.4  # inches
+_MAX_CLASSES_WITH_COUNTS = 12  # in a matrix of more classes, counts would not be readable
 
 
 def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) -> "Figure":
-    r"""Draws a confusion matrix with counts and the percentages of each row; of more than 12
-    classes, the percentages only.
+    r"""Draws a confusion matrix with counts and the percentages of each row; for more than 12
+    classes, only percentages.
 
     Args:
         matrix (array): Counts, with the true class along the rows and the predicted class along
@@ -52,8 +52,8 @@ def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) ->
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If :obj:`matrix` is not square, has another size than there are names, or holds
-            anything but counts.
+        ValueError: If :obj:`matrix` is not square, does not have one row per name, or contains
+            numbers that are not counts.
 
     Examples:
         >>> figure = plot_confusion([[3, 1], [0, 4]], ["stable", "slip"], "Unseen objects")
@@ -68,12 +68,12 @@ def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) ->
             f"(got {counts.shape})"
         )
     _check_counts("matrix", counts)
-    is_large = num_classes > _MOST_COUNTED
-    side = max(3.2, min((0.27 if is_large else 0.8) * num_classes + 0.6, MOST_WIDTH - 1.0))
+    is_large = num_classes > _MAX_CLASSES_WITH_COUNTS
+    side = max(3.2, min((0.27 if is_large else 0.8) * num_classes + 0.6, MAX_WIDTH - 1.0))
     figure = new_figure(side + 1.0, side + 0.8)
     ax = figure.add_subplot()
     (_draw_percentages if is_large else _draw_counts)(ax, counts)
-    names = [wrapped(name.replace("_", " "), 12) for name in class_names]
+    names = [wrap_text(name.replace("_", " "), 12) for name in class_names]
     ax.set_xticks(range(num_classes), names)
     ax.set_yticks(range(num_classes), names)
     ax.set_xlabel("predicted class")
@@ -93,33 +93,35 @@ def _draw_percentages(ax: "Axes", counts: np.ndarray) -> None:
 
 def _check_counts(name: str, counts: np.ndarray) -> None:
     if not (np.isfinite(counts) & (counts >= 0) & (counts == np.round(counts))).all():
-        raise ValueError(f"'{name}' must hold counts (got negative or broken numbers)")
+        raise ValueError(f"'{name}' must hold counts (got fractional or negative numbers)")
 
 
 def _draw_counts(ax: "Axes", counts: np.ndarray) -> None:
-    total = np.broadcast_to(counts.sum(axis=1, keepdims=True), counts.shape)
-    share = counts / np.maximum(total, 1)
+    row_totals = np.broadcast_to(counts.sum(axis=1, keepdims=True), counts.shape)
+    shares = counts / np.maximum(row_totals, 1)
     texts = [
-        f"{int(count):,}\n" + (f"{100 * part:.1f} %" if of else "-")
-        for count, part, of in zip(counts.flat, share.flat, total.flat, strict=True)
+        f"{int(count):,}\n" + (f"{100 * share:.1f} %" if row_total else "-")
+        for count, share, row_total in zip(counts.flat, shares.flat, row_totals.flat, strict=True)
     ]
     size = TEXT + 1 if len(counts) < 4 else SMALL
-    _draw_cells(ax, share, texts, 1.0, fontsize=size, linespacing=1.3)
+    _draw_cells(ax, shares, texts, 1.0, fontsize=size, linespacing=1.3)
 
 
-def _draw_cells(ax: "Axes", share: np.ndarray, texts: list[str], whole: float, **look: Any) -> None:
-    image = ax.imshow(share, cmap=colormap("share"), vmin=0.0, vmax=whole)
-    for ((row, column), value), text in zip(np.ndenumerate(share), texts, strict=True):
+def _draw_cells(
+    ax: "Axes", shares: np.ndarray, texts: list[str], full_share: float, **properties: Any
+) -> None:
+    image = ax.imshow(shares, cmap=colormap("share"), vmin=0.0, vmax=full_share)
+    for ((row, column), share), text in zip(np.ndenumerate(shares), texts, strict=True):
         if text:
-            ink = ink_on(tuple(image.to_rgba(value)))
-            ax.text(column, row, text, ha="center", va="center", color=ink, **look)
+            ink = ink_on(tuple(image.to_rgba(share)))
+            ax.text(column, row, text, ha="center", va="center", color=ink, **properties)
     ax.tick_params(length=0)
 
 
 def plot_label_confusions(
     matrices: ArrayLike, label_names: Sequence[str], title: str, columns: int = 3
 ) -> "Figure":
-    r"""Draws a 2 x 2 confusion matrix for each label (without and with it), for samples that may
+    r"""Draws a 2 x 2 confusion matrix for each label (absent and present), for samples that may
     have several labels.
 
     Args:
@@ -127,15 +129,15 @@ def plot_label_confusions(
             negative, true positive]]`.
         label_names (sequence of str): Names of the :math:`C` labels.
         title (str): Title of the picture.
-        columns (int): Number of labels side by side, at most.
+        columns (int): Largest number of labels side by side.
 
     Shapes:
         - **matrices:** :math:`(C, 2, 2)`
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If :obj:`matrices` has another shape or holds anything but counts, or
-            :obj:`columns` is below one.
+        ValueError: If :obj:`matrices` has another shape or contains numbers that are not counts,
+            or :obj:`columns` is below one.
 
     Examples:
         >>> figure = plot_label_confusions([[[3, 1], [0, 4]]], ["soft"], "Labels")
@@ -161,7 +163,7 @@ def plot_label_confusions(
         ax.set_yticks((0, 1), ("no", "yes"))
         ax.set_xlabel("predicted")
         ax.set_ylabel("true")
-        title_axes(ax, wrapped(name, 26))
+        title_axes(ax, wrap_text(name, 26))
     for ax in axes.flat[num_labels:]:
         ax.set_visible(False)
     title_figure(figure, title)
@@ -201,25 +203,27 @@ def plot_roc(
                 f"'curves' must hold rates of the same length (got {rate[0].shape} and "
                 f"{rate[1].shape} for '{name}')"
             )
-        if not all(((part >= 0) & (part <= 1)).all() for part in rate):
+        if not all(((values >= 0) & (values <= 1)).all() for values in rate):
             raise ValueError(f"'curves' must hold rates from 0 to 1 (got others for '{name}')")
         rates[name] = rate
     labels = [plain_text(f"{name} (AUC {auc:.3f})") for name, (_, _, auc) in curves.items()]
     labels.append("chance (AUC 0.500)")
-    beside = 0.075 * max(len(label) for label in labels) + 0.6
-    is_below = beside + _ROC > MOST_WIDTH
-    figure = new_figure(_ROC + (0.4 if is_below else beside), _ROC + 0.2 * is_below * len(labels))
+    legend_width = 0.075 * max(len(label) for label in labels) + 0.6
+    is_below = legend_width + _ROC_SIZE > MAX_WIDTH
+    figure = new_figure(
+        _ROC_SIZE + (0.4 if is_below else legend_width), _ROC_SIZE + 0.2 * is_below * len(labels)
+    )
     ax = figure.add_subplot()
-    look = current_theme()
-    num_colors = len(look.palette) - (bold is not None)  # the last is that of the bold curve
+    theme = current_theme()
+    num_colors = len(theme.palette) - (bold is not None)  # the bold curve has the last colour
     handles = []
     for i, (name, rate) in enumerate(rates.items()):
-        color, dash = look.palette[i % num_colors], DASHES[i // num_colors % 3]
-        if name == bold:  # below the others, which it would hide
-            handles += ax.plot(*rate, color=look.ink, linewidth=3.0, zorder=1.9)
+        color, dash = theme.palette[i % num_colors], DASHES[i // num_colors % 3]
+        if name == bold:  # drawn below the other curves, which it would hide
+            handles += ax.plot(*rate, color=theme.ink, linewidth=3.0, zorder=1.9)
         else:
             handles += ax.plot(*rate, color=color, linestyle=dash, linewidth=1.6)
-    handles += ax.plot([0, 1], [0, 1], color=look.faint, linestyle=":", linewidth=1.2)
+    handles += ax.plot([0, 1], [0, 1], color=theme.faint, linestyle=":", linewidth=1.2)
     ax.set_xlim(-0.01, 1.01)
     ax.set_ylim(-0.01, 1.01)
     ax.set_aspect("equal")
@@ -227,24 +231,24 @@ def plot_roc(
     ax.set_ylabel("true positive rate")
     open_plot(ax)
     title_figure(figure, title)
-    place = "outside lower center" if is_below else "outside right center"
-    figure.legend(handles, labels, loc=place)
+    location = "outside lower center" if is_below else "outside right center"
+    figure.legend(handles, labels, loc=location)
     return figure
 
 
 def plot_protocols(
     table: Mapping[str, Mapping[str, Mapping[str, _Accuracy]]], chance: float | None = None
 ) -> "Figure":
-    r"""Draws the accuracy of models under several protocols: a line for each model and what is done
-    to its readings, a panel for each protocol, and the means in percent beside the points.
+    r"""Draws the accuracy of models under several protocols: a line for each model and kind of
+    readings, a panel for each protocol, and the means in percent beside the points.
 
-    The axis runs from 0.4 to 1.0, and further down only if a result is lower. Points show
-    means, not bars, whose lengths would mislead on an axis that does not begin at zero.
+    The axis runs from 0.4 to 1.0, and starts lower only if a result is lower. Means are points, not
+    bars, whose lengths would mislead on an axis that does not begin at zero.
 
     Args:
         table (Mapping): Mean and standard deviation of the accuracy by model, protocol and
-            kind of readings, each of which has a colour. Combinations that were not run are left
-            out; where the standard deviation is NaN, the point is hollow and has no error bar.
+            kind of readings, each of which has a colour. Missing combinations are left out; if the
+            standard deviation is NaN, the point is hollow and has no error bar.
         chance (float, optional): Accuracy to mark with a dashed line, such as that of the most
             frequent class.
 
@@ -277,35 +281,35 @@ def plot_protocols(
     lines.sort(key=lambda line: models.index(line[0]))
     protocols = list(dict.fromkeys(protocol for _, protocol, *_ in results))
     kinds = list(dict.fromkeys(readings for _, readings in lines))
-    ends = [mean - (sd if isfinite(sd) else 0.0) for *_, mean, sd in results]
-    low = min(ends + ([] if chance is None else [chance]))
-    limits = (max(0.0, min(_LOWEST, floor(low * 10) / 10)), 1.0)
+    lower_ends = [mean - (sd if isfinite(sd) else 0.0) for *_, mean, sd in results]
+    lowest = min(lower_ends + ([] if chance is None else [chance]))
+    limits = (max(0.0, min(_AXIS_START, floor(lowest * 10) / 10)), 1.0)
     names = [", ".join(filter(None, line)) for line in lines]
-    width = 0.065 * max(map(len, names)) + 0.3
-    panel = max(0.9, min(1.5, (MOST_WIDTH - width) / len(protocols)))
-    figure = new_figure(width + panel * len(protocols), 0.27 * len(lines) + 1.1)
-    look = current_theme()
+    names_width = 0.065 * max(map(len, names)) + 0.3
+    panel_width = max(0.9, min(1.5, (MAX_WIDTH - names_width) / len(protocols)))
+    figure = new_figure(names_width + panel_width * len(protocols), 0.27 * len(lines) + 1.1)
+    theme = current_theme()
 
     from matplotlib.ticker import MaxNLocator
 
     axes = figure.subplots(1, len(protocols), sharey=True, squeeze=False)[0]
     for ax, protocol in zip(axes, protocols, strict=True):
         for model in models[::2]:
-            mine = [i for i, line in enumerate(lines) if line[0] == model]
-            ax.axhspan(mine[0] - 0.5, mine[-1] + 0.5, color=look.band, zorder=0, linewidth=0)
+            model_lines = [i for i, line in enumerate(lines) if line[0] == model]
+            start, end = model_lines[0] - 0.5, model_lines[-1] + 0.5
+            ax.axhspan(start, end, color=theme.band, zorder=0, linewidth=0)
         if chance is not None:
-            ax.axvline(chance, color=look.faint, linestyle="--", linewidth=1)
-        for model, there, readings, mean, sd in results:
-            if there == protocol:
+            ax.axvline(chance, color=theme.faint, linestyle="--", linewidth=1)
+        for model, result_protocol, readings, mean, sd in results:
+            if result_protocol == protocol:
                 kind = kinds.index(readings)
                 _draw_accuracy(ax, mean, lines.index((model, readings)), sd, kind, limits)
         ax.set_xlim(*limits)
-        ax.xaxis.set_major_locator(
-            MaxNLocator(3, steps=[1, 2, 5, 10], prune="both")
-        )  # ends touch the next panel's
-        ax.tick_params(axis="y", length=0, labelcolor=look.ink)
+        # Without pruning, the last tick label would touch the first one of the next panel.
+        ax.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10], prune="both"))
+        ax.tick_params(axis="y", length=0, labelcolor=theme.ink)
         open_plot(ax, "x")
-        title_axes(ax, fitted(protocol, panel - 0.1, TEXT))
+        title_axes(ax, fit_text(protocol, panel_width - 0.1, TEXT))
     axes[0].set_yticks(range(len(lines)), [plain_text(name) for name in names])
     axes[0].set_ylim(len(lines) - 0.5, -0.5)
     axes[len(axes) // 2].set_xlabel("accuracy")
@@ -316,8 +320,8 @@ def _draw_accuracy(
     ax: "Axes", mean: float, line: int, sd: float, kind: int, limits: tuple[float, float]
 ) -> None:
     color, ground = series_color(kind), current_theme().ground
-    is_spread_known = isfinite(sd)
-    sd = sd if is_spread_known else 0.0
+    has_spread = isfinite(sd)
+    sd = sd if has_spread else 0.0
     ax.errorbar(
         [mean],
         [line],
@@ -326,20 +330,20 @@ def _draw_accuracy(
         marker=series_marker(kind),
         color=color,
         markersize=5.5,
-        markerfacecolor=color if is_spread_known else ground,
-        markeredgecolor=ground if is_spread_known else color,
-        markeredgewidth=0.4 if is_spread_known else 1.2,
+        markerfacecolor=color if has_spread else ground,
+        markeredgecolor=ground if has_spread else color,
+        markeredgewidth=0.4 if has_spread else 1.2,
         elinewidth=1.1,
         capsize=1.8,
     )
-    # Where there is more room.
-    left = mean > sum(limits) / 2
+    # The number stands on the side of the point with more space.
+    is_left = mean > sum(limits) / 2
     ax.annotate(
         f"{100 * mean:.1f}",
-        (mean - sd if left else mean + sd, line),
-        (-5, 0) if left else (5, 0),
+        (mean - sd if is_left else mean + sd, line),
+        (-5, 0) if is_left else (5, 0),
         textcoords="offset points",
-        ha="right" if left else "left",
+        ha="right" if is_left else "left",
         va="center_baseline",
         fontsize=SMALL,
         color=current_theme().ink,

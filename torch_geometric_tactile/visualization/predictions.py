@@ -1,4 +1,4 @@
-r"""Pictures of what a model predicted over the time of a recording."""
+r"""Pictures of the predictions of a model over the time of a recording."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -24,47 +24,47 @@ def plot_predictions(
     frames: Sequence[int] | None = None,
     truth: Sequence[str] | np.ndarray | None = None,
 ) -> "Figure":
-    r"""Draws what a model predicts over the time of a recording: the probabilities, bands of the
-    predicted and of the true class, the annotations, each label in a lane, the number of taxels in
-    contact, and the total pressure.
+    r"""Draws the predictions of a model over the time of a recording: probabilities, lanes of the
+    predicted and the true class, annotations, number of taxels in contact, and total pressure.
 
-    The answer of a model of windows stands from the last frame of its window to that of the next
-    one. Where a probability is NaN, the line has a gap. If there are more classes than colours,
-    those that were most often the most probable or the true ones are drawn, and the sum of all
-    others in grey. Labels have a band each, below which a thin one is the truth; of a regression
-    the predicted numbers are drawn, and pale the true ones. If there are more answers than
-    pixels, lines show the least and the greatest value of each few, bands the most frequent class.
+    The prediction for a window is drawn from the last frame of the window to that of the next one.
+    Lines have gaps where a probability is NaN. If there are more classes than colours, the most
+    frequent predicted and true classes are drawn, and the sum of all other classes in grey. Each
+    label has a lane with a thin bar for the truth; a regression has lines of the predicted numbers
+    and pale lines of the true numbers. If there are more predictions than pixels, lines show the
+    smallest and the largest value of each pixel, and lanes the most frequent class.
 
-    The truth is the label of the recording, its annotations, a privileged signal or a text of the
-    metadata, whichever comes first of those that hold names of classes and nothing else; frames
-    outside of all annotations are of the class :obj:`"none"` if there is one, else unknown; of
-    labels and numbers the metadata's :obj:`"labels"` and the signals and numbers of their names.
-    The figure says which.
+    The true class is that of the first of these sources that contains only names of classes: the
+    label of the recording, its annotations, a privileged signal, a text in the metadata. Frames
+    outside of all annotations have the class :obj:`"none"` if it exists; otherwise their class is
+    unknown. True labels and numbers are those in :obj:`"labels"` of the metadata, and signals and
+    numbers with the same names. The figure names the source.
 
     A taxel is in contact if a channel is beyond the threshold of
-    :class:`~torch_geometric_tactile.transforms.ContactCrop` for three frames, with its floor of 5
-    where the unit is counts, or not told while all readings are whole numbers, and without a floor
-    otherwise. The first half second, or a tenth of a shorter recording, but ten frames or more,
-    counts as rest; a recording with fewer than three more has no contact. The total pressure is the
+    :class:`~torch_geometric_tactile.transforms.ContactCrop` for three frames. The threshold is at
+    least 5 if the unit is counts, or if it is unknown and all readings are whole numbers. The first
+    half second counts as rest, or a tenth of a shorter recording, but at least ten frames; a
+    recording with fewer than three further frames has no contact. The total pressure is the
     sum of the Euclidean norms of all taxels, relative to the rest as in :func:`plot_recording`;
     missing readings count as rest.
 
     Args:
         predictor (Predictor): The predictor. If it measures sessions, adapt it first.
         recording (Recording): The recording.
-        probability (torch.Tensor or numpy.ndarray, optional): What
-            :meth:`~torch_geometric_tactile.predictor.Predictor.recording` returned of it
-            :math:`(R, C)`; computed if left out.
-        frames (sequence of int, optional): The last frame of each row of :obj:`probability`
-            :math:`(R,)`; if left out, those of the predictor's windows, or all frames.
+        probability (torch.Tensor or numpy.ndarray, optional): Output of
+            :meth:`~torch_geometric_tactile.predictor.Predictor.recording` for the recording
+            :math:`(R, C)` (default: computed).
+        frames (sequence of int, optional): Index of the last frame of each row of
+            :obj:`probability` :math:`(R,)` (default: those of the windows of the predictor, or all
+            frames).
         truth (sequence of str or numpy.ndarray, optional): The true class of each frame
-            :math:`(T,)`, an empty text where it is unknown; of labels or a regression numbers
-            :math:`(T, C)`, NaN where they are unknown. Found in the recording if left out.
+            :math:`(T,)`, an empty text where it is unknown; for labels or a regression numbers
+            :math:`(T, C)`, NaN where they are unknown (default: those in the recording).
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If the recording has no frame or does not fit the predictor, or
-            :obj:`probability`, :obj:`frames` or :obj:`truth` has another shape or order.
+        ValueError: If the recording has no frame or does not fit the predictor, or the shape or
+            order of :obj:`probability`, :obj:`frames` or :obj:`truth` is wrong.
 
     Examples:
         >>> from torch_geometric_tactile.nn import TactileFNN
@@ -91,16 +91,17 @@ def plot_predictions(
             f"'probability' must have shape (num_answers, num_classes), a row for each of the "
             f"{len(last)} 'frames' (got {tuple(rows.shape)})"
         )
-    inside = (last >= 0) & (last < recording.num_frames)
+    exists = (last >= 0) & (last < recording.num_frames)
     if len(last) and (
-        last.dtype.kind not in "iu" or not inside.all() or (np.diff(last) <= 0).any()
+        last.dtype.kind not in "iu" or not exists.all() or (np.diff(last) <= 0).any()
     ):
         raise ValueError(
             f"'frames' must be increasing whole numbers from 0 to {recording.num_frames - 1}, "
             f"frames of the recording (got {last.tolist()!r:.60})"
         )
-    given = None if truth is None else _checked_truth(truth, predictor, recording, rows.size(1))
-    return draw_trial(PredictedTrial.of(predictor, recording, rows, last.tolist(), given))
+    true = None if truth is None else _checked_truth(truth, predictor, recording, rows.size(1))
+    trial = PredictedTrial.from_predictions(predictor, recording, rows, last.tolist(), true)
+    return draw_trial(trial)
 
 
 def _checked_truth(
@@ -108,10 +109,10 @@ def _checked_truth(
 ) -> Truth:
     value = np.asarray(truth)
     if predictor.task == "multiclass":
-        is_right = value.shape == (recording.num_frames,) and value.dtype.kind == "U"
-        wanted = f"the name of a class for each of the {recording.num_frames} frames"
+        is_valid = value.shape == (recording.num_frames,) and value.dtype.kind == "U"
+        requirement = f"the name of a class for each of the {recording.num_frames} frames"
     else:
-        is_right = value.shape == (recording.num_frames, size) and value.dtype.kind in "biuf"
-        wanted = f"numbers of shape {(recording.num_frames, size)}"
-    need(is_right, f"'truth' must be {wanted}", f"{value.dtype} of shape {value.shape}")
+        is_valid = value.shape == (recording.num_frames, size) and value.dtype.kind in "biuf"
+        requirement = f"numbers of shape {(recording.num_frames, size)}"
+    need(is_valid, f"'truth' must be {requirement}", f"{value.dtype} of shape {value.shape}")
     return Truth(value if value.dtype.kind == "U" else value.astype(np.float64), "given")

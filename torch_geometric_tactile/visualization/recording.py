@@ -1,4 +1,4 @@
-r"""Pictures of recordings: readings, contact and joints over time."""
+r"""Pictures of the readings and joint angles of a recording over time."""
 
 import math
 from typing import TYPE_CHECKING
@@ -23,45 +23,46 @@ from torch_geometric_tactile.visualization._style import (
 )
 from torch_geometric_tactile.visualization._time_panels import (
     LANE_HEIGHT,
-    MOST_COLUMNS,
+    MAX_COLUMNS,
     annotation_lanes,
-    blank_gaps,
+    cover_gaps,
     draw_annotations,
     name_phases,
     nan_median,
-    phases_of,
     reading_at_rest,
+    recording_phases,
     shade_phases,
     title_parts,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
 
-_QUANTILE = 0.995
-_NAMED_JOINTS = 24
+_QUANTILE = 0.995  # of the absolute readings, end of the colour scale
+_MAX_LEGEND_ENTRIES = 24
 
 
 def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     r"""Draws a recording over time: an image of the readings of all taxels for each channel, the
-    sum of their sizes, the joint angles, and the annotations, each label in a lane.
+    sum of the absolute readings, the joint angles, and the annotations, with a lane for each label.
 
-    The rest of each taxel, the median of its first readings, is subtracted (of a single frame, the
-    median of all taxels). The colours are symmetric about zero, and end at the 99.5th percentile of
-    the sizes of each channel; missing readings are grey, and count as rest in the sum. If there are
-    more frames than pixels, the reading farthest from rest is drawn of each few. A privileged
-    :obj:`"phase"` (integers or texts :math:`(T,)`, whose names may be :obj:`"phase_names"` in
-    the metadata) is marked.
+    Readings are drawn relative to the rest of the taxel, the median of its first readings (for a
+    single frame, relative to the median of all taxels). The colour scale of a channel is symmetric
+    about zero and ends at the 99.5th percentile of the absolute readings; missing readings are
+    grey, and count as rest in the sum. If there are more frames than pixels, each pixel has the
+    reading farthest from rest. A privileged signal :obj:`"phase"` (integers or texts
+    :math:`(T,)`, with optional names in :obj:`"phase_names"` of the metadata) is marked.
 
     Args:
         recording (Recording): The recording.
-        rest (float): Length of the beginning that counts as rest, in seconds; a tenth of the
-            recording at most.
+        rest (float): Time at the start that counts as rest, in seconds; at most a tenth of the
+            recording is used.
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no frame, or :obj:`rest` is negative.
+        ValueError: If the recording has no frame, or :obj:`rest` is negative.
 
     Examples:
         >>> recording = Recording(np.arange(40) / 10, np.zeros((40, 24, 1)), label="mug")
@@ -73,66 +74,47 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
         raise ValueError("'recording' must hold at least one frame to be drawn (got none)")
     need(rest >= 0, "'rest' must be 0 s or more", rest)
     time = recording.time - recording.time[0]
-    single = recording.num_frames == 1
-    if single:
+    is_single_frame = recording.num_frames == 1
+    if is_single_frame:
         change = recording.tactile - nan_median(recording.tactile[0])
     else:
-        # With a rest longer than a tenth, little of a short recording would be left.
+        # A longer rest could include most of the contacts of a short recording.
         window = min(rest, recording.duration / 10)
         change = recording.tactile - reading_at_rest(recording.tactile, time, window)
-    zero = "median" if single else "rest"
+    reference = "median" if is_single_frame else "rest"
     unit = UNITS.get(recording.meta.get("unit", ""), "unit unknown")
     channels = _channel_names(recording.num_channels)
-    phases = phases_of(recording, time)
+    phases = recording_phases(recording, time)
 
     image_height = min(max(recording.num_taxels / 90, 1.3), 2.2)
     heights = [image_height] * recording.num_channels + [1.6]
     heights += [2.0] if recording.joint is not None else []
     lanes = annotation_lanes(recording)
     heights += [LANE_HEIGHT * len(lanes)] if lanes else []
-    look = current_theme()
+    theme = current_theme()
     figure = new_figure(8.0, sum(heights) * 1.0 + 1.3)
     title_figure(figure, _title(recording))
-
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from matplotlib.ticker import MaxNLocator
 
     axes = figure.subplots(
         len(heights), 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": heights}
     )[:, 0]
-    cmap = colormap("diverging").with_extremes(bad=look.faint)
-    edges, picture = _columns(time, change)
-    images = axes[: recording.num_channels]
-    for i, (ax, name) in enumerate(zip(images, channels, strict=True)):
-        limit, clipped = symmetric_limit(change[:, :, i], _QUANTILE)
-        scale = Normalize(-limit, limit)
-        ax.pcolorfast(
-            edges,
-            np.arange(recording.num_taxels + 1) - 0.5,
-            np.ma.masked_invalid(picture[:, :, i].T),
-            cmap=cmap,
-            norm=scale,
-        )
-        ax.set_ylabel(f"{name}\ntaxel")
-        ax.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
-        ax.set_ylim(recording.num_taxels - 0.5, -0.5)
+    edges, image = _to_columns(time, change)
+    for i, name in enumerate(channels):
+        limit, is_clipped = symmetric_limit(change[:, :, i], _QUANTILE)
+        bar = _draw_image(axes[i], edges, image[:, :, i], limit, is_clipped)
+        bar.set_label(f"reading - {reference}\n({unit})", fontsize=SMALL)
+        axes[i].set_ylabel(f"{name}\ntaxel")
         for phase in phases[1:]:
-            ax.axvline(phase.start, color=look.ink, linewidth=0.7, linestyle=":")
-        bar = figure.colorbar(
-            ScalarMappable(scale, cmap),
-            cax=ax.inset_axes((1.012, 0, 0.016, 1)),
-            extend="both" if clipped else "neither",
-        )
-        bar.set_label(f"reading - {zero}\n({unit})", fontsize=SMALL)
+            axes[i].axvline(phase.start, color=theme.ink, linewidth=0.7, linestyle=":")
 
-    size = np.nansum(np.abs(change), axis=1)
+    total = np.nansum(np.abs(change), axis=1)
     ax = axes[recording.num_channels]
     for i, name in enumerate(channels):
-        ax.plot(time, size[:, i], label=name, linewidth=1.1, **_line(i, len(channels), single))
-    ax.set_ylim(0, 1.08 * float(size.max()) or 1.0)
-    ax.set_ylabel(f"sum of\n|reading - {zero}|\n({unit})")
-    _style_lines(ax, len(channels))
+        style = _line_style(i, len(channels), is_single_frame)
+        ax.plot(time, total[:, i], label=name, linewidth=1.1, **style)
+    ax.set_ylim(0, 1.08 * float(total.max()) or 1.0)
+    ax.set_ylabel(f"sum of\n|reading - {reference}|\n({unit})")
+    _finish_lines(ax, len(channels))
     if recording.joint is not None:
         ax = axes[recording.num_channels + 1]
         for i, name in enumerate(_joint_names(recording)):
@@ -141,21 +123,47 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
                 recording.joint[:, i],
                 label=plain_text(name),
                 linewidth=1.0,
-                **_line(i, recording.num_joints, single),
+                **_line_style(i, recording.num_joints, is_single_frame),
             )
         ax.set_ylabel("joint angle\n(rad)")
-        _style_lines(ax, recording.num_joints)
+        _finish_lines(ax, recording.num_joints)
     if lanes:
         draw_annotations(axes[-1], lanes)
     for ax in axes[recording.num_channels :]:
         shade_phases(ax, phases)
     for ax in axes[:-1] if lanes else axes:
-        blank_gaps(ax, recording.gaps - recording.time[0])
+        cover_gaps(ax, recording.gaps - recording.time[0])
     name_phases(axes[0], phases, float(edges[-1] - edges[0]))
     axes[-1].set_xlim(edges[0], edges[-1])
     axes[-1].set_xlabel("time since the first frame (s)")
     figure.align_ylabels(list(axes))
     return figure
+
+
+def _draw_image(
+    ax: "Axes", edges: np.ndarray, image: np.ndarray, limit: float, is_clipped: bool
+) -> "Colorbar":
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.ticker import MaxNLocator
+
+    num_taxels = image.shape[1]
+    cmap = colormap("diverging").with_extremes(bad=current_theme().faint)
+    scale = Normalize(-limit, limit)
+    ax.pcolorfast(
+        edges,
+        np.arange(num_taxels + 1) - 0.5,
+        np.ma.masked_invalid(image.T),
+        cmap=cmap,
+        norm=scale,
+    )
+    ax.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
+    ax.set_ylim(num_taxels - 0.5, -0.5)
+    return ax.figure.colorbar(
+        ScalarMappable(scale, cmap),
+        cax=ax.inset_axes((1.012, 0, 0.016, 1)),
+        extend="both" if is_clipped else "neither",
+    )
 
 
 def _channel_names(num_channels: int) -> list[str]:
@@ -169,28 +177,30 @@ def _joint_names(recording: Recording) -> list[str]:
     return [f"joint {i}" for i in range(recording.num_joints)]
 
 
-def _columns(time: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    r"""Edges of the columns of a picture in seconds, and readings, one column or more per pixel."""
+def _to_columns(time: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    r"""Returns the edges of the columns of an image in seconds, and the reading farthest from rest
+    in each column, at least one column per pixel.
+    """
     num_frames = len(time)
-    starts = np.arange(0, num_frames, math.ceil(num_frames / MOST_COLUMNS))
+    starts = np.arange(0, num_frames, math.ceil(num_frames / MAX_COLUMNS))
     if len(starts) < num_frames:
-        size = np.nan_to_num(np.abs(change), nan=-1.0)
-        blocks = [
-            np.take_along_axis(block, largest.argmax(axis=0)[None], axis=0)[0]
-            for block, largest in zip(
-                np.split(change, starts[1:]), np.split(size, starts[1:]), strict=True
+        distance = np.nan_to_num(np.abs(change), nan=-1.0)
+        columns = [
+            np.take_along_axis(block, block_distance.argmax(axis=0)[None], axis=0)[0]
+            for block, block_distance in zip(
+                np.split(change, starts[1:]), np.split(distance, starts[1:]), strict=True
             )
         ]
-        change = np.stack(blocks)
+        change = np.stack(columns)
     step = float(np.median(np.diff(time))) if num_frames > 1 else 1.0
-    middles = (time[starts[1:] - 1] + time[starts[1:]]) / 2
-    return np.array([time[0] - step / 2, *middles, time[-1] + step / 2]), change
+    inner_edges = (time[starts[1:] - 1] + time[starts[1:]]) / 2
+    return np.array([time[0] - step / 2, *inner_edges, time[-1] + step / 2]), change
 
 
-def _line(i: int, count: int, single: bool) -> dict[str, str]:
-    marker = "o" if single else ""
+def _line_style(i: int, num_lines: int, is_single_frame: bool) -> dict[str, str]:
+    marker = "o" if is_single_frame else ""  # a line of one point would be invisible
     num_colors = len(current_theme().palette)
-    if count > num_colors * len(DASHES):
+    if num_lines > num_colors * len(DASHES):
         return {"color": series_color(0), "marker": marker}
     return {
         "color": series_color(i),
@@ -199,14 +209,14 @@ def _line(i: int, count: int, single: bool) -> dict[str, str]:
     }
 
 
-def _style_lines(ax: "Axes", count: int) -> None:
+def _finish_lines(ax: "Axes", num_lines: int) -> None:
     open_plot(ax)
-    if count <= _NAMED_JOINTS:
+    if num_lines <= _MAX_LEGEND_ENTRIES:
         ax.legend(
             loc="upper left",
             bbox_to_anchor=(1.005, 1.03),
             borderaxespad=0,
-            ncols=math.ceil(count / 8),
+            ncols=math.ceil(num_lines / 8),
             fontsize=TINY,
             frameon=False,
             labelcolor=current_theme().ink,
@@ -218,9 +228,9 @@ def _style_lines(ax: "Axes", count: int) -> None:
 
 def _title(recording: Recording) -> str:
     parts = title_parts(recording)
-    dead = len(recording.dead_taxels)
-    if dead:
-        parts.append(f"{dead} dead taxel{'s' if dead > 1 else ''} (grey)")
+    num_dead = len(recording.dead_taxels)
+    if num_dead:
+        parts.append(f"{num_dead} dead taxel{'s' if num_dead > 1 else ''} (grey)")
     elif recording.missing.any():
         parts.append("grey: missing")
     return "  |  ".join(parts)

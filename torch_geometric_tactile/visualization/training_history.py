@@ -1,4 +1,4 @@
-r"""Pictures of how networks learnt."""
+r"""Pictures of the training of networks: losses, accuracy and gradients."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 class LearningCurves(NamedTuple):
     r"""Losses and accuracy of a network after each epoch, and the quantiles 0.05, 0.25, 0.5, 0.75
-    and 0.95 of the size of the gradients of each layer.
+    and 0.95 of the root mean square of the gradients of each layer.
 
     Examples:
         >>> curves = LearningCurves([2.0, 1.0], [2.1, 1.5], [0.2, 0.6], {})
@@ -36,20 +36,20 @@ class LearningCurves(NamedTuple):
 
 
 def plot_training(curves: Mapping[str, LearningCurves], title: str) -> "Figure":
-    r"""Draws losses and accuracy over the epochs and the sizes of the gradients, a row for each
-    network.
+    r"""Draws losses and accuracy over the epochs, and the distribution of the gradients of each
+    layer, in a row for each network.
 
     Args:
-        curves (Mapping): How each network learnt, by its name.
+        curves (Mapping): Learning curves by the name of the network.
         title (str): Title of the picture.
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no network, or one has no epoch.
+        ValueError: If there is no network, or a network without epochs.
 
     Examples:
         >>> curves = LearningCurves([2.0, 1.0], [2.1, 1.5], [0.2, 0.6], {})
-        >>> figure = plot_training({"GCN": curves}, "How it learnt")
+        >>> figure = plot_training({"GCN": curves}, "Training of a GCN")
         >>> [ax.get_ylabel() for ax in figure.axes]
         ['cross entropy', 'accuracy in %,\nheld out', 'gradient,\nroot mean square']
     """
@@ -90,17 +90,24 @@ def _draw_accuracy(ax: "Axes", curve: LearningCurves) -> None:
 
 def _draw_gradients(ax: "Axes", gradients: Mapping[str, Sequence[float]]) -> None:
     boxes = [
-        {"label": plain_text(name), "whislo": low, "q1": q1, "med": median, "q3": q3, "whishi": top}
-        for name, (low, q1, median, q3, top) in gradients.items()
+        {
+            "label": plain_text(name),
+            "whislo": low,
+            "q1": quarter,
+            "med": median,
+            "q3": three_quarters,
+            "whishi": high,
+        }
+        for name, (low, quarter, median, three_quarters, high) in gradients.items()
     ]
     if boxes:
-        line = {"color": current_theme().soft}
+        line_style = {"color": current_theme().soft}
         ax.bxp(
             boxes,
             showfliers=False,
-            boxprops=line,
-            whiskerprops=line,
-            capprops=line,
+            boxprops=line_style,
+            whiskerprops=line_style,
+            capprops=line_style,
             medianprops={"color": series_color(1), "linewidth": 1.8},
         )
         ax.set_yscale("log")

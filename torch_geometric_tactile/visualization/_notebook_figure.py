@@ -1,0 +1,51 @@
+r"""A figure that notebooks display, in the style of all pictures. A module of its own, because the
+definition of the class needs matplotlib, which is optional.
+"""
+
+from io import BytesIO
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from torch_geometric_tactile.visualization._style import (
+    SMALL,
+    TEXT,
+    TITLE,
+    current_theme,
+    style_axes,
+)
+
+
+class NotebookFigure(Figure):
+    r"""A figure that notebooks display without pyplot, as the last line of a cell or by
+    :obj:`display`. Axes, colour bars, legends and titles have the style of all pictures.
+    """
+
+    def _repr_png_(self) -> bytes:
+        buffer = BytesIO()
+        self.savefig(buffer, format="png", dpi=100)
+        return buffer.getvalue()
+
+    def add_subplot(self, *args: Any, **kwargs: Any) -> Any:
+        r"""Adds axes in the style of all pictures; arguments are those of matplotlib."""
+        ax = super().add_subplot(*args, **kwargs)
+        style_axes(ax)
+        return ax
+
+    def colorbar(self, *args: Any, **kwargs: Any) -> Any:
+        r"""Adds a colour bar in the style of all pictures; arguments are those of matplotlib."""
+        bar = super().colorbar(*args, **kwargs)
+        style_axes(bar.ax)
+        bar.outline.set(edgecolor=current_theme().faint, linewidth=0.8)
+        bar.ax.tick_params(labelsize=SMALL)
+        return bar
+
+    def legend(self, *args: Any, **kwargs: Any) -> Any:
+        r"""Adds a legend without a frame; arguments are those of matplotlib."""
+        defaults = {"fontsize": TEXT, "frameon": False, "labelcolor": current_theme().ink}
+        return super().legend(*args, **(defaults | kwargs))
+
+    def suptitle(self, *args: Any, **kwargs: Any) -> Any:
+        r"""Adds a title in the style of all pictures; arguments are those of matplotlib."""
+        defaults: dict[str, Any] = {"fontsize": TITLE, "color": current_theme().ink}
+        return super().suptitle(*args, **(defaults | kwargs))
