@@ -1,4 +1,4 @@
-r"""Files of one grasp each, one after the other, as frames and grasps."""
+r"""Conversion of a sequence of recordings, one grasp each, to frames on disk."""
 
 import dataclasses
 import math
@@ -13,12 +13,12 @@ from torch import Tensor
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.datasets._frame_reader import FrameFiles
-from torch_geometric_tactile.datasets._trial import Trial, check_one_file_each, make_trial
+from torch_geometric_tactile.datasets._trial import Trial, check_unique_trials, make_trial
 from torch_geometric_tactile.sensors import TaxelLayout
 
 OUTCOMES = ("failure", "success")
 FINGERS = ("left", "middle", "right")
-#: Signals by their names in the files, with the shape of a frame; any size where there is none.
+#: Names of the signals in the files, with the shape of a frame. :obj:`None` is any size.
 SIGNALS: Mapping[str, tuple[int | None, ...]] = {
     "pressure": (len(FINGERS),),
     "pac": (len(FINGERS), None),
@@ -27,12 +27,12 @@ SIGNALS: Mapping[str, tuple[int | None, ...]] = {
     "wrench": (6,),
     "object_pose": (7,),
 }
-#: What models take as joint angles, unless told otherwise.
+#: The default signals in :obj:`joint`.
 JOINT = ("finger_joint",)
 
 
 class GraspReader:
-    r"""Reads grasps, and keeps their frames on disk."""
+    r"""Reads grasps and stores their frames on disk."""
 
     def __init__(
         self,
@@ -50,13 +50,13 @@ class GraspReader:
     def read(
         self, recordings: Iterable[tuple[str, str, Recording]], folder: Path | None
     ) -> tuple[dict[str, Tensor], dict[str, list[str]]]:
-        r"""Returns the attributes of all frames, mapped from temporary files, and the names behind
-        their numbers.
+        r"""Returns the attributes of all frames, mapped from temporary files, and the names of
+        their classes.
         """
         with FrameFiles(folder) as files:
-            grasps = [self._grasp(files, *given) for given in recordings]
+            grasps = [self._add_grasp(files, *recording) for recording in recordings]
             need(grasps, "there must be at least one grasp (got none)")
-            check_one_file_each(
+            check_unique_trials(
                 (
                     (t.object_name, t.number, t.meta.get("session")),
                     f"trial {t.number} of '{t.object_name}'",
@@ -78,21 +78,22 @@ class GraspReader:
             for name, values in columns.items():
                 for value, grasp in zip(values, grasps, strict=True):
                     files.add(name, np.full(grasp.num_frames, value))
-            out = {name: files.tensor(name) for name in files}
-        parts = [out[name].flatten(1) for name in self.joint_signals if name in out]
+            attributes = {name: files.tensor(name) for name in files}
+        parts = [attributes[name].flatten(1) for name in self.joint_signals if name in attributes]
         need(
             tuple(self.joint_signals) == JOINT or len(parts) == len(self.joint_signals),
             "the files must hold all of 'joint_signals'",
-            f"{[name for name in SIGNALS if name in out]}, not {list(self.joint_signals)}",
+            f"{[name for name in SIGNALS if name in attributes]}, not {list(self.joint_signals)}",
         )
         if parts:
-            out["joint"] = parts[0] if len(parts) == 1 else torch.cat(parts, dim=1)
-        out.pop("finger_joint", None)
-        return out, names
+            # A single part stays memory-mapped.
+            attributes["joint"] = parts[0] if len(parts) == 1 else torch.cat(parts, dim=1)
+        attributes.pop("finger_joint", None)
+        return attributes, names
 
     def _names(self, grasps: Sequence[Trial]) -> dict[str, list[str]]:
         sessions = {grasp.meta.get("session") for grasp in grasps}
-        # Integers in their order, before texts.
+        # Integers are sorted before texts, since the two cannot be compared.
         ordered = sorted(sessions - {None}, key=lambda s: (isinstance(s, str), s))
         ends = [_seconds(grasp.where, grasp.meta, "ends_after_pickup") for grasp in grasps]
         return {
@@ -106,11 +107,11 @@ class GraspReader:
             "ends_after_pickup": ["" if end is None else repr(end) for end in ends],
         }
 
-    def _grasp(self, files: FrameFiles, where: str, name: str, recording: Recording) -> Trial:
+    def _add_grasp(self, files: FrameFiles, where: str, name: str, recording: Recording) -> Trial:
         trial = self._trial(where, name, recording)
         if recording.num_channels != len(FINGERS):
             raise ValueError(
-                f"{where} must have {len(FINGERS)} channels a taxel, the fingers "
+                f"{where} must have {len(FINGERS)} channels per taxel, the fingers "
                 f"{', '.join(FINGERS)} (got {recording.num_channels})"
             )
         if trial.label not in OUTCOMES:
@@ -126,21 +127,23 @@ class GraspReader:
                 f"{where} must have in its metadata a 'pickup_time' on the clock of 'time', "
                 f"{float(recording.time[0])} to {float(recording.time[-1])} s (got {pickup})"
             )
-        start = math.nan if pickup is None else pickup - float(recording.time[0])
+        relative_pickup = math.nan if pickup is None else pickup - float(recording.time[0])
         files.add("x", recording.tactile)
         files.add("time", time)
-        files.add("pickup_time", np.full(len(time), start))
+        files.add("pickup_time", np.full(len(time), relative_pickup))
         files.add("phase", self._phase(trial))
         files.add("slip", _slip(where, recording))
         self._add_signals(files, where, recording)
-        _seconds(where, recording.meta, "ends_after_pickup")  # checked with the file
+        # Checked here so that the error comes before the remaining files are read.
+        _seconds(where, recording.meta, "ends_after_pickup")
         return trial
 
     def _trial(self, where: str, name: str, recording: Recording) -> Trial:
         phase = {k: v for k, v in recording.privileged.items() if k == "phase"}
-        slim = dataclasses.replace(recording, joint=None, privileged=phase, extra={})
+        # A trial holds its arrays in memory, so the signals are removed first.
+        reduced = dataclasses.replace(recording, joint=None, privileged=phase, extra={})
         return make_trial(
-            slim, self.layout, where=where, name=name, pattern=self.pattern, needs=("object",)
+            reduced, self.layout, where=where, name=name, pattern=self.pattern, needs=("object",)
         )
 
     def _phase(self, trial: Trial) -> np.ndarray:
@@ -148,26 +151,27 @@ class GraspReader:
         return trial.numbered_phase(self.phase_names).numpy()
 
     def _add_signals(self, files: FrameFiles, where: str, recording: Recording) -> None:
-        there = {**recording.privileged, **recording.extra}
+        signals = {**recording.privileged, **recording.extra}
         if self.signals is None:
-            self.signals = [name for name in SIGNALS if name in there]
+            self.signals = [name for name in SIGNALS if name in signals]
         for name in self.signals:
-            if name not in there:
+            if name not in signals:
                 raise ValueError(
-                    f"{where} must hold '{name}', as the others (got {sorted(there) or 'none'}): "
-                    "add it, or name the signals that all files have, as in signals=['pressure']"
+                    f"{where} must hold '{name}', as the other files do (got "
+                    f"{sorted(signals) or 'none'}): add it, or name the signals that all files "
+                    "have, as in signals=['pressure']"
                 )
-            signal, shape = there[name], SIGNALS[name]
-            before = files.shape(name)
-            wanted = shape if before is None else before[1:]
-            fits = len(wanted) == signal.ndim - 1 and all(
-                size in (None, found) and found
-                for size, found in zip(wanted, signal.shape[1:], strict=True)
+            signal, shape = signals[name], SIGNALS[name]
+            stored_shape = files.shape(name)
+            expected = shape if stored_shape is None else stored_shape[1:]
+            fits = len(expected) == signal.ndim - 1 and all(
+                size in (None, actual) and actual
+                for size, actual in zip(expected, signal.shape[1:], strict=True)
             )
             if signal.dtype.kind not in "iuf" or not fits:
-                sizes = ", ".join("any" if size is None else str(size) for size in wanted)
+                sizes = ", ".join("any" if size is None else str(size) for size in expected)
                 raise ValueError(
-                    f"{where} must hold numbers of shape ({sizes}) a frame in '{name}' (got "
+                    f"{where} must hold numbers of shape ({sizes}) per frame in '{name}' (got "
                     f"{signal.dtype} of shape {signal.shape[1:]})"
                 )
             with np.errstate(over="ignore"):
@@ -195,5 +199,5 @@ def _slip(where: str, recording: Recording) -> np.ndarray:
             f"{where} must hold 0, 1 or, where unknown, -1 for each frame in 'slip' (got "
             f"{slip.dtype} of shape {slip.shape})"
         )
-    # From its onset on, also if a file marks only the frames in which the object moves.
+    # Some files mark only the frames in which the object moves; slip lasts from its onset on.
     return np.maximum.accumulate(slip.astype(np.int64))

@@ -1,4 +1,4 @@
-r"""Boxes moved by a gripper with uSkin."""
+r"""The data set of boxes that are moved by a gripper with uSkin."""
 
 from pathlib import Path
 from typing import Literal
@@ -9,7 +9,7 @@ import torch
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._placed_files import PlacedFiles, frames_of_trials
+from torch_geometric_tactile.datasets._placed_files import PlacedFiles, trials_to_frames
 from torch_geometric_tactile.io import read_uskin_pick
 from torch_geometric_tactile.sensors import select_taxels, uskin_gripper
 
@@ -18,7 +18,7 @@ _COMMIT = "ed8c1a002e3e33f8ebd61a1b4dd21ae0098f9867"
 _PARTS = {"train": 0, "test": 2}
 _FILES = ("meta_data.csv", "robot_state.csv", "xela_sensor1.csv", "xela_sensor2.csv")
 _TARGETS = ("dropped", "object")
-_OF_FINGER = 16  # taxels
+_TAXELS_PER_FINGER = 16
 
 
 class USkinPick(PlacedFiles):
@@ -112,7 +112,7 @@ class USkinPick(PlacedFiles):
     ) -> None:
         need(target in _TARGETS, f"'target' must be one of {list(_TARGETS)} (got '{target}')")
         gripper = uskin_gripper()
-        self.layout = select_taxels(gripper, range(_OF_FINGER)) if stacked else gripper
+        self.layout = select_taxels(gripper, range(_TAXELS_PER_FINGER)) if stacked else gripper
         self.target = target
         self.repeats = repeats
         self.stacked = stacked
@@ -154,7 +154,7 @@ class USkinPick(PlacedFiles):
             pos=self.layout.pos,
             normal=self.layout.normal,
             **{key: torch.from_numpy(np.concatenate(each)) for key, each in rows.items()},
-            **frames_of_trials(
+            **trials_to_frames(
                 [recording.num_frames for recording in recordings],
                 y=group if is_object else fell,
                 group=group,
@@ -170,8 +170,8 @@ class USkinPick(PlacedFiles):
     def _arranged(self, tactile: np.ndarray) -> np.ndarray:
         if not self.stacked:
             return tactile
-        fingers = tactile.reshape(len(tactile), -1, _OF_FINGER, tactile.shape[-1])
-        return fingers.swapaxes(1, 2).reshape(len(tactile), _OF_FINGER, -1)
+        fingers = tactile.reshape(len(tactile), -1, _TAXELS_PER_FINGER, tactile.shape[-1])
+        return fingers.swapaxes(1, 2).reshape(len(tactile), _TAXELS_PER_FINGER, -1)
 
 
 def _trials(folder: Path) -> list[Path]:
