@@ -137,7 +137,7 @@ class AllegroUSkin(RecordingFrames):
             :obj:`task` and :obj:`adjacency`).
         pre_filter (callable, optional): Returns whether to keep a sample, once for each
             :obj:`task` and :obj:`adjacency`.
-        force_reload (bool): Whether to process the raw files anew.
+        force_reload (bool): Whether to process the raw files again.
 
     Raises:
         FileNotFoundError: If there are no trials.

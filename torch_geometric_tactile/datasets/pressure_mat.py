@@ -23,7 +23,7 @@ _NAMED_SECTIONS = "BCDEF"  # sections of experiment II whose postures the descri
 _NUM_SKIPPED_FRAMES = 3  # at the start of a file of experiment I, which has glitches there
 _PITCH = 0.0254  # metres
 _NUM_COLUMNS = {"i": 32, "ii": 27}
-# The checksum of the list of checksums in the zip file, since PhysioNet zips the files anew.
+# The checksum of the list of checksums in the zip file, since the zip file may be packed again.
 _SHA256 = {"pmd-1.0.0.zip": "ef1511cd7dfde50b2c2438022ab486c264ad93e93263a63852a3a9884d086262"}
 
 

@@ -1,4 +1,4 @@
-r"""Several layouts as one: a hand of its fingers."""
+r"""Joining of several layouts to one, such as fingers to a hand."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -19,50 +19,60 @@ def join_arguments(
     pose: Tensor | None,
 ) -> dict[str, Any]:
     r"""Returns the arguments of the joined layout, except its name."""
-    count = len(layouts)
+    num_layouts = len(layouts)
     for key, values in (("names", names), ("links", links)):
-        if values is not None and len(values) != count:
-            raise ValueError(f"'{key}' must be {count}, one for each layout (got {len(values)})")
-    need(len(set(names)) >= count, "'names' must differ from one another", list(names))
-    poses = _checked_pose(pose, count)
+        if values is not None and len(values) != num_layouts:
+            raise ValueError(
+                f"'{key}' must be {num_layouts}, one for each layout (got {len(values)})"
+            )
+    need(len(set(names)) >= num_layouts, "'names' must differ from one another", list(names))
+    poses = _checked_pose(pose, num_layouts)
     pos = [
-        (layout.pos.double() @ turn[:3, :3].t() + turn[:3, 3]).float()
-        for layout, turn in zip(layouts, poses, strict=True)
+        (layout.pos.double() @ T_link_layout[:3, :3].t() + T_link_layout[:3, 3]).float()
+        for layout, T_link_layout in zip(layouts, poses, strict=True)
     ]
     arguments: dict[str, Any] = {
         "pos": torch.cat(pos),
-        "normal": _turned("normal", layouts, poses),
-        "tangent": _turned("tangent", layouts, poses),
+        "normal": _rotate("normal", layouts, poses),
+        "tangent": _rotate("tangent", layouts, poses),
         "adjacency": _adjacency(layouts),
         "image_map": _image_map(layouts),
-        "source": "; ".join(dict.fromkeys(one.source for one in layouts if one.source)),
+        "source": "; ".join(dict.fromkeys(layout.source for layout in layouts if layout.source)),
     }
     for key in ("patch", "digit"):
-        arguments |= _numbered(key, layouts, names)
+        arguments |= _join_indices(key, layouts, names)
     return arguments | _links(layouts, names, links)
 
 
-def _turned(key: str, layouts: Sequence["TaxelLayout"], poses: Tensor) -> Tensor | None:
-    # Directions, if all layouts have them.
-    turned = []
-    for layout, turn in zip(layouts, poses[:, :3, :3], strict=True):
+def _rotate(key: str, layouts: Sequence["TaxelLayout"], poses: Tensor) -> Tensor | None:
+    # The normals or tangents in the frames of the links, or None unless all layouts have them.
+    rotated = []
+    for layout, rotation in zip(layouts, poses[:, :3, :3], strict=True):
         directions: Tensor | None = getattr(layout, key)
         if directions is None:
             return None
-        turned.append((directions.double() @ turn.t()).to(directions))
-    return torch.cat(turned)
+        rotated.append((directions.double() @ rotation.t()).to(directions))
+    return torch.cat(rotated)
 
 
-def _checked_pose(pose: Tensor | None, count: int) -> Tensor:
+def _checked_pose(pose: Tensor | None, num_layouts: int) -> Tensor:
     eye = torch.eye(3, dtype=torch.double)
     if pose is None:
-        return torch.eye(4, dtype=torch.double).expand(count, 4, 4)
+        return torch.eye(4, dtype=torch.double).expand(num_layouts, 4, 4)
     pose = torch.as_tensor(pose, dtype=torch.double)
-    need(pose.shape == (count, 4, 4), f"'pose' must have shape ({count}, 4, 4)", tuple(pose.shape))
-    turn = pose[:, :3, :3]
-    is_rigid = torch.allclose(turn @ turn.mT, eye.expand_as(turn), atol=1e-4)
-    last = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.double)
-    if not is_rigid or not pose[:, 3].equal(last.expand(count, 4)) or (turn.det() < 0).any():
+    need(
+        pose.shape == (num_layouts, 4, 4),
+        f"'pose' must have shape ({num_layouts}, 4, 4)",
+        tuple(pose.shape),
+    )
+    rotation = pose[:, :3, :3]
+    is_orthogonal = torch.allclose(rotation @ rotation.mT, eye.expand_as(rotation), atol=1e-4)
+    last_row = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.double)
+    if (
+        not is_orthogonal
+        or not pose[:, 3].equal(last_row.expand(num_layouts, 4))
+        or (rotation.det() < 0).any()  # a mirror
+    ):
         raise ValueError(
             "'pose' must hold rigid transforms: a rotation, a translation in metres and the last "
             "row 0, 0, 0, 1"
@@ -71,50 +81,57 @@ def _checked_pose(pose: Tensor | None, count: int) -> Tensor:
 
 
 def _adjacency(layouts: Sequence["TaxelLayout"]) -> dict[str, Tensor]:
-    common = [key for key in layouts[0].adjacency if all(key in one.adjacency for one in layouts)]
+    common = [key for key in layouts[0].adjacency if all(key in each.adjacency for each in layouts)]
     sizes = torch.tensor([len(layout) for layout in layouts])
-    firsts = (sizes.cumsum(0) - sizes).tolist()
+    offsets = (sizes.cumsum(0) - sizes).tolist()
     return {
         key: torch.cat(
-            [one.edge_index(key) + first for one, first in zip(layouts, firsts, strict=True)], dim=1
+            [
+                layout.edge_index(key) + offset
+                for layout, offset in zip(layouts, offsets, strict=True)
+            ],
+            dim=1,
         )
         for key in common
     }
 
 
-def _numbered(
+def _join_indices(
     key: str, layouts: Sequence["TaxelLayout"], names: Sequence[str]
 ) -> dict[str, Tensor | tuple[str, ...]]:
-    # A part with one digit gives it its name, one with several puts its name before theirs.
-    joined: list[str] = []
-    numbers = []
+    # The name of a layout names its only digit, or is put before the names of its digits.
+    joined_names: list[str] = []
+    indices = []
     for layout, name in zip(layouts, names, strict=True):
-        inner = getattr(layout, f"{key}_names")
-        numbers.append(getattr(layout, key) + len(joined))
-        joined += [name] if len(inner) == 1 else [f"{name}_{one}" for one in inner]
-    return {key: torch.cat(numbers), f"{key}_names": tuple(joined)}
+        inner_names = getattr(layout, f"{key}_names")
+        indices.append(getattr(layout, key) + len(joined_names))
+        joined_names += (
+            [name] if len(inner_names) == 1 else [f"{name}_{inner}" for inner in inner_names]
+        )
+    return {key: torch.cat(indices), f"{key}_names": tuple(joined_names)}
 
 
 def _links(
     layouts: Sequence["TaxelLayout"], names: Sequence[str], links: Sequence[str] | None
 ) -> dict[str, Tensor | tuple[str, ...]]:
     if links is None:
-        return _numbered("link", layouts, names)
+        return _join_indices("link", layouts, names)
     for layout, name in zip(layouts, names, strict=True):
         if len(layout.link_names) > 1:
             raise ValueError(
                 f"'links' must be None where a layout has several links (got '{name}' with "
                 f"{', '.join(layout.link_names)})"
             )
-    found = tuple(dict.fromkeys(links))
-    numbers = [
-        torch.full((len(layout),), found.index(link))
+    link_names = tuple(dict.fromkeys(links))  # Layouts may share a link.
+    indices = [
+        torch.full((len(layout),), link_names.index(link))
         for layout, link in zip(layouts, links, strict=True)
     ]
-    return {"link": torch.cat(numbers), "link_names": found}
+    return {"link": torch.cat(indices), "link_names": link_names}
 
 
 def _image_map(layouts: Sequence["TaxelLayout"]) -> Tensor | None:
+    # The image maps side by side, or None unless all layouts have them.
     maps, column = [], 0
     for layout in layouts:
         if layout.image_map is None:

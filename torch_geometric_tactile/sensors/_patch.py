@@ -1,4 +1,4 @@
-r"""A patch of taxels, made from the shape that describes it."""
+r"""Patches of taxels, described by their shapes."""
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
@@ -8,36 +8,38 @@ import numpy as np
 
 from torch_geometric_tactile._texts import short_repr
 from torch_geometric_tactile.sensors._content_checks import (
+    are_integers,
     are_numbers,
-    are_whole,
-    is_named,
+    is_integer,
     is_number,
-    is_whole,
+    is_one_of,
     need_key,
     need_list,
+    need_only_keys,
     need_text,
-    only_keys,
 )
 
 _PATCH_KEYS = ("name", "digit", "link", "shape", "origin", "cell", "column", "row")
-# A dome without a cylinder below it, and a capsule of a single column.
+# Sizes that may be zero: a dome without a cylinder, and a capsule of a single column.
 _MAY_BE_ZERO = ("straight", "column_angle")
-_POLE = 1e-3  # sine of the angle between a normal and the rows below which they are one
+_POLE_SINE = 1e-3  # sine of the angle between normal and rows below which a taxel is at the pole
 
 Cell = tuple[int, int]  # row from the base, column of the widest row
 Edge = tuple[int, int]
 
 
 class Patch:
-    r"""A patch. What takes memory is made when it is needed, after its size was checked."""
+    r"""A patch of taxels. Its cells and taxels are computed when they are needed, so that a caller
+    can check their number first.
+    """
 
     def __init__(self, patch: Mapping[str, Any], shapes: Mapping[str, Any], start: int) -> None:
         self.name: str = need_key(patch, "name", "a patch")
         need_text(self.name, "the name of a patch")
         what = f"patch '{self.name}'"
-        only_keys(patch, _PATCH_KEYS, what)
+        need_only_keys(patch, _PATCH_KEYS, what)
         shape = need_key(patch, "shape", what)
-        if not is_named(shape, shapes):
+        if not is_one_of(shape, shapes):
             raise ValueError(
                 f"the shape of {what} must be one of {sorted(shapes)} (got {short_repr(shape)})"
             )
@@ -47,7 +49,7 @@ class Patch:
         self.patch = patch
         self.origin = _vector(need_key(patch, "origin", what), f"'origin' of {what}")
         self.cell = patch.get("cell")
-        if self.cell is not None and not are_whole(self.cell, 2):
+        if self.cell is not None and not are_integers(self.cell, 2):
             raise ValueError(
                 f"'cell' of {what} must be a row and a column (got {short_repr(self.cell)})"
             )
@@ -63,7 +65,7 @@ class Patch:
         return (self.width - self.rows[row]) // 2
 
     def has(self, cell: Cell) -> bool:
-        r"""Tells whether there is a taxel."""
+        r"""Returns whether a cell has a taxel."""
         row, column = cell
         if not 0 <= row < len(self.rows):
             return False
@@ -80,11 +82,11 @@ class Patch:
 
     @cached_property
     def number(self) -> dict[Cell, int]:
-        r"""The number of the taxel in each cell, from zero."""
+        r"""The index of the taxel in each cell, from zero."""
         return {cell: i for i, cell in enumerate(self.cells)}
 
     def taxels(self) -> Iterator[dict[str, Any]]:
-        r"""Yields the taxels as a layout lists them."""
+        r"""Yields the taxels in the form of a layout file."""
         what = f"patch '{self.name}'"
         column = _unit(self.patch.get("column", (0, 1, 0)), f"'column' of {what}")
         row = _unit(self.patch.get("row", (0, 0, 1)), f"'row' of {what}")
@@ -93,8 +95,8 @@ class Patch:
         frame = np.stack([column, row, np.cross(column, row)], axis=1)
         top, left = self.cell or (0, 0)
         last = self.cells[-1][0]
-        for number, side in self.cells:
-            pos, normal = self.surface(self.shape, number, side - (self.width - 1) / 2)
+        for row_index, column_index in self.cells:
+            pos, normal = self.surface(self.shape, row_index, column_index - (self.width - 1) / 2)
             normal = (frame @ normal).round(9)
             taxel = {
                 "pos": (self.origin + frame @ pos).round(9).tolist(),
@@ -105,11 +107,11 @@ class Patch:
                 "digit": self.patch["digit"],
             }
             if self.cell is not None:
-                taxel["cell"] = [top + last - number, left + side]
+                taxel["cell"] = [top + last - row_index, left + column_index]
             yield taxel
 
     def edges(self, name: str) -> Iterator[Edge]:
-        r"""Yields the edges inside, each in one direction."""
+        r"""Yields the edges of an adjacency within the patch, each in one direction."""
         for row, column in self.cells:
             steps = []
             if name != "slanted":
@@ -123,11 +125,11 @@ class Patch:
                     yield self.taxel((row, column)), self.taxel(cell)
 
     def taxel(self, cell: Cell) -> int:
-        r"""Returns the number of a taxel in the layout."""
+        r"""Returns the index of a taxel in the layout."""
         return self.start + self.number[cell]
 
     def side(self, side: str) -> list[int]:
-        r"""Returns the taxels of a side."""
+        r"""Returns the indices of the taxels of a side in the layout."""
         if side in ("bottom", "top"):
             row = 0 if side == "bottom" else len(self.rows) - 1
             return [self.taxel((row, self.first(row) + i)) for i in range(self.rows[row])]
@@ -148,11 +150,10 @@ def _checked_rows(shape: Mapping[str, Any], name: str) -> list[int]:
     if (
         not isinstance(rows, list | tuple)
         or not rows
-        or not all(is_whole(r) and r > 0 for r in rows)
+        or not all(is_integer(r) and r > 0 for r in rows)
     ):
         raise ValueError(
-            f"the rows of shape '{name}' must count at least one taxel each (got "
-            f"{short_repr(rows)})"
+            f"the rows of shape '{name}' must have at least one taxel each (got {short_repr(rows)})"
         )
     if any((max(rows) - row) % 2 for row in rows):
         raise ValueError(
@@ -165,7 +166,7 @@ def _checked_rows(shape: Mapping[str, Any], name: str) -> list[int]:
 def _checked_across(shape: Mapping[str, Any], name: str, patch: Patch) -> set[Cell]:
     across = need_list(shape.get("sparse_across", ()), f"'sparse_across' of shape '{name}'")
     for cell in across:
-        is_cell = are_whole(cell, 2)
+        is_cell = are_integers(cell, 2)
         if not is_cell or not patch.has(tuple(cell)) or not patch.has((cell[0], cell[1] + 1)):
             raise ValueError(
                 f"'sparse_across' of shape '{name}' must list taxels with a neighbour to "
@@ -177,12 +178,12 @@ def _checked_across(shape: Mapping[str, Any], name: str, patch: Patch) -> set[Ce
 def _checked_surface(shape: Mapping[str, Any], name: str) -> "_Surface":
     what = f"shape '{name}'"
     kind = need_key(shape, "kind", what)
-    if not is_named(kind, _SURFACES):
+    if not is_one_of(kind, _SURFACES):
         raise ValueError(
             f"the kind of {what} must be one of {sorted(_SURFACES)} (got {short_repr(kind)})"
         )
     surface, sizes = _SURFACES[kind]
-    only_keys(shape, ("kind", "rows", "sparse_across", *sizes), what)
+    need_only_keys(shape, ("kind", "rows", "sparse_across", *sizes), what)
     for size in sizes:
         value = need_key(shape, size, what)
         if not is_number(value):
@@ -209,32 +210,33 @@ def _unit(value: Any, what: str) -> np.ndarray:
 
 
 def _tangent(normal: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    # y is the direction of the patch's rows laid onto the skin; at the pole of a dome, where it
-    # stands on the skin, straight on over the dome.
-    normal = normal.astype(np.float32).astype(float)  # as a layout holds it
+    # The x and y axes of a taxel (2, 3). The y axis is the direction of the patch's rows, projected
+    # onto the skin. At the pole of a dome, where that direction is normal to the skin, it continues
+    # the path over the dome.
+    normal = normal.astype(np.float32).astype(float)  # the precision of a layout
     _, row, up = frame.T
-    along = row - (normal @ row) * normal
-    if np.linalg.norm(along) < _POLE:
-        along = (normal @ up) * normal - up
-    y = along / np.sqrt((along**2).sum())
+    projection = row - (normal @ row) * normal
+    if np.linalg.norm(projection) < _POLE_SINE:
+        projection = (normal @ up) * normal - up
+    y = projection / np.sqrt((projection**2).sum())
     return np.stack([np.cross(y, normal), y])
 
 
 def _planar(shape: Mapping[str, Any], row: int, column: float) -> tuple[np.ndarray, np.ndarray]:
-    middle = (len(shape["rows"]) - 1) / 2
-    pos = np.array([column, row - middle, 0.0]) * shape["pitch"]
+    centre_row = (len(shape["rows"]) - 1) / 2
+    pos = np.array([column, row - centre_row, 0.0]) * shape["pitch"]
     return pos, np.array([0.0, 0.0, 1.0])
 
 
 def _capsule(shape: Mapping[str, Any], row: int, column: float) -> tuple[np.ndarray, np.ndarray]:
     radius, straight = shape["radius"], shape["straight"]
     angle = np.deg2rad(column * shape["column_angle"])
-    along = row * shape["pitch"]
-    # A normal of the cylinder, bent over the dome where the row lies beyond the straight part.
-    bend = max(0.0, along - straight) / radius
-    out = np.cos(angle)
-    normal = np.array([np.sin(angle), out * np.sin(bend), out * np.cos(bend)])
-    return np.array([0.0, min(along, straight), 0.0]) + radius * normal, normal
+    distance = row * shape["pitch"]  # along the axis, and then over the dome
+    # The normal is that of the cylinder, bent over the dome beyond its straight length.
+    bend = max(0.0, distance - straight) / radius
+    cosine = np.cos(angle)
+    normal = np.array([np.sin(angle), cosine * np.sin(bend), cosine * np.cos(bend)])
+    return np.array([0.0, min(distance, straight), 0.0]) + radius * normal, normal
 
 
 _Surface = Callable[[Mapping[str, Any], int, float], tuple[np.ndarray, np.ndarray]]

@@ -33,7 +33,7 @@ from torch_geometric_tactile.nn.pool import TaxelPool
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.sensors._described import (
     DescriptorTables,
-    described,
+    compute_descriptors,
     descriptor_tables,
 )
 
@@ -58,7 +58,7 @@ class _DescriptorPath(Module):
         for name, table in zip(DescriptorTables._fields, tables, strict=False):
             self.register_buffer(name, table, persistent=False)
         blank = torch.zeros(1, layout.num_taxels, in_channels)
-        size = described(blank, self._tables()).size(1)
+        size = compute_descriptors(blank, self._tables()).size(1)
         self.norm = ReadingNorm(size, _FLOOR)
         self.lin = Linear(size, out_channels, bias=False)
         self.norm_out = TaxelNorm(out_channels)
@@ -71,7 +71,7 @@ class _DescriptorPath(Module):
         r"""Describes readings."""
         if seen is not None:
             x = x.masked_fill(~seen.unsqueeze(-1), torch.nan)
-        rows = self.norm(described(x.detach(), self._tables()).unsqueeze(1)).squeeze(1)
+        rows = self.norm(compute_descriptors(x.detach(), self._tables()).unsqueeze(1)).squeeze(1)
         return self.norm_out(self.lin(rows)).relu()
 
 
