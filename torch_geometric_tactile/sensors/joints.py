@@ -72,7 +72,7 @@ class Joint:
                 object.__setattr__(self, "axis", tuple(number / length for number in self.axis))
         if not float(self.lower) <= float(self.upper):
             raise ValueError(
-                f"'lower' of joint '{self.name}' must not be above 'upper' (got {self.lower} and "
+                f"'lower' of joint '{self.name}' must be at most 'upper' (got {self.lower} and "
                 f"{self.upper})"
             )
 
