@@ -1,4 +1,7 @@
-r"""Checks of untrusted plain data, such as the content of JSON files."""
+r"""Checks of untrusted plain data, such as the content of JSON files.
+
+The argument :obj:`subject` names the data in error messages, such as ``"a layout"``.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
@@ -10,23 +13,23 @@ MAX_TAXELS = 1_000_000
 MAX_NUMBER = 1e18  # far above any length or angle, and within the range of float32
 
 
-def need_mapping(value: Any, what: str) -> None:
+def need_mapping(value: Any, subject: str) -> None:
     r"""Checks that a value is a mapping with texts as keys."""
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise ValueError(f"{what} must be a JSON object (got {short_repr(value)})")
+        raise ValueError(f"{subject} must be a JSON object (got {short_repr(value)})")
 
 
-def need_key(item: Any, key: str, what: str) -> Any:
+def need_key(item: Any, key: str, subject: str) -> Any:
     r"""Returns the value of a key of a mapping. The key must exist."""
-    need_mapping(item, what)
-    need(key in item, f"{what} must have the key '{key}'", sorted(item))
+    need_mapping(item, subject)
+    need(key in item, f"{subject} must have the key '{key}'", sorted(item))
     return item[key]
 
 
-def need_list(value: Any, what: str) -> list[Any] | tuple[Any, ...]:
+def need_list(value: Any, subject: str) -> list[Any] | tuple[Any, ...]:
     r"""Returns a value that must be a list or tuple."""
     if not isinstance(value, list | tuple):
-        raise ValueError(f"{what} must be a list (got {short_repr(value)})")
+        raise ValueError(f"{subject} must be a list (got {short_repr(value)})")
     return value
 
 
@@ -35,33 +38,33 @@ def is_one_of(value: Any, names: Collection[str]) -> bool:
     return isinstance(value, str) and value in names
 
 
-def need_only_keys(item: Mapping[str, Any], keys: Collection[str], what: str) -> None:
+def need_only_keys(item: Mapping[str, Any], keys: Collection[str], subject: str) -> None:
     r"""Checks that a mapping has no unknown keys, such as misspelt ones."""
     unknown = next((key for key in item if key not in keys), None)
     if unknown is not None:
         raise ValueError(
-            f"{what} must have no other keys than {', '.join(keys)} (got {short_repr(unknown)})"
+            f"{subject} must have no other keys than {', '.join(keys)} (got {short_repr(unknown)})"
         )
 
 
-def need_text(value: Any, what: str) -> None:
+def need_text(value: Any, subject: str) -> None:
     r"""Checks that a value is a text that can be written to a file."""
     if not isinstance(value, str):
-        raise ValueError(f"{what} must be a text (got {short_repr(value)})")
+        raise ValueError(f"{subject} must be a text (got {short_repr(value)})")
     try:
         value.encode("utf-8")
     except UnicodeEncodeError:
-        raise ValueError(f"{what} must be a text without surrogates (got {value!r})") from None
+        raise ValueError(f"{subject} must be a text without surrogates (got {value!r})") from None
 
 
-def need_texts(values: Any, what: str, may_repeat: bool = False) -> None:
+def need_texts(values: Any, subject: str, may_repeat: bool = False) -> None:
     r"""Checks that a value is a list of texts, which must differ unless :obj:`may_repeat`."""
     if not isinstance(values, list | tuple):
-        raise ValueError(f"{what} must be a list of texts (got {short_repr(values)})")
+        raise ValueError(f"{subject} must be a list of texts (got {short_repr(values)})")
     for value in values:
-        need_text(value, f"each of {what}")
+        need_text(value, f"each of {subject}")
     if not may_repeat and len(set(values)) < len(values):
-        raise ValueError(f"{what} must differ from one another (got {short_repr(values)})")
+        raise ValueError(f"{subject} must differ from one another (got {short_repr(values)})")
 
 
 def is_number(value: Any) -> bool:

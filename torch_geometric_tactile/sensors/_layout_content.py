@@ -70,16 +70,16 @@ def _adjacency(pairs_by_name: Any, num_taxels: int) -> dict[str, Tensor]:
     need_mapping(pairs_by_name, "'adjacency'")
     adjacency = {}
     for name, pairs in pairs_by_name.items():
-        what = f"adjacency '{name}'"
+        subject = f"adjacency '{name}'"
         is_list = isinstance(pairs, list | tuple)
         if not is_list or not all(are_integers(pair, 2) for pair in pairs):
-            raise ValueError(f"{what} must be a list of pairs of taxels, whole numbers")
+            raise ValueError(f"{subject} must be a list of pairs of taxels, whole numbers")
         outside = next(
             (pair for pair in pairs if not 0 <= min(pair) <= max(pair) < num_taxels), None
         )
         if outside is not None:
             raise ValueError(
-                f"{what} must join taxels 0 to {num_taxels - 1} (got {short_repr(outside)})"
+                f"{subject} must join taxels 0 to {num_taxels - 1} (got {short_repr(outside)})"
             )
         adjacency[name] = torch.tensor(pairs, dtype=torch.long).view(-1, 2).t()
     return adjacency

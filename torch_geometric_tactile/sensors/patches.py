@@ -90,9 +90,9 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
         >>> len(expanded["taxels"]), len(expanded["adjacency"]["dense"])  # taxels, directed edges
         (4, 12)
     """
-    what = "a layout of patches"
-    items, shapes = need_key(content, "patches", what), need_key(content, "shapes", what)
-    need("taxels" not in content, f"{what} must not have 'taxels' as well (got both)")
+    subject = "a layout of patches"
+    items, shapes = need_key(content, "patches", subject), need_key(content, "shapes", subject)
+    need("taxels" not in content, f"{subject} must not have 'taxels' as well (got both)")
     need_mapping(shapes, "'shapes'")
     patches: dict[str, _Patch] = {}
     num_taxels = 0
@@ -126,8 +126,8 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _check_count(what: str, count: int, maximum: int) -> None:
-    need(count <= maximum, f"a layout of patches must have {maximum} {what} at most", count)
+def _check_count(items: str, count: int, maximum: int) -> None:
+    need(count <= maximum, f"a layout of patches must have {maximum} {items} at most", count)
 
 
 class _Patch:
@@ -138,22 +138,22 @@ class _Patch:
     def __init__(self, patch: Mapping[str, Any], shapes: Mapping[str, Any], start: int) -> None:
         self.name: str = need_key(patch, "name", "a patch")
         need_text(self.name, "the name of a patch")
-        what = f"patch '{self.name}'"
-        need_only_keys(patch, _PATCH_KEYS, what)
-        shape = need_key(patch, "shape", what)
+        subject = f"patch '{self.name}'"
+        need_only_keys(patch, _PATCH_KEYS, subject)
+        shape = need_key(patch, "shape", subject)
         if not is_one_of(shape, shapes):
             raise ValueError(
-                f"the shape of {what} must be one of {sorted(shapes)} (got {short_repr(shape)})"
+                f"the shape of {subject} must be one of {sorted(shapes)} (got {short_repr(shape)})"
             )
         self.shape: Mapping[str, Any] = shapes[shape]
         for key in ("link", "digit"):
-            need_text(need_key(patch, key, what), f"the {key} of {what}")
+            need_text(need_key(patch, key, subject), f"the {key} of {subject}")
         self.patch = patch
-        self.origin = _vector(need_key(patch, "origin", what), f"'origin' of {what}")
+        self.origin = _vector(need_key(patch, "origin", subject), f"'origin' of {subject}")
         self.cell = patch.get("cell")
         if self.cell is not None and not are_integers(self.cell, 2):
             raise ValueError(
-                f"'cell' of {what} must be a row and a column (got {short_repr(self.cell)})"
+                f"'cell' of {subject} must be a row and a column (got {short_repr(self.cell)})"
             )
         self.start = start
         self.rows = _checked_rows(self.shape, shape)
@@ -189,11 +189,11 @@ class _Patch:
 
     def taxels(self) -> Iterator[dict[str, Any]]:
         r"""Yields the taxels in the form of a layout file."""
-        what = f"patch '{self.name}'"
-        column = _unit(self.patch.get("column", (0, 1, 0)), f"'column' of {what}")
-        row = _unit(self.patch.get("row", (0, 0, 1)), f"'row' of {what}")
+        subject = f"patch '{self.name}'"
+        column = _unit(self.patch.get("column", (0, 1, 0)), f"'column' of {subject}")
+        row = _unit(self.patch.get("row", (0, 0, 1)), f"'row' of {subject}")
         if abs(column @ row) > 1e-6:
-            raise ValueError(f"'column' and 'row' of {what} must be at right angles")
+            raise ValueError(f"'column' and 'row' of {subject} must be at right angles")
         frame = np.stack([column, row, np.cross(column, row)], axis=1)
         top, left = self.cell or (0, 0)
         last = self.cells[-1][0]
@@ -278,36 +278,38 @@ def _checked_across(shape: Mapping[str, Any], name: str, patch: _Patch) -> set[_
 
 
 def _checked_surface(shape: Mapping[str, Any], name: str) -> "_Surface":
-    what = f"shape '{name}'"
-    kind = need_key(shape, "kind", what)
+    subject = f"shape '{name}'"
+    kind = need_key(shape, "kind", subject)
     if not is_one_of(kind, _SURFACES):
         raise ValueError(
-            f"the kind of {what} must be one of {sorted(_SURFACES)} (got {short_repr(kind)})"
+            f"the kind of {subject} must be one of {sorted(_SURFACES)} (got {short_repr(kind)})"
         )
     surface, sizes = _SURFACES[kind]
-    need_only_keys(shape, ("kind", "rows", "sparse_across", *sizes), what)
+    need_only_keys(shape, ("kind", "rows", "sparse_across", *sizes), subject)
     for size in sizes:
-        value = need_key(shape, size, what)
+        value = need_key(shape, size, subject)
         if not is_number(value):
-            raise ValueError(f"'{size}' of {what} must be a number (got {short_repr(value)})")
+            raise ValueError(f"'{size}' of {subject} must be a number (got {short_repr(value)})")
         if value < 0:
-            raise ValueError(f"'{size}' of {what} must not be negative (got {short_repr(value)})")
+            raise ValueError(
+                f"'{size}' of {subject} must not be negative (got {short_repr(value)})"
+            )
         if value == 0 and size not in _MAY_BE_ZERO:
-            raise ValueError(f"'{size}' of {what} must not be zero")
+            raise ValueError(f"'{size}' of {subject} must not be zero")
     return surface
 
 
-def _vector(value: Any, what: str) -> np.ndarray:
+def _vector(value: Any, subject: str) -> np.ndarray:
     if not are_numbers(value, 3):
-        raise ValueError(f"{what} must be three numbers (got {short_repr(value)})")
+        raise ValueError(f"{subject} must be three numbers (got {short_repr(value)})")
     return np.array(value, dtype=float)
 
 
-def _unit(value: Any, what: str) -> np.ndarray:
-    vector = _vector(value, what)
+def _unit(value: Any, subject: str) -> np.ndarray:
+    vector = _vector(value, subject)
     length = np.linalg.norm(vector)
     if length == 0:
-        raise ValueError(f"{what} must have a direction (got {short_repr(value)})")
+        raise ValueError(f"{subject} must have a direction (got {short_repr(value)})")
     return vector / length
 
 
