@@ -91,15 +91,15 @@ class Trial:
         Raises:
             ValueError: If the recording has no such target.
         """
-        value = self.privileged.get(key)
-        if value is None and key == ANNOTATION and key not in self.meta:
+        column = self.privileged.get(key)
+        if column is None and key == ANNOTATION and key not in self.meta:
             need(
                 without_gaps(self.annotations),
                 f"{self.where} must have annotations for target='{ANNOTATION}' (got none): if no "
                 f"label applies, annotate it as '{OUTSIDE}' from its start to its end",
             )
             return annotation_of_frames(self.annotations, self.time, self.where)
-        if value is None:
+        if column is None:
             label = self.label if key == "label" else None
             label = self.meta.get(key) if label is None else label
             if isinstance(label, bool) or not isinstance(label, str | int):
@@ -108,12 +108,12 @@ class Trial:
                     f"metadata or in the name of its file (got {label!r}){self._target_advice(key)}"
                 )
             return np.full(self.num_frames, label)
-        if value.dtype.kind not in "biuU":
+        if column.dtype.kind not in "biuU":
             raise ValueError(
                 f"{self.where} must have one text or integer per frame in '{key}' "
-                f"(got {value.dtype})"
+                f"(got {column.dtype})"
             )
-        return value.astype(int) if value.dtype.kind == "b" else value
+        return column.astype(int) if column.dtype.kind == "b" else column
 
 
 def make_trial(

@@ -251,7 +251,7 @@ class TrialFrames(RawFiles):
 
 
 def draw_frames(
-    candidate: Tensor, trial: Tensor, names: Sequence[str], count: int, seed: int
+    candidate: Tensor, trial: Tensor, names: Sequence[str], num_draws: int, seed: int
 ) -> Tensor:
     r"""Draws frames of each trial at random, without replacement. The frames of a trial depend only
     on the seed, its name and its candidates, not on other trials.
@@ -260,7 +260,7 @@ def draw_frames(
         candidate (Tensor): Which frames may be drawn.
         trial (Tensor): Trial of each frame. The frames of a trial must be consecutive.
         names (sequence of str): Names of the trials.
-        count (int): Number of frames of each trial. Trials with fewer candidates keep them all.
+        num_draws (int): Number of frames of each trial. Trials with fewer candidates keep them all.
         seed (int): Seed of the draws.
 
     Shapes:
@@ -272,7 +272,7 @@ def draw_frames(
     for rows in _trial_slices(trial):
         candidates = rows.start + candidate[rows].nonzero().view(-1)
         rng = np.random.default_rng([seed, *names[int(trial[rows.start])].encode()])
-        mask[candidates[torch.from_numpy(rng.permutation(len(candidates))[:count])]] = True
+        mask[candidates[torch.from_numpy(rng.permutation(len(candidates))[:num_draws])]] = True
     return mask
 
 

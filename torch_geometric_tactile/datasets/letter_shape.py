@@ -227,18 +227,18 @@ class LetterShape(ImageDataset):
             )
         )
         _warn_of_faults(left_out, folder)
-        counts = [0] * len(self.letters)
+        num_presses = [0] * len(self.letters)
         for presses in press_files:
-            counts[presses.letter] += len(presses.names)
-        self._check_counts(counts, left_out)
-        press = torch.arange(sum(counts)).repeat_interleave(self.copies)
-        letter = torch.arange(len(counts)).repeat_interleave(torch.tensor(counts))
+            num_presses[presses.letter] += len(presses.names)
+        self._check_counts(num_presses, left_out)
+        press = torch.arange(sum(num_presses)).repeat_interleave(self.copies)
+        letter = torch.arange(len(num_presses)).repeat_interleave(torch.tensor(num_presses))
         data = self._to_data(
             x=torch.cat([self._with_copies(presses) for presses in press_files]),
             y=letter[press],
             trial=press,
             group=press,
-            copy=torch.arange(self.copies).repeat(sum(counts)),
+            copy=torch.arange(self.copies).repeat(sum(num_presses)),
         )
         names = {
             "class": list(self.letters),
@@ -249,8 +249,8 @@ class LetterShape(ImageDataset):
         }
         return data, names
 
-    def _check_counts(self, counts: Sequence[int], left_out: Sequence[str]) -> None:
-        empty = [name for name, count in zip(self.letters, counts, strict=True) if not count]
+    def _check_counts(self, num_presses: Sequence[int], left_out: Sequence[str]) -> None:
+        empty = [name for name, count in zip(self.letters, num_presses, strict=True) if not count]
         if empty:
             faults = [text for text in left_out if text.lstrip("'").startswith(f"{empty[0]}/")]
             raise ValueError(

@@ -227,8 +227,8 @@ def _nearest(pos: Tensor, group: Tensor) -> tuple[Tensor, Tensor]:
     distance = torch.cdist(pos, pos, compute_mode="donot_use_mm_for_euclid_dist")
     distance[group.view(-1, 1) != group] = math.inf
     distance.fill_diagonal_(math.inf)
-    count = min(_NUM_NEIGHBOURS, max(1, len(pos) - 1))
-    neighbours = distance.topk(min(count, len(pos)), largest=False)
+    num_neighbours = min(_NUM_NEIGHBOURS, max(1, len(pos) - 1))
+    neighbours = distance.topk(min(num_neighbours, len(pos)), largest=False)
     is_neighbour = neighbours.values.isfinite()
     taxel = torch.arange(len(pos)).view(-1, 1)
     is_isolated = ~is_neighbour.any(dim=1, keepdim=True)
@@ -280,22 +280,22 @@ def _cells(layout: TaxelLayout, pos: Tensor, group: Tensor) -> list[Tensor]:
     return [w.double() / w.double().sum(dim=0) for w in (all_taxels, parts, cells)]
 
 
-def _soft_cells(pos: Tensor, count: int) -> Tensor:
+def _soft_cells(pos: Tensor, num_cells: int) -> Tensor:
     # The membership of each taxel in cells around k-means centres (N, K). The first centres are
     # the farthest points, so that the result does not depend on a seed.
-    count = min(count, len(pos))
-    if count == 1:
+    num_cells = min(num_cells, len(pos))
+    if num_cells == 1:
         return torch.ones(len(pos), 1, dtype=pos.dtype)
     distance = torch.cdist(pos, pos.mean(dim=0, keepdim=True)).view(-1)
     seeds = [int(distance.argmax())]
     distance = torch.full_like(distance, math.inf)
-    while len(seeds) < count:
+    while len(seeds) < num_cells:
         distance = distance.minimum((pos - pos[seeds[-1]]).norm(dim=1))
         seeds.append(int(distance.argmax()))
     centre = pos[seeds]
     for _ in range(_KMEANS_ITERATIONS):
         nearest = torch.cdist(pos, centre).argmin(dim=1)
-        members = one_hot(nearest, count).to(pos.dtype)
+        members = one_hot(nearest, num_cells).to(pos.dtype)
         size = members.sum(dim=0).view(-1, 1)
         # An empty cell keeps its centre.
         centre = torch.where(size > 0, members.t() @ pos / size.clamp(min=1), centre)

@@ -50,10 +50,10 @@ def _link_normals(pos: Tensor) -> Tensor:
     # The normals of the planes through each taxel of one link and its neighbours.
     if bool((pos[:, 2] == pos[0, 2]).all()):
         return _eye()[2].expand(len(pos), 3)
-    count = min(len(pos), _NUM_NEIGHBOURS + 1)
+    num_nearest = min(len(pos), _NUM_NEIGHBOURS + 1)
     parts = pos.split(max(1, _CHUNK // len(pos)))
     nearest = torch.cat(
-        [torch.cdist(part, pos).topk(count, largest=False).indices for part in parts]
+        [torch.cdist(part, pos).topk(num_nearest, largest=False).indices for part in parts]
     )
     centred = pos[nearest] - pos[nearest].mean(dim=1, keepdim=True)
     squares, directions = torch.linalg.eigh(centred.mT @ centred)  # in ascending order

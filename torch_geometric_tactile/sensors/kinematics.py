@@ -207,8 +207,8 @@ class HandKinematics:
         _check_joint(self, joint)
         moving = [each for each in self.joints if each.axis is not None]
         # Not self.lower and self.upper: rounded to float32, a limit may be below an angle at it.
-        lower = joint.new_tensor([float(each.lower) for each in moving])
-        upper = joint.new_tensor([float(each.upper) for each in moving])
+        lower = joint.new_tensor([float(moving_joint.lower) for moving_joint in moving])
+        upper = joint.new_tensor([float(moving_joint.upper) for moving_joint in moving])
         return ~((joint >= lower) & (joint <= upper))
 
     def link_pose(self, joint: Tensor) -> LinkPose:

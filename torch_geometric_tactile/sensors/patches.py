@@ -115,11 +115,11 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
         pairs += [edge for join in joins for edge in join.edges(name)]
         directed = {*pairs, *((b, a) for a, b in pairs), *one_way.get(name, ())}
         adjacency[name] = [list(edge) for edge in sorted(directed)]
-    kept_content = {key: value for key, value in content.items() if key not in _DESCRIPTION_KEYS}
+    layout_content = {key: value for key, value in content.items() if key not in _DESCRIPTION_KEYS}
     listed_adjacency = content.get("adjacency", {})
     need_mapping(listed_adjacency, "'adjacency'")
     return {
-        **kept_content,
+        **layout_content,
         "patch_names": list(patches),
         "taxels": taxels,
         "adjacency": {**adjacency, **listed_adjacency},
@@ -424,11 +424,11 @@ def _parse_end(content: Any, patches: Mapping[str, _Patch]) -> _End:
         raise ValueError(f"a join must name patches (got {short_repr(name)})")
     if not is_one_of(side, _SIDES):
         raise ValueError(f"the side of a join must be one of {_SIDES} (got {short_repr(side)})")
-    count = patches[name].side_length(side)
-    first, last = limits or (0, count - 1)
-    if not are_integers([first, last], 2) or not 0 <= first <= last < count:
+    num_taxels = patches[name].side_length(side)
+    first, last = limits or (0, num_taxels - 1)
+    if not are_integers([first, last], 2) or not 0 <= first <= last < num_taxels:
         raise ValueError(
-            f"the first and last taxel of a join's end must be from 0 to {count - 1} (got "
+            f"the first and last taxel of a join's end must be from 0 to {num_taxels - 1} (got "
             f"{short_repr(limits)})"
         )
     return _End(patches[name], side, first, last)
