@@ -169,7 +169,7 @@ def test_bad_input():
         fit_calibration(x, force / 0, part)
     with pytest.raises(ValueError, match=r"'x' must have shape"):
         fit_calibration(x[:, 0], force, part)
-    with pytest.raises(ValueError, match="'recording' must have a number a frame"):
+    with pytest.raises(ValueError, match="'recording' must have a number per frame"):
         fit_calibration(x, force, part[1:])
     with pytest.raises(ValueError, match="'per' must be 'taxel' or 'sensor'"):
         fit_calibration(x, force, part, per="hand")

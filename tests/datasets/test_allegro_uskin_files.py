@@ -77,7 +77,7 @@ def test_metadata_go_before_the_file_name(tmp_path):
 )
 def test_unreadable_name(tmp_path, name, meta):
     write(tmp_path / f"{name}.npz", **meta)
-    message = rf"'.*{name}\.npz' must tell its object and trial: .* or a file name <object>_<numb"
+    message = rf"'.*{name}\.npz' must name its object and trial: .* or a file name <object>_<numb"
     with pytest.raises(ValueError, match=message):
         everything(tmp_path)
 
@@ -86,7 +86,7 @@ def test_unreadable_name(tmp_path, name, meta):
     ("wrong", "message"),
     [
         ({"taxels": 360}, r"sponge_9\.npz': .*must have 384 taxels \(got 360\)"),
-        ({"channels": 1}, r"sponge_9\.npz' must have 3 channels a taxel \(got 1\)"),
+        ({"channels": 1}, r"sponge_9\.npz' must have 3 channels per taxel \(got 1\)"),
         ({"joints": 0}, r"sponge_9\.npz' must have 16 joint angles .*'joint' \(got none\)"),
         ({"joints": 12}, r"sponge_9\.npz' must have 16 joint angles .*'joint' \(got 12\)"),
         ({"frames": 0}, r"sponge_9\.npz' must hold at least one frame \(got none\)"),
@@ -96,11 +96,11 @@ def test_unreadable_name(tmp_path, name, meta):
         ({"labels": 1}, r"_9\.npz' must have a 0 or 1 in 'labels' .*got 1"),
         (
             {"phase": np.array([0, 2]), "phase_names": ["reach", "lift"]},
-            r"_9\.npz' must hold in 'phase' one index into 'phase_names' a frame, 0 to 1",
+            r"_9\.npz' must hold one index into 'phase_names' per frame in 'phase', 0 to 1",
         ),
         (
             {"phase": np.array([0.0, 1.0]), "phase_names": ["reach", "lift"]},
-            r"_9\.npz' must hold in 'phase' .* \(got float64 of shape \(2,\)\)",
+            r"_9\.npz' must hold .* in 'phase', .* \(got float64 of shape \(2,\)\)",
         ),
     ],
 )
@@ -158,7 +158,7 @@ def test_metadata_of_another_kind(tmp_path, meta, message):
 
 def test_link_to_a_recording_that_is_gone(root):
     (root / "raw" / "sponge_2.npz").symlink_to(root / "annex" / "sponge_2.npz")
-    with pytest.raises(FileNotFoundError, match=r"sponge_2\.npz' is a link to a file that is not"):
+    with pytest.raises(FileNotFoundError, match=r"sponge_2\.npz' is a link to a file that does"):
         everything(root)
 
 
@@ -210,7 +210,7 @@ def test_property_task_with_an_unknown_object(root):
     dataset = everything(root)
     assert "property" not in dataset.data
     assert dataset.class_names == ["sponge", "purse", "cup"]
-    with pytest.raises(ValueError, match=r"properties of \['cup'\] are unknown: give 0 or 1 for"):
+    with pytest.raises(ValueError, match=r"properties of \['cup'\] are unknown: write 0 or 1 for"):
         everything(root, task="property")
     with pytest.raises(ValueError, match=r"properties of \['cup'\] are unknown"):
         everything(root, task="property", force_reload=True)
@@ -220,8 +220,8 @@ def test_one_object_only_is_warned_of(tmp_path, caplog):
     write(tmp_path / "sponge_0.npz")
     with caplog.at_level(logging.WARNING):
         assert len(everything(tmp_path)) == 2
-    assert "holds one object only, 'sponge'" in caplog.text
-    assert "learn something else with task='property' or" in caplog.text
+    assert "holds only one object, 'sponge'" in caplog.text
+    assert "choose another target with task='property' or" in caplog.text
 
 
 def test_object_with_one_trial_cannot_be_split_by_trial(root):

@@ -88,7 +88,7 @@ def test_a_grasp_without_pick_up_must_say_when_it_ends(ends, kept, tmp_path):
     if kept:
         assert len(BiGS(tmp_path)) == 60
         return
-    with pytest.raises(ValueError, match=r"^1 grasps in '.*' must tell when pick-up .*in 'a'\)"):
+    with pytest.raises(ValueError, match=r"^1 grasps in '.*' must have 'pickup_time' .*in 'a'\)"):
         BiGS(tmp_path)
 
 
@@ -131,7 +131,9 @@ def test_signals_are_those_that_are_named(folder):
 
 def test_a_signal_that_one_file_lacks_is_an_error_that_names_it(folder):
     write_recording(grasp(seed=9, trial=9, without=("pac",)), folder / "z_9.npz")
-    with pytest.raises(ValueError, match=r"z_9.npz' must hold 'pac', as the others .*signals=\["):
+    with pytest.raises(
+        ValueError, match=r"z_9.npz' must hold 'pac', as the other files .*signals=\["
+    ):
         BiGS(folder)
     assert "pac" not in BiGS(folder, signals=["pressure"]).data
 
@@ -166,7 +168,7 @@ def changed(rec, **fields):
         ({"tactile": np.zeros((60, 24, 3))}, r"layout 'biotac' must have 19 taxels \(got 24\)"),
         (
             {"tactile": np.zeros((60, 19, 1))},
-            r"must have 3 channels a taxel, the fingers left, mid",
+            r"must have 3 channels per taxel, the fingers left, mid",
         ),
         ({"label": "slip"}, r"must have the label 'success' or 'failure' \(got 'slip'\)"),
         ({"label": None}, r"must have the label 'success' or 'failure' \(got None\)"),
@@ -174,23 +176,26 @@ def changed(rec, **fields):
             {"meta": {"unit": "newton", "object": "a"}},
             r"must have the unit 'count' \(got 'newton'\)",
         ),
-        ({"meta": {"trial": 1}}, r"must tell its object and trial"),
+        ({"meta": {"trial": 1}}, r"must name its object and trial"),
         (
             {"meta": {"object": "a", "pickup_time": 1.0}},
             r"'pickup_time' on the clock of 'time', 5.0",
         ),
         ({"meta": {"object": "a", "pickup_time": "x"}}, r"must have seconds in 'pickup_time'"),
         ({"meta": {"object": "a", "ends_after_pickup": -1}}, r"seconds in 'ends_after_pickup'"),
-        ({"extra": {"pac": np.zeros((60, 22))}}, r"shape \(3, any\) a frame in 'pac' \(got float"),
-        ({"extra": {"pac": np.zeros((60, 4, 2))}}, r"shape \(3, any\) a frame in 'pac'"),
+        (
+            {"extra": {"pac": np.zeros((60, 22))}},
+            r"shape \(3, any\) per frame in 'pac' \(got f",
+        ),
+        ({"extra": {"pac": np.zeros((60, 4, 2))}}, r"shape \(3, any\) per frame in 'pac'"),
         ({"extra": {"pac": np.full((60, 3, 22), np.inf)}}, r"finite numbers, or NaN, in 'pac'"),
         (
             {"extra": {"pressure": np.full((60, 3), "a")}},
-            r"must hold numbers of shape \(3\) a frame",
+            r"must hold numbers of shape \(3\) per frame",
         ),
         (
             {"privileged": {"object_pose": np.zeros((60, 6))}},
-            r"shape \(7\) a frame in 'object_pose'",
+            r"shape \(7\) per frame in 'object_pose'",
         ),
         ({"privileged": {"slip": np.full(60, 2)}}, r"0, 1 or, where unknown, -1 .* in 'slip'"),
         (
@@ -212,7 +217,7 @@ def test_signals_of_another_size_name_the_file(folder):
     extra = {**rec.extra, "finger_joint": np.zeros((60, 3, 5))}
     write_recording(changed(rec, extra=extra), folder / "z.npz")
     with pytest.raises(
-        ValueError, match=r"z.npz' must .* shape \(3, 4\) a frame in 'finger_joint'"
+        ValueError, match=r"z.npz' must .* shape \(3, 4\) per frame in 'finger_joint'"
     ):
         BiGS(folder)
 

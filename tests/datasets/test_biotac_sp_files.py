@@ -156,7 +156,7 @@ def test_default_root_takes_other_spellings(monkeypatch, tmp_path, spelling):
     (tmp_path / spelling).mkdir()
     assert default_root("PressureMat") == tmp_path / spelling
     (tmp_path / "Pressure_Mat").mkdir()
-    with pytest.raises(ValueError, match=r"must have one folder of the data set 'PressureMat'"):
+    with pytest.raises(ValueError, match=r"must have only one folder of the data set 'Press"):
         default_root("PressureMat")
     (tmp_path / "PressureMat").mkdir()
     assert default_root("PressureMat") == tmp_path / "PressureMat"

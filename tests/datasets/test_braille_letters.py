@@ -46,7 +46,7 @@ def test_time_of_the_file_and_all_letters(tmp_path):
         ({"y": None}, r"must hold labelled samples: an array 'y' is missing"),
         ({"y": np.repeat(["A", "a", "1"], 9)}, r"the letters Space and A to Z \(got \['1', 'a'\]"),
         ({"y": np.repeat(["A", "B"], [2, 25])}, "of one letter"),
-        ({"trial": np.arange(27) % 6}, "must have the frames of a trial in a row, of one letter"),
+        ({"trial": np.arange(27) % 6}, "must have consecutive frames of one letter in each trial"),
         ({"x": np.full((27, 12, 1), np.nan)}, r"must hold finite readings 'x' of 12 taxels"),
         ({"x": np.zeros((27, 11, 1))}, r"'x' of 12 taxels \(got float64 of shape \(27, 11, 1\)"),
     ],

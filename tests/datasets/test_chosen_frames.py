@@ -109,15 +109,15 @@ def test_processed_file_serves_all_choices(tmp_path, caplog):
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"rate": 0}, r"'rate' must be frames a second, above 0, or None \(got 0\)"),
+        ({"rate": 0}, r"'rate' must be frames per second, above 0, or None \(got 0\)"),
         ({"rate": float("nan")}, r"'rate' must be .* \(got nan\)"),
         ({"rate": float("inf")}, r"'rate' must be .* \(got inf\)"),
         ({"rate": True}, r"'rate' must be .* \(got True\)"),
         ({"rate": "30"}, r"'rate' must be .* \(got '30'\)"),
-        ({"samples_per_trial": 0}, r"'samples_per_trial' must be a whole number .* \(got 0\)"),
+        ({"samples_per_trial": 0}, r"'samples_per_trial' must be an integer, .* \(got 0\)"),
         ({"samples_per_trial": 2.5}, r"'samples_per_trial' must be .* \(got 2.5\)"),
         ({"samples_per_trial": True}, r"'samples_per_trial' must be .* \(got True\)"),
-        ({"sample_seed": -1}, r"'sample_seed' must be a whole number from 0 on \(got -1\)"),
+        ({"sample_seed": -1}, r"'sample_seed' must be an integer, at least 0 \(got -1\)"),
         ({"sample_seed": None}, r"'sample_seed' must be .* \(got None\)"),
     ],
 )

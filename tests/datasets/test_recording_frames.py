@@ -124,7 +124,7 @@ def test_property_names_in_another_order_and_unknown_ones():
     assert dataset.data.y[::3].tolist() == [[1, 0], [0, 1]]
     made.append(recording(labels=[1], label_names=["soft"], object="c"))
     assert "property" not in RecordingFrames(layout=GLOVE, recordings=made).data
-    with pytest.raises(ValueError, match=r"properties of \['c'\] are unknown: give 0 or 1"):
+    with pytest.raises(ValueError, match=r"properties of \['c'\] are unknown: write 0 or 1"):
         RecordingFrames(layout=GLOVE, recordings=made, target="property")
 
 
@@ -182,8 +182,8 @@ def test_one_object_only_names_the_option(caplog):
     RecordingFrames(layout=GLOVE, recordings=made, target="label")
     assert "one object" not in caplog.text
     RecordingFrames(layout=GLOVE, recordings=made)
-    assert "one object only, 'mug': " in caplog.text
-    assert "learn something else with target='label' or" in caplog.text
+    assert "only one object, 'mug', " in caplog.text
+    assert "choose another target with target='label' or" in caplog.text
 
 
 def test_edges_of_a_transform_replace_those_of_the_layout():
@@ -289,18 +289,18 @@ def test_phases_and_stride():
         ({"recordings": [], "stride": 0}, r"'stride' must be at least 1 \(got 0\)"),
         ({"recordings": [], "adjacency": "x"}, r"'name' must be an adjacency of layout 'glove'"),
         ({"recordings": [recording(taxels=3)]}, r"recording 0: .* must have 2 taxels \(got 3\)"),
-        ({"recordings": [recording()]}, r"recording 0 must tell its object and trial"),
+        ({"recordings": [recording()]}, r"recording 0 must name its object and trial"),
         (
             {"recordings": [recording(column_names={"tactile": ["a", "a"]})]},
             r"recording 0: 'column_names' in 'meta' must name each",
         ),
         (
             {"recordings": [recording(object="a"), recording(object="a", channels=2)]},
-            r"recording 1 must have 1 channels a taxel, as recording 0 \(got 2\)",
+            r"recording 1 must have 1 channels per taxel, as recording 0 \(got 2\)",
         ),
         (
             {"recordings": [recording(object="a"), recording(object="a", joints=2)]},
-            r"recording 1 must have 0 joint angles a frame, as recording 0 \(got 2\)",
+            r"recording 1 must have 0 joint angles per frame, as recording 0 \(got 2\)",
         ),
         (
             {"recordings": [recording(label="a"), recording()], "target": "label"},

@@ -61,7 +61,7 @@ def test_labels_of_any_kind_are_numbered(tmp_path, y, codes, names):
 def test_whole_numbers_in_floating_point_are_classes_with_a_word(tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
         samples(tmp_path, y=Y.astype(float))
-    assert "2 different whole numbers, which are taken for classes" in caplog.text
+    assert "2 different integers, which are used as classes" in caplog.text
     options = {"grid": "2x3", "task": "regression"}
     dataset = samples(tmp_path, options, y=Y.astype(float))
     assert dataset.y.dtype == torch.float
@@ -142,7 +142,7 @@ def test_missing_readings_stay_missing(tmp_path):
 @pytest.mark.parametrize(
     ("options", "arrays", "match"),
     [
-        ({}, {}, "its taxels must be known: give a 'layout' or a 'grid'"),
+        ({}, {}, "its taxels must be known: pass a 'layout' or a 'grid'"),
         ({"grid": "2x4"}, {}, r"'x' must have shape \(num_samples, 8, ...\) or \(num_samples, 2"),
         ({"grid": "2by3"}, {}, r"'grid' must be rows and columns such as 28x50 \(got '2by3'\)"),
         ({"grid": "0x3"}, {}, "'rows' and 'cols' must be at least 1"),
@@ -163,13 +163,13 @@ def test_missing_readings_stay_missing(tmp_path):
         (None, {"x": X * np.inf}, "infinity in sample 0, taxel 0"),
         (None, {"y": np.full(6, np.nan)}, "'y' must be finite"),
         (None, {"y": np.zeros(6, int)}, r"'y' must have at least 2 classes \(got only '0'\)"),
-        (None, {"y": np.eye(6, 3, dtype=int)}, r"take y.argmax\(axis=1\)"),
+        (None, {"y": np.eye(6, 3, dtype=int)}, r"write y.argmax\(axis=1\)"),
         (
             {"grid": "2x3", "task": "regression"},
             {"y": np.array(["a", "b"] * 3)},
             "'y' must hold one number or a row of numbers",
         ),
-        (None, {"trial": np.zeros((6, 2))}, "'trial' must have one value a sample"),
+        (None, {"trial": np.zeros((6, 2))}, "'trial' must have one value per sample"),
         (None, {"trial": np.full(6, np.nan)}, "'trial' must be known for every sample"),
         (None, {"part": Y + 5}, r"'part' must hold 0 \(train\)"),
     ],

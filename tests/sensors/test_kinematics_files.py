@@ -50,8 +50,14 @@ def test_links_that_are_no_tree(joints, message):
         ({"rpy": (0, 0, math.nan)}, "'rpy' of joint 'a' must be three finite numbers"),
         ({"axis": (0, 0, math.inf)}, "'axis' of joint 'a' must be three finite numbers"),
         ({"axis": (0, 0, 0)}, "the axis of joint 'a' must have a direction"),
-        ({"lower": 1.0, "upper": 0.0}, r"limits of joint 'a' must rise \(got 1.0 and 0.0\)"),
-        ({"lower": math.nan}, r"limits of joint 'a' must rise \(got nan and inf\)"),
+        (
+            {"lower": 1.0, "upper": 0.0},
+            r"joint 'a' must be at most 'upper' \(got 1.0 and 0.0\)",
+        ),
+        (
+            {"lower": math.nan},
+            r"'lower' of joint 'a' must be at most 'upper' \(got nan and inf\)",
+        ),
     ],
 )
 def test_joint_rejects(changes, message):
@@ -78,8 +84,8 @@ def test_limits_of_a_joint_may_meet():
         (urdf(CHAIN).replace("0.5 0.0 0.0", "0_5 0 0"), r"must have numbers \(got '0_5'\)"),
         (urdf(CHAIN).replace("0.5 0.0 0.0", "\u0665 0 0"), "must have numbers"),
         (urdf(CHAIN).replace("<origin xyz", "<origin xyy"), r"no other attributes .*\(got 'xyy'\)"),
-        (urdf(CHAIN).replace("<origin", "<origim"), r"once at most \(got 'origim'\)"),
-        (urdf(CHAIN).replace(" type=", " tpye="), r"a name and a type only \(got 'tpye'\)"),
+        (urdf(CHAIN).replace("<origin", "<origim"), r"at most once \(got 'origim'\)"),
+        (urdf(CHAIN).replace(" type=", " tpye="), r"only a name and a type \(got 'tpye'\)"),
         (
             urdf(CHAIN).replace("<joint", "<joimt").replace("</joint", "</joimt"),
             "each link must be",

@@ -94,7 +94,7 @@ def test_layout_matches_same_places_only():
         ({"digit": [0, -1, 0]}, r"'digit' must hold indices .* \(got -1 to 0\)"),
         ({"image_map": [[0, 0]]}, r"'image_map' must have shape \(3, 2\) \(got \(1, 2\)\)"),
         ({"image_map": [[0, 0], [0, -1], [1, 1]]}, r"rows and columns from 0 to 16383 \(got -1\)"),
-        ({"image_map": [[0, 0], [0, 1], [0, 1]]}, "every taxel a cell of its own"),
+        ({"image_map": [[0, 0], [0, 1], [0, 1]]}, "each taxel a separate cell"),
         ({"image_map": [[0, 0], [0, 1.2], [0, 1.4]]}, "'image_map' must hold whole numbers"),
         ({"image_map": [[0, 0], [0, 1], [1 << 14, 1]]}, r"0 to 16383 \(got 16384\)"),
         ({"name": 3}, r"'name' must be a text \(got 3\)"),

@@ -92,11 +92,11 @@ def test_from_dict_names_segments_in_order_of_appearance():
         ({"taxels": [{"pos": [0, 0, "1"]}]}, "taxel 0 must have a 'pos' of two or three numbers"),
         (
             {"taxels": [{"pos": [0, 0, 0], "link": "a"}, {"pos": [0, 0, 1]}]},
-            r"'link' must be given for every taxel or for none \(not for 1\)",
+            r"'link' must be given for every taxel or for none \(missing for taxel 1",
         ),
         (
             {"taxels": [{"pos": [0, 0, 0], "tangent": [[1, 0, 0], [0, 1, 0]]}, {"pos": [0, 0, 1]}]},
-            r"'tangent' must be given for every taxel or for none \(not for 1\)",
+            r"'tangent' must be given for every taxel or for none \(missing for taxel 1",
         ),
         (
             {"taxels": [{"pos": [0, 0, 0], "link": "a"}], "link_names": ["b"]},

@@ -132,7 +132,7 @@ def test_sector_edges_blocks(monkeypatch):
     module = importlib.import_module("torch_geometric_tactile.sensors.sector_edges")
     layout = biotac_sp()
     whole = sector_edges(layout.pos, layout.axes())
-    monkeypatch.setattr(module, "_MOST_PAIRS", 50)
+    monkeypatch.setattr(module, "_MAX_PAIRS", 50)
     parts = sector_edges(layout.pos, layout.axes())
     assert torch.equal(parts.edge_index, whole.edge_index)
     assert torch.equal(parts.sector, whole.sector)

@@ -91,7 +91,7 @@ def test_as_layout_names_a_missing_file():
     ("layout", "message"),
     [
         ("glove", r"'layout' must be one of \[.*'biotac_sp'.*\], or the path of a .*got 'glove'\)"),
-        (24, r"'layout' must be a TaxelLayout, the name of one or the path .* \(got int\)"),
+        (24, r"'layout' must be a TaxelLayout, the name of a layout or the path .* \(got int\)"),
         (None, r"\(got NoneType\)"),
     ],
 )

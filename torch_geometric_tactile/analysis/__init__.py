@@ -1,4 +1,4 @@
-r"""Functions that measure what trained models have learnt; the pictures are in
+r"""Analysis of trained models: attributions, embeddings, confusions and calibrations. Plots are in
 :mod:`torch_geometric_tactile.visualization`.
 """
 

@@ -1,4 +1,4 @@
-r"""How much taxels and patches contribute to a prediction."""
+r"""Attribution of predictions to taxels and patches."""
 
 from typing import Any
 
@@ -21,22 +21,22 @@ from torch_geometric_tactile.nn.models._calls import (
 
 
 class IntegratedGradients(ExplainerAlgorithm):
-    r"""An explainer algorithm for :class:`torch_geometric.explain.Explainer` that needs nothing but
-    gradients: the method of the `"Axiomatic Attribution for Deep Networks"
-    <https://arxiv.org/abs/1703.01365>`_ paper.
+    r"""The integrated gradients explainer of the `"Axiomatic Attribution for Deep Networks"
+    <https://arxiv.org/abs/1703.01365>`_ paper, an algorithm for
+    :class:`torch_geometric.explain.Explainer` that needs only gradients.
 
     .. math::
         a = (\mathbf{x} - \mathbf{b}) \odot \int_0^1
         \nabla f(\mathbf{b} + t (\mathbf{x} - \mathbf{b})) \, \mathrm{d}t
 
     The scores add up to :math:`f(\mathbf{x}) - f(\mathbf{b})` if the integral is exact. Edges
-    and all other inputs stay as they are. It explains raw outputs and log-probabilities; the
-    :obj:`node_mask_type` may be :obj:`"attributes"` or :obj:`"object"`, and edges have no mask.
+    and all other inputs do not change. The algorithm explains raw outputs and log-probabilities.
+    The :obj:`node_mask_type` may be :obj:`"attributes"` or :obj:`"object"`; edges have no mask.
 
     Args:
-        num_steps (int): Number of points at which the gradient is taken (midpoint rule).
-        baseline (torch.Tensor, optional): The input :math:`\mathbf{b}` to compare with, of the
-            shape of :obj:`x`; zero if left out, which is the mean reading after
+        num_steps (int): Number of points at which the gradient is computed (midpoint rule).
+        baseline (torch.Tensor, optional): The reference input :math:`\mathbf{b}`, of the shape of
+            :obj:`x`. By default zero, which is the mean reading after
             :class:`~torch_geometric_tactile.transforms.ZScore`.
 
     Raises:
@@ -86,9 +86,16 @@ class IntegratedGradients(ExplainerAlgorithm):
             model (torch.nn.Module): The model.
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges.
-            target (torch.Tensor): The classes to explain, for a model that tells one of several.
+            target (torch.Tensor): The classes to explain, for a multiclass model.
             index (int or torch.Tensor, optional): Rows of the output to explain.
             **kwargs: Further arguments of the model.
+
+        Shapes:
+            - **x, node_mask:** :math:`(N, F)`; the mask is :math:`(N, 1)` for the type
+              :obj:`"object"`
+
+        Raises:
+            ValueError: If the baseline has another shape than :obj:`x`.
         """
         baseline = torch.zeros_like(x) if self.baseline is None else self.baseline.to(x)
         if baseline.shape != x.shape:
@@ -99,11 +106,11 @@ class IntegratedGradients(ExplainerAlgorithm):
         difference = (x - baseline).detach()
         total = torch.zeros_like(difference)
         for step in range(self.num_steps):
-            share = (step + 0.5) / self.num_steps
-            point = (baseline + share * difference).detach().requires_grad_()
+            fraction = (step + 0.5) / self.num_steps
+            point = (baseline + fraction * difference).detach().requires_grad_()
             with torch.enable_grad():
-                out = self._explained(model(point, edge_index, **kwargs), target, index)
-            if out.requires_grad:  # not so if the model uses other inputs only
+                out = self._explained_sum(model(point, edge_index, **kwargs), target, index)
+            if out.requires_grad:  # A model may use only other inputs.
                 (gradient,) = torch.autograd.grad(out, point, allow_unused=True)
                 total += torch.zeros_like(point) if gradient is None else gradient
         score = difference * total / self.num_steps
@@ -111,7 +118,8 @@ class IntegratedGradients(ExplainerAlgorithm):
             score = score.sum(dim=-1, keepdim=True)
         return Explanation(node_mask=score)
 
-    def _explained(self, out: Tensor, target: Tensor, index: int | Tensor | None) -> Tensor:
+    def _explained_sum(self, out: Tensor, target: Tensor, index: int | Tensor | None) -> Tensor:
+        # The sum over samples: samples do not interact, so its gradient is that of each sample.
         if self.model_config.mode == ModelMode.multiclass_classification:
             out = out.gather(1, target.view(-1, 1))
         return out.sum() if index is None else out[index].sum()
@@ -135,32 +143,33 @@ def taxel_attribution(
     algorithm: ExplainerAlgorithm | None = None,
     per_sample: bool = False,
 ) -> Tensor:
-    r"""Returns how much the reading of each taxel adds to the logit of a class or label, through
-    :class:`torch_geometric.explain.Explainer`.
+    r"""Returns the contribution of each taxel's reading to the logit of a class or label, computed
+    with :class:`torch_geometric.explain.Explainer`.
 
-    With :class:`IntegratedGradients`, the scores of a sample add up to its logit less that of the
-    baseline. Only readings :obj:`x` are explained; the model's other inputs, such as joint angles,
-    stay as they are. Nothing is scaled: a score is in units of the logit.
+    With :class:`IntegratedGradients`, the scores of a sample add up to its logit minus that of the
+    baseline. Only readings :obj:`x` are explained; the other inputs of the model, such as joint
+    angles, do not change. Scores are in units of the logit and are not scaled.
 
     Args:
-        model (torch.nn.Module): Called as :obj:`model(x, edge_index, ...)` with those attributes of
-            the batch that :obj:`model.modalities` names; returns logits :math:`(B, C)`.
+        model (torch.nn.Module): The model. It is called as :obj:`model(x, edge_index, ...)` with
+            the attributes of the batch in :obj:`model.modalities`, and returns logits
+            :math:`(B, C)`.
         batch (Data): Samples as :class:`~torch_geometric_tactile.data.StaticData`, one
             :class:`~torch_geometric.data.Data` or PyG's :class:`~torch_geometric.data.Batch`.
         target (int or torch.Tensor): The class or label to explain, for all samples or for each
-            :math:`(B,)`.
-        algorithm (ExplainerAlgorithm, optional): Another algorithm of PyG that masks node features,
-            such as :class:`~torch_geometric.explain.GNNExplainer` or
-            :class:`~torch_geometric.explain.CaptumExplainer`; :class:`IntegratedGradients` if left
-            out.
+            sample :math:`(B,)`.
+        algorithm (ExplainerAlgorithm, optional): An algorithm of PyG that masks node features, such
+            as :class:`~torch_geometric.explain.GNNExplainer` or
+            :class:`~torch_geometric.explain.CaptumExplainer`. By default
+            :class:`IntegratedGradients`.
         per_sample (bool): Whether to return the scores of each sample instead of their mean.
 
     Shapes:
-        - **output:** :math:`(N,)`, or :math:`(B, N)` sample by sample
+        - **output:** :math:`(N,)`, or :math:`(B, N)` with :obj:`per_sample`
 
     Raises:
-        ValueError: If :obj:`batch` lacks what the model takes or holds no sample, or
-            :obj:`target` does not fit.
+        ValueError: If :obj:`batch` lacks an input of the model or is empty, or :obj:`target` has
+            another shape or an unknown class.
 
     Examples:
         >>> from torch_geometric_tactile.nn import TaxelNet
@@ -195,30 +204,31 @@ def patch_occlusion(
     reference: Tensor | None = None,
     per_sample: bool = False,
 ) -> Tensor:
-    r"""Returns how much the logit of a class or label drops when the readings of a patch are
-    replaced by their mean: a check of :func:`taxel_attribution` that needs no gradients.
+    r"""Returns the decrease of the logit of a class or label when the readings of a patch are
+    replaced by their mean. It checks :func:`taxel_attribution` without gradients.
 
-    A patch whose information other patches repeat has no score here, since the others remain. A
-    mean is smoother than any reading, so that a patch of pure noise may have a score by its size.
+    A patch with the same information as other patches has no score, since the others remain. A mean
+    is smoother than any reading, so that a large patch of pure noise may have a score.
 
     Args:
-        model (torch.nn.Module): As of :func:`taxel_attribution`.
-        batch (Data): As of :func:`taxel_attribution`.
-        target (int or torch.Tensor): The class or label, for all samples or for each :math:`(B,)`.
-        segment (torch.Tensor): The patch of each taxel.
-        reference (torch.Tensor, optional): The replacement; the mean reading over the samples of
-            the batch if left out.
-        per_sample (bool): Whether to return the drops of each sample instead of their mean.
+        model (torch.nn.Module): As in :func:`taxel_attribution`.
+        batch (Data): As in :func:`taxel_attribution`.
+        target (int or torch.Tensor): The class or label, for all samples or for each sample
+            :math:`(B,)`.
+        segment (torch.Tensor): Patch of each taxel.
+        reference (torch.Tensor, optional): Replacement of the readings. By default the mean reading
+            over the samples of the batch.
+        per_sample (bool): Whether to return the decreases of each sample instead of their mean.
 
     Shapes:
         - **segment:** :math:`(N,)`
         - **reference:** :math:`(N, F)`
-        - **output:** one drop for each of the :math:`S` patches :math:`(S,)`, or :math:`(B, S)`
-          sample by sample
+        - **output:** decrease for each of the :math:`S` patches :math:`(S,)`, or :math:`(B, S)`
+          with :obj:`per_sample`
 
     Raises:
-        ValueError: If :obj:`segment` or :obj:`reference` does not fit, :obj:`reference` is missing
-            for a single sample, or as :func:`taxel_attribution`.
+        ValueError: If :obj:`segment` or :obj:`reference` has another shape, :obj:`reference` is
+            missing for a single sample, or an argument is invalid in :func:`taxel_attribution`.
 
     Examples:
         >>> from torch_geometric_tactile.data import StaticData
@@ -247,16 +257,16 @@ def patch_occlusion(
         logit = samples(x, samples.edge_index)
         drops = []
         for i in range(int(segment.max()) + 1):
-            hidden = torch.where((segment == i).view(-1, 1), reference.to(x), x.view(shape))
-            drops.append(logit - samples(hidden, samples.edge_index))
+            occluded = torch.where((segment == i).view(-1, 1), reference.to(x), x.view(shape))
+            drops.append(logit - samples(occluded, samples.edge_index))
     samples.train(training)
     drop = torch.stack(drops, dim=1)
     return drop if per_sample else drop.mean(dim=0)
 
 
 class _Samples(Module):
-    # The model on the samples of one batch, as a function of their readings in any shape; returns
-    # the logit of the target of each.
+    # The model on the samples of one batch, as a function of readings in any shape. It returns the
+    # logit of each sample's target.
     def __init__(self, model: Module, batch: Data, target: int | Tensor) -> None:
         super().__init__()
         names = input_names(model)
@@ -267,12 +277,13 @@ class _Samples(Module):
         if missing:
             raise ValueError(f"'batch' must have '{missing[0]}', which the model takes (got none)")
         self.model = model
-        self.training = model.training  # or the explainer would leave the model in training mode
+        # Otherwise the explainer would leave the model in training mode.
+        self.training = model.training
         self.x = batch.x
-        # PyG's explainers ask for edges, even if a model has no graph and is given none.
+        # PyG's explainers require edges, even for a model without a graph.
         self.has_edges = batch.edge_index is not None
-        none = torch.zeros(2, 0, dtype=torch.long, device=batch.x.device)
-        self.edge_index: Tensor = batch.edge_index if self.has_edges else none
+        no_edges = torch.zeros(2, 0, dtype=torch.long, device=batch.x.device)
+        self.edge_index: Tensor = batch.edge_index if self.has_edges else no_edges
         if isinstance(batch, StaticData):
             self.num_samples = batch.num_samples
         else:
@@ -298,5 +309,5 @@ class _Samples(Module):
                 f"'target' must be between 0 and {logits.size(-1) - 1} "
                 f"(got {int(self.target.min())} to {int(self.target.max())})"
             )
-        chosen: Tensor = logits.gather(1, self.target.view(-1, 1)).view(-1)
-        return chosen
+        target_logits: Tensor = logits.gather(1, self.target.view(-1, 1)).view(-1)
+        return target_logits

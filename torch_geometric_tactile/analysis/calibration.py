@@ -1,4 +1,4 @@
-r"""Fitting forces to readings, with the error on recordings that were left out."""
+r"""Calibration of readings to forces, with errors on held-out recordings."""
 
 from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
@@ -16,25 +16,28 @@ from torch_geometric_tactile.transforms._polynomial import (
 )
 
 _STRENGTHS = tuple(10.0**power for power in range(-5, 4))
-_MOST_TERMS = 10_000
-_FEW = 3  # recordings: of fewer, one left out leaves too little
-_BLOCKS = 5
+_MAX_TERMS = 10_000  # of the polynomial, to limit time and memory
+# With fewer recordings, blocks of recordings are held out for the selection, since a fit on a
+# single recording would say little.
+_MIN_RECORDINGS_TO_HOLD_OUT = 3
+_NUM_BLOCKS = 5
 
 
 class CalibrationFit(NamedTuple):
-    r"""The result of :func:`fit_calibration`: a calibration, and how far it is off on recordings
-    that it was not fitted on.
+    r"""The result of :func:`fit_calibration`: a calibration, and its errors on held-out recordings.
 
     Args:
         calibrate (Calibrate): The calibration, fitted on all recordings.
-        strength (float): Strength of its ridge.
-        rmse (torch.Tensor): Root of the mean square error on each recording, fitted on the others,
-            with degree and strength chosen on the others :math:`(R, D)`.
-        deviation (torch.Tensor): Standard deviation of the measured forces :math:`(R, D)`.
-        beyond (torch.Tensor): Share of the forces of each recording that follow from readings
-            beyond the range of the others :math:`(R,)`.
-        degrees (tuple of int): The degree that was chosen on the others, of each recording.
-        num_forces (int): How many forces it was fitted on.
+        strength (float): Strength of its ridge regression.
+        rmse (torch.Tensor): Root mean square error on each recording, where the calibration was
+            fitted and degree and strength were selected on the other recordings :math:`(R, D)`.
+        deviation (torch.Tensor): Standard deviation of the measured forces of each recording
+            :math:`(R, D)`.
+        beyond (torch.Tensor): Fraction of the forces of each recording whose readings are outside
+            of the range of the other recordings :math:`(R,)`.
+        degrees (tuple of int): Degree that was selected on the other recordings, for each
+            recording.
+        num_forces (int): Number of forces that the calibration was fitted on.
 
     Examples:
         >>> x = torch.rand(60, 5, 3)
@@ -54,63 +57,77 @@ class CalibrationFit(NamedTuple):
     num_forces: int
 
 
-class _Rows(NamedTuple):
-    r"""Readings :math:`(G, N, S, C)` of the sensor (G = 1) or of taxels (N = 1), forces
-    :math:`(G, S, D)`, NaN where none is known, and the recording of each frame :math:`(S,)`."""
+class _Frames(NamedTuple):
+    r"""Frames with readings, forces and recordings.
+
+    Either all taxels form one group (:math:`G = 1`), or each taxel is a group (:math:`N = 1`).
+
+    Shapes:
+        - **x:** readings :math:`(G, N, S, C)`
+        - **force:** measured forces, NaN where unknown :math:`(G, S, D)`
+        - **recording:** recording of each frame :math:`(S,)`
+    """
 
     x: Tensor
     force: Tensor
     recording: Tensor
 
     @property
-    def known(self) -> Tensor:
-        r"""Of which frames a force is known :math:`(G, S)`."""
+    def is_measured(self) -> Tensor:
+        r"""Whether the force of a frame is known :math:`(G, S)`."""
         return ~self.force.isnan().any(dim=-1)
 
-    def left_out(self, part: Tensor) -> Iterator[tuple["_Rows", "_Rows"]]:
-        r"""Yields the forces of all parts but one, and of that one."""
-        for number in part[self.known].unique():
-            is_left = (part == number).unsqueeze(-1)
-            rest, left = (self.force.masked_fill(m, torch.nan) for m in (is_left, ~is_left))
-            yield self._replace(force=rest), self._replace(force=left)
+    def hold_out(self, part: Tensor) -> Iterator[tuple["_Frames", "_Frames"]]:
+        r"""Yields, for each part, the frames with the forces of the other parts, and the frames
+        with the forces of that part.
+        """
+        for index in part[self.is_measured].unique():
+            is_held_out = (part == index).unsqueeze(-1)
+            train, test = (
+                self.force.masked_fill(mask, torch.nan) for mask in (is_held_out, ~is_held_out)
+            )
+            yield self._replace(force=train), self._replace(force=test)
 
-    def inner_parts(self) -> Tensor:
-        r"""Returns what is left out in turn to choose a setting :math:`(G, S)`: recordings, or of
-        one or two blocks of their known forces."""
-        known, part = self.known, self.recording.expand(len(self.force), -1)
-        numbers = part[known].unique()
-        if len(numbers) >= _FEW:
+    def selection_parts(self) -> Tensor:
+        r"""Returns the parts that are held out in turn to select degree and strength
+        :math:`(G, S)`: the recordings, or five blocks of each if there are one or two.
+        """
+        is_measured, part = self.is_measured, self.recording.expand(len(self.force), -1)
+        recordings = part[is_measured].unique()
+        if len(recordings) >= _MIN_RECORDINGS_TO_HOLD_OUT:
             return part
-        part = part * _BLOCKS
-        for number in numbers:
-            mine = known & (self.recording == number)
-            count = mine.sum(dim=1, keepdim=True).clamp(min=1)
-            part = part + (mine.cumsum(dim=1) - 1) * _BLOCKS // count * mine
+        part = part * _NUM_BLOCKS
+        for recording in recordings:
+            mask = is_measured & (self.recording == recording)
+            count = mask.sum(dim=1, keepdim=True).clamp(min=1)
+            part = part + (mask.cumsum(dim=1) - 1) * _NUM_BLOCKS // count * mask
         return part
 
 
 class _Fit(NamedTuple):
-    r"""Coefficients for each strength :math:`(A, G, N, M, D)`, and the range :math:`(G, N, C)`."""
+    r"""Coefficients for each strength :math:`(A, G, N, M, D)`, and the range of the readings
+    :math:`(G, N, C)`.
+    """
 
     coefficients: Tensor
     low: Tensor
     high: Tensor
     degree: int
 
-    def squares(self, rows: _Rows) -> Tensor:
-        r"""Returns the sums of the squared errors :math:`(A, D)`."""
+    def squared_errors(self, frames: _Frames) -> Tensor:
+        r"""Returns the sums of the squared errors over the measured forces :math:`(A, D)`."""
         total = torch.zeros(())
-        for taxel, known in enumerate(rows.known):
-            terms = _terms(rows.x[taxel][:, known], self.low[taxel], self.high[taxel], self.degree)
-            found = torch.einsum("nsm,anmd->asd", terms, self.coefficients[:, taxel])
-            total = total + (found - rows.force[taxel, known]).square().sum(dim=1)
+        for group, mask in enumerate(frames.is_measured):
+            terms = _terms(frames.x[group][:, mask], self.low[group], self.high[group], self.degree)
+            force = torch.einsum("nsm,anmd->asd", terms, self.coefficients[:, group])
+            total = total + (force - frames.force[group, mask]).square().sum(dim=1)
         return total
 
-    def beyond(self, rows: _Rows) -> Tensor:
-        r"""Returns the share of the known forces with a reading beyond the range."""
+    def fraction_outside(self, frames: _Frames) -> Tensor:
+        r"""Returns the fraction of the measured forces with a reading outside of the range."""
         low, high = self.low.unsqueeze(-2), self.high.unsqueeze(-2)
-        away = ((rows.x < low) | (rows.x > high)).any(-1).any(1)
-        return away[rows.known].double().mean()
+        is_outside = ((frames.x < low) | (frames.x > high)).any(-1).any(1)
+        return is_outside[frames.is_measured].double().mean()
 
 
 def fit_calibration(
@@ -125,28 +142,29 @@ def fit_calibration(
     source: str = "",
 ) -> CalibrationFit:
     r"""Fits a polynomial from readings to forces by ridge regression
-    (:class:`~sklearn.linear_model.Ridge`), and measures its error on each recording with the
-    others.
+    (:class:`~sklearn.linear_model.Ridge`), and measures its error on each recording after a fit on
+    the other recordings.
 
-    The readings are scaled to their range before. Degree and strength are those with the least
-    error on recordings left out *of the recordings that are fitted on*: a recording whose error is
-    measured has no part in them. If there are one or two to fit on, contiguous fifths of each are
-    left out instead.
+    The readings are first scaled to their range. Degree and strength are selected by the smallest
+    error on recordings held out *of the recordings for fitting*; the recording whose error is
+    measured never influences the selection. If only one or two recordings are left for fitting,
+    contiguous fifths of each are held out instead.
 
-    Neighbouring frames of a recording are nearly the same, so that splitting frames at random would
-    measure how well a force is remembered.
+    Consecutive frames of a recording are nearly equal. A random split of frames would therefore
+    measure how well the fit remembers forces.
 
     Args:
         x (torch.Tensor): The readings.
-        force (torch.Tensor): The forces that were measured, NaN where none was.
-        recording (torch.Tensor): The recording of each frame.
+        force (torch.Tensor): The measured forces, NaN where unknown.
+        recording (torch.Tensor): Recording of each frame.
         per (str): :obj:`"sensor"` for a force of all readings, or :obj:`"taxel"` for forces of each
-            taxel from its own channels.
-        degrees (sequence of int): The degrees to choose from; those with more than ten
-            thousand terms are passed over.
-        strengths (sequence of float): The strengths of the ridge to choose from.
+            taxel from its channels.
+        degrees (sequence of int): Candidate degrees. Degrees with more than ten thousand terms are
+            skipped.
+        strengths (sequence of float): Candidate strengths of the ridge regression.
         units (tuple of str): Units of readings and forces, for :class:`Calibrate`.
-        source (str): What the readings are, for :class:`Calibrate`; strength and errors follow.
+        source (str): Description of the recordings, for :class:`Calibrate`. Strength and errors are
+            appended.
 
     Shapes:
         - **x:** :math:`(S, N, C)`
@@ -154,39 +172,40 @@ def fit_calibration(
         - **recording:** :math:`(S,)`
 
     Raises:
-        ValueError: If there are fewer than two recordings, the shapes do not fit, or a recording
-            (of taxels, a taxel in the recordings that are fitted on) has no measured force.
+        ValueError: If there are fewer than two recordings, the shapes do not fit, a recording has
+            no measured force, or a taxel has none in the recordings for fitting.
     """
-    rows = _checked(x, force, recording, per)
-    _, num_taxels, _, num_channels = rows.x.shape
+    frames = _checked_frames(x, force, recording, per)
+    _, num_taxels, _, num_channels = frames.x.shape
     sizes = {degree: num_taxels * num_terms(num_channels, degree) for degree in degrees}
-    tried = [degree for degree, size in sizes.items() if size <= _MOST_TERMS]
-    need(tried, f"'degrees' must make {_MOST_TERMS} terms at most", sizes)
-    rmse, deviation, beyond, chosen = [], [], [], []
-    for rest, left in rows.left_out(rows.recording.expand(len(rows.force), -1)):
-        fit, _ = _chosen(rest, tried, strengths)
-        rmse.append((fit.squares(left)[0] / left.known.sum()).sqrt())
-        deviation.append(left.force[left.known].std(dim=0, correction=0))
-        beyond.append(fit.beyond(left))
-        chosen.append(fit.degree)
-    fit, strength = _chosen(rows, tried, strengths)
-    errors = ", ".join(" and ".join(f"{one:.4g}" for one in row.tolist()) for row in rmse)
+    candidates = [degree for degree, size in sizes.items() if size <= _MAX_TERMS]
+    need(candidates, f"'degrees' must make {_MAX_TERMS} terms at most", sizes)
+    rmse, deviation, beyond, selected_degrees = [], [], [], []
+    for train, test in frames.hold_out(frames.recording.expand(len(frames.force), -1)):
+        fit, _ = _select_fit(train, candidates, strengths)
+        rmse.append((fit.squared_errors(test)[0] / test.is_measured.sum()).sqrt())
+        deviation.append(test.force[test.is_measured].std(dim=0, correction=0))
+        beyond.append(fit.fraction_outside(test))
+        selected_degrees.append(fit.degree)
+    fit, strength = _select_fit(frames, candidates, strengths)
+    errors = ", ".join(" and ".join(f"{error:.4g}" for error in row.tolist()) for row in rmse)
     source += "; " if source else ""
     source += f"ridge of strength {strength:g}; RMSE of each recording left out: {errors}"
     tensors = fit.coefficients[0], fit.low, fit.high
-    coefficients, low, high = (value.flatten(0, 1) for value in tensors)
+    coefficients, low, high = (tensor.flatten(0, 1) for tensor in tensors)
     return CalibrationFit(
         Calibrate(coefficients, low, high, fit.degree, per, units, source),
         strength,
         torch.stack(rmse),
         torch.stack(deviation),
         torch.stack(beyond),
-        tuple(chosen),
-        int(rows.known.sum()),
+        tuple(selected_degrees),
+        int(frames.is_measured.sum()),
     )
 
 
-def _checked(x: Tensor, force: Tensor, recording: Tensor, per: str) -> _Rows:
+def _checked_frames(x: Tensor, force: Tensor, recording: Tensor, per: str) -> _Frames:
+    # The frames with a known force, sorted by recording.
     x, force = torch.as_tensor(x).double(), torch.as_tensor(force).double()
     recording = torch.as_tensor(recording)
     need_argument(
@@ -202,54 +221,58 @@ def _checked(x: Tensor, force: Tensor, recording: Tensor, per: str) -> _Rows:
             Argument("force"),
             f" must have shape {(*size, 'num_forces')}, per {per} (got {tuple(force.shape)})",
         )
-    need(recording.shape == (len(x),), "'recording' must have a number a frame", recording.shape)
+    need(recording.shape == (len(x),), "'recording' must have a number per frame", recording.shape)
     if per == "sensor":
         x, force = x.transpose(0, 1).unsqueeze(0), force.unsqueeze(0)
     else:
         x, force = x.transpose(0, 1).unsqueeze(1), force.transpose(0, 1)
     unknown = x.isnan().any(-1).any(1) | force.isnan().any(-1)
     force = force.masked_fill(unknown.unsqueeze(-1), torch.nan)
-    numbers = recording.unique()
-    if len(numbers) < 2:
+    recordings = recording.unique()
+    if len(recordings) < 2:
         raise ValueError(
-            "'recording' must be of two recordings or more, since the error is measured on one "
-            f"that is left out (got {len(numbers)})"
+            "'recording' must be of two recordings or more, since the error is measured on a "
+            f"held-out recording (got {len(recordings)})"
         )
-    for number in numbers.tolist():
-        if force[:, recording == number].isnan().all():
+    for index in recordings.tolist():
+        if force[:, recording == index].isnan().all():
             raise ArgumentError(
-                Argument("force"), f" must be measured in each recording (got none in {number})"
+                Argument("force"), f" must be measured in each recording (got none in {index})"
             )
     order = recording.argsort(stable=True)
     order = order[~unknown.all(0)[order]]
-    return _Rows(x[:, :, order], force[:, order], recording[order])
+    return _Frames(x[:, :, order], force[:, order], recording[order])
 
 
-def _chosen(rows: _Rows, degrees: Sequence[int], strengths: Sequence[float]) -> tuple[_Fit, float]:
-    # The fit of the degree and strength with the least error on what is left out of these rows.
+def _select_fit(
+    frames: _Frames, degrees: Sequence[int], strengths: Sequence[float]
+) -> tuple[_Fit, float]:
+    # The fit on all frames with the degree and strength of the smallest error on held-out parts.
     if len(degrees) == len(strengths) == 1:
-        return _fitted(rows, degrees[0], strengths), strengths[0]
-    errors, parts = [], rows.inner_parts()
+        return _fit(frames, degrees[0], strengths), strengths[0]
+    errors, parts = [], frames.selection_parts()
     for degree in degrees:
-        cut = rows.left_out(parts)
-        squares = [_fitted(rest, degree, strengths).squares(left).sum(1) for rest, left in cut]
+        splits = frames.hold_out(parts)
+        squares = [
+            _fit(train, degree, strengths).squared_errors(test).sum(1) for train, test in splits
+        ]
         errors.append(torch.stack(squares).sum(0))
     best = int(torch.stack(errors).argmin())
     degree, strength = degrees[best // len(strengths)], strengths[best % len(strengths)]
-    return _fitted(rows, degree, [strength]), strength
+    return _fit(frames, degree, [strength]), strength
 
 
-def _fitted(rows: _Rows, degree: int, strengths: Sequence[float]) -> _Fit:
+def _fit(frames: _Frames, degree: int, strengths: Sequence[float]) -> _Fit:
     coefficients, low, high = [], [], []
-    for taxel, (x, force) in enumerate(zip(rows.x, rows.force, strict=True)):
-        known = ~force.isnan().any(-1)
+    for taxel, (x, force) in enumerate(zip(frames.x, frames.force, strict=True)):
+        is_measured = ~force.isnan().any(-1)
         need_argument(
-            known.any(),
+            is_measured.any(),
             "force",
             f"must be measured in two recordings or more, and more than once, on each "
             f"taxel (got fewer on taxel {taxel})",
         )
-        x, force = x[:, known], force[known]
+        x, force = x[:, is_measured], force[is_measured]
         low.append(x.amin(1))
         high.append(x.amax(1))
         terms = _terms(x, low[-1], high[-1], degree)
@@ -262,13 +285,14 @@ def _terms(x: Tensor, low: Tensor, high: Tensor, degree: int) -> Tensor:
 
 
 def _ridge(terms: np.ndarray, force: np.ndarray, strengths: Sequence[float]) -> Tensor:
-    # All strengths of one decomposition (A, N, M, D). The first term of a taxel is one: of all
-    # together the intercept.
-    num_taxels, num_frames, count = terms.shape
+    # Coefficients (A, N, M, D). The targets are repeated for each strength, so that all strengths
+    # share one singular value decomposition. The first term of each taxel is constant; it gets an
+    # equal part of the intercept.
+    num_taxels, num_frames, terms_per_taxel = terms.shape
     inputs = terms[..., 1:].transpose(1, 0, 2).reshape(num_frames, -1)
     ridge = Ridge(np.repeat(strengths, force.shape[1]), solver="svd")
     ridge.fit(inputs, np.tile(force, (1, len(strengths))))
-    slope = np.reshape(ridge.coef_, (-1, num_taxels, count - 1))
-    start = np.broadcast_to(np.reshape(ridge.intercept_, (-1, 1, 1)), (*slope.shape[:2], 1))
-    found = np.concatenate([start / num_taxels, slope], axis=2)
-    return torch.from_numpy(found).unflatten(0, (len(strengths), -1)).permute(0, 2, 3, 1)
+    slope = np.reshape(ridge.coef_, (-1, num_taxels, terms_per_taxel - 1))
+    intercept = np.broadcast_to(np.reshape(ridge.intercept_, (-1, 1, 1)), (*slope.shape[:2], 1))
+    coefficients = np.concatenate([intercept / num_taxels, slope], axis=2)
+    return torch.from_numpy(coefficients).unflatten(0, (len(strengths), -1)).permute(0, 2, 3, 1)

@@ -1,4 +1,4 @@
-r"""How well the features of nodes form clusters by segment."""
+r"""Clustering of node features by segment."""
 
 from typing import Literal, NamedTuple
 
@@ -10,21 +10,22 @@ from torch_geometric_tactile.analysis.embedding import node_matrix
 
 
 class SegmentClustering(NamedTuple):
-    r"""The result of :func:`segment_clustering`: how well the segments of nodes form clusters in
-    the space of their features.
+    r"""The result of :func:`segment_clustering`: measures of the clusters that the segments of
+    nodes form in the space of their features.
 
     Args:
-        silhouette (float): Mean silhouette over the nodes: 1 if segments are tight and far apart, 0
-            if they overlap, negative if nodes are nearer to another segment than to their own.
+        silhouette (float): Mean silhouette over the nodes. It is 1 if segments are compact and far
+            apart, 0 if they overlap, and negative if nodes are nearer to another segment than to
+            their own.
         by_segment (torch.Tensor): Mean silhouette of each segment :math:`(S,)`; NaN if a segment
             has no node.
-        neighbor_share (float): Share of the nearest neighbours that are in the node's own segment.
-        chance_share (float): The share if features were independent of segments.
+        neighbor_share (float): Fraction of the nearest neighbours that are in the same segment.
+        chance_share (float): Expected fraction if features were independent of segments.
 
     Examples:
         >>> features = torch.tensor([[0.0], [0.1], [5.0], [5.1]])
-        >>> found = segment_clustering(features, torch.tensor([0, 0, 1, 1]), num_neighbors=1)
-        >>> found.neighbor_share, found.by_segment.shape
+        >>> clusters = segment_clustering(features, torch.tensor([0, 0, 1, 1]), num_neighbors=1)
+        >>> clusters.neighbor_share, clusters.by_segment.shape
         (1.0, torch.Size([2]))
     """
 
@@ -40,35 +41,37 @@ def segment_clustering(
     frames: Literal["joined", "mean"] = "joined",
     num_neighbors: int = 10,
 ) -> SegmentClustering:
-    r"""Measures clusters by segment in the space of the features, by Euclidean distance;
-    a picture of :func:`embed_nodes` only suggests them.
+    r"""Measures the clusters of segments in the space of the features, by Euclidean distance.
+    Unlike an image of :func:`embed_nodes`, the measures do not depend on an embedding.
 
-    Convolution alone makes neighbours on the graph alike, and segments with weights of their own
-    differ before any training. Only the difference from the readings themselves
-    and from an untrained model was learnt.
+    Convolutions make neighbours on the graph similar, and segments with separate weights differ
+    even without training. Only the difference from the readings and from an untrained model was
+    learnt.
 
     Args:
-        features (torch.Tensor): Node features of some frames, or of one.
-        segment (torch.Tensor): The segment of each node, such as
+        features (torch.Tensor): Node features of several frames or of one frame.
+        segment (torch.Tensor): Segment of each node, such as
             :meth:`layout.segments("patch") <torch_geometric_tactile.sensors.TaxelLayout.segments>`.
-        frames (str): How frames are joined; see
-            :func:`~torch_geometric_tactile.analysis.node_matrix`, which also scales.
-        num_neighbors (int): Number of nearest neighbours that are counted.
+        frames (str): Combination of the frames, see
+            :func:`~torch_geometric_tactile.analysis.node_matrix`, which also scales the features.
+        num_neighbors (int): Number of nearest neighbours for :obj:`neighbor_share`.
 
     Shapes:
         - **features:** :math:`(B, N, C)` or :math:`(N, C)`
         - **segment:** :math:`(N,)`
 
     Raises:
-        ValueError: If :obj:`segment` does not fit, all nodes are of one segment or each is of its
-            own, :obj:`num_neighbors` is not between 1 and the number of other nodes, or as
-            :func:`~torch_geometric_tactile.analysis.node_matrix`.
+        ValueError: If :obj:`segment` has another shape, all nodes are in one segment or each in a
+            separate one, :obj:`num_neighbors` is not between 1 and the number of other nodes, or an
+            argument is invalid in :func:`~torch_geometric_tactile.analysis.node_matrix`.
 
     Examples:
         >>> features = torch.tensor([[0.0], [0.1], [5.0], [5.1]])
-        >>> found = segment_clustering(features, torch.tensor([0, 0, 1, 1]), num_neighbors=1)
-        >>> round(found.silhouette, 2), found.neighbor_share, round(found.chance_share, 2)
-        (0.98, 1.0, 0.33)
+        >>> clusters = segment_clustering(features, torch.tensor([0, 0, 1, 1]), num_neighbors=1)
+        >>> round(clusters.silhouette, 2), clusters.neighbor_share
+        (0.98, 1.0)
+        >>> round(clusters.chance_share, 2)
+        0.33
     """
     rows = node_matrix(features, frames)
     segment = segment.detach().cpu().long()
@@ -78,10 +81,10 @@ def segment_clustering(
             f"'segment' must hold {num_nodes} numbers from 0, one for each node "
             f"(got shape {tuple(segment.shape)})"
         )
-    count = len(segment.unique())
-    if not 1 < count < num_nodes:
+    num_segments = len(segment.unique())
+    if not 1 < num_segments < num_nodes:
         raise ValueError(
-            f"'segment' must name between 2 and {num_nodes - 1} segments (got {count})"
+            f"'segment' must name between 2 and {num_nodes - 1} segments (got {num_segments})"
         )
     if not 1 <= num_neighbors < num_nodes:
         raise ValueError(
@@ -92,10 +95,10 @@ def segment_clustering(
     by_segment = torch.zeros(len(size), dtype=torch.double).index_add(0, segment, silhouette) / size
     distance = torch.cdist(rows.double(), rows.double()).fill_diagonal_(torch.inf)
     nearest = distance.topk(num_neighbors, largest=False).indices
-    own = (segment[nearest] == segment.view(-1, 1)).double().mean()
+    neighbor_share = (segment[nearest] == segment.view(-1, 1)).double().mean()
     return SegmentClustering(
         silhouette=float(silhouette.mean()),
         by_segment=by_segment.float(),
-        neighbor_share=float(own),
+        neighbor_share=float(neighbor_share),
         chance_share=float(((size - 1) * size).sum() / (num_nodes * (num_nodes - 1))),
     )

@@ -1,4 +1,4 @@
-r"""Confusion of classes and of labels."""
+r"""Confusion matrices of classes and labels."""
 
 import torch
 from sklearn.metrics import confusion_matrix, multilabel_confusion_matrix
@@ -6,7 +6,7 @@ from torch import Tensor
 
 
 def class_confusion(y: Tensor, prediction: Tensor, num_classes: int) -> Tensor:
-    r"""Counts the samples of each true class by predicted class.
+    r"""Returns the confusion matrix of classes.
 
     Args:
         y (torch.Tensor): The true classes.
@@ -15,12 +15,12 @@ def class_confusion(y: Tensor, prediction: Tensor, num_classes: int) -> Tensor:
 
     Shapes:
         - **y, prediction:** :math:`(S,)`
-        - **output:** counts, true class along the rows, predicted class along the columns
+        - **output:** numbers of samples, with true classes as rows and predicted classes as columns
           :math:`(C, C)`
 
     Raises:
-        ValueError: If the shapes differ, there is no sample, or a class is not below
-            :obj:`num_classes`.
+        ValueError: If the shapes differ, there is no sample, or a class is not from 0 to
+            :math:`C - 1`.
 
     Examples:
         >>> class_confusion(torch.tensor([0, 0, 1]), torch.tensor([0, 1, 1]), num_classes=2)
@@ -39,17 +39,16 @@ def class_confusion(y: Tensor, prediction: Tensor, num_classes: int) -> Tensor:
 
 
 def label_confusion(y: Tensor, prediction: Tensor) -> Tensor:
-    r"""Counts, for each label, the samples without and with it by prediction. A sample may have
-    several labels.
+    r"""Returns the confusion matrix of each label. A sample may have several labels.
 
     Args:
-        y (torch.Tensor): 0 or 1 for each label.
-        prediction (torch.Tensor): The predicted 0 or 1.
+        y (torch.Tensor): The true labels, 0 or 1.
+        prediction (torch.Tensor): The predicted labels, 0 or 1.
 
     Shapes:
         - **y, prediction:** :math:`(S, C)`
-        - **output:** for each label :obj:`[[true negative, false positive], [false negative, true
-          positive]]` :math:`(C, 2, 2)`
+        - **output:** numbers of samples :obj:`[[true negative, false positive], [false negative,
+          true positive]]` for each label :math:`(C, 2, 2)`
 
     Raises:
         ValueError: If the shapes differ, there is no sample, or a value is neither 0 nor 1.

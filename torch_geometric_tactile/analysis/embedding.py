@@ -1,4 +1,4 @@
-r"""Node features in two or three dimensions."""
+r"""Embedding of node features in two or three dimensions."""
 
 from typing import Literal
 
@@ -8,25 +8,25 @@ from torch import Tensor
 
 from torch_geometric_tactile._checks import need
 
-_MIN_NODES = 8  # with fewer, neither method has neighbourhoods to preserve
+_MIN_NODES = 8  # With fewer nodes, there are no neighbourhoods to preserve.
 
 
 def node_matrix(features: Tensor, frames: Literal["joined", "mean"] = "joined") -> Tensor:
-    r"""Returns one row for each node that describes it by its features in all frames.
+    r"""Returns a matrix with one row for each node: its scaled features in all frames.
 
     Each channel is centred and divided by its standard deviation over all nodes and frames, so that
-    none counts more for its unit; a channel that never changes becomes zero. Frames are not scaled
-    one by one: one with a weak touch stays weak.
+    its unit does not matter. A constant channel becomes zero. Frames are not scaled separately: a
+    frame with a weak touch stays weak.
 
     Args:
-        features (torch.Tensor): Node features of some frames, or of one.
-        frames (str): :obj:`"joined"` puts the features in all frames side by side, so that nodes
-            are near each other if they respond alike frame by frame. :obj:`"mean"` takes the mean
-            over the frames, which keeps the resting response and hides what touch changes.
+        features (torch.Tensor): Node features of several frames or of one frame.
+        frames (str): :obj:`"joined"` concatenates the features of all frames, so that nodes with
+            similar responses in each frame are near each other. :obj:`"mean"` averages over the
+            frames, which keeps the response at rest and hides changes by touch.
 
     Shapes:
         - **features:** :math:`(B, N, C)` or :math:`(N, C)`
-        - **output:** :math:`(N, B \cdot C)` or, of the means, :math:`(N, C)`
+        - **output:** :math:`(N, B \cdot C)`, or :math:`(N, C)` for :obj:`"mean"`
 
     Raises:
         ValueError: If :obj:`features` has another shape, no frame, or a number that is not finite,
@@ -51,7 +51,7 @@ def node_matrix(features: Tensor, frames: Literal["joined", "mean"] = "joined") 
         features = features.mean(dim=0, keepdim=True)
     mean = features.mean(dim=(0, 1))
     sd = features.std(dim=(0, 1), correction=0)
-    # Rounding gives a constant channel a deviation too.
+    # Rounding errors give a constant channel a small deviation.
     constant = sd <= 1e-6 * features.abs().amax(dim=(0, 1))
     scaled = torch.where(constant, 0.0, (features - mean) / sd.masked_fill(constant, 1.0))
     return scaled.transpose(0, 1).flatten(1)
@@ -65,25 +65,27 @@ def embed_nodes(
     frames: Literal["joined", "mean"] = "joined",
     num_neighbors: int | None = None,
 ) -> Tensor:
-    r"""Embeds nodes with similar features next to each other: t-SNE as in fig. 8 of the "Tactile
-    Object Property Recognition using Geometrical Graph Edge Features and Multi-Thread Graph
-    Convolutional Network" paper, UMAP as in fig. 5 of the "Multifingered Object Recognition with
-    Tactile Sensors and Graph Convolutional Networks using Topological Graph Segmentation" paper.
+    r"""Embeds nodes such that nodes with similar features are near each other: t-SNE as in fig. 8
+    of the "Tactile Object Property Recognition using Geometrical Graph Edge Features and
+    Multi-Thread Graph Convolutional Network" paper, or UMAP as in fig. 5 of the "Multifingered
+    Object Recognition with Tactile Sensors and Graph Convolutional Networks using Topological Graph
+    Segmentation" paper.
 
-    The papers do not say how they join frames or scale features; here :func:`node_matrix` does. The
-    same input and seed give the same places on one machine. Sizes and distances of clusters mean
-    little with either method: :func:`segment_clustering` measures in the space of the features.
+    The papers do not describe how frames are combined and features are scaled; :func:`node_matrix`
+    does both here. The same input and seed give the same embedding on one machine. Sizes and
+    distances of clusters are not meaningful with either method: :func:`segment_clustering` measures
+    clusters in the space of the features.
 
     Args:
-        features (torch.Tensor): Node features of some frames, or of one, such as
+        features (torch.Tensor): Node features of several frames or of one frame, such as
             :obj:`model.node_features(...)`.
         method (str): :obj:`"tsne"` (scikit-learn) or :obj:`"umap"` (umap-learn).
         num_components (int): Number of dimensions, 2 or 3.
         seed (int): Seed of the method.
-        frames (str): How the features of several frames are joined; see :func:`node_matrix`.
-        num_neighbors (int, optional): How many nodes make a neighbourhood: the perplexity of t-SNE
-            (30 if left out), the neighbours of UMAP (15 if left out). Fewer if there are
-            few nodes.
+        frames (str): Combination of the frames, see :func:`node_matrix`.
+        num_neighbors (int, optional): Number of nodes in a neighbourhood: the perplexity of t-SNE
+            (by default 30) or the neighbours of UMAP (by default 15). It is reduced if there are
+            fewer nodes.
 
     Shapes:
         - **features:** :math:`(B, N, C)` or :math:`(N, C)`
@@ -92,7 +94,8 @@ def embed_nodes(
     Raises:
         ImportError: If :obj:`method` is :obj:`"umap"` and umap-learn is missing.
         ValueError: If :obj:`method` or :obj:`num_components` is unknown, there are fewer than 8
-            nodes, :obj:`num_neighbors` is below 2, or as :func:`node_matrix`.
+            nodes, :obj:`num_neighbors` is below 2, or an argument is invalid in
+            :func:`node_matrix`.
 
     Examples:
         >>> embed_nodes(torch.randn(8, 30, 4), num_components=2).shape
@@ -109,17 +112,17 @@ def embed_nodes(
         perplexity = min(num_neighbors or 30, (num_nodes - 1) / 3)
         reducer = TSNE(num_components, perplexity=perplexity, init="pca", random_state=seed)
     else:
-        from umap import UMAP  # slow to import: numba compiles
+        from umap import UMAP  # Imported here, since numba compiles it on import.
 
         reducer = UMAP(
             n_components=num_components,
             n_neighbors=min(num_neighbors or 15, num_nodes - 1),
             random_state=seed,
-            n_jobs=1,  # more would not be reproducible
+            n_jobs=1,  # Several jobs are not reproducible.
         )
-    # numba, below UMAP, sets the threads of OpenMP, and so those of PyTorch, to one for each core.
-    threads = torch.get_num_threads()
+    # UMAP's numba sets the number of OpenMP threads, and with it that of PyTorch, to all cores.
+    num_threads = torch.get_num_threads()
     try:
         return torch.from_numpy(reducer.fit_transform(rows)).float()
     finally:
-        torch.set_num_threads(threads)
+        torch.set_num_threads(num_threads)

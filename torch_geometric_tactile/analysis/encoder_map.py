@@ -1,4 +1,4 @@
-r"""The weights of the dense encoder of edge features, by edge."""
+r"""Analysis of the weights of the dense encoder of edge features."""
 
 import copy
 from typing import NamedTuple
@@ -13,12 +13,13 @@ from torch_geometric_tactile._checks import need
 
 
 class EdgeSeparation(NamedTuple):
-    r"""The result of :func:`edge_separation`: how well a value of each edge separates edges between
-    segments from edges within one.
+    r"""The result of :func:`edge_separation`: the separation of edges between segments from edges
+    within a segment by a value of each edge.
 
     Args:
-        auc (float): Probability that an edge between segments has the larger value, with half of
-            the ties: 0.5 is chance, 1 is above all others, 0 below all others.
+        auc (float): Probability that an edge between segments has a larger value than an edge
+            within one, where ties count half: 0.5 is chance, 1 if all are larger, 0 if all are
+            smaller.
         between_mean (float): Mean value of the edges between segments.
         within_mean (float): Mean value of the edges within a segment.
         num_between (int): Number of edges between segments.
@@ -43,20 +44,20 @@ def encoder_blocks(
     edge_dim: int = 4,
     out_channels: int = 4,
 ) -> Tensor:
-    r"""Returns how strongly each edge acts on each node in a dense encoder of edge features: the
-    mean absolute value of the weights between its features and the features of the node.
+    r"""Returns the strength of each edge's influence on each node in a dense encoder of edge
+    features: the mean absolute weight between the features of the edge and those of the node.
 
     Args:
-        weight (torch.Tensor or torch.nn.Module): The weight, with node after node along the rows
-            and edge after edge along the columns; or an encoder that has it as :obj:`lin.weight`.
-        num_nodes (int, optional): The number of taxels :math:`N` that the weight must have.
-        num_edges (int, optional): The number of edges :math:`|\mathcal{E}|` that it must have.
+        weight (torch.Tensor or torch.nn.Module): The weight, with the features of node after node
+            as rows and of edge after edge as columns, or an encoder with that :obj:`lin.weight`.
+        num_nodes (int, optional): Number of taxels :math:`N`, to check the weight.
+        num_edges (int, optional): Number of edges :math:`|\mathcal{E}|`, to check the weight.
         edge_dim (int): Number of features of an edge :math:`D`.
         out_channels (int): Number of features of a node :math:`C`.
 
     Shapes:
         - **weight:** :math:`(N \cdot C, |\mathcal{E}| \cdot D)`
-        - **output:** :math:`(|\mathcal{E}|, N)`, as double
+        - **output:** :math:`(|\mathcal{E}|, N)`, in double precision
 
     Raises:
         ValueError: If there is no weight, or it has another shape.
@@ -66,7 +67,7 @@ def encoder_blocks(
         tensor([[2.],
                 [2.]], dtype=torch.float64)
     """
-    weight = _weight(weight).detach().cpu().double()
+    weight = _encoder_weight(weight).detach().cpu().double()
     for name, size in (("edge_dim", edge_dim), ("out_channels", out_channels)):
         if size < 1:
             raise ValueError(f"'{name}' must be at least 1 (got {size})")
@@ -95,20 +96,20 @@ def encoder_map(
     edge_dim: int = 4,
     out_channels: int = 4,
 ) -> Tensor:
-    r"""The map of edges in fig. 7 of the "Tactile Object Property Recognition using Geometrical
-    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper: one value for each
-    edge, the first principal component of :func:`encoder_blocks`, where an edge is a sample and a
-    node is a variable.
+    r"""Returns the map of edges in fig. 7 of the "Tactile Object Property Recognition using
+    Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network" paper: the first
+    principal component of :func:`encoder_blocks` for each edge, where edges are samples and nodes
+    are variables.
 
-    The sign of a principal component means nothing. Here it is such that the component rises with
-    an edge's mean absolute weight over all nodes (their correlation is not negative), so that a
-    larger value means an edge with larger weights. The paper does not say which sign it took, so
-    that its red and blue may be swapped from one of its maps to the other.
+    The sign of a principal component is arbitrary. Here it is chosen such that the correlation of
+    the component with an edge's mean absolute weight over all nodes is not negative, so that larger
+    values are edges with larger weights. The paper does not define the sign, so red and blue may be
+    swapped between its maps.
 
     Args:
-        weight (torch.Tensor or torch.nn.Module): As of :func:`encoder_blocks`.
-        num_nodes (int, optional): The number of taxels :math:`N` that the weight must have.
-        num_edges (int, optional): The number of edges :math:`|\mathcal{E}|` that it must have.
+        weight (torch.Tensor or torch.nn.Module): As in :func:`encoder_blocks`.
+        num_nodes (int, optional): Number of taxels :math:`N`, to check the weight.
+        num_edges (int, optional): Number of edges :math:`|\mathcal{E}|`, to check the weight.
         edge_dim (int): Number of features of an edge.
         out_channels (int): Number of features of a node.
 
@@ -132,25 +133,25 @@ def encoder_map(
     if not centred.any():
         return torch.zeros(len(blocks))
     component = PCA(n_components=1, svd_solver="full").fit_transform(centred.numpy())
-    value = torch.from_numpy(component).view(-1)
-    sign = -1.0 if float(value @ centred.mean(dim=1)) < 0 else 1.0
-    return (sign * value).float()
+    edge_values = torch.from_numpy(component).view(-1)
+    sign = -1.0 if float(edge_values @ centred.mean(dim=1)) < 0 else 1.0
+    return (sign * edge_values).float()
 
 
 def edge_separation(value: Tensor, edge_index: Tensor, segment: Tensor) -> EdgeSeparation:
-    r"""Measures how well a value of each edge separates edges between segments from edges within
-    one.
+    r"""Measures the separation of edges between segments from edges within a segment by a value of
+    each edge.
 
-    With patches as segments, this is how the paper reads its map. To tell whether the separation
-    was learnt, compare with :func:`untrained_separation` and with the lengths of the edges
-    (:obj:`edge_attr[:, 0]`), since the gradients of a longer edge are larger.
+    With patches as segments, this quantifies the paper's interpretation of its map. To check
+    whether the separation was learnt, compare it with :func:`untrained_separation` and with that of
+    the edge lengths (:obj:`edge_attr[:, 0]`), since longer edges have larger gradients.
 
     Args:
         value (torch.Tensor): One value for each edge.
         edge_index (torch.Tensor): The edges.
-        segment (torch.Tensor): The segment of each taxel, such as
-            :meth:`layout.segments("patch") <torch_geometric_tactile.sensors.TaxelLayout.segments>`;
-            with :obj:`layout.link`, the edges between segments are those across a joint.
+        segment (torch.Tensor): Segment of each taxel, such as
+            :meth:`layout.segments("patch") <torch_geometric_tactile.sensors.TaxelLayout.segments>`.
+            With :obj:`layout.link`, the edges between segments are those across a joint.
 
     Shapes:
         - **value:** :math:`(|\mathcal{E}|,)`
@@ -158,7 +159,8 @@ def edge_separation(value: Tensor, edge_index: Tensor, segment: Tensor) -> EdgeS
         - **segment:** :math:`(N,)`
 
     Raises:
-        ValueError: If a shape does not fit, a value is not finite, or all edges are of one kind.
+        ValueError: If a shape does not fit, a value is not finite, or all edges are between
+            segments or all within segments.
 
     Examples:
         >>> edge_index = torch.tensor([[0, 1, 1], [1, 0, 2]])
@@ -205,15 +207,16 @@ def untrained_separation(
     edge_dim: int = 4,
     out_channels: int = 4,
 ) -> Tensor:
-    r"""Returns the AUC of :func:`edge_separation` for copies of an encoder with new random weights:
-    only the difference of a trained encoder from them was learnt.
+    r"""Returns the AUC of :func:`edge_separation` for copies of an encoder with random weights.
+    Only the difference of a trained encoder from these values was learnt.
 
     Args:
         encoder (torch.nn.Module): The encoder, with :obj:`lin.weight` and
-            :obj:`reset_parameters`; it is left as it is, and so is the global random generator.
+            :obj:`reset_parameters`. It does not change, and neither does the state of the global
+            random generator.
         edge_index (torch.Tensor): The edges :math:`(2, |\mathcal{E}|)`.
-        segment (torch.Tensor): The segment of each taxel :math:`(N,)`.
-        num_seeds (int): Number of copies; their seeds are 0, 1, 2 and so on.
+        segment (torch.Tensor): Segment of each taxel :math:`(N,)`.
+        num_seeds (int): Number of copies, with the seeds 0, 1, 2 and so on.
         edge_dim (int): Number of features of an edge.
         out_channels (int): Number of features of a node.
 
@@ -221,8 +224,8 @@ def untrained_separation(
         - **output:** :math:`(S,)` for :math:`S` seeds
 
     Raises:
-        ValueError: If :obj:`num_seeds` is below one, or as :func:`encoder_map` and
-            :func:`edge_separation`.
+        ValueError: If :obj:`num_seeds` is below one, or an argument is invalid in
+            :func:`encoder_map` or :func:`edge_separation`.
 
     Examples:
         >>> from torch_geometric_tactile.nn import EdgeFeatureEncoder
@@ -232,26 +235,30 @@ def untrained_separation(
         torch.Size([2])
     """
     need(num_seeds >= 1, "'num_seeds' must be at least 1", num_seeds)
-    fresh = copy.deepcopy(encoder).cpu()
+    untrained = copy.deepcopy(encoder).cpu()
     aucs = []
     for seed in range(num_seeds):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            fresh.reset_parameters()  # type: ignore[operator]
+            untrained.reset_parameters()  # type: ignore[operator]
         value = encoder_map(
-            fresh, len(segment), edge_index.size(1), edge_dim=edge_dim, out_channels=out_channels
+            untrained,
+            len(segment),
+            edge_index.size(1),
+            edge_dim=edge_dim,
+            out_channels=out_channels,
         )
         aucs.append(edge_separation(value, edge_index, segment).auc)
     return torch.tensor(aucs)
 
 
-def _weight(weight: Tensor | Module) -> Tensor:
+def _encoder_weight(weight: Tensor | Module) -> Tensor:
     if isinstance(weight, Tensor):
         return weight
-    found = getattr(getattr(weight, "lin", None), "weight", None)
-    if not isinstance(found, Tensor):
+    lin_weight = getattr(getattr(weight, "lin", None), "weight", None)
+    if not isinstance(lin_weight, Tensor):
         raise ValueError(
             "'weight' must be a tensor or an encoder with 'lin.weight' "
             f"(got {type(weight).__name__})"
         )
-    return found
+    return lin_weight

@@ -1,4 +1,4 @@
-r"""Receiver operating characteristics of many classes or labels."""
+r"""Receiver operating characteristics of several classes or labels."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -17,7 +17,7 @@ class RocCurve(NamedTuple):
     :func:`~torch_geometric_tactile.visualization.plot_roc` draws it.
 
     Args:
-        fpr (numpy.ndarray): False positive rates :math:`(P,)`, rising.
+        fpr (numpy.ndarray): False positive rates :math:`(P,)`, in ascending order.
         tpr (numpy.ndarray): True positive rates :math:`(P,)`.
         auc (float): Area under the curve.
 
@@ -34,11 +34,12 @@ class RocCurve(NamedTuple):
 
 
 def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocCurve]:
-    r"""Returns the curve of each class against all others, or of each label, and their mean.
+    r"""Returns the ROC curve of each class against the other classes, or of each label, and their
+    mean.
 
-    The last one, :obj:`"mean of all"`, has the mean true positive rate at each false positive rate,
-    and the mean of the areas (the macro average). A class of no sample or of all samples has no
-    curve and is left out.
+    The last curve, :obj:`"mean of all"`, has the mean true positive rate at each false positive
+    rate, and the mean of the areas (the macro average). A class without samples, or with all
+    samples, has no curve.
 
     Args:
         y (torch.Tensor): The true classes, or 0 or 1 for each label.
@@ -50,8 +51,8 @@ def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocC
         - **score:** :math:`(S, C)`
 
     Raises:
-        ValueError: If a shape does not fit, a score is not finite, two names are alike, or no class
-            has samples of both kinds.
+        ValueError: If a shape does not fit, a score is not finite, two names are equal, or each
+            class has either no samples or all of them.
 
     Examples:
         >>> import torch
@@ -83,7 +84,7 @@ def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocC
             curves[name] = RocCurve(fpr, tpr, float(roc_auc_score(truth[:, i], scores[:, i])))
     need(curves, "'y' must have samples with and without a class (got one kind only)")
     grid = np.unique(np.concatenate([curve.fpr for curve in curves.values()]))
-    # Just before and at each rate: foot and top of a vertical step.
+    # Each rate and the number just below it, so that vertical steps stay vertical.
     grid = np.stack([np.nextafter(grid, -1.0), grid], axis=1).ravel()
     mean = np.mean([np.interp(grid, curve.fpr, curve.tpr) for curve in curves.values()], axis=0)
     area = float(np.mean([curve.auc for curve in curves.values()]))

@@ -1,4 +1,4 @@
-r"""Recordings one after the other, as frames on disk and trials."""
+r"""Conversion of a sequence of recordings to frames on disk and trials."""
 
 import logging
 import os
@@ -17,15 +17,15 @@ from torch import Tensor
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data._column_order import column_names, in_column_order
-from torch_geometric_tactile.datasets._trial import Trial, check_together, make_trial
+from torch_geometric_tactile.datasets._trial import Trial, check_compatible, make_trial
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _logger = logging.getLogger(__name__)
 
 
 class FrameFiles:
-    r"""Named arrays with a row for each frame, each in a temporary file that nothing else sees and
-    that is gone at the end.
+    r"""Named arrays with a row for each frame, each in an anonymous temporary file that is removed
+    when the context ends. Data sets larger than memory are processed with them.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -38,10 +38,10 @@ class FrameFiles:
         self._types: dict[str, np.dtype] = {}
 
     def add(self, name: str, rows: np.ndarray) -> None:
-        r"""Writes rows behind those that there are.
+        r"""Appends rows to an array. The first rows set its type and the shape of a row.
 
         Shapes:
-            - **rows:** The rows :math:`(T, ...)`, of the shape and type of the first.
+            - **rows:** The rows :math:`(T, ...)`.
         """
         if name not in self._files:
             self._files[name] = self._open.enter_context(
@@ -53,23 +53,26 @@ class FrameFiles:
         if rows.shape[1:] != (*shape,):
             raise ValueError(f"'{name}' must have rows of shape {(*shape,)} (got {rows.shape[1:]})")
         rows = np.ascontiguousarray(rows, dtype=self._types[name])
-        left = rows.reshape(-1).view(np.uint8).data
+        remaining = rows.reshape(-1).view(np.uint8).data
         try:
-            while len(left):
-                left = left[self._files[name].write(left) :]
+            # An unbuffered file may write only a part of the bytes, as on a full disk.
+            while len(remaining):
+                remaining = remaining[self._files[name].write(remaining) :]
         except OSError as error:
-            place = str(self._folder or tempfile.gettempdir())
-            raise OSError(error.errno, os.strerror(error.errno or 0), place) from error
+            folder = str(self._folder or tempfile.gettempdir())
+            raise OSError(error.errno, os.strerror(error.errno or 0), folder) from error
         self._shapes[name] = (length + len(rows), *shape)
 
     def shape(self, name: str) -> tuple[int, ...] | None:
-        r"""Returns the shape of an array, or nothing if it has no rows yet."""
+        r"""Returns the shape of an array, or :obj:`None` if it has no rows yet."""
         return self._shapes.get(name)
 
     def tensor(self, name: str) -> Tensor:
-        r"""Returns an array, memory-mapped; what is written to it stays in memory."""
+        r"""Returns an array as a memory-mapped tensor. Writing to the tensor does not change the
+        file.
+        """
         shape, dtype = self._shapes[name], self._types[name]
-        if 0 in shape:  # which cannot be mapped
+        if 0 in shape:  # An empty file cannot be mapped.
             return torch.from_numpy(np.zeros(shape, dtype))
         return torch.from_numpy(np.memmap(self._files[name], dtype, mode="c", shape=shape))
 
@@ -90,7 +93,7 @@ class FrameFiles:
 
 @dataclass(frozen=True)
 class FrameReader:
-    r"""What recordings must be to be read as frames."""
+    r"""Reads recordings that fit a layout and have the same columns and units."""
 
     layout: TaxelLayout
     pattern: str
@@ -103,7 +106,8 @@ class FrameReader:
         self, recordings: Iterable[tuple[str, str, Recording]], folder: Path | None
     ) -> tuple[Tensor, list[Trial]]:
         r"""Returns the readings of all frames, mapped from a temporary file, and the trials.
-        Columns with names are in the order of the first recording that knows them.
+
+        Named columns are put into the order of the first recording that names them.
 
         Shapes:
             - **output:** readings :math:`(S, N, C)`
@@ -112,9 +116,9 @@ class FrameReader:
         num_missing, num_channels = 0, self.num_channels
         columns: dict[str, list[str]] = {}
         with FrameFiles(folder) as files:
-            for where, name, given in recordings:
+            for where, name, original in recordings:
                 try:
-                    recording = in_column_order(given, columns)
+                    recording = in_column_order(original, columns)
                     columns = {**column_names(recording), **columns}
                 except ValueError as error:
                     raise ValueError(f"{where}: {error}") from error
@@ -122,8 +126,8 @@ class FrameReader:
                 num_channels = num_channels or recording.num_channels
                 if recording.num_channels != num_channels:
                     raise ValueError(
-                        f"{where} must have {num_channels} channels a taxel, as {trials[0].where} "
-                        f"(got {recording.num_channels})"
+                        f"{where} must have {num_channels} channels per taxel, as "
+                        f"{trials[0].where} (got {recording.num_channels})"
                     )
                 files.add("x", recording.tactile)
                 num_missing += int(recording.missing.sum())
@@ -136,7 +140,7 @@ class FrameReader:
                 num_missing,
                 num_frames * self.layout.num_taxels,
             )
-        check_together(trials, self.unit)
+        check_compatible(trials, self.unit)
         return x, trials
 
     def _trial(self, where: str, name: str, recording: Recording) -> Trial:
@@ -148,10 +152,10 @@ class FrameReader:
             pattern=self.pattern,
             needs=self.needs,
         )
-        for what, count, expected in (
-            ("channels a taxel", recording.num_channels, self.num_channels),
-            ("joint angles a frame, in 'joint'", recording.num_joints, self.num_joints),
+        for columns, count, expected in (
+            ("channels per taxel", recording.num_channels, self.num_channels),
+            ("joint angles per frame in 'joint'", recording.num_joints, self.num_joints),
         ):
             if expected not in (None, count):
-                raise ValueError(f"{where} must have {expected} {what} (got {count or 'none'})")
+                raise ValueError(f"{where} must have {expected} {columns} (got {count or 'none'})")
         return trial

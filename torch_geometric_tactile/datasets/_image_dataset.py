@@ -18,9 +18,10 @@ _PARTS = ("train", "test")
 
 
 class ImageDataset(RawFiles):
-    r"""A data set whose samples are images of 32 x 32 pixels, of which some are held out by folds.
-    Base class of :class:`~torch_geometric_tactile.datasets.LetterShape` and
-    :class:`~torch_geometric_tactile.datasets.DigitImages`, which set the attributes.
+    r"""Base class of data sets of 32 x 32 images that are split by folds,
+    :class:`~torch_geometric_tactile.datasets.LetterShape` and
+    :class:`~torch_geometric_tactile.datasets.DigitImages`. A subclass sets the attributes before it
+    calls :meth:`__init__`.
     """
 
     fold: int | None
@@ -48,7 +49,7 @@ class ImageDataset(RawFiles):
             raise ValueError(f"'fold' must be between 0 and {self.folds - 1} (got {self.fold})")
         is_filtered = pre_transform is not None or pre_filter is not None
         edge_index = None if self.adjacency is None else self.layout.edge_index(self.adjacency)
-        if not is_filtered:  # else the filter or transform has seen the edges
+        if not is_filtered:  # Otherwise the processed samples depend on the edges.
             self.selection_args = (*self.selection_args, "adjacency")
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         if not is_filtered:
@@ -60,7 +61,7 @@ class ImageDataset(RawFiles):
             parts = protocol.split(self, self.split_seed, self.fold or 0)
             self._indices = getattr(parts, self.split).tolist()
 
-    def _stacked(self, **columns: Tensor) -> StaticData:
+    def _to_data(self, **columns: Tensor) -> StaticData:
         edges = None if self.adjacency is None else self.layout.edge_index(self.adjacency)
         pos, normal = self.layout.pos, self.layout.normal
         return self._as_images(StaticData(edge_index=edges, pos=pos, normal=normal, **columns))
@@ -73,8 +74,8 @@ class ImageDataset(RawFiles):
 
     @property
     def image(self) -> Tensor:
-        r"""The images of this selection :math:`(S, 1, 32, 32)`; of the whole data set, a view of
-        its :obj:`x`.
+        r"""The images of this selection :math:`(S, 1, 32, 32)`. For the complete data set they are
+        a view of :obj:`x`.
         """
         if not has_image(self.layout):
             raise ValueError(
@@ -86,7 +87,7 @@ class ImageDataset(RawFiles):
 
 
 def has_image(layout: TaxelLayout) -> bool:
-    r"""Tells whether the taxels of a layout are 32 x 32 pixels, row by row."""
+    r"""Returns whether the taxels of a layout are 32 x 32 pixels, row by row."""
     if layout.num_taxels != ROWS * COLUMNS or layout.image_map is None:
         return False
     image_map = letter_array().image_map

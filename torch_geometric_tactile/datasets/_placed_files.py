@@ -1,4 +1,4 @@
-r"""Data sets of files that may be in several places, and the frames of their trials."""
+r"""Data sets whose files may be in one of several folders, and attributes of their frames."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,8 +11,8 @@ from torch_geometric_tactile.datasets._raw_files import RawFiles
 
 
 class PlacedFiles(RawFiles):
-    r"""A data set whose files are in the first of some usual folders in :obj:`root` that has any. A
-    subclass lists the files of a folder.
+    r"""A data set whose files are in one of several folders of :obj:`root`. The first folder that
+    has any of the files is used. A subclass lists the files of a folder.
     """
 
     _folders: tuple[str, ...] = ("raw", ".")
@@ -22,27 +22,29 @@ class PlacedFiles(RawFiles):
 
     @property
     def raw_dir(self) -> str:
-        r"""The folder of the files: the first of their usual places in :obj:`root` that has any."""
+        r"""The folder of the files: the first of the possible folders that has any."""
         places = [Path(self.root, name) for name in self._folders]
         return str(next(filter(self._files_in, places), places[0]))
 
     @property
     def raw_file_names(self) -> list[str]:
-        r"""The files, in order."""
+        r"""The paths of the files relative to :obj:`raw_dir`, in order."""
         folder = Path(self.raw_dir)
         return [path.relative_to(folder).as_posix() for path in self._files_in(folder)]
 
 
-def frames_of_trials(
+def trials_to_frames(
     num_frames: Sequence[int], **values: Sequence[int] | Tensor
 ) -> dict[str, Tensor]:
-    r"""Returns the number of the trial of each frame, :obj:`trial`, and what else is known of each
-    trial, for its frames.
+    r"""Returns the trial index of each frame, :obj:`trial`, and the values of each trial repeated
+    for its frames.
 
     Examples:
-        >>> frames_of_trials([2, 1], y=[7, 5])
+        >>> trials_to_frames([2, 1], y=[7, 5])
         {'trial': tensor([0, 0, 1]), 'y': tensor([7, 7, 5])}
     """
     trials: dict[str, Any] = {"trial": range(len(num_frames)), **values}
     counts = torch.tensor(num_frames)
-    return {key: torch.as_tensor(each).repeat_interleave(counts) for key, each in trials.items()}
+    return {
+        key: torch.as_tensor(column).repeat_interleave(counts) for key, column in trials.items()
+    }

@@ -1,4 +1,4 @@
-r"""Data sets of files: where they are, where they come from, and whether they have changed."""
+r"""Base classes of data sets that are read from files: folders, download and change detection."""
 
 import hashlib
 import logging
@@ -15,17 +15,17 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.datasets.root import default_root
 
 _logger = logging.getLogger(__name__)
-_END = 1 << 16  # bytes of a file that are read at each end
-_LONG_READING_BYTES = 20_000_000  # of all files, which take seconds to minutes
+_END_BYTES = 1 << 16  # hashed at each end of a file
+_LONG_READING_BYTES = 20_000_000  # of all files: from this size on, reading takes seconds
 
 
 class RawFiles(StaticDataset):
-    r"""A data set that is read from files. A subclass names them in :obj:`raw_file_names`, its
-    default folder and its processed file in two attributes, and says what to do without files.
+    r"""A data set that is read from files. A subclass defines :obj:`raw_file_names`, the names of
+    its default folder and its processed file, and the error message for missing files.
     """
 
     force_reload: bool
-    _folder: str | None = None  # of the data set, where no root is given
+    _folder: str | None = None  # name of the default root
     _processed_name: str
 
     def __init__(
@@ -43,7 +43,7 @@ class RawFiles(StaticDataset):
     @property
     def raw_paths(self) -> list[str]:
         r"""The paths of the raw files."""
-        folder = Path(self.raw_dir)  # looked up once for all
+        folder = Path(self.raw_dir)  # Once for all names, since it may list folders.
         return [str(folder / name) for name in self.raw_file_names]
 
     @property
@@ -52,14 +52,15 @@ class RawFiles(StaticDataset):
         return self._processed_name
 
     def raw_state(self) -> list[str]:
-        r"""Returns the raw files with what their contents are known by: their sizes, hashes of
-        their ends and, of long ones, the times of their last changes.
+        r"""Returns a text for each raw file that changes with its content, see
+        :func:`file_state`.
         """
         folder = Path(self.raw_dir)
         files = [name for name in self._state_names() if (folder / name).is_file()]
         return [f"{name}={file_state(folder / name)}" for name in files]
 
     def _state_names(self) -> list[str]:
+        # The files whose changes make the processed file outdated.
         return list(self.raw_file_names)
 
     def _process(self) -> None:
@@ -82,28 +83,29 @@ class RawFiles(StaticDataset):
             )
 
     def _need_files(self) -> None:
-        # Checks that there is something to process.
+        # Raises an error if there are no files to process.
         if not self.raw_file_names:
             raise FileNotFoundError(self._no_files())
 
     def _no_files(self) -> str:
+        # The error message for missing files.
         raise NotImplementedError
 
     @property
     def num_classes(self) -> int:
-        r"""The number of classes or labels, also where a selection lacks one of them."""
+        r"""The number of classes or labels of the data set. A selection may lack some of them."""
         return len(self.class_names)
 
     @property
     def trial_names(self) -> list[str]:
-        r"""The names of the files behind :obj:`trial`, without their suffix; empty if a file holds
-        many trials.
+        r"""The file name of each :obj:`trial`, without suffix. The list is empty if a file holds
+        several trials.
         """
         return list(self._names.get("trial", ()))
 
 
 class PublishedFiles(RawFiles):
-    r"""A data set of files that are downloaded, and known by their checksums. A subclass sets
+    r"""A data set of files that are downloaded and verified by their checksums. A subclass sets
     :obj:`checksum`.
     """
 
@@ -113,7 +115,7 @@ class PublishedFiles(RawFiles):
 
     @property
     def raw_dir(self) -> str:
-        r"""The folder of the files: :obj:`root/raw`, or :obj:`root` where that has all of them."""
+        r"""The folder of the files: :obj:`root` if it has all of them, else :obj:`root/raw`."""
         is_in_root = all(Path(self.root, name).is_file() for name in self._sha256)
         return str(self.root if is_in_root else Path(self.root, "raw"))
 
@@ -124,11 +126,16 @@ class PublishedFiles(RawFiles):
 
     @property
     def processed_file_names(self) -> str:
-        r"""One file for all selections, and another one without :obj:`checksum`."""
+        r"""The processed file of all selections; unverified files have a separate one."""
         return f"{self._processed_name}{'' if self.checksum else '_unverified'}.pt"
 
     def download(self) -> None:
-        r"""Downloads the files that are missing, and verifies their checksums."""
+        r"""Downloads missing files and verifies their checksums.
+
+        Raises:
+            ConnectionError: If a file cannot be downloaded.
+            ValueError: If a downloaded file does not have the published checksum.
+        """
         get = pooch.HTTPDownloader(progressbar=self.log, timeout=20)
         folder = Path(self.raw_dir)
         for name, published in self._sha256.items():
@@ -137,11 +144,11 @@ class PublishedFiles(RawFiles):
             try:
                 with atomic_path(folder / name) as temporary:
                     get(f"{self.url}/{self._path_at_url(name)}", str(temporary), None)
-                    found = self._hash(temporary)
-                    if found != published:
+                    checksum = self._hash(temporary)
+                    if checksum != published:
                         raise ValueError(
                             f"the hash of downloaded file '{name}' must be {published} (got "
-                            f"{found}); put the file into '{folder}' by hand"
+                            f"{checksum}); put the file into '{folder}' by hand"
                         )
             except requests.RequestException as error:
                 raise ConnectionError(
@@ -153,33 +160,33 @@ class PublishedFiles(RawFiles):
         return name
 
     def _hash(self, path: PathLike) -> str:
-        # What the published hash is of.
+        # A subclass whose archive is generated at each download hashes a part of it.
         return file_sha256(path)
 
     def _verify(self) -> None:
-        # Compares the files with the checksums of the published ones, if that is wanted.
+        # Compares the files with the published checksums, unless checksum=False.
         for path in self.raw_paths if self.checksum else ():
-            published, found = self._sha256[Path(path).name], self._hash(path)
-            if found != published:
+            published, checksum = self._sha256[Path(path).name], self._hash(path)
+            if checksum != published:
                 raise ValueError(
-                    f"'{path}' must have the SHA-256 checksum {published} (got {found}); "
+                    f"'{path}' must have the SHA-256 checksum {published} (got {checksum}); "
                     "delete it to download it again, or pass 'checksum=False' to read it as it is"
                 )
 
 
 def file_state(path: PathLike) -> str:
-    r"""Returns a text that changes with a file: its size, a hash of its first and last 64 KiB and,
-    where that is not all of it, the time of its last change. It takes no time that depends on the
-    size of the file.
+    r"""Returns a text that changes with the content of a file: its size, a hash of its first and
+    last 64 KiB and, for files above 128 KiB, the time of the last change. The cost does not depend
+    on the size of the file.
 
-    A short file that was copied or touched stays the same; a long one counts as changed, since only
-    its time can tell of its middle.
+    A short file that was copied or touched keeps its state. A long one counts as changed, since
+    changes in its middle are detected only by the time.
     """
     with Path(path).open("rb") as file:
         stat = os.fstat(file.fileno())
-        code = hashlib.blake2b(file.read(_END), digest_size=16)
-        if stat.st_size > _END:
-            file.seek(max(_END, stat.st_size - _END))
-            code.update(file.read(_END))
-    time = f",{stat.st_mtime_ns}" if stat.st_size > 2 * _END else ""
-    return f"{stat.st_size},{code.hexdigest()}{time}"
+        digest = hashlib.blake2b(file.read(_END_BYTES), digest_size=16)
+        if stat.st_size > _END_BYTES:
+            file.seek(max(_END_BYTES, stat.st_size - _END_BYTES))
+            digest.update(file.read(_END_BYTES))
+    time = f",{stat.st_mtime_ns}" if stat.st_size > 2 * _END_BYTES else ""
+    return f"{stat.st_size},{digest.hexdigest()}{time}"

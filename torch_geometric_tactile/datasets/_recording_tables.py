@@ -1,4 +1,4 @@
-r"""What CSV files in a folder of recordings tell of them."""
+r"""Annotations, labels and metadata of recordings from CSV files in their folder."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -15,11 +15,11 @@ from torch_geometric_tactile.io._folder_tables import (
     read_labels,
 )
 
-_Told = TypeVar("_Told")
+_Row = TypeVar("_Row")
 
 
 def table_paths(folders: Iterable[Path]) -> list[Path]:
-    r"""Returns the ``annotations.csv`` and ``labels.csv`` in some folders."""
+    r"""Returns the paths of ``annotations.csv`` and ``labels.csv`` in folders."""
     return [
         folder / name
         for folder in sorted({*folders})
@@ -29,8 +29,10 @@ def table_paths(folders: Iterable[Path]) -> list[Path]:
 
 
 class RecordingTables:
-    r"""The annotations, labels and metadata that tables tell of recordings, whose names in a table
-    are relative to its folder, or to the folder of all recordings if that is inside.
+    r"""The annotations, labels and metadata of recordings from CSV tables.
+
+    The names of recordings in a table are relative to the folder of the table, or to the folder of
+    all recordings if the table is outside of it.
     """
 
     def __init__(self, tables: Sequence[Path], folder: Path, recordings: Sequence[Path]) -> None:
@@ -42,21 +44,25 @@ class RecordingTables:
                 for path, rows in _by_path(table, read_annotations(table), base, recordings):
                     self._annotations.setdefault(path, []).extend(rows)
             elif table.name == LABELS_FILE:
-                for path, told in _by_path(table, read_labels(table), base, recordings):
-                    self._labels.setdefault(path, []).append((table, told))
+                for path, row in _by_path(table, read_labels(table), base, recordings):
+                    self._labels.setdefault(path, []).append((table, row))
 
-    def give(self, recording: Recording, path: Path) -> Recording:
-        r"""Returns the recording of a file with what the tables tell of it."""
+    def add_to(self, recording: Recording, path: Path) -> Recording:
+        r"""Returns a recording with the annotations, label and metadata from the tables added.
+
+        Raises:
+            ValueError: If a table contradicts the recording.
+        """
         rows = self._annotations.get(path, [])
         annotations = [*dict.fromkeys([*recording.annotations, *rows])]
         label, meta = recording.label, dict(recording.meta)
-        for table, told in self._labels.get(path, ()):
-            for key, value in told.items():
-                before = label if key == "label" else meta.get(key)
-                if before not in (None, value):
+        for table, row in self._labels.get(path, ()):
+            for key, value in row.items():
+                present = label if key == "label" else meta.get(key)
+                if present not in (None, value):
                     raise ValueError(
-                        f"'{path}' must have the '{key}' that '{table}' tells, {value!r} (got "
-                        f"{before!r} in the file): correct one of them"
+                        f"'{path}' must have the '{key}' of '{table}', {value!r} (got "
+                        f"{present!r} in the file): correct one of them"
                     )
                 if key == "label":
                     label = value
@@ -65,22 +71,24 @@ class RecordingTables:
         try:
             return replace(recording, label=label, meta=meta, annotations=annotations)
         except ValueError as error:
-            raise ValueError(f"'{path}', with what the tables beside it tell: {error}") from error
+            raise ValueError(f"'{path}', with the rows of the tables beside it: {error}") from error
 
 
 def _by_path(
-    table: Path, told: Mapping[str, _Told], base: Path, recordings: Sequence[Path]
-) -> list[tuple[Path, _Told]]:
-    named: dict[str, list[Path]] = {}
+    table: Path, rows: Mapping[str, _Row], base: Path, recordings: Sequence[Path]
+) -> list[tuple[Path, _Row]]:
+    # The rows of a table with the paths of the recordings that they name. A name without suffix may
+    # stand for several files.
+    paths: dict[str, list[Path]] = {}
     for path in recordings:
         if path.is_relative_to(base):
             name = path.relative_to(base)
             for text in {name.as_posix(), name.with_suffix("").as_posix()}:
-                named.setdefault(text, []).append(path)
-    unknown = [name for name in told if name not in named]
+                paths.setdefault(text, []).append(path)
+    unknown = [name for name in rows if name not in paths]
     if unknown:
         raise ValueError(
             f"'{table}' must name recordings in '{base}', by their files with or without suffix "
             f"(got {quoted(unknown[0])}): correct the name, or delete its lines"
         )
-    return [(path, value) for name, value in told.items() for path in named[name]]
+    return [(path, row) for name, row in rows.items() for path in paths[name]]

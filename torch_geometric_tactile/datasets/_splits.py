@@ -1,4 +1,4 @@
-r"""The word for all samples of a data set."""
+r"""Check of the argument :obj:`split` of data sets."""
 
 import warnings
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from torch_geometric_tactile._checks import need
 
 
 def checked_split(split: Any, parts: Sequence[str]) -> str | None:
-    r"""Returns the part that is asked for, or :obj:`None` for all samples.
+    r"""Returns the name of a part, or :obj:`None` for all samples.
 
     Version 0.3 accepts :obj:`"all"` as well, with a :class:`DeprecationWarning`.
 
@@ -17,7 +17,7 @@ def checked_split(split: Any, parts: Sequence[str]) -> str | None:
         parts (sequence of str): The names of the parts.
 
     Raises:
-        ValueError: If it is another word.
+        ValueError: If :obj:`split` is not the name of a part.
     """
     if split == "all":
         warnings.warn(
@@ -27,6 +27,6 @@ def checked_split(split: Any, parts: Sequence[str]) -> str | None:
             stacklevel=3,
         )
         return None
-    listed = ", ".join(f"'{part}'" for part in parts)
-    need(split is None or split in parts, f"'split' must be {listed} or None", repr(split))
+    names = ", ".join(f"'{part}'" for part in parts)
+    need(split is None or split in parts, f"'split' must be {names} or None", repr(split))
     return None if split is None else str(split)

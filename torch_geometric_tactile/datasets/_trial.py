@@ -1,4 +1,4 @@
-r"""One recording as a trial of a data set: its object, labels and phases, checked."""
+r"""Trials of a data set: the checked object, labels and phases of a recording."""
 
 import re
 from collections.abc import Hashable, Iterable, Mapping, Sequence
@@ -14,12 +14,13 @@ from torch_geometric_tactile.data import Annotation, Recording
 from torch_geometric_tactile.data._annotations import OUTSIDE, annotation_of_frames, without_gaps
 from torch_geometric_tactile.sensors import TaxelLayout
 
-ANNOTATION = "annotation"  # the target that is the label of the annotation of a frame
+ANNOTATION = "annotation"  # target: the label of the annotation that covers a frame
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    r"""A recording without its readings, which may not fit into memory.
+    r"""A recording without its readings, which may not fit into memory. :obj:`where` names the file
+    in error messages.
 
     Shapes:
         - **time:** Times in seconds :math:`(T,)`.
@@ -49,63 +50,70 @@ class Trial:
 
     @property
     def columns(self) -> dict[str, list[str]]:
-        r"""The names of the columns of readings and angles, as far as they are known."""
+        r"""The names of the columns of readings and joint angles, where they are known."""
         return dict(self.meta.get("column_names", {}))
 
     @property
     def num_joints(self) -> int:
-        r"""The number of joints, 0 without joint angles."""
+        r"""The number of joints. It is 0 without joint angles."""
         return 0 if self.joint is None else self.joint.shape[1]
 
     def numbered_phase(self, names: Sequence[str]) -> Tensor:
-        r"""Returns the phase of each frame as an index into names, or -1 if it is unknown.
+        r"""Returns the phase of each frame as an index into :obj:`names`, -1 where it is unknown.
 
         Shapes:
             - **output:** :math:`(T,)`
         """
         if self.phase is None:
             return torch.full((self.num_frames,), -1)
-        numbers = torch.tensor([names.index(name) for name in self.phase_names])
-        return numbers[torch.from_numpy(self.phase).long()]
+        indices = torch.tensor([names.index(name) for name in self.phase_names])
+        return indices[torch.from_numpy(self.phase).long()]
 
-    def _advice(self, key: str) -> str:
+    def _target_advice(self, key: str) -> str:
+        # The end of the error message for a missing target: a target that this trial has.
         if key != "label" and self.label is not None:
             return f"; its label is {self.label!r}: choose target='label'"
-        named = [name for name, value in self.privileged.items() if value.dtype.kind == "U"]
-        if key == "label" and named:
-            return f"; '{named[0]}' changes from frame to frame: choose target='{named[0]}'"
+        texts = [name for name, value in self.privileged.items() if value.dtype.kind == "U"]
+        if key == "label" and texts:
+            return f"; '{texts[0]}' changes from frame to frame: choose target='{texts[0]}'"
         return ""
 
     def target(self, key: str) -> np.ndarray:
-        r"""Returns the label of each frame as text: the recording's own label, a value in its
-        metadata, what :obj:`privileged` says frame by frame, or, as :obj:`"annotation"`, the label
-        of the annotation that covers it.
+        r"""Returns the target of each frame.
+
+        The key :obj:`"label"` is the label of the recording, and :obj:`"annotation"` the label of
+        the annotation that covers a frame. Other keys are looked up in :obj:`privileged`, frame by
+        frame, and in the metadata.
 
         Shapes:
             - **output:** texts or integers :math:`(T,)`
+
+        Raises:
+            ValueError: If the recording has no such target.
         """
-        value = self.privileged.get(key)
-        if value is None and key == ANNOTATION and key not in self.meta:
+        column = self.privileged.get(key)
+        if column is None and key == ANNOTATION and key not in self.meta:
             need(
                 without_gaps(self.annotations),
-                f"{self.where} must have annotations for target='{ANNOTATION}' (got none): if "
-                f"nothing happens in it, annotate it as '{OUTSIDE}' from its start to its end",
+                f"{self.where} must have annotations for target='{ANNOTATION}' (got none): if no "
+                f"label applies, annotate it as '{OUTSIDE}' from its start to its end",
             )
             return annotation_of_frames(self.annotations, self.time, self.where)
-        if value is None:
+        if column is None:
             label = self.label if key == "label" else None
             label = self.meta.get(key) if label is None else label
             if isinstance(label, bool) or not isinstance(label, str | int):
                 raise ValueError(
                     f"{self.where} must have '{key}', a text or an integer, as its label, in its "
-                    f"metadata or in the name of its file (got {label!r}){self._advice(key)}"
+                    f"metadata or in the name of its file (got {label!r}){self._target_advice(key)}"
                 )
             return np.full(self.num_frames, label)
-        if value.dtype.kind not in "biuU":
+        if column.dtype.kind not in "biuU":
             raise ValueError(
-                f"{self.where} must have one text or integer a frame in '{key}' (got {value.dtype})"
+                f"{self.where} must have one text or integer per frame in '{key}' "
+                f"(got {column.dtype})"
             )
-        return value.astype(int) if value.dtype.kind == "b" else value
+        return column.astype(int) if column.dtype.kind == "b" else column
 
 
 def make_trial(
@@ -117,18 +125,31 @@ def make_trial(
     pattern: str,
     needs: Sequence[str] = (),
 ) -> Trial:
-    r"""Checks a recording on its own, and reads the name of its file."""
+    r"""Checks a recording and returns its trial, with metadata from the name of its file.
+
+    Args:
+        recording (Recording): The recording.
+        layout (TaxelLayout): The taxels.
+        where (str): Name of the recording in error messages.
+        name (str): Name of the file without suffix.
+        pattern (str): Regular expression whose named groups are metadata in the file name.
+        needs (sequence of str): Which of :obj:`"object"` and :obj:`"trial"` must be known.
+    """
     try:
         recording.check(layout)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
     need(recording.num_frames != 0, f"{where} must hold at least one frame (got none)")
-    found = re.fullmatch(pattern, name)
-    said = {} if found is None else {k: v for k, v in found.groupdict().items() if v is not None}
-    if "label" in said and recording.label is not None and str(recording.label) != said["label"]:
+    match = re.fullmatch(pattern, name)
+    groups = {} if match is None else {k: v for k, v in match.groupdict().items() if v is not None}
+    if (
+        "label" in groups
+        and recording.label is not None
+        and str(recording.label) != groups["label"]
+    ):
         raise ValueError(
             f"{where} must have one label (got {recording.label!r} in the file and "
-            f"{said['label']!r} in its name): correct one of them"
+            f"{groups['label']!r} in its name): correct one of them"
         )
     for key, kind in (("synthetic", bool), ("session", str | int)):
         if not isinstance(recording.meta.get(key, kind is bool or ""), kind):
@@ -137,15 +158,15 @@ def make_trial(
                 f"{'true or false' if kind is bool else 'a text or an integer'} "
                 f"(got {recording.meta[key]!r})"
             )
-    object_name, number = _object_and_trial(where, recording.meta, said, needs)
+    object_name, number = _object_and_trial(where, recording.meta, groups, needs)
     phase, phase_names = _phase(where, recording)
     return Trial(
         where=where,
         name=name,
         time=recording.time,
         joint=recording.joint,
-        label=said.get("label") if recording.label is None else recording.label,
-        meta={**said, **recording.meta},
+        label=groups.get("label") if recording.label is None else recording.label,
+        meta={**groups, **recording.meta},
         privileged={key: value for key, value in recording.privileged.items() if value.ndim == 1},
         object_name=object_name,
         number=number,
@@ -161,17 +182,22 @@ def make_trial(
 
 
 def _object_and_trial(
-    where: str, meta: Mapping[str, Any], said: Mapping[str, str], needs: Sequence[str]
+    where: str, meta: Mapping[str, Any], groups: Mapping[str, str], needs: Sequence[str]
 ) -> tuple[str | None, int | None]:
-    object_name, number = meta.get("object", said.get("object")), meta.get("trial")
-    if number is None and re.fullmatch("[0-9]+", said.get("trial", "")):
-        number = int(said["trial"])
+    # The name of the object and the trial number, from the metadata or else from the file name.
+    object_name, number = meta.get("object", groups.get("object")), meta.get("trial")
+    if number is None and re.fullmatch("[0-9]+", groups.get("trial", "")):
+        number = int(groups["trial"])
     is_object = object_name is None or (isinstance(object_name, str) and object_name != "")
     is_number = number is None or type(number) is int
-    lacks = [k for k, v in (("object", object_name), ("trial", number)) if k in needs and v is None]
-    if lacks or not is_object or not is_number:
+    missing = [
+        key
+        for key, value in (("object", object_name), ("trial", number))
+        if key in needs and value is None
+    ]
+    if missing or not is_object or not is_number:
         raise ValueError(
-            f"{where} must tell its object and trial: 'object' (a text) and 'trial' (an integer) "
+            f"{where} must name its object and trial: 'object' (a text) and 'trial' (an integer) "
             "in its metadata, or a file name <object>_<number> such as 'sponge_003.h5' "
             f"(got object {object_name!r}, trial {number!r})"
         )
@@ -189,15 +215,20 @@ def _phase(where: str, recording: Recording) -> tuple[np.ndarray | None, tuple[s
         or not 0 <= phase.min() <= phase.max() < len(names)
     ):
         raise ValueError(
-            f"{where} must hold in 'phase' one index into 'phase_names' a frame, 0 to "
+            f"{where} must hold one index into 'phase_names' per frame in 'phase', 0 to "
             f"{len(names) - 1} (got {phase.dtype} of shape {phase.shape})"
         )
     return phase, names
 
 
-def check_together(trials: Sequence[Trial], unit: str | None = None) -> None:
-    r"""Checks that recordings go together."""
-    check_one_file_each(
+def check_compatible(trials: Sequence[Trial], unit: str | None = None) -> None:
+    r"""Checks that trials are unique and have the same unit and the same number of joints.
+
+    Args:
+        trials (sequence of Trial): The trials.
+        unit (str, optional): Unit of trials whose metadata name none.
+    """
+    check_unique_trials(
         ((t.object_name, t.number), f"trial {t.number} of '{t.object_name}'", t.where)
         for t in trials
         if t.object_name is not None and t.number is not None
@@ -207,32 +238,36 @@ def check_together(trials: Sequence[Trial], unit: str | None = None) -> None:
         units.setdefault(trial.meta.get("unit", unit), trial.where)
         if trial.num_joints != trials[0].num_joints:
             raise ValueError(
-                f"{trial.where} must have {trials[0].num_joints} joint angles a frame, "
+                f"{trial.where} must have {trials[0].num_joints} joint angles per frame, "
                 f"as {trials[0].where} (got {trial.num_joints})"
             )
     if len(units) > 1:
-        listed = " and ".join(f"{name or 'none'!r} in {where}" for name, where in units.items())
+        unit_texts = " and ".join(f"{name or 'none'!r} in {where}" for name, where in units.items())
         raise ValueError(
-            f"all recordings must have one unit (got {listed}): convert one of them, or name the "
-            "unit as 'unit' in its metadata, or in the data set's argument 'unit' for all that "
-            "name none"
+            f"all recordings must have the same unit (got {unit_texts}): convert one of them, or "
+            "add 'unit' to its metadata, or name the unit of all recordings without one by the "
+            "argument 'unit' of the data set"
         )
 
 
-def check_one_file_each(trials: Iterable[tuple[Hashable, str, str]]) -> None:
-    r"""Checks that no trial is in two files: of each its key, what to call it, and its file."""
-    seen: dict[Hashable, str] = {}
+def check_unique_trials(trials: Iterable[tuple[Hashable, str, str]]) -> None:
+    r"""Checks that no trial is in two files.
+
+    Args:
+        trials (iterable of tuple): The key of each trial, its name in error messages, and its file.
+    """
+    files: dict[Hashable, str] = {}
     for key, trial, where in trials:
-        other = seen.setdefault(key, where)
-        if other is not where:
-            raise ValueError(f"{trial} must be in one file (got {other} and {where})")
+        first_file = files.setdefault(key, where)
+        if first_file is not where:
+            raise ValueError(f"{trial} must be in one file (got {first_file} and {where})")
 
 
 def checked_labels(trial: Trial, names: Sequence[str]) -> tuple[int, ...]:
-    r"""Returns the :obj:`"labels"` in the metadata of a trial."""
+    r"""Returns the :obj:`"labels"` in the metadata of a trial: 0 or 1 for each name."""
     labels = trial.meta["labels"]
-    is_right = isinstance(labels, list) and len(labels) == len(names)
-    if not is_right or not all(type(label) in (bool, int) and label in (0, 1) for label in labels):
+    has_all = isinstance(labels, list) and len(labels) == len(names)
+    if not has_all or not all(type(label) in (bool, int) and label in (0, 1) for label in labels):
         raise ValueError(
             f"{trial.where} must have a 0 or 1 in 'labels' for each of {list(names)} (got {labels})"
         )
@@ -240,7 +275,7 @@ def checked_labels(trial: Trial, names: Sequence[str]) -> tuple[int, ...]:
 
 
 def checked_names(trial: Trial, key: str) -> tuple[str, ...]:
-    r"""Returns names in the metadata of a trial."""
+    r"""Returns a list of different names in the metadata of a trial."""
     return _checked_names(trial.where, trial.meta[key], key)
 
 
@@ -252,7 +287,7 @@ def _checked_names(where: str, names: Any, key: str) -> tuple[str, ...]:
 
 
 def checked_pattern(pattern: str) -> str:
-    r"""Returns a regular expression for names of files."""
+    r"""Returns the argument :obj:`pattern` if it is a regular expression."""
     try:
         re.compile(pattern)
     except (re.error, RecursionError, TypeError) as error:

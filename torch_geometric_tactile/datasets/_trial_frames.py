@@ -1,4 +1,4 @@
-r"""Frames of trials, of which some are chosen, and the files that the trials are in."""
+r"""Base class of data sets of frames: files of trials, and selection of frames."""
 
 import copy
 from collections.abc import Iterator, Sequence
@@ -25,15 +25,16 @@ _FRAMES_PER_BLOCK = 4096
 
 
 class TrialFrames(RawFiles):
-    r"""A data set whose samples are the frames of trials, one trial a file: all of them, or those
-    of a part that a protocol holds out, of some phases, at a stride or a rate, or some of each
-    trial. A subclass sets the attributes.
+    r"""A data set whose samples are the frames of trials, one file for each trial.
+
+    Frames are selected by split, phase, stride or rate, or drawn at random from each trial. A
+    subclass sets the attributes before it calls :meth:`__init__`.
     """
 
     group_kind = "object"
     pattern: str
     suffixes: Sequence[str] = SUFFIXES
-    _content = "content=6"  # to be raised when the processed file gets other columns
+    _content = "content=6"  # Increase it when the columns of the processed file change.
     split: Any
     _indices: Any
     protocol: Protocol
@@ -51,7 +52,7 @@ class TrialFrames(RawFiles):
 
     @property
     def raw_dir(self) -> str:
-        r"""The folder of the trials: :obj:`root/raw`, or :obj:`root` where that has none."""
+        r"""The folder of the trials: :obj:`root/raw`, or :obj:`root` if only that has trials."""
         root, inner = Path(self.root), Path(self.root, "raw")
         return str(root if not self._files_in(inner) and self._files_in(root) else inner)
 
@@ -61,7 +62,7 @@ class TrialFrames(RawFiles):
         return self._files_in(Path(self.raw_dir))
 
     def _files_in(self, folder: Path) -> list[str]:
-        # In order; with a "/" in the pattern also those in subfolders, with their names in front.
+        # Sorted paths relative to the folder. With a "/" in the pattern, subfolders are searched.
         if not folder.is_dir():
             return []
         names = []
@@ -70,7 +71,7 @@ class TrialFrames(RawFiles):
                 continue
             if path.is_symlink() and not path.exists():
                 raise FileNotFoundError(
-                    f"'{path}' is a link to a file that is not there: remove it"
+                    f"'{path}' is a link to a file that does not exist: remove it"
                 )
             name = path.relative_to(folder)
             is_hidden = any(part.startswith(".") for part in name.parts)
@@ -79,9 +80,7 @@ class TrialFrames(RawFiles):
         return sorted(names)
 
     def raw_state(self) -> list[str]:
-        r"""Returns the files of the trials, and the tables that tell of them, with what their
-        contents are known by.
-        """
+        r"""Returns a text for each file and table of the trials that changes with its content."""
         tables = [f"{path.relative_to(self.root)}={file_state(path)}" for path in self._tables()]
         return [self._content, *tables, *super().raw_state()]
 
@@ -99,48 +98,50 @@ class TrialFrames(RawFiles):
         r"""Reads the recording in a file."""
         raise NotImplementedError
 
-    def _opened(self) -> Iterator[tuple[str, str, Recording]]:
-        # What to call each recording in messages, its name, and the recording.
+    def _read_trials(self) -> Iterator[tuple[str, str, Recording]]:
+        # Each recording with its file for error messages, and its name.
         folder, paths = Path(self.raw_dir), [Path(path) for path in self.raw_paths]
         tables = RecordingTables(self._tables(), folder, paths)
         for path in paths:
             name = path.relative_to(folder).with_suffix("").as_posix()
-            yield f"'{path}'", name, tables.give(self.read_trial(path), path)
+            yield f"'{path}'", name, tables.add_to(self.read_trial(path), path)
 
     def _select(self) -> None:
-        kept = self._chosen()
+        mask = self._selection_mask()
         if self.samples_per_trial is not None:
-            # Before the split, so that it decides on none of them.
+            # Drawn before the split, so that the same frames are drawn for all splits.
             trial, names = self._data.trial, self.trial_names
-            kept = drawn_frames(kept, trial, names, self.samples_per_trial, self.sample_seed)
+            mask = draw_frames(mask, trial, names, self.samples_per_trial, self.sample_seed)
         if self.split is not None:
-            kept &= self._in_split(self.split)
-        if not kept.any():
+            mask &= self._split_mask(self.split)
+        if not mask.any():
             raise ValueError(
-                f"split='{self.split}' with {self._held_out} and phases={self.phases} must leave "
-                f"at least one of {len(kept)} samples in {len(self._data.trial.unique())} trials "
+                f"split='{self.split}' with {self._split_text} and phases={self.phases} must leave "
+                f"at least one of {len(mask)} samples in {len(self._data.trial.unique())} trials "
                 "(left none)"
             )
-        if not kept.all():
-            self._indices = kept.nonzero().view(-1).tolist()
+        if not mask.all():
+            self._indices = mask.nonzero().view(-1).tolist()
 
-    def _chosen(self) -> Tensor:
-        kept = torch.ones(self.len(), dtype=torch.bool)
+    def _selection_mask(self) -> Tensor:
+        # Which frames are selected by stride, rate, phase and known targets (S,).
+        mask = torch.ones(self.len(), dtype=torch.bool)
         if self.stride > 1:
             _, counts = self._data.trial.unique_consecutive(return_counts=True)
             first = (counts.cumsum(0) - counts).repeat_interleave(counts)
-            kept &= (torch.arange(len(kept)) - first) % self.stride == 0
+            mask &= (torch.arange(len(mask)) - first) % self.stride == 0
         if self.rate is not None:
             self._selected_info = dataset_info(self, self._known_info())
-            kept &= selected_at_rate(self._data.time, self._data.trial, self._selected_info)
+            mask &= selected_at_rate(self._data.time, self._data.trial, self._selected_info)
         if self.phases is not None:
-            kept &= self._in_phases(self.phases)
-        if self._data.y.is_floating_point():  # what has no target cannot be learned from
-            kept &= self._data.y.view(len(kept), -1).isfinite().all(dim=1)
-        return kept
+            mask &= self._phase_mask(self.phases)
+        if self._data.y.is_floating_point():  # A regression target may be NaN.
+            mask &= self._data.y.view(len(mask), -1).isfinite().all(dim=1)
+        return mask
 
     def _known_info(self) -> FrameInfo:
-        if self._selected_info is not None:  # of all trials, by which frames were selected
+        # The rate of the selected frames cannot be measured: use the rate before the selection.
+        if self._selected_info is not None:
             return self._selected_info.changed(stride=1)
         (unit,) = self._names.get("unit") or (None,)
         columns = {key: self._names.get(f"{key}_columns") for key in ("tactile", "joint")}
@@ -154,48 +155,50 @@ class TrialFrames(RawFiles):
         )
 
     def _tare(self) -> None:
-        # Rest readings are measured on all frames, and subtracted before any other transform.
+        # The reading at rest is measured on all frames, and subtracted before other transforms.
         if self.tare is None:
             return
         frames = copy.copy(self)
         tare = Tare("trial")
         if isinstance(self.tare, str):
-            frames._indices = self._at_rest(self.tare).nonzero().view(-1).tolist()
+            frames._indices = self._rest_mask(self.tare).nonzero().view(-1).tolist()
             tare.fit(frames)
         else:
-            timed = Tare("trial", seconds=self.tare).fit(frames)
-            tare.load_state_dict(timed.state_dict())
+            timed_tare = Tare("trial", seconds=self.tare).fit(frames)
+            tare.load_state_dict(timed_tare.state_dict())
         self.transform = tare if self.transform is None else Compose([tare, self.transform])
 
-    def _at_rest(self, phase: str) -> Tensor:
+    def _rest_mask(self, phase: str) -> Tensor:
+        # Which frames are in the phase at rest (S,).
         if phase not in self.phase_names:
             raise ArgumentError(
                 Argument("tare"),
                 f" must be seconds, or a phase of the recordings: {self.phase_names or None} "
                 f"(got '{phase}')",
             )
-        kept: Tensor = self._data.phase == self.phase_names.index(phase)
+        mask: Tensor = self._data.phase == self.phase_names.index(phase)
         trials = self._data.trial
-        without = trials[~torch.isin(trials, trials[kept])].unique().tolist()
-        if without:
+        missing_trials = trials[~torch.isin(trials, trials[mask])].unique().tolist()
+        if missing_trials:
             raise ArgumentError(
                 Argument("tare"),
                 f" must be a phase that every trial has (got '{phase}', which is not in "
-                f"'{self.trial_names[without[0]]}')",
+                f"'{self.trial_names[missing_trials[0]]}')",
             )
-        return kept
+        return mask
 
     @property
-    def _held_out(self) -> str:
+    def _split_text(self) -> str:
+        # The arguments of the split in error messages.
         return f"protocol='{self.protocol.describe()}'"
 
-    def _in_split(self, split: str) -> Tensor:
-        kept = torch.zeros(self.len(), dtype=torch.bool)
+    def _split_mask(self, split: str) -> Tensor:
+        mask = torch.zeros(self.len(), dtype=torch.bool)
         parts = self.protocol.split(self, self.split_seed, self.fold)
-        kept[parts[PARTS.index(split)]] = True
-        return kept
+        mask[parts[PARTS.index(split)]] = True
+        return mask
 
-    def _in_phases(self, phases: Sequence[str]) -> Tensor:
+    def _phase_mask(self, phases: Sequence[str]) -> Tensor:
         if not self.phase_names:
             raise ArgumentError(
                 Argument("phases"),
@@ -206,79 +209,92 @@ class TrialFrames(RawFiles):
         need_argument(
             not unknown and phases, "phases", f"must be some of {self.phase_names}", phases
         )
-        wanted = torch.tensor([self.phase_names.index(name) for name in phases])
-        return torch.isin(self._data.phase, wanted)
+        indices = torch.tensor([self.phase_names.index(name) for name in phases])
+        return torch.isin(self._data.phase, indices)
 
     @property
     def phase_names(self) -> list[str]:
-        r"""The names of the phases in :obj:`phase`; empty if no recording knows its phases."""
+        r"""The names of the phases in :obj:`phase`. The list is empty if no phase is known."""
         return list(self._names["phase"])
 
     @property
     def placement_names(self) -> list[str]:
-        r"""The names of the placements in :obj:`placement`; empty if a recording knows none."""
+        r"""The names of the placements in :obj:`placement`. The list is empty if the placement of a
+        recording is unknown.
+        """
         return list(self._names.get("placement", ()))
 
     @property
     def size_names(self) -> list[str]:
-        r"""The names of the sizes in :obj:`size`; empty if a recording knows none."""
+        r"""The names of the sizes in :obj:`size`. The list is empty if the size of an object is
+        unknown.
+        """
         return list(self._names.get("size", ()))
 
     @property
     def property_names(self) -> list[str]:
-        r"""The names of the columns of :obj:`property`; empty if a recording knows none."""
+        r"""The names of the columns of :obj:`property`. The list is empty if the properties of an
+        object are unknown.
+        """
         return list(self._names["property"])
 
     @property
     def synthetic(self) -> bool:
-        r"""Whether a simulator made any of the recordings."""
+        r"""Whether any of the recordings is simulated."""
         return bool(self._names["synthetic"])
 
     @property
     def num_missing(self) -> int:
-        r"""How many taxels have no reading, summed over the frames of this selection."""
+        r"""The number of missing taxel readings, summed over the frames of this selection."""
         blocks = torch.as_tensor(self.indices()).split(_FRAMES_PER_BLOCK)
         return sum(int(self._data.x[block].isnan().any(dim=-1).sum()) for block in blocks)
 
 
-def drawn_frames(
-    candidate: Tensor, trial: Tensor, names: Sequence[str], count: int, seed: int
+def draw_frames(
+    candidate: Tensor, trial: Tensor, names: Sequence[str], num_draws: int, seed: int
 ) -> Tensor:
-    r"""Tells which frames are drawn: so many of each trial, or all where there are fewer. What is
-    drawn of a trial follows from the seed, its name and its own frames.
+    r"""Draws frames of each trial at random, without replacement. The frames of a trial depend only
+    on the seed, its name and its candidates, not on other trials.
+
+    Args:
+        candidate (Tensor): Which frames may be drawn.
+        trial (Tensor): Trial of each frame. The frames of a trial must be consecutive.
+        names (sequence of str): Names of the trials.
+        num_draws (int): Number of frames of each trial. Trials with fewer candidates keep them all.
+        seed (int): Seed of the draws.
 
     Shapes:
-        - **candidate:** Which frames may be drawn :math:`(S,)`.
-        - **trial:** Trial of each frame, those of one trial in a row :math:`(S,)`.
-        - **output:** booleans :math:`(S,)`
+        - **candidate:** booleans :math:`(S,)`
+        - **trial:** indices into :obj:`names` :math:`(S,)`
+        - **output:** Which frames are drawn, booleans :math:`(S,)`.
     """
-    kept = torch.zeros(len(candidate), dtype=torch.bool)
-    for rows in _rows(trial):
-        found = rows.start + candidate[rows].nonzero().view(-1)
+    mask = torch.zeros(len(candidate), dtype=torch.bool)
+    for rows in _trial_slices(trial):
+        candidates = rows.start + candidate[rows].nonzero().view(-1)
         rng = np.random.default_rng([seed, *names[int(trial[rows.start])].encode()])
-        kept[found[torch.from_numpy(rng.permutation(len(found))[:count])]] = True
-    return kept
+        mask[candidates[torch.from_numpy(rng.permutation(len(candidates))[:num_draws])]] = True
+    return mask
 
 
-def check_choice(rate: Any, samples_per_trial: Any, sample_seed: Any) -> None:
-    r"""Checks the arguments of a data set that choose frames."""
+def check_frame_selection(rate: Any, samples_per_trial: Any, sample_seed: Any) -> None:
+    r"""Checks the arguments of a data set that select frames."""
     is_number = isinstance(rate, int | float) and not isinstance(rate, bool)
     if rate is not None and not (is_number and 0 < rate < float("inf")):
-        raise ValueError(f"'rate' must be frames a second, above 0, or None (got {rate!r})")
-    if samples_per_trial is not None and not _is_whole(samples_per_trial, 1):
+        raise ValueError(f"'rate' must be frames per second, above 0, or None (got {rate!r})")
+    if samples_per_trial is not None and not _is_integer(samples_per_trial, 1):
         raise ValueError(
-            f"'samples_per_trial' must be a whole number from 1 on, or None (got "
+            f"'samples_per_trial' must be an integer, at least 1, or None (got "
             f"{samples_per_trial!r})"
         )
-    if not _is_whole(sample_seed, 0):
-        raise ValueError(f"'sample_seed' must be a whole number from 0 on (got {sample_seed!r})")
+    if not _is_integer(sample_seed, 0):
+        raise ValueError(f"'sample_seed' must be an integer, at least 0 (got {sample_seed!r})")
 
 
-def _is_whole(value: Any, least: int) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= least
+def _is_integer(value: Any, minimum: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= minimum
 
 
-def _rows(trial: Tensor) -> list[slice]:
+def _trial_slices(trial: Tensor) -> list[slice]:
     _, counts = trial.unique_consecutive(return_counts=True)
     ends = counts.cumsum(0).tolist()
     return [slice(end - count, end) for end, count in zip(ends, counts.tolist(), strict=True)]

@@ -23,37 +23,38 @@ class AllegroUSkin(RecordingFrames):
     r"""Grasps with a right Allegro hand whose 384 taxels are XELA uSkin, as in the "Tactile Object
     Property Recognition using Geometrical Graph Edge Features and Multi-Thread Graph Convolutional
     Network" and the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional
-    Networks using Topological Graph Segmentation" papers: what is the object, or is it light or
-    heavy, hard or soft, slippery or not?
+    Networks using Topological Graph Segmentation" papers. The tasks are to recognise the object, or
+    its properties: light or heavy, hard or soft, slippery or not.
 
-    The recordings of the papers are not public. This class reads a folder of your own, or one that
-    ``tactile simulate --out FOLDER`` wrote: one trial a file, in :obj:`root/raw` or in :obj:`root`
-    itself, ``.h5``, ``.hdf5``, ``.npz`` or ``.csv`` as
-    :func:`~torch_geometric_tactile.io.write_recording` writes a
-    :class:`~torch_geometric_tactile.data.Recording`:
+    The recordings of the papers are not public. This class reads a folder of your own recordings,
+    or of simulated ones from ``tactile simulate --out FOLDER``. Each file in :obj:`root/raw` or
+    :obj:`root` is one trial, in a format of
+    :func:`~torch_geometric_tactile.io.write_recording`: ``.h5``, ``.hdf5``, ``.npz`` or ``.csv``. A
+    file holds:
 
-    * readings in counts (what :obj:`meta["unit"]` names, or names none) :math:`(T, 384, 3)`, in the
-      order of :func:`~torch_geometric_tactile.sensors.allegro_uskin`, and joint angles in radians
-      :math:`(T, 16)`;
+    * readings in counts :math:`(T, 384, 3)`, in the order of
+      :func:`~torch_geometric_tactile.sensors.allegro_uskin`, and joint angles in radians
+      :math:`(T, 16)`; :obj:`meta["unit"]` is :obj:`"count"` or missing;
     * the object's name and the number of the trial in :obj:`meta["object"]` and
       :obj:`meta["trial"]`, or in the name of the file: ``<object>_<number>.h5``;
     * for :obj:`task="property"`, 0 or 1 for each property in :obj:`meta["labels"]`, in the order of
-      :obj:`property_names` or of :obj:`meta["label_names"]`; needless for objects named as in
+      :obj:`property_names` or of :obj:`meta["label_names"]`; not needed for objects named as in
       :func:`~torch_geometric_tactile.sim.paper8`;
-    * if known, the integers :obj:`privileged["phase"]` with their :obj:`meta["phase_names"]`;
-    * for other tasks, what ``tactile simulate`` writes: :obj:`meta["shape"]`, :obj:`meta["width"]`
-      in metres, and :obj:`privileged["object_pose"]` and :obj:`privileged["palm_pose"]`, positions
-      and quaternions :math:`(T, 7)`; to split by them, texts or integers :obj:`meta["placement"]`
-      and :obj:`meta["size"]`.
+    * optionally, the integers :obj:`privileged["phase"]` with their :obj:`meta["phase_names"]`;
+    * for the other tasks, :obj:`meta["shape"]`, :obj:`meta["width"]` in metres, and
+      :obj:`privileged["object_pose"]` and :obj:`privileged["palm_pose"]`, positions and quaternions
+      :math:`(T, 7)`, as ``tactile simulate`` writes them;
+    * for splits by placement or size, texts or integers :obj:`meta["placement"]` and
+      :obj:`meta["size"]`.
 
     A sample is a frame. Beside :obj:`x` and :obj:`y` it has :obj:`joint`, :obj:`time` in seconds,
-    :obj:`trial` (the file), :obj:`group` (the object), :obj:`property` and :obj:`phase` where
-    known (-1 in files that know none), and likewise :obj:`shape`, :obj:`width`, :obj:`centre`,
-    :obj:`yaw`, :obj:`placement` and :obj:`size`. Missing readings stay NaN. Positions depend on the
-    joint angles and are not stored; the transforms of the example below compute them batch by
-    batch.
+    :obj:`trial` (the file) and :obj:`group` (the object). Where they are known, it also has
+    :obj:`property`, :obj:`phase` (-1 in files without phases), :obj:`shape`, :obj:`width`,
+    :obj:`centre`, :obj:`yaw`, :obj:`placement` and :obj:`size`. Missing readings stay NaN.
+    Positions depend on the joint angles and are not stored; the transforms in the example below
+    compute them for each batch.
 
-    All files are processed once, and anew when one of them was added, removed or changed.
+    All files are processed once, and again when a file is added, removed or changed.
     :obj:`task`, :obj:`split`, :obj:`adjacency`, :obj:`phases` and :obj:`stride` select from the
     memory-mapped processed file, without a copy of the readings.
 
@@ -90,55 +91,56 @@ class AllegroUSkin(RecordingFrames):
           - 8 objects or 6 properties
 
     Args:
-        root (str or PathLike, optional): Folder of the data set. If left out,
-            :obj:`$TACTILE_DATA/AllegroUSkin` or a folder in the user's cache.
-        task (str): What :obj:`y` is: of :obj:`"object"` and :obj:`"shape"` the index, of
-            :obj:`"property"` a 0 or 1 for each property, and of the regressions :obj:`"width"` the
-            object's extent between fingers and thumb in metres, :obj:`"centre"` its place in the
-            palm's frame in metres :math:`(S, 3)`, and :obj:`"yaw"` the turn of its long axis about
-            the palm's normal in radians, from -pi/2 to pi/2: 0 across the fingers. Frames of
-            spheres, which have no yaw, are left out then.
-        split (str, optional): :obj:`"train"`, :obj:`"val"` or :obj:`"test"`; everything with
-            :obj:`None`.
-        split_by (str): :obj:`"trial"` keeps whole trials together and holds out some of each
-            object. :obj:`"frame"` draws single frames, and is the optimistic one: neighbours in
-            time are nearly equal, so that the test frames were nearly seen before. The papers do
-            not say which of them they used. :obj:`"group"` holds out whole objects,
-            :obj:`"placement"` placements of the hand (one of nine, see
-            :class:`~torch_geometric_tactile.sim.GraspSpread`), and :obj:`"size"` all objects of the
-            same width in whole centimetres.
-        fractions (tuple of float): The parts for training, validation and test. With whole trials,
-            each object has at least one to train and to test on, and from three trials on one for
-            validation. The second paper has :obj:`(0.6, 0.1, 0.3)`.
-        split_seed (int): Which of the random splits. :obj:`phases`, :obj:`stride` and the like
-            move no frame to another split.
-        adjacency (str): Which edges of the layout.
-        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of one
-            that comes with the package, or a layout file;
-            :func:`~torch_geometric_tactile.sensors.allegro_uskin` if left out.
-        phases (sequence of str, optional): Only the frames in these phases of the grasp.
-        stride (int): Only every :obj:`stride`-th frame of each trial.
-        rate (float, optional): Only the frames that are next in time to the ticks of a clock, so
-            many a second, that starts with the first frame of each trial.
-        samples_per_trial (int, optional): Only so many frames of each trial, drawn from those that
-            all of the above leave of it; which ones follows from :obj:`sample_seed` and the name of
-            the trial.
-        sample_seed (int): Which of them are drawn.
-        tare (float or str, optional): The frames at rest of each trial, whose mean reading is
-            subtracted from all of its frames before :obj:`transform`: the name of a phase, such as
-            :obj:`"hover"`, or how many seconds each trial begins with. Frames at rest count also
-            where :obj:`phases`, :obj:`stride` and the like or :obj:`split` leave them out.
+        root (str or PathLike, optional): Folder of the data set. By default
+            :obj:`$TACTILE_DATA/AllegroUSkin`, or a folder in the user's cache if that variable is
+            not set.
+        task (str): Target :obj:`y`. :obj:`"object"` and :obj:`"shape"` are class indices, and
+            :obj:`"property"` is 0 or 1 for each property. The regression targets are
+            :obj:`"width"`, the object's extent between fingers and thumb in metres;
+            :obj:`"centre"`, its position in the palm's frame in metres :math:`(S, 3)`; and
+            :obj:`"yaw"`, the rotation of its long axis about the palm's normal in radians, from
+            -pi/2 to pi/2, where 0 is across the fingers. Spheres have no yaw; their frames are left
+            out with that task.
+        split (str, optional): :obj:`"train"`, :obj:`"val"`, :obj:`"test"`, or :obj:`None` for all
+            frames.
+        split_by (str): :obj:`"trial"` holds out complete trials of each object. :obj:`"frame"`
+            holds out single frames, with optimistic results, since a test frame is nearly equal to
+            its neighbours in time. The papers do not state which of the two they used.
+            :obj:`"group"` holds out complete objects, :obj:`"placement"` placements of the hand
+            (one of nine, see :class:`~torch_geometric_tactile.sim.GraspSpread`), and :obj:`"size"`
+            all objects of the same width, rounded to centimetres.
+        fractions (tuple of float): Fractions for training, validation and test. When complete
+            trials are held out, each object has at least one training and one test trial, and a
+            validation trial if it has three or more. The second paper has :obj:`(0.6, 0.1, 0.3)`.
+        split_seed (int): Seed of the random split. The split of a frame does not depend on
+            :obj:`phases`, :obj:`stride`, :obj:`rate` or :obj:`samples_per_trial`.
+        adjacency (str): Name of the edges in the layout.
+        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
+            layout of the package, or a layout file. By default
+            :func:`~torch_geometric_tactile.sensors.allegro_uskin`.
+        phases (sequence of str, optional): Selects the frames in these phases of the grasp.
+        stride (int): Selects every :obj:`stride`-th frame of each trial.
+        rate (float, optional): Selects frames at this rate in hertz: those nearest in time to the
+            ticks of a clock that starts with the first frame of each trial.
+        samples_per_trial (int, optional): Number of frames of each trial, drawn at random after the
+            selections above. They depend only on :obj:`sample_seed` and the name of the trial.
+        sample_seed (int): Seed of :obj:`samples_per_trial`.
+        tare (float or str, optional): Frames at rest, whose mean reading is subtracted from all
+            frames of the same trial before :obj:`transform`: the name of a phase, such as
+            :obj:`"hover"`, or the number of seconds at the start of each trial. Frames at rest are
+            used even if they are not selected.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved (for each
             :obj:`task` and :obj:`adjacency`).
-        pre_filter (callable, optional): Tells whether a sample is kept (likewise).
-        force_reload (bool): Whether to process the raw files anew.
+        pre_filter (callable, optional): Returns whether to keep a sample, once for each
+            :obj:`task` and :obj:`adjacency`.
+        force_reload (bool): Whether to process the raw files again.
 
     Raises:
         FileNotFoundError: If there are no trials.
-        ValueError: If an argument is unknown or leaves no sample, a file cannot be read or is not
-            as described above, two files hold the same trial or contradict each other on the
-            properties of an object, or these are unknown where they are the task.
+        ValueError: If an argument is unknown or leaves no sample, a file cannot be read or does not
+            have the content above, two files hold the same trial or different properties of the
+            same object, or the target is unknown.
 
     Examples:
         >>> from torch_geometric.transforms import Compose
@@ -214,14 +216,14 @@ class AllegroUSkin(RecordingFrames):
 
     @property
     def class_names(self) -> list[str]:
-        r"""The names of the classes, labels or numbers of :obj:`y`."""
+        r"""The names of the classes or columns of :obj:`y`."""
         if self.task in GRASP_TARGETS:
             return list(GRASP_TARGETS[self.task]) or self.shape_names
         return super().class_names
 
     @property
     def shape_names(self) -> list[str]:
-        r"""The names of the shapes in :obj:`shape`; empty if a recording knows none."""
+        r"""The names of the shapes in :obj:`shape`. The list is empty if a shape is unknown."""
         return list(self._names["shape"])
 
     @property
@@ -230,17 +232,17 @@ class AllegroUSkin(RecordingFrames):
         return list(PROPERTIES)
 
     @property
-    def _held_out(self) -> str:
+    def _split_text(self) -> str:
         return f"fractions={self.fractions}"
 
-    def _in_split(self, split: str) -> Tensor:
+    def _split_mask(self, split: str) -> Tensor:
         try:
-            return super()._in_split(split)
+            return super()._split_mask(split)
         except ValueError as error:
             if self.split_by == "frame":
                 raise
             raise ValueError(
-                f"{error}: record more, or choose split_by='frame' or split=None"
+                f"{error}: record more trials, or choose split_by='frame' or split=None"
             ) from error
 
     def _no_files(self) -> str:
@@ -250,10 +252,10 @@ class AllegroUSkin(RecordingFrames):
 def _checked_fractions(fractions: Any) -> tuple[float, float, float]:
     try:
         train, val, test = (float(part) for part in fractions)
-        is_right = min(train, val, test) >= 0 and train > 0 and abs(train + val + test - 1) < 1e-6
+        is_valid = min(train, val, test) >= 0 and train > 0 and abs(train + val + test - 1) < 1e-6
     except (TypeError, ValueError):
-        is_right = False
-    if not is_right:
+        is_valid = False
+    if not is_valid:
         raise ValueError(
             "'fractions' must be three numbers, not negative and the first positive, that add up "
             f"to 1 (got {fractions})"

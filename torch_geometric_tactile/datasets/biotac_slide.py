@@ -1,4 +1,4 @@
-r"""Materials that a BioTac slides over."""
+r"""The BioTac slide data set of 20 materials."""
 
 import re
 from pathlib import Path
@@ -9,8 +9,8 @@ import torch
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._placed_files import PlacedFiles, frames_of_trials
-from torch_geometric_tactile.datasets._trial import check_one_file_each
+from torch_geometric_tactile.datasets._placed_files import PlacedFiles, trials_to_frames
+from torch_geometric_tactile.datasets._trial import check_unique_trials
 from torch_geometric_tactile.io import read_biotac_slide_csv
 from torch_geometric_tactile.sensors import biotac
 
@@ -28,28 +28,28 @@ class _Slide(NamedTuple):
 class BioTacSlide(PlacedFiles):
     r"""The BioTac slides (`BioTac_slide_20_50 <https://github.com/dexrob/BioTac_slide_20_50>`_) of
     the "Supervised Autoencoder Joint Learning on Heterogeneous Tactile Sensory Data: Improving
-    Material Classification Performance" paper (Gao et al., IROS 2020): a BioTac slides over one of
-    20 materials, 50 times each, at about 100 frames a second.
+    Material Classification Performance" paper (Gao et al., IROS 2020). A BioTac slides over each of
+    20 materials 50 times, at about 100 frames per second.
 
-    A sample is a frame: 19 electrodes with one channel. :obj:`y` numbers the materials, ``mat1`` to
-    ``mat20``, :obj:`trial` the slides in the order of material and number, :obj:`time` are seconds
-    from the start of a slide. The other signals of a frame are :obj:`pac` (22 samples of vibration
-    :math:`(S, 22)`), :obj:`pdc` (pressure), :obj:`tac` (change of temperature) and :obj:`tdc`
-    (temperature). All are counts; none of them is negative, and at the end of a slide they are near
-    zero: they seem to be sizes of differences from a rest that is not published. There are no
-    edges without a :obj:`pre_transform`.
+    A sample is a frame of 19 electrodes with one channel. :obj:`y` is the material, ``mat1`` to
+    ``mat20``; :obj:`trial` is the slide, in the order of material and number; :obj:`time` is in
+    seconds from the start of the slide. The other signals of a frame are :obj:`pac` (22 samples of
+    vibration :math:`(S, 22)`), :obj:`pdc` (pressure), :obj:`tac` (change of temperature) and
+    :obj:`tdc` (temperature). All signals are counts. They are never negative and are near zero at
+    the end of a slide, so they are probably absolute differences from an unpublished reading at
+    rest. There are no edges without a :obj:`pre_transform`.
 
     .. warning::
-        **The time of recording may tell the material.** The slides over one material follow each
-        other in time, by number (slides 2, 10, 11 and 31 over ``mat1`` end within 32 minutes of one
-        day, slides 2 and 39 over ``mat7`` within 38 of the next), so that drift goes with the
-        label; look at :obj:`tdc` and :obj:`tac`, the temperature, first. Each class is one piece of
-        material: nothing here tells whether another piece would be recognised. Frames of a slide
-        belong on one side of a split: hold out slides, ``Protocol("trial", folds=5,
-        stratify="y")``.
+        **The time of recording may reveal the material.** The slides over one material were
+        recorded one after the other (slides 2, 10, 11 and 31 over ``mat1`` end within 32 minutes of
+        one day, slides 2 and 39 over ``mat7`` within 38 minutes of the next), so that drift is
+        confounded with the label. Inspect the temperatures :obj:`tdc` and :obj:`tac` first. Each
+        class is one piece of material, so the data set cannot show whether another piece of the
+        same material would be recognised. All frames of a slide belong on the same side of a split:
+        hold out slides with ``Protocol("trial", folds=5, stratify="y")``.
 
-    The authors' own parts are arrays in the folder ``compiled_data``, without the numbers of their
-    slides; they are not read, and there is no :obj:`part`.
+    The authors publish their split as arrays in the folder ``compiled_data``, without the numbers
+    of the slides. These arrays are not read, and there is no attribute :obj:`part`.
 
     .. list-table:: STATS
         :header-rows: 1
@@ -65,26 +65,27 @@ class BioTacSlide(PlacedFiles):
           - 1
           - 20
 
-    All 1,000 files were read, at commit ``c19638b``: 50 slides over each material, of 599 to 801
-    frames.
+    These numbers are those of commit ``c19638b``, with 50 slides of 599 to 801 frames over each
+    material.
 
-    The files are not downloaded and do not come with this package, since their repository names no
-    licence: get them by ``git clone``, and mind that yourself.
+    The repository names no licence. The files are therefore neither downloaded nor part of this
+    package: get them with ``git clone``, and check whether you may use them.
 
     Args:
-        root (str or PathLike, optional): Folder of the data set; its folders ``mat1`` to ``mat20``,
-            with files ``mat<material>_<trial>_bio.csv``, are in its folder :obj:`raw_data` or
-            :obj:`raw`, in the clone :obj:`BioTac_slide_20_50`, or in itself. Other files are not
-            read. If left out, :obj:`$TACTILE_DATA/BioTacSlide` or a folder in the user's cache.
+        root (str or PathLike, optional): Folder of the data set. Its folders ``mat1`` to ``mat20``,
+            with files ``mat<material>_<trial>_bio.csv``, are in the subfolder :obj:`raw_data` or
+            :obj:`raw`, in the clone :obj:`BioTac_slide_20_50`, or directly in it. Other files are
+            ignored. By default :obj:`$TACTILE_DATA/BioTacSlide`, or a folder in the user's cache if
+            that variable is not set.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw files anew.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw files again.
 
     Raises:
         FileNotFoundError: If there are no files.
         ValueError: If a file cannot be read or is in the folder of another material, or a slide is
-            there twice.
+            in two files.
 
     Examples:
         >>> from torch_geometric_tactile.data import Protocol
@@ -120,7 +121,7 @@ class BioTacSlide(PlacedFiles):
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all slides."""
         slides = _slides(Path(self.raw_dir))
-        check_one_file_each(
+        check_unique_trials(
             (s[:2], f"slide {s.number} over mat{s.material}", f"'{s.path}'") for s in slides
         )
         for slide in slides:
@@ -131,7 +132,7 @@ class BioTacSlide(PlacedFiles):
                 )
         materials = sorted({slide.material for slide in slides})
         recordings = [read_biotac_slide_csv(slide.path) for slide in slides]
-        stacked = {
+        signals = {
             "x": [recording.tactile for recording in recordings],
             "time": [recording.time - recording.time[0] for recording in recordings],
             **{name: [recording.extra[name] for recording in recordings] for name in _SIGNALS},
@@ -139,8 +140,8 @@ class BioTacSlide(PlacedFiles):
         data = StaticData(
             pos=self.layout.pos,
             normal=self.layout.normal,
-            **{key: torch.from_numpy(np.concatenate(rows)) for key, rows in stacked.items()},
-            **frames_of_trials(
+            **{key: torch.from_numpy(np.concatenate(rows)) for key, rows in signals.items()},
+            **trials_to_frames(
                 [recording.num_frames for recording in recordings],
                 y=[materials.index(slide.material) for slide in slides],
             ),

@@ -1,4 +1,4 @@
-r"""Real grasps with a Shadow hand."""
+r"""The BioTac SP grasp stability data set."""
 
 import os
 import shutil
@@ -31,14 +31,14 @@ _SHA256 = {
 class BioTacSP(PublishedFiles):
     r"""The BioTac SP stability set v2 (BTS3) of the `"TactileGCN: A Graph Convolutional Network for
     Predicting Grasp Stability with Tactile Sensors" <https://arxiv.org/abs/1901.06181>`_ paper:
-    real grasps with a Shadow hand, one reading each of three BioTac SP fingertips, before the lift
-    that showed whether the object slips.
+    real grasps with a Shadow hand. Each grasp has one reading of three BioTac SP fingertips, taken
+    before the lift that showed whether the object slips.
 
-    A sample has 24 electrodes with three channels, index finger, middle finger and thumb, in raw
-    counts; :obj:`y` is 1 where the object slipped. :obj:`group` numbers the 51 objects,
-    :obj:`session` the six files (a palm pose, training or test), :obj:`trial` the grasps. Without a
-    :obj:`pre_transform` such as :class:`~torch_geometric_tactile.transforms.KNNGraph` there are no
-    edges.
+    A sample has 24 electrodes with three channels, the index finger, the middle finger and the
+    thumb, in raw counts. :obj:`y` is 1 if the object slipped. :obj:`group` is one of the 51
+    objects, :obj:`session` one of the six files (a palm pose for training or test), and
+    :obj:`trial` the grasp. There are no edges without a :obj:`pre_transform` such as
+    :class:`~torch_geometric_tactile.transforms.KNNGraph`.
 
     .. list-table:: STATS
         :header-rows: 1
@@ -63,21 +63,22 @@ class BioTacSP(PublishedFiles):
           - 10
 
     Args:
-        root (str or PathLike, optional): Folder of the data set; the CSV files are in its
-            :obj:`raw` folder or downloaded there. If left out, :obj:`$TACTILE_DATA/BioTacSP` or a
-            folder in the user's cache.
-        split (str, optional): :obj:`"train"`, :obj:`"test"` (objects that the training split does
-            not have), or :obj:`None` for all samples.
-        palm (str, optional): Only the grasps with this palm pose, :obj:`"down"`, :obj:`"side"` or
-            :obj:`"45"`.
+        root (str or PathLike, optional): Folder of the data set. The CSV files are in its subfolder
+            :obj:`raw`, or are downloaded there. By default :obj:`$TACTILE_DATA/BioTacSP`, or a
+            folder in the user's cache if that variable is not set.
+        split (str, optional): :obj:`"train"`, :obj:`"test"` (objects that are not in the training
+            split), or :obj:`None` for all samples.
+        palm (str, optional): Selects the grasps with this palm pose, :obj:`"down"`, :obj:`"side"`
+            or :obj:`"45"`.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw files anew.
-        checksum (bool): Whether the raw files must be those published.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw files again.
+        checksum (bool): Whether to verify the published checksums of the raw files.
 
     Raises:
-        ValueError: If :obj:`split` or :obj:`palm` is unknown, or a raw file is not as published.
+        ValueError: If :obj:`split` or :obj:`palm` is unknown, or a raw file differs from the
+            published one.
         ConnectionError: If a raw file is missing and cannot be downloaded.
 
     Examples:
@@ -93,7 +94,7 @@ class BioTacSP(PublishedFiles):
     _folder = "BioTacSP"
     _processed_name = "biotac_sp"
     _sha256 = _SHA256
-    num_classes = StaticDataset.num_classes  # of the samples, which may be none
+    num_classes = StaticDataset.num_classes  # of the selected samples, which may have one class
 
     def __init__(
         self,
@@ -114,20 +115,20 @@ class BioTacSP(PublishedFiles):
         self.palm = palm
         self.checksum = checksum
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
-        wanted = [
+        sessions = [
             i
             for i, name in enumerate(self.session_names)
             if self.split in (None, "test" if name.endswith("_test") else "train")
             and palm in (None, name.removesuffix("_test").removeprefix("palm_"))
         ]
-        if len(wanted) < len(self.session_names):
-            kept = torch.isin(self._data.session, torch.tensor(wanted))
-            self._data = self._data.index_select(kept)
+        if len(sessions) < len(self.session_names):
+            mask = torch.isin(self._data.session, torch.tensor(sessions))
+            self._data = self._data.index_select(mask)
 
     @property
     def part(self) -> torch.Tensor:
-        r"""The published part of each sample of this selection :math:`(S,)`: 0 to train and 2 to
-        test on, for :class:`Protocol("given") <torch_geometric_tactile.data.Protocol>`.
+        r"""The published part of each sample of this selection :math:`(S,)`, 0 for training and 2
+        for test, for :class:`Protocol("given") <torch_geometric_tactile.data.Protocol>`.
         """
         is_test = torch.tensor([name.endswith("_test") for name in self.session_names])
         session = self.column("session")
@@ -135,8 +136,8 @@ class BioTacSP(PublishedFiles):
         return 2 * is_test[session].long()
 
     def download(self) -> None:
-        r"""Takes the raw files that are in :obj:`root` or in a folder :obj:`biotacsp` beside it,
-        downloads those that are still missing, and verifies their checksums.
+        r"""Copies the raw files that are in :obj:`root` or in a folder :obj:`biotacsp` beside it,
+        downloads missing ones, and verifies their checksums.
         """
         for folder in (Path(self.root), Path(self.root).parent):
             self.import_raw(folder, self.root)
@@ -164,24 +165,24 @@ class BioTacSP(PublishedFiles):
 
     @staticmethod
     def import_raw(folder: PathLike, root: PathLike) -> bool:
-        r"""Copies the raw files that are in a folder to where the data set reads them.
+        r"""Copies the raw files in a folder to :obj:`root/raw`. Files that exist there are kept.
 
         Args:
-            folder (str or PathLike): The folder, or one that has them in :obj:`biotacsp`,
-                :obj:`BioTacSP/raw` or :obj:`raw`.
+            folder (str or PathLike): A folder with raw files, or with a subfolder :obj:`raw`,
+                :obj:`BioTacSP/raw` or :obj:`biotacsp` that has them.
             root (str or PathLike): Root of the data set.
 
         Returns:
-            bool: Whether any file was there.
+            bool: Whether the folder has any raw file.
         """
         folder, root = (Path(os.path.expanduser(path)) for path in (folder, root))
         for inner in (".", "raw", "BioTacSP/raw", "biotacsp"):
-            found = [path for name in _SHA256 if (path := Path(folder, inner, name)).is_file()]
-            for path in found:
+            sources = [path for name in _SHA256 if (path := Path(folder, inner, name)).is_file()]
+            for path in sources:
                 target = Path(root, "raw", path.name)
                 if not target.exists():
                     with atomic_path(target) as temporary:
                         shutil.copyfile(path, temporary)
-            if found:
+            if sources:
                 return True
         return False

@@ -1,4 +1,4 @@
-r"""Directions of slip on one BioTac SP."""
+r"""The BioTac SP data set of slip directions."""
 
 import re
 from pathlib import Path
@@ -9,12 +9,12 @@ import torch
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._placed_files import PlacedFiles, frames_of_trials
-from torch_geometric_tactile.datasets._trial import check_one_file_each
+from torch_geometric_tactile.datasets._placed_files import PlacedFiles, trials_to_frames
+from torch_geometric_tactile.datasets._trial import check_unique_trials
 from torch_geometric_tactile.io import read_biotac_sp_dos_csv
 from torch_geometric_tactile.sensors import biotac_sp
 
-#: The names of the directions by those of their folders, in the order of their numbers.
+#: The names of the directions by the names of their folders, in the order of the class indices.
 _DIRECTIONS = {
     "n": "north",
     "e": "east",
@@ -24,7 +24,7 @@ _DIRECTIONS = {
     "aw": "anticlockwise",
     "t": "touch",
 }
-#: The authors' sets of objects. Other objects are of the set "other".
+#: The authors' sets of objects. All remaining objects are in the set "other".
 _SETS = {
     "basic": ("case", "hd", "pen", "sponge"),
     "solids": ("bottle", "cardboard"),
@@ -45,19 +45,19 @@ class _Sequence(NamedTuple):
 
 class BioTacSPDoS(PlacedFiles):
     r"""The BioTac SP DoS data set (`BioTacSP-DoS <https://github.com/yayaneath/BioTacSP-DoS>`_,
-    Zapata-Impata, Gil and Torres, 2018): an object is moved on one BioTac SP in a direction, turned
-    on it, or held still; about three seconds at 100 readings a second.
+    Zapata-Impata, Gil and Torres, 2018). An object is moved over one BioTac SP in a direction,
+    turned on it, or held still, for about three seconds at 100 readings per second.
 
-    A sample is a frame: 24 electrodes with one channel, in raw counts. :obj:`y` is the direction:
-    north, east, south, west, clockwise, anticlockwise or, without slip, touch. :obj:`trial` numbers
-    the sequences, :obj:`group` the eleven objects, :obj:`time` are seconds from the start, at the
-    nominal rate. Without a :obj:`pre_transform` such as
-    :class:`~torch_geometric_tactile.transforms.KNNGraph` there are no edges.
+    A sample is a frame of 24 electrodes with one channel, in raw counts. :obj:`y` is the direction:
+    north, east, south, west, clockwise, anticlockwise or, without slip, touch. :obj:`trial` is the
+    sequence, :obj:`group` one of the eleven objects, and :obj:`time` is in seconds from the start,
+    at the nominal rate. There are no edges without a :obj:`pre_transform` such as
+    :class:`~torch_geometric_tactile.transforms.KNNGraph`.
 
-    :obj:`set` is which of the authors' four sets of objects a sample is of: basic (case, hd, pen,
-    sponge), solids (bottle, cardboard), small (brush, screw) or textures (bubbles, plate, striped).
-    With :obj:`part`, ``Protocol("given")`` trains on the basic objects and tests on the others;
-    their repository names the sets, and not what they trained on.
+    :obj:`set` is the authors' set of the object: basic (case, hd, pen, sponge), solids (bottle,
+    cardboard), small (brush, screw) or textures (bubbles, plate, striped). ``Protocol("given")``
+    uses the attribute :obj:`part`, which trains on the basic objects and tests on the others. This
+    split is a choice of this package: the repository names the sets but not the training objects.
 
     .. list-table:: STATS, as published
         :header-rows: 1
@@ -75,25 +75,28 @@ class BioTacSPDoS(PlacedFiles):
           - 7
           - 11
 
-    All files were read, at commit ``8e6f398``: 43 or 44 sequences of a direction, 27 to 29 of an
-    object, of 270 to 281 readings. The file ``s/strippes305.csv`` is counted as striped.
+    These numbers agree with commit ``8e6f398``, which has 43 or 44 sequences of each direction and
+    27 to 29 of each object, of 270 to 281 readings. The file ``s/strippes305.csv`` is counted as
+    striped.
 
-    The files are not downloaded and do not come with this package, since their repository names no
-    licence: get them there, and mind that yourself.
+    The repository names no licence. The files are therefore neither downloaded nor part of this
+    package: get them with ``git clone``, and check whether you may use them.
 
     Args:
-        root (str or PathLike, optional): Folder of the data set; its folders ``n``, ``e``, ``s``,
-            ``w``, ``cw``, ``aw`` and ``t``, with files ``<object><number>.csv``, are in its folder
-            :obj:`raw` or :obj:`csvs` or in itself. If left out, :obj:`$TACTILE_DATA/BioTacSPDoS` or
-            a folder in the user's cache.
+        root (str or PathLike, optional): Folder of the data set. Its folders ``n``, ``e``, ``s``,
+            ``w``, ``cw``, ``aw`` and ``t``, with files ``<object><number>.csv``, are in the
+            subfolder :obj:`raw` or :obj:`csvs`, or directly in it. By default
+            :obj:`$TACTILE_DATA/BioTacSPDoS`, or a folder in the user's cache if that variable is
+            not set.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw files anew.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw files again.
 
     Raises:
-        FileNotFoundError: If there are no files, or those of a direction are missing.
-        ValueError: If a file cannot be read or has another name, or a sequence is there twice.
+        FileNotFoundError: If a direction has no files.
+        ValueError: If a file cannot be read or is not named as above, or a sequence is in two
+            files.
 
     Examples:
         >>> from torch_geometric_tactile.data import Protocol
@@ -123,8 +126,8 @@ class BioTacSPDoS(PlacedFiles):
 
     def _need_files(self) -> None:
         folder = Path(self.raw_dir)
-        there = {sequence.direction for sequence in _sequences(folder)}
-        missing = [name for name in _DIRECTIONS if name not in there]
+        directions = {sequence.direction for sequence in _sequences(folder)}
+        missing = [name for name in _DIRECTIONS if name not in directions]
         if missing:
             raise FileNotFoundError(
                 f"'{folder}' must have files <object><number>.csv in a folder for each direction, "
@@ -138,14 +141,14 @@ class BioTacSPDoS(PlacedFiles):
         objects = sorted({sequence.object_name for sequence in sequences})
         recordings = [read_biotac_sp_dos_csv(sequence.path) for sequence in sequences]
         directions = [*_DIRECTIONS]
-        number = {name: i for i, names in enumerate(_SETS.values()) for name in names}
-        sets = [number.get(s.object_name, len(_SETS) - 1) for s in sequences]
+        set_index = {name: i for i, names in enumerate(_SETS.values()) for name in names}
+        sets = [set_index.get(s.object_name, len(_SETS) - 1) for s in sequences]
         data = StaticData(
             x=torch.from_numpy(np.concatenate([r.tactile for r in recordings])),
             pos=self.layout.pos,
             normal=self.layout.normal,
             time=torch.from_numpy(np.concatenate([r.time for r in recordings])),
-            **frames_of_trials(
+            **trials_to_frames(
                 [recording.num_frames for recording in recordings],
                 y=[directions.index(s.direction) for s in sequences],
                 group=[objects.index(s.object_name) for s in sequences],
@@ -153,30 +156,32 @@ class BioTacSPDoS(PlacedFiles):
                 part=[2 * (i > 0) for i in sets],
             ),
         )
-        names = [f"{s.direction}/{s.path.stem}" for s in sequences]
-        kinds = {"class": [*_DIRECTIONS.values()], "group": objects, "set": [*_SETS]}
-        return data, {**kinds, "trial": names}
+        trial_names = [f"{s.direction}/{s.path.stem}" for s in sequences]
+        names = {"class": [*_DIRECTIONS.values()], "group": objects, "set": [*_SETS]}
+        return data, {**names, "trial": trial_names}
 
 
-def _folders(parent: Path) -> list[Path]:
+def _direction_folders(parent: Path) -> list[Path]:
     if not parent.is_dir():
         return []
     return sorted(p for p in parent.iterdir() if p.name.lower() in _DIRECTIONS and p.is_dir())
 
 
 def _sequences(parent: Path) -> list[_Sequence]:
-    found = []
-    for folder in _folders(parent):
+    sequences = []
+    for folder in _direction_folders(parent):
         for path in sorted(folder.iterdir()):
             if path.suffix.lower() != ".csv" or path.name.startswith("."):
                 continue
-            name = _NAME.fullmatch(path.stem)
-            if name is None:
+            match = _NAME.fullmatch(path.stem)
+            if match is None:
                 raise ValueError(f"'{path}' must be named <object><number>.csv, as 'bottle0.csv'")
-            item = _MISSPELT.get(name["object"], name["object"])
-            found.append(_Sequence(folder.name.lower(), item, int(name["number"]), path))
-    check_one_file_each(
-        (s[:3], f"sequence {s.number} of '{s.object_name}'", f"'{s.path}'") for s in found
+            object_name = _MISSPELT.get(match["object"], match["object"])
+            sequences.append(
+                _Sequence(folder.name.lower(), object_name, int(match["number"]), path)
+            )
+    check_unique_trials(
+        (s[:3], f"sequence {s.number} of '{s.object_name}'", f"'{s.path}'") for s in sequences
     )
     order = [*_DIRECTIONS]
-    return sorted(found, key=lambda s: (order.index(s.direction), s.object_name, s.number))
+    return sorted(sequences, key=lambda s: (order.index(s.direction), s.object_name, s.number))

@@ -1,4 +1,4 @@
-r"""Braille letters that a fingertip slides over."""
+r"""The data set of Braille letters read by an iCub fingertip."""
 
 import string
 from pathlib import Path
@@ -31,19 +31,20 @@ class BrailleLetters(PlacedFiles):
     r"""The Braille letters (`Zenodo 7050094 <https://zenodo.org/record/7050094>`_) of the `"Braille
     letter reading: A benchmark for spatio-temporal pattern recognition on neuromorphic hardware"
     <https://www.frontiersin.org/articles/10.3389/fnins.2022.951164/full>`_ paper (Müller-Cleve et
-    al., 2022): a fingertip of the iCub robot, moved by another robot, slides over 3-D printed
+    al., 2022). A fingertip of the iCub robot, moved by another robot, slides over 3-D printed
     letters.
 
-    A sample is a frame: 12 taxels with one channel, in the counts and the order of the file; the
-    layout is :func:`~torch_geometric_tactile.sensors.icub_fingertip`, whose order is taken for that
-    of the file, which is not published. :obj:`y` is the letter, a space or A to Z; :obj:`trial`
-    numbers the slides, :obj:`time` are seconds from their start, at the nominal 40 frames a second
-    if the file has none. :class:`~torch_geometric_tactile.data.Trials` and
+    A sample is a frame of 12 taxels with one channel, in the counts and the order of the file. The
+    layout is :func:`~torch_geometric_tactile.sensors.icub_fingertip`. The order of the taxels in
+    the file is not published; it is assumed to be that of the layout. :obj:`y` is the letter, a
+    space or A to Z; :obj:`trial` is the slide; :obj:`time` is in seconds from its start, at the
+    nominal 40 frames per second if the file has no times.
+    :class:`~torch_geometric_tactile.data.Trials` and
     :class:`~torch_geometric_tactile.data.Windows` make sequences of the frames.
 
-    **The published files are pickles, which run whatever code they hold; this package opens none.**
-    Convert the raw one once, in an environment of its own with pandas, to a file of plain arrays as
-    :func:`~torch_geometric_tactile.io.read_samples_npz` reads them:
+    **The published files are pickles, which can run arbitrary code when opened; this package never
+    opens them.** Convert the raw file once, in a separate environment with pandas, to a file of
+    plain arrays for :func:`~torch_geometric_tactile.io.read_samples_npz`:
 
     .. code-block:: python
 
@@ -57,13 +58,13 @@ class BrailleLetters(PlacedFiles):
 
     .. warning::
         All slides over a letter are repetitions with **one printed letter on one set-up**, and the
-        slides follow each other letter by letter in the file. A split by slide
-        (``Protocol("trial", folds=5, stratify="y")``) shares print and placement between its parts,
-        and nothing finer can be held out: a score is one of repetition, not of another print or
-        finger. Frames of a slide belong on one side. A program of others takes four of the twelve
-        taxels (1, 2, 6 and 10, counted from 0) for those that are not zero.
+        file lists the slides letter by letter. Splits by slide (``Protocol("trial", folds=5,
+        stratify="y")``) share prints and placements between training and test. Scores therefore
+        measure repetition, and not other prints or fingers; the data set allows no stricter split.
+        All frames of a slide belong on the same side. A third-party program treats only four of
+        the twelve taxels as nonzero (1, 2, 6 and 10, counted from 0).
 
-    .. list-table:: STATS, by the README and, for the frames, by a program of others
+    .. list-table:: STATS from the README; number of frames from a third-party program
         :header-rows: 1
 
         * - #trials
@@ -79,27 +80,28 @@ class BrailleLetters(PlacedFiles):
           - 1
           - 27
 
-    The authors' README names 50 slides over each letter; two programs of others take 200 from the
-    files (5,400 in all, of 51 frames). If these are versions of 50, versions of one slide are on
-    both sides of any split: count the slides of a letter, and look for near copies.
+    The authors' README names 50 slides over each letter, but two third-party programs read 200
+    (5,400 in all, of 51 frames). If these are variants of 50 slides, every split has variants of
+    one slide on both sides: count the slides of each letter, and search for near copies.
 
-    **What was read here**: no file of the record, and not its page; the README of the authors'
-    program, their and others' programs that read the files, from which the names and keys are.
-    Zenodo's page is said to name the licence CC-BY-4.0: look there.
+    **This class was written without access to the files and their Zenodo page.** Names and keys are
+    from the README of the authors' program, and from programs that read the files. The licence is
+    reported to be CC-BY-4.0: check the Zenodo page.
 
     Args:
-        root (str or PathLike, optional): Folder of the data set; the file
-            :obj:`braille_letters.npz` is in its folder :obj:`raw` or in itself. If left out,
-            :obj:`$TACTILE_DATA/BrailleLetters` or a folder in the user's cache.
+        root (str or PathLike, optional): Folder of the data set. The file
+            :obj:`braille_letters.npz` is in its subfolder :obj:`raw` or directly in it. By default
+            :obj:`$TACTILE_DATA/BrailleLetters`, or a folder in the user's cache if that variable is
+            not set.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw file anew.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw file again.
 
     Raises:
-        FileNotFoundError: If there is no file; the message has the lines that make it.
-        ValueError: If the file cannot be read, lacks the letters or trials, has another letter, or
-            a trial is in pieces or of several letters.
+        FileNotFoundError: If there is no file. The message has the program that converts it.
+        ValueError: If the file cannot be read, has no letters or trials or an unknown letter, or
+            the frames of a trial are not consecutive or have several letters.
 
     Examples:
         >>> from torch_geometric_tactile.data import Protocol
@@ -128,8 +130,8 @@ class BrailleLetters(PlacedFiles):
     def _no_files(self) -> str:
         return (
             f"there is no '{_FILE}' in '{self.raw_dir}' or '{self.root}': download "
-            "reading_braille_data.zip from https://zenodo.org/record/7050094, and make it from the "
-            f"raw pickle in there, which this package does not open, by\n{_SCRIPT}"
+            "reading_braille_data.zip from https://zenodo.org/record/7050094, and convert the raw "
+            f"pickle in it, which this package does not open, with\n{_SCRIPT}"
         )
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
@@ -150,10 +152,10 @@ class BrailleLetters(PlacedFiles):
         need(not unknown, f"'{path}' must hold the letters {_LETTERS[0]} and A to Z", unknown[:3])
         is_first = np.append(True, trial[1:] != trial[:-1])
         starts = np.flatnonzero(is_first)
-        number = np.cumsum(is_first) - 1
-        if len(np.unique(trial)) < len(starts) or (letters != letters[starts][number]).any():
-            raise ValueError(f"'{path}' must have the frames of a trial in a row, of one letter")
-        step = np.arange(len(x)) - starts[number]
+        trial_index = np.cumsum(is_first) - 1
+        if len(np.unique(trial)) < len(starts) or (letters != letters[starts][trial_index]).any():
+            raise ValueError(f"'{path}' must have consecutive frames of one letter in each trial")
+        step = np.arange(len(x)) - starts[trial_index]
         time = content.get("time", step / _RATE).reshape(-1).astype(np.float64)
         classes = [letter for letter in _LETTERS if (letters == letter).any()]
         code = {letter: i for i, letter in enumerate(classes)}
@@ -163,7 +165,7 @@ class BrailleLetters(PlacedFiles):
             pos=self.layout.pos,
             normal=self.layout.normal,
             y=torch.tensor([code[str(letter)] for letter in letters]),
-            trial=torch.from_numpy(number),
-            time=torch.from_numpy(time - time[starts][number]),
+            trial=torch.from_numpy(trial_index),
+            time=torch.from_numpy(time - time[starts][trial_index]),
         )
         return data, {"class": classes}

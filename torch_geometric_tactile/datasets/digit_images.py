@@ -1,4 +1,4 @@
-r"""Handwritten digits as images of pressure."""
+r"""Data sets of handwritten digits as images on a taxel array."""
 
 from typing import Literal
 
@@ -37,19 +37,19 @@ _SHA256 = {
 
 class DigitImages(PublishedFiles, ImageDataset):
     r"""Handwritten digits as images of 32 x 32 pixels on the array of
-    :class:`~torch_geometric_tactile.datasets.LetterShape`: real data of the same shape for the same
-    models. They are ink, not touch.
+    :class:`~torch_geometric_tactile.datasets.LetterShape`. They are real data for the same models,
+    but images of ink rather than touch.
 
-    * :obj:`"sklearn"`: the 1,797 images of 8 x 8 pixels that come with scikit-learn
+    * :obj:`"sklearn"`: the 1,797 images of 8 x 8 pixels in scikit-learn
       (:func:`sklearn.datasets.load_digits`, the test part of UCI's "Optical Recognition of
-      Handwritten Digits"), enlarged four times by linear interpolation. **They do not tell who
-      wrote them**, so folds have the same writers in training and test.
-    * :obj:`"mnist"`: the 70,000 images of 28 x 28 pixels of MNIST, with two black pixels around
-      them. Its training and test part have different writers: :obj:`split` without a :obj:`fold`
-      is that split, as is ``Protocol("given")``.
+      Handwritten Digits"), enlarged four times by linear interpolation. **The writers are
+      unknown**, so that folds share writers between training and test.
+    * :obj:`"mnist"`: the 70,000 images of 28 x 28 pixels of MNIST, with a border of two black
+      pixels. Its training and test part have different writers. Both :obj:`split` without a
+      :obj:`fold` and ``Protocol("given")`` use these parts.
 
     A sample has grey values :obj:`x`, 0 to 1, and the digit :obj:`y`; :obj:`trial` and :obj:`group`
-    number the images. :obj:`data.image` of samples and batches is a view of :obj:`x`.
+    are the index of the image. :obj:`data.image` of samples and batches is a view of :obj:`x`.
 
     .. list-table:: STATS
         :header-rows: 1
@@ -71,24 +71,26 @@ class DigitImages(PublishedFiles, ImageDataset):
           - 10
 
     Args:
-        root (str or PathLike, optional): Folder of the data set; for MNIST only, whose four files
-            are in its :obj:`raw` folder or downloaded there. If left out,
-            :obj:`$TACTILE_DATA/DigitImages` or a folder in the user's cache.
-        fold (int, optional): Which of the :obj:`folds` is tested on.
-        split (str, optional): :obj:`"train"` or :obj:`"test"`; everything with :obj:`None`.
+        root (str or PathLike, optional): Folder of the data set, only for MNIST. Its four files are
+            in the subfolder :obj:`raw`, or are downloaded there. By default
+            :obj:`$TACTILE_DATA/DigitImages`, or a folder in the user's cache if that variable is
+            not set.
+        fold (int, optional): Index of the test fold.
+        split (str, optional): :obj:`"train"`, :obj:`"test"`, or :obj:`None` for all images.
         source (str): :obj:`"sklearn"` or :obj:`"mnist"`.
-        folds (int): Number of folds, which all have their share of every digit.
-        split_seed (int): Which of the random splits.
-        adjacency (str, optional): Which edges: :obj:`"original"` joins four neighbours,
-            :obj:`"dense"` eight; no edges with :obj:`None`.
+        folds (int): Number of folds. They are stratified by digit.
+        split_seed (int): Seed of the random split.
+        adjacency (str, optional): :obj:`"original"` joins four neighbours, :obj:`"dense"` joins
+            eight. There are no edges with :obj:`None`.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw files anew.
-        checksum (bool): Whether the raw files must be those published.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw files again.
+        checksum (bool): Whether to verify the published checksums of the raw files.
 
     Raises:
-        ValueError: If an argument is wrong, or a raw file is not as published or cannot be read.
+        ValueError: If an argument is invalid, or a raw file cannot be read or differs from the
+            published one.
         ConnectionError: If a raw file is missing and cannot be downloaded.
 
     Examples:
@@ -134,8 +136,8 @@ class DigitImages(PublishedFiles, ImageDataset):
 
     @property
     def part(self) -> Tensor:
-        r"""The published part of each image of this selection :math:`(S,)`: 0 to train and 2 to
-        test on. Only MNIST has parts.
+        r"""The published part of each image of this selection :math:`(S,)`, 0 for training and 2
+        for test. Only MNIST has parts.
         """
         session = self.column("session")
         if session is None:
@@ -144,7 +146,7 @@ class DigitImages(PublishedFiles, ImageDataset):
 
     @property
     def has_download(self) -> bool:
-        r"""Whether there are files to download: not so for the digits of scikit-learn."""
+        r"""Whether the files can be downloaded. The digits of scikit-learn come with it."""
         return self.source == "mnist"
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
@@ -154,11 +156,11 @@ class DigitImages(PublishedFiles, ImageDataset):
             digits = load_digits()
             images = torch.from_numpy(digits.images / 16).float().unsqueeze(1)
             large = interpolate(images, size=(_SIZE, _SIZE), mode="bilinear", align_corners=False)
-            return self._of_images(large, digits.target), names
+            return self._images_to_data(large, digits.target), names
         self._verify()
-        parts = [self._part(*self.raw_paths[:2]), self._part(*self.raw_paths[2:])]
+        parts = [self._read_part(*self.raw_paths[:2]), self._read_part(*self.raw_paths[2:])]
         images = torch.from_numpy(np.concatenate([images for images, _ in parts]))
-        data = self._of_images(
+        data = self._images_to_data(
             pad(images.unsqueeze(1), (2, 2, 2, 2)).float() / 255,
             np.concatenate([labels for _, labels in parts]),
         )
@@ -166,13 +168,13 @@ class DigitImages(PublishedFiles, ImageDataset):
         data.session = torch.arange(2).repeat_interleave(sizes)
         return data, names | {"session": ["train", "test"]}
 
-    def _of_images(self, images: Tensor, labels: np.ndarray) -> StaticData:
-        number = torch.arange(len(images))
+    def _images_to_data(self, images: Tensor, labels: np.ndarray) -> StaticData:
+        index = torch.arange(len(images))
         y = torch.from_numpy(labels).long()
-        return self._stacked(x=images.reshape(len(images), -1, 1), y=y, trial=number, group=number)
+        return self._to_data(x=images.reshape(len(images), -1, 1), y=y, trial=index, group=index)
 
     @staticmethod
-    def _part(images_path: str, labels_path: str) -> tuple[np.ndarray, np.ndarray]:
+    def _read_part(images_path: str, labels_path: str) -> tuple[np.ndarray, np.ndarray]:
         images, labels = read_idx(images_path), read_idx(labels_path)
         if images.shape[1:] != (28, 28) or not len(images):
             raise ValueError(

@@ -1,4 +1,4 @@
-r"""Slip on a magnetic skin."""
+r"""The eFlesh data set of slip on a magnetic skin."""
 
 from pathlib import Path
 from typing import Any
@@ -9,44 +9,46 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.data._torch_file import read_torch_file, tensor_form
-from torch_geometric_tactile.datasets._placed_files import frames_of_trials
+from torch_geometric_tactile.datasets._placed_files import trials_to_frames
 from torch_geometric_tactile.datasets._raw_files import PublishedFiles
 from torch_geometric_tactile.sensors import TaxelLayout, stock_layout
 
 _RATE = 100.0  # frames per second
-_BOARDS, _MAGNETOMETERS = ("first", "second"), 5
+_BOARDS, _NUM_MAGNETOMETERS = ("first", "second"), 5
 
 
 def _published_hashes() -> dict[str, str]:
-    # Of the file beside this one, in the form of "sha256sum".
+    # From the file eflesh_slip.sha256 beside this one, in the format of "sha256sum".
     lines = Path(__file__).with_suffix(".sha256").read_text("ascii").splitlines()
-    return {name: code for code, name in map(str.split, lines)}
+    return {name: checksum for checksum, name in map(str.split, lines)}
 
 
 class EFleshSlip(PublishedFiles):
     r"""The slip sequences of the "eFlesh: Highly customizable Magnetic Touch Sensing using Cut-Cell
-    Microstructures" paper (Pattabiraman et al., 2025): an object between the two fingers of a
-    gripper, each with a magnetic skin over five magnetometers, is pulled and slips, or is held.
+    Microstructures" paper (Pattabiraman et al., 2025). A gripper has a magnetic skin over five
+    magnetometers on each of its two fingers. The object between them is pulled until it slips, or
+    is held.
 
-    A sample is a frame: ten magnetometers with three channels, as the boards sent them (the files
-    name no unit). :obj:`y` is 0 for hold and 1 for slip, for the whole sequence; :obj:`trial`
-    numbers the 137 sequences of 300 frames, :obj:`step` the frames of one, and :obj:`time` are
-    seconds from its start at the nominal 100 Hz. ``Trials(dataset)`` has one sample a sequence.
-    :obj:`session` is the run in which a sequence was recorded.
+    A sample is a frame of ten magnetometers with three channels, as the boards sent them (the files
+    name no unit). :obj:`y` is 0 for hold and 1 for slip, the same for all frames of a sequence;
+    :obj:`trial` is one of the 137 sequences of 300 frames, :obj:`step` the index of the frame in
+    its sequence, and :obj:`time` is in seconds from its start at the nominal 100 Hz.
+    ``Trials(dataset)`` has one sample for each sequence. :obj:`session` is the run in which a
+    sequence was recorded.
 
-    The places of the magnetometers are not published with the data. The layout is that of two
-    :obj:`"anyskin"` boards, in the order of the columns: a model of ours.
+    The positions of the magnetometers are not published with the data. The layout is an assumption
+    of this package: two :obj:`"anyskin"` boards, in the order of the columns.
 
     .. warning::
         The sequences were recorded in three runs of **one label each**: 86 slip, 34 hold, 17 slip.
-        What drifts tells the run, and with it the label: in random folds by sequence, a forest that
-        sees nothing but the *first* frame, where nothing slips yet, is right in 98.8 % of them (5
-        folds, 3 seeds; ``studies/split_traps.py``). ``Protocol("given")`` (:obj:`part`) trains
-        on the first run of slip and the first half of the holds, and tests on the rest, which no
-        training sequence shares its run of slip with; there the first frame alone has 50.0 %, and
-        a forest on mean and deviation of the channels, less the first ten frames, 98.0 % (34 test
-        sequences, 3 seeds). With one run of hold no split can do better, and the task is too easy
-        to rank models: it tests pipelines of windows.
+        Drift reveals the run, and with it the label. In random folds by sequence, a random forest
+        on only the *first* frame, before any slip, is correct in 98.8 % of the sequences (5 folds,
+        3 seeds; ``studies/split_traps.py``). ``Protocol("given")`` (:obj:`part`) trains on the
+        first run of slip and the first half of the holds, and tests on the remaining sequences,
+        so that training and test share no run of slip. There the first frame alone reaches
+        50.0 %, and a random forest on mean and deviation of the channels, minus the first ten
+        frames, 98.0 % (34 test sequences, 3 seeds). With a single run of hold no stricter split
+        exists, and the task is too easy to rank models; use it to test pipelines of windows.
 
     .. list-table:: STATS
         :header-rows: 1
@@ -67,18 +69,18 @@ class EFleshSlip(PublishedFiles):
     The files are under the MIT licence.
 
     Args:
-        root (str or PathLike, optional): Folder of the data set; its files :obj:`labels` and
-            :obj:`seq_0.pt` to :obj:`seq_136.pt` are in it or in its folder :obj:`raw`, or are
-            downloaded there. If left out, :obj:`$TACTILE_DATA/EFleshSlip` or a folder in the user's
-            cache.
+        root (str or PathLike, optional): Folder of the data set. Its files :obj:`labels` and
+            :obj:`seq_0.pt` to :obj:`seq_136.pt` are directly in it or in the subfolder :obj:`raw`,
+            or are downloaded there. By default :obj:`$TACTILE_DATA/EFleshSlip`, or a folder in the
+            user's cache if that variable is not set.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw files anew.
-        checksum (bool): Whether the raw files must be those published.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw files again.
+        checksum (bool): Whether to verify the published checksums of the raw files.
 
     Raises:
-        ValueError: If a raw file is not as published or cannot be read.
+        ValueError: If a raw file cannot be read or differs from the published one.
         ConnectionError: If a raw file is missing and cannot be downloaded.
 
     Examples:
@@ -126,14 +128,16 @@ class EFleshSlip(PublishedFiles):
                 f"{sorted({*lines})[:5]})"
             )
         label = torch.tensor([int(line) for line in lines])
-        sequences = [_sequence(path) for path in paths]
-        length = [len(sequence) for sequence in sequences]
+        sequences = [_read_sequence(path) for path in paths]
+        num_frames = [len(sequence) for sequence in sequences]
         session = torch.zeros_like(label)
         session[1:] = (label[1:] != label[:-1]).cumsum(0)
-        # The first run, and the first half of the second.
-        second = (session == 1).long()
-        is_train = (session == 0) | ((second == 1) & (second.cumsum(0) <= second.sum() // 2))
-        step = torch.cat([torch.arange(count) for count in length])
+        # The training part is the first run, and the first half of the second, the only hold.
+        is_second_run = (session == 1).long()
+        is_train = (session == 0) | (
+            (is_second_run == 1) & (is_second_run.cumsum(0) <= is_second_run.sum() // 2)
+        )
+        step = torch.cat([torch.arange(count) for count in num_frames])
         data = StaticData(
             x=torch.cat(sequences),
             edge_index=self.layout.edge_index("original"),
@@ -141,7 +145,7 @@ class EFleshSlip(PublishedFiles):
             normal=self.layout.normal,
             step=step,
             time=step.double() / _RATE,
-            **frames_of_trials(length, y=label, session=session, part=2 * (~is_train).long()),
+            **trials_to_frames(num_frames, y=label, session=session, part=2 * (~is_train).long()),
         )
         runs = [("hold", "slip")[int(label[session == run][0])] for run in session.unique()]
         return data, {
@@ -151,16 +155,16 @@ class EFleshSlip(PublishedFiles):
         }
 
 
-def _sequence(path: str) -> torch.Tensor:
+def _read_sequence(path: str) -> torch.Tensor:
     values = read_torch_file(path)
-    width = 3 * len(_BOARDS) * _MAGNETOMETERS
+    width = 3 * len(_BOARDS) * _NUM_MAGNETOMETERS
     need(
         _is_dense(values) and values.dim() == 2 and len(values) > 0 and values.shape[1] == width,
         f"'{path}' must hold a dense tensor of real numbers (num_frames, {width})",
         tensor_form(values),
     )
     readings = values.detach().float()
-    need(bool(readings.isfinite().all()), f"'{path}' must hold finite readings (got others)")
+    need(bool(readings.isfinite().all()), f"'{path}' must hold finite readings (got NaN or inf)")
     return readings.view(len(readings), -1, 3)
 
 

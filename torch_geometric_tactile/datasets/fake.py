@@ -1,4 +1,4 @@
-r"""Generated grasps in place of a grasp data set."""
+r"""A data set of generated grasps."""
 
 from typing import Literal
 
@@ -18,24 +18,24 @@ class FakeTactileDataset(StaticDataset):
     r"""Generated grasps in the form of :class:`~torch_geometric_tactile.datasets.BioTacSP`, for
     tests, examples and machines without network access.
 
-    The readings come from :func:`~torch_geometric_tactile.sim.simulate_grasps`; no number of it is
-    a measurement. The test split has other objects and other sessions than the training split.
+    The readings are simulated by :func:`~torch_geometric_tactile.sim.simulate_grasps`. The test
+    split has other objects and other sessions than the training split.
 
-    Edges are those of the layout. A BioTac SP has none: add some with
+    The edges are those of the layout. The layout of a BioTac SP has no edges: add some with
     ``pre_transform=KNNGraph(k=4)`` (see :class:`~torch_geometric_tactile.transforms.KNNGraph`).
 
     Args:
         num_samples (int): Number of grasps of each split, rounded up to the same number for every
             object.
         split (str, optional): :obj:`"train"`, :obj:`"test"`, or :obj:`None` for all samples.
-        layout (TaxelLayout, optional): The fingertip; a BioTac SP if left out.
+        layout (TaxelLayout, optional): The fingertip, by default a BioTac SP.
         num_objects (int): Number of objects.
         num_fingers (int): Number of fingers.
-        seed (int): Seed of all draws.
+        seed (int): Seed of the random numbers.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        num_test (int, optional): Number of test grasps; :obj:`num_samples` if left out.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        num_test (int, optional): Number of test grasps, by default :obj:`num_samples`.
 
     Raises:
         ValueError: If :obj:`split` is unknown or a number is below one.
@@ -110,15 +110,15 @@ class FakeTactileDataset(StaticDataset):
         from torch_geometric_tactile.sim import simulate_grasps
 
         num_samples = self.num_test if offset else self.num_samples
-        objects = min(self.num_objects, num_samples)
+        num_objects = min(self.num_objects, num_samples)
         grasps = simulate_grasps(
             self.layout,
-            objects=objects,
-            grasps_per_object=-(-num_samples // objects),
+            objects=num_objects,
+            grasps_per_object=-(-num_samples // num_objects),  # rounded up
             sessions=len(_SESSIONS),
             num_fingers=self.num_fingers,
             seed=2 * self.seed + offset,
-            pose_seed=self.seed,  # the test sessions have the poses of the training sessions
+            pose_seed=self.seed,  # Both splits have sessions with the same palm poses.
         )
         return (
             torch.from_numpy(grasps.reading),

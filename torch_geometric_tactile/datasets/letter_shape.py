@@ -1,14 +1,16 @@
-r"""Letters pressed on an array."""
+r"""The data set of letters pressed on a taxel array."""
 
 import hashlib
 import logging
 import string
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, Self
 
 import torch
 from torch import Tensor
+from torch_geometric.data.summary import Stats, Summary
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile._checks import need
@@ -27,7 +29,6 @@ from torch_geometric_tactile.datasets._letter_files import (
     letter_folder,
     read_presses,
 )
-from torch_geometric_tactile.datasets._letter_summary import LetterSummary
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, letter_array
 from torch_geometric_tactile.transforms import (
@@ -38,42 +39,42 @@ from torch_geometric_tactile.transforms import (
 )
 
 _Inversion = Literal["grey", "mirror"]
-_CONTENT = "content=2"  # to be raised when the processed file gets other columns
-_NAMED = 10
-_SAME_PLACE = 1e-6  # m
+_CONTENT = "content=2"  # Increase it when the columns of the processed file change.
+_MAX_LOGGED_FAULTS = 10
+_GRID_TOLERANCE = 1e-6  # metres
 _logger = logging.getLogger(__name__)
 
 
 class LetterShape(ImageDataset):
-    r"""Letters pressed on an array of 32 x 32 pixels, as of the "A Novel Bilinear Feature and
+    r"""Letters pressed on an array of 32 x 32 pixels, as in the "A Novel Bilinear Feature and
     Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors
     2020, 20, 5822).
 
-    **The recordings of the paper are not public.** This class reads a folder of yours, or the one
-    that ``tactile simulate --objects letters`` makes.
+    **The recordings of the paper are not public.** This class reads a folder of your own
+    recordings, or of simulated ones from ``tactile simulate --objects letters``.
 
     The folder has a folder for each letter, :obj:`A` to :obj:`Z`, with files of matrices:
 
     * ``.csv``, ``.png``: one matrix of 32 x 32,
-    * ``.npy``, ``.mat``: one, or a stack of them :math:`(n, 32, 32)`.
+    * ``.npy``, ``.mat``: one matrix, or a stack of matrices :math:`(n, 32, 32)`.
 
-    Numbers are pressures in the unit of :obj:`full_scale`, but those of type uint8 or uint16 (all
-    of PNG) are parts of full scale. A file that cannot be read or has another size, and a matrix
-    with a missing reading (NaN), a negative pressure or one above full scale are left out: a
-    warning counts them, and :obj:`left_out` has them all, each with its fault.
+    Numbers of type uint8 or uint16, as in PNG files, are fractions of full scale. All other numbers
+    are pressures in the unit of :obj:`full_scale`. Files that cannot be read or have another size
+    are left out, as are matrices with a missing reading (NaN), a negative pressure or a pressure
+    above full scale. A warning reports their number, and :obj:`left_out` lists their faults.
 
-    A sample is a press, or an augmented copy of one: :obj:`x` is its pressures as grey values, 0 to
-    1, :obj:`y` the number of its letter, :obj:`trial` and :obj:`group` the number of the press,
-    which all of its copies share, and :obj:`copy` is 0 for the press as it was recorded. (The
-    numbers of all samples are :obj:`dataset.column("copy")`, since :obj:`dataset.copy` is a
-    method.) :obj:`data.image` of samples and batches is a view of :obj:`x` as an image.
+    A sample is a press or an augmented copy of a press. :obj:`x` are pressures as grey values, 0 to
+    1; :obj:`y` is the letter; :obj:`trial` and :obj:`group` are the index of the press, which its
+    copies share; and :obj:`copy` is 0 for the recorded press. (Use :obj:`dataset.column("copy")`
+    for all samples, since :obj:`dataset.copy` is a method.) :obj:`data.image` of samples and
+    batches is a view of :obj:`x` as an image.
 
-    Copies are shifted by up to 3 pixels (on grids only) and stretched in contrast, and every second
-    one is inverted. The paper names translation, "random inversion" and contrast enhancement, and
-    gives no more: sizes and order are ours. A split must keep the copies of a press together, or a
-    model is tested on what it was trained on: :obj:`fold` does, and so does ``Protocol("trial",
-    folds=5, stratify="y")``, which it is. Test parts have the copies of their presses, too; with
-    :obj:`copies=1` the same folds have none.
+    Copies are shifted by up to 3 pixels (on grids only), stretched in contrast, and inverted with a
+    probability of 0.5. The paper names translation, "random inversion" and contrast enhancement;
+    their sizes and order are choices of this package. Copies of a press must be on the same side of
+    a split. :obj:`fold` ensures this: it is the split of ``Protocol("trial", folds=5,
+    stratify="y")``. Test parts include the copies of their presses. Use :obj:`copies=1` for the
+    same folds without copies.
 
     .. list-table:: STATS, of the original as published
         :header-rows: 1
@@ -91,43 +92,45 @@ class LetterShape(ImageDataset):
           - 1
           - 26
 
-    If the folder has a file :obj:`layout.json` of another sensor's taxels, as
-    :meth:`TaxelLayout.save <torch_geometric_tactile.sensors.TaxelLayout.save>` writes it, the files
-    are npy with rows of its :math:`N` readings, :math:`(N,)` or :math:`(n, N)`.
+    The folder may have a file :obj:`layout.json` for another sensor, written by
+    :meth:`TaxelLayout.save <torch_geometric_tactile.sensors.TaxelLayout.save>`. Then the files are
+    npy files of its :math:`N` readings, :math:`(N,)` or :math:`(n, N)`.
 
     Args:
-        root (str or PathLike, optional): Folder of the data set; the folders of the letters are in
-            its folder :obj:`raw` or in itself. If left out, :obj:`$TACTILE_DATA/LetterShape` or a
-            folder in the user's cache.
-        fold (int, optional): Which of the :obj:`folds` is tested on.
-        split (str, optional): :obj:`"train"`, all other folds, or :obj:`"test"`; everything with
-            :obj:`None`.
-        folds (int): Number of folds, which all have their share of every letter.
-        split_seed (int): Which of the random splits.
-        copies (int): How often a press is stored: once as it was recorded, the others augmented.
-        inversion (str, optional): What "random inversion" is taken for: :obj:`"grey"` makes black
+        root (str or PathLike, optional): Folder of the data set. The folders of the letters are in
+            its subfolder :obj:`raw` or directly in it. By default
+            :obj:`$TACTILE_DATA/LetterShape`, or a folder in the user's cache if that variable is
+            not set.
+        fold (int, optional): Index of the test fold.
+        split (str, optional): :obj:`"train"` (all other folds), :obj:`"test"`, or :obj:`None` for
+            all samples.
+        folds (int): Number of folds. They are stratified by letter.
+        split_seed (int): Seed of the random split.
+        copies (int): Number of samples of each press: the recorded press, and augmented copies.
+        inversion (str, optional): Meaning of "random inversion": :obj:`"grey"` swaps black and
             white (:class:`~torch_geometric_tactile.transforms.RandomInversion`), :obj:`"mirror"`
-            left right (:class:`~torch_geometric_tactile.transforms.RandomMirror`); none with
-            :obj:`None`.
-        augment (callable, optional): Makes the copies, in place of all that.
-        augment_seed (int): The seed of what is random in it. The copies of a file do not depend on
-            other files.
-        adjacency (str, optional): Which edges of the layout: :obj:`"original"` joins four
-            neighbours, :obj:`"dense"` eight; no edges with :obj:`None`.
-        full_scale (float): The pressure whose grey value is 1, in kilopascal as the files.
-        letters (sequence of str, optional): The names of the folders, if other classes are pressed.
+            swaps left and right (:class:`~torch_geometric_tactile.transforms.RandomMirror`), and
+            :obj:`None` is no inversion.
+        augment (callable, optional): Transform that makes the copies. By default
+            :func:`letter_augmentation`.
+        augment_seed (int): Seed of the augmentation. The copies of a file do not depend on other
+            files.
+        adjacency (str, optional): Name of the edges in the layout: :obj:`"original"` joins four
+            neighbours, :obj:`"dense"` joins eight. There are no edges with :obj:`None`.
+        full_scale (float): Pressure with the grey value 1, in kilopascal as in the files.
+        letters (sequence of str, optional): Names of the folders, if they are not letters.
         layout (TaxelLayout or str or PathLike, optional): The taxels, if there is no
             :obj:`layout.json`.
-        variable (str, optional): Name of the variable of MAT files that have several.
+        variable (str, optional): Name of the variable in MAT files with several variables.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw files anew.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw files again.
 
     Raises:
         FileNotFoundError: If there are no presses.
-        ValueError: If a folder is missing or of no letter, a letter has no press that can be used,
-            or an argument is wrong.
+        ValueError: If a folder is missing or has an unknown name, a letter has no valid press, or
+            an argument is invalid.
 
     Examples:
         >>> dataset = LetterShape("letters", fold=0, split="train")  # doctest: +SKIP
@@ -160,7 +163,7 @@ class LetterShape(ImageDataset):
         force_reload: bool = False,
     ) -> None:
         if isinstance(copies, bool) or not isinstance(copies, int) or copies < 1:
-            raise ValueError(f"'copies' must be a whole number, at least 1 (got {copies})")
+            raise ValueError(f"'copies' must be an integer, at least 1 (got {copies})")
         need(0 < full_scale < float("inf"), "'full_scale' must be a positive pressure", full_scale)
         root = Path(default_root(self._folder) if root is None else root).expanduser()
         self.fold, self.split, self.folds, self.split_seed = fold, split, folds, split_seed
@@ -168,35 +171,36 @@ class LetterShape(ImageDataset):
         self.full_scale = float(full_scale)
         self.letters = _checked_letters(letters)
         self.adjacency = adjacency
-        self.layout = _layout(letter_folder(root), layout)
+        self.layout = _load_layout(letter_folder(root), layout)
         self.inversion = inversion
-        own = letter_augmentation(inversion, layout=self.layout)
-        self.augment = own if augment is None else augment
+        # Built in any case, so that an invalid 'inversion' is an error beside 'augment', too.
+        default_augment = letter_augmentation(inversion, layout=self.layout)
+        self.augment = default_augment if augment is None else augment
         self.augment_seed = augment_seed
         self.variable = variable
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
 
     @property
     def raw_dir(self) -> str:
-        r"""The folder of the letters: :obj:`root/raw`, or :obj:`root` where that has none."""
+        r"""The folder of the letters: :obj:`root/raw`, or :obj:`root` if only that has letters."""
         return str(letter_folder(Path(self.root)))
 
     @property
     def raw_file_names(self) -> list[str]:
-        r"""The files of all letters, in order."""
+        r"""The sorted files of all letters."""
         return letter_files(Path(self.raw_dir), self.letters)
 
     @property
     def processed_file_names(self) -> str:
-        r"""One file for all folds."""
+        r"""The processed file of all folds. Each number of copies has a separate one."""
         return f"letter_shape_{self.copies}.pt"
 
     def raw_state(self) -> list[str]:
-        r"""Returns the folders of the letters, and their files with what their contents are known
-        by.
+        r"""Returns the names of the folders, and a text for each file that changes with its
+        content.
         """
-        listed = ", ".join(folders(Path(self.raw_dir)))
-        return [_CONTENT, f"folders={listed}", *super().raw_state()]
+        names = ", ".join(folders(Path(self.raw_dir)))
+        return [_CONTENT, f"folders={names}", *super().raw_state()]
 
     def _state_names(self) -> list[str]:
         return [LAYOUT, SIMULATION, *self.raw_file_names]
@@ -204,84 +208,147 @@ class LetterShape(ImageDataset):
     def _need_files(self) -> None:
         if not folders(Path(self.raw_dir)):
             raise FileNotFoundError(
-                f"there are no letters in '{self.raw_dir}': put a folder for each there, "
+                f"there are no letters in '{self.raw_dir}': put a folder for each letter there, "
                 f"'{self.letters[0]}' to '{self.letters[-1]}', with CSV, npy, PNG or MAT files of "
                 "its presses. The original is not public; simulated presses are made by: tactile "
                 "simulate --objects letters"
             )
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
-        r"""Reads all presses, and makes the copies."""
+        r"""Reads all presses and makes their copies."""
         folder = Path(self.raw_dir)
         check_folders(folder, self.letters)
         synthetic = is_synthetic(folder)
         left_out: list[str] = []
         size = (32, 32) if has_image(self.layout) else (self.layout.num_taxels,)
-        found = list(
+        press_files = list(
             read_presses(
                 folder, self.letters, size, self.full_scale, left_out.append, self.variable
             )
         )
-        _report(left_out, folder)
-        counts = [0] * len(self.letters)
-        for presses in found:
-            counts[presses.letter] += len(presses.names)
-        self._check_counts(counts, left_out)
-        press = torch.arange(sum(counts)).repeat_interleave(self.copies)
-        letter = torch.arange(len(counts)).repeat_interleave(torch.tensor(counts))
-        data = self._stacked(
-            x=torch.cat([self._with_copies(presses) for presses in found]),
+        _warn_of_faults(left_out, folder)
+        num_presses = [0] * len(self.letters)
+        for presses in press_files:
+            num_presses[presses.letter] += len(presses.names)
+        self._check_counts(num_presses, left_out)
+        press = torch.arange(sum(num_presses)).repeat_interleave(self.copies)
+        letter = torch.arange(len(num_presses)).repeat_interleave(torch.tensor(num_presses))
+        data = self._to_data(
+            x=torch.cat([self._with_copies(presses) for presses in press_files]),
             y=letter[press],
             trial=press,
             group=press,
-            copy=torch.arange(self.copies).repeat(sum(counts)),
+            copy=torch.arange(self.copies).repeat(sum(num_presses)),
         )
         names = {
             "class": list(self.letters),
-            "group": [name for presses in found for name in presses.names],
+            "group": [name for presses in press_files for name in presses.names],
             "session": [],
             "left_out": left_out,
             "synthetic": [SIMULATION] if synthetic else [],
         }
         return data, names
 
-    def _check_counts(self, counts: Sequence[int], left_out: Sequence[str]) -> None:
-        empty = [name for name, count in zip(self.letters, counts, strict=True) if not count]
+    def _check_counts(self, num_presses: Sequence[int], left_out: Sequence[str]) -> None:
+        empty = [name for name, count in zip(self.letters, num_presses, strict=True) if not count]
         if empty:
-            why = [text for text in left_out if text.lstrip("'").startswith(f"{empty[0]}/")]
+            faults = [text for text in left_out if text.lstrip("'").startswith(f"{empty[0]}/")]
             raise ValueError(
-                f"every letter must have a press that can be used (got none of '{empty[0]}' in "
+                f"every letter must have a valid press (got none of '{empty[0]}' in "
                 f"'{self.raw_dir}', {len(empty)} letters in all): "
-                f"{why[0] if why else 'its folder is empty'}"
+                f"{faults[0] if faults else 'its folder is empty'}"
             )
 
     def _with_copies(self, presses: Presses) -> Tensor:
-        # (n * copies, N, 1), the copies of a press behind it.
+        # The readings (n * copies, N, 1), where each press is followed by its augmented copies.
         data = StaticData(x=torch.from_numpy(presses.grey).unsqueeze(-1))
-        out = [data.x]
-        text = f"{self.augment_seed} {presses.file}".encode()
+        readings = [data.x]
+        # A seed for each file, so that its copies do not change when files are added.
+        seed_text = f"{self.augment_seed} {presses.file}".encode()
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(int.from_bytes(hashlib.blake2b(text, digest_size=7).digest()))
+            torch.manual_seed(int.from_bytes(hashlib.blake2b(seed_text, digest_size=7).digest()))
             for _ in range(self.copies - 1):
-                copied = apply_transform(self.augment, data.index_select(slice(None)))
-                out.append(copied.x)
-        return torch.stack(out, dim=1).flatten(0, 1)
+                copy = apply_transform(self.augment, data.index_select(slice(None)))
+                readings.append(copy.x)
+        return torch.stack(readings, dim=1).flatten(0, 1)
 
     @property
     def left_out(self) -> list[str]:
-        r"""The files and matrices that were left out, each with its fault."""
+        r"""The faults of the files and matrices that are left out, with their names."""
         return list(self._names["left_out"])
 
     @property
     def synthetic(self) -> bool:
-        r"""Whether a simulator made the presses."""
+        r"""Whether the presses are simulated."""
         return bool(self._names["synthetic"])
 
-    def get_summary(self) -> LetterSummary:
-        r"""Collects summary statistics of this selection: PyG's, and the numbers of presses, of
-        samples of each letter, and of files left out.
+    def get_summary(self) -> "_LetterSummary":
+        r"""Collects summary statistics of this selection: those of PyG, the numbers of presses and
+        of samples of each letter, and the files that are left out.
         """
-        return LetterSummary.from_letters(self)
+        return _LetterSummary.from_letters(self)
+
+
+@dataclass(repr=False, kw_only=True)
+class _LetterSummary(Summary):
+    r"""PyG's summary of a data set, with the numbers of letters and presses."""
+
+    num_presses: int
+    copies: int
+    num_samples_per_letter: dict[str, int]
+    num_presses_per_letter: dict[str, int]
+    left_out: list[str]
+    synthetic: bool
+
+    @classmethod
+    def from_letters(cls, dataset: LetterShape) -> Self:
+        r"""Collects the summary of a selection. Samples are not loaded one by one, since all have
+        the same numbers of nodes and edges.
+        """
+        y, trial = dataset.column("y"), dataset.column("trial")
+        assert y is not None
+        assert trial is not None
+        presses = torch.stack([trial, y]).unique(dim=1)
+        num_classes = len(dataset.class_names)
+        num_edges = 0 if dataset._data.edge_index is None else dataset._data.edge_index.size(1)
+        return cls(
+            name=type(dataset).__name__,
+            num_graphs=len(dataset),
+            num_nodes=_constant_stats(dataset.layout.num_taxels),
+            num_edges=_constant_stats(num_edges),
+            num_presses=presses.size(1),
+            copies=dataset.copies,
+            num_samples_per_letter=_counts(y.bincount(minlength=num_classes), dataset.class_names),
+            num_presses_per_letter=_counts(
+                presses[1].bincount(minlength=num_classes), dataset.class_names
+            ),
+            left_out=dataset.left_out,
+            synthetic=dataset.synthetic,
+        )
+
+    def format(self, fmt: str = "psql") -> str:
+        r"""Formats the summary as lines of text."""
+        origin = "simulated" if self.synthetic else "recorded"
+        letters = ", ".join(
+            f"{name} {count} ({self.num_presses_per_letter[name]})"
+            for name, count in self.num_samples_per_letter.items()
+        )
+        return (
+            f"{self.name} (#graphs={self.num_graphs}): {self.num_presses} {origin} presses, stored "
+            f"{self.copies} times\n"
+            f"#nodes={self.num_nodes.mean:.0f}, #edges={self.num_edges.mean:.0f}\n"
+            f"samples (presses) of each letter: {letters}\n"
+            f"files or matrices left out: {len(self.left_out)}"
+        )
+
+
+def _counts(counts: Any, names: list[str]) -> dict[str, int]:
+    return dict(zip(names, counts.tolist(), strict=True))
+
+
+def _constant_stats(value: int) -> Stats:
+    number = float(value)
+    return Stats(number, 0.0, number, number, number, number, number)
 
 
 def letter_augmentation(
@@ -296,14 +363,14 @@ def letter_augmentation(
 
     Args:
         inversion (str, optional): :obj:`"grey"`, :obj:`"mirror"` or :obj:`None`.
-        shift (int): By how many pixels at most, along rows and along columns.
-        contrast (float): The largest factor of contrast, above 1.
-        layout (TaxelLayout, optional): The taxels, if others than of the 32 x 32 array. Only on a
-            grid without gaps they are shifted: elsewhere, there is no taxel a step away, or the
-            step is another one from row to row.
+        shift (int): Largest translation in pixels, along rows and along columns.
+        contrast (float): Largest factor of contrast, above 1.
+        layout (TaxelLayout, optional): The taxels, by default the 32 x 32 array. The translation is
+            left out unless they are a grid without gaps and with equal distances, since a taxel may
+            have no neighbour to take its reading from.
 
     Raises:
-        ValueError: If an argument is none of these, or the layout cannot be mirrored.
+        ValueError: If an argument is invalid, or the layout cannot be mirrored.
 
     Examples:
         >>> letter_augmentation()
@@ -316,50 +383,51 @@ def letter_augmentation(
     if inversion not in ("grey", "mirror", None):
         raise ValueError(f"'inversion' must be 'grey', 'mirror' or None (got {inversion!r})")
     layout = letter_array() if layout is None else layout
-    parts: list[Transform] = []
+    transforms: list[Transform] = []
     if _is_full_grid(layout):
-        parts.append(RandomShift(layout, shift, shift))
-    parts.append(RandomContrast(1.0, contrast))
+        transforms.append(RandomShift(layout, shift, shift))
+    transforms.append(RandomContrast(1.0, contrast))
     if inversion == "grey":
-        parts.append(RandomInversion())
+        transforms.append(RandomInversion())
     elif inversion == "mirror":
-        parts.append(RandomMirror(layout))
-    return Compose(parts)
+        transforms.append(RandomMirror(layout))
+    return Compose(transforms)
 
 
 def _is_full_grid(layout: TaxelLayout) -> bool:
-    # Whether each cell of the map has a taxel, and a step on the map is the same step everywhere.
+    # Whether each cell of the image map has a taxel, and the positions are an affine function of
+    # row and column, which is fitted by least squares.
     if layout.image_map is None:
         return False
     rows, columns = (layout.image_map.amax(dim=0) + 1).tolist()
     if rows * columns != layout.num_taxels:
         return False
     cells = torch.cat([layout.image_map, torch.ones_like(layout.image_map[:, :1])], dim=1).double()
-    places = layout.pos.double()
-    steps = torch.linalg.pinv(cells) @ places
-    return torch.allclose(cells @ steps, places, rtol=0.0, atol=_SAME_PLACE)
+    pos = layout.pos.double()
+    steps = torch.linalg.pinv(cells) @ pos
+    return torch.allclose(cells @ steps, pos, rtol=0.0, atol=_GRID_TOLERANCE)
 
 
 def _checked_letters(letters: Sequence[str] | None) -> tuple[str, ...]:
     names = tuple(string.ascii_uppercase) if letters is None else tuple(letters)
     are_names = all(isinstance(name, str) and name and "/" not in name for name in names)
     if not names or not are_names or len(set(names)) < len(names):
-        raise ValueError(f"'letters' must be names of folders, each once (got {letters!r})")
+        raise ValueError(f"'letters' must be different names of folders (got {letters!r})")
     return names
 
 
-def _layout(folder: Path, layout: TaxelLayout | PathLike | None) -> TaxelLayout:
+def _load_layout(folder: Path, layout: TaxelLayout | PathLike | None) -> TaxelLayout:
     if layout is not None:
         return as_layout(layout)
     path = folder / LAYOUT
     return TaxelLayout.load(path) if path.is_file() else letter_array()
 
 
-def _report(left_out: Sequence[str], folder: Path) -> None:
+def _warn_of_faults(left_out: Sequence[str], folder: Path) -> None:
     if left_out:
         _logger.warning(
             "'%s': %d files or matrices are left out: %s",
             folder,
             len(left_out),
-            short_list(left_out, _NAMED, ending="; and {} more", separator="; "),
+            short_list(left_out, _MAX_LOGGED_FAULTS, ending="; and {} more", separator="; "),
         )

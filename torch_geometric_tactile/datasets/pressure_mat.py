@@ -1,4 +1,4 @@
-r"""Persons who lie on a pressure mat."""
+r"""The data set of persons who lie on a pressure mat."""
 
 from typing import Literal
 
@@ -8,51 +8,52 @@ import torch
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.datasets._placed_files import frames_of_trials
+from torch_geometric_tactile.datasets._placed_files import trials_to_frames
 from torch_geometric_tactile.datasets._raw_files import PublishedFiles
 from torch_geometric_tactile.io.pressure_mat_zip import pressure_mat_hash, read_pressure_mat_zip
 from torch_geometric_tactile.sensors import grid
 
 _SIDES = ("supine", "left", "right")
-# The sides of the postures, of the tables in the data set's experiment-info.docx.
+# The sides of the postures, from the tables in experiment-info.docx of the data set.
 _SIDE_I = {"2": "right", "3": "left", "4": "right", "5": "right", "6": "left", "7": "left"}
 _SIDE_I |= {"13": "right", "14": "left"}
 _SIDE_II = {"C": "right", "D": "left", "E1": "right", "E2": "right", "E3": "left", "E4": "left"}
 _SIDE_II |= {"E5": "right", "E6": "left"}
-_DESCRIBED = "BCDEF"  # parts of experiment II whose postures the description names
-_FIRST = 3  # frames of a file that are left out
+_NAMED_SECTIONS = "BCDEF"  # sections of experiment II whose postures the description names
+_NUM_SKIPPED_FRAMES = 3  # at the start of a file of experiment I, which has glitches there
 _PITCH = 0.0254  # metres
-_COLUMNS = {"i": 32, "ii": 27}
-# Of the list of checksums in the zip file.
+_NUM_COLUMNS = {"i": 32, "ii": 27}
+# The checksum of the list of checksums in the zip file, since the zip file may be packed again.
 _SHA256 = {"pmd-1.0.0.zip": "ef1511cd7dfde50b2c2438022ab486c264ad93e93263a63852a3a9884d086262"}
 
 
 class PressureMat(PublishedFiles):
     r"""The pressure mat data of the "A Pressure Map Dataset for Posture and Subject Analytics"
     paper (Pouyan, Birjandtalab, Heydarzadeh, Nourani and Ostadabbas, 2017), `PhysioNet's pmd 1.0.0
-    <https://physionet.org/content/pmd/1.0.0/>`_: persons lie on a bed in given postures.
+    <https://physionet.org/content/pmd/1.0.0/>`_. Persons lie on a bed in prescribed postures.
 
-    A sample is a frame of pressures, in raw counts of the mat; :obj:`group` is the person,
+    A sample is a frame of pressures, in raw counts of the mat. :obj:`group` is the person, and
     :obj:`trial` the file.
 
-    * **Experiment I**: 13 persons in 17 postures, 64 x 32 cells, 1 frame a second for about two
-      minutes each; :obj:`step` and :obj:`time` count from the first frame that is kept. **The first
-      three frames of a file are left out**: the first is nearly empty, the second a glitch, the
-      third sometimes one.
-      The description says readings of 0 to 1,000; 0.1 % of those kept are above, up to 4,095.
+    * **Experiment I**: 13 persons in 17 postures, 64 x 32 cells, 1 frame per second for about two
+      minutes per posture. **The first three frames of each file are left out**: the first is nearly
+      empty, the second is a glitch, and the third sometimes is. :obj:`step` and :obj:`time` count
+      from the fourth frame. The description states readings of 0 to 1,000, but 0.1 % of the
+      readings are above, up to 4,095.
     * **Experiment II**: 8 persons in 29 postures on an air and a sponge mattress
-      (:obj:`session`), 64 x 27 cells of another mat, and one frame each, the mean of about twenty.
-      Three frames of one person, whose postures the description does not name, are left out.
+      (:obj:`session`), 64 x 27 cells of another mat. Each posture has one frame, the mean of about
+      twenty. Three frames of one person, whose postures the description does not name, are left
+      out.
 
-    The head is at the first row in experiment I and at the last in experiment II: frames are as
-    published. The cells are 2.54 cm apart in the layout, as sensors of such mats commonly are; the
-    data names no size.
+    Frames are oriented as published: the head is at the first row in experiment I and at the last
+    row in experiment II. The cells of the layout are 2.54 cm apart, a common size of such mats; the
+    data set names no size.
 
     .. warning::
-        Frames of one file are nearly the same frame, and what is new at use is the *person*: hold
-        out :obj:`group`. In five random folds of frames a forest tells 99.9 % of the postures; for
-        new persons 85.6 % of the postures and 98.2 % of the sides (experiment I, every eighth
-        frame, thirteen folds, one seed; ``studies/split_traps.py``).
+        Frames of one file are nearly identical, and in use the *person* is new: hold out
+        :obj:`group`. In five random folds of frames, a random forest recognises 99.9 % of the
+        postures; for new persons it recognises 85.6 % of the postures and 98.2 % of the sides
+        (experiment I, every eighth frame, thirteen folds, one seed; ``studies/split_traps.py``).
 
     .. list-table:: STATS
         :header-rows: 1
@@ -76,22 +77,25 @@ class PressureMat(PublishedFiles):
           - 1
           - 29
 
-    Published under the Open Data Commons Attribution licence 1.0, as its page says (not read here).
+    The licence is reported to be the Open Data Commons Attribution licence 1.0: check the page of
+    the data set.
 
     Args:
-        root (str or PathLike, optional): Folder of the data set; its zip file
-            :obj:`pmd-1.0.0.zip` is in it or in its folder :obj:`raw`, or is downloaded there (31
-            MB). If left out, :obj:`$TACTILE_DATA/PressureMat` or a folder in the user's cache.
+        root (str or PathLike, optional): Folder of the data set. Its zip file
+            :obj:`pmd-1.0.0.zip` is directly in it or in the subfolder :obj:`raw`, or is downloaded
+            there (31 MB). By default :obj:`$TACTILE_DATA/PressureMat`, or a folder in the user's
+            cache if that variable is not set.
         experiment (str): :obj:`"i"` or :obj:`"ii"`.
-        target (str): What :obj:`y` is: :obj:`"posture"`, or :obj:`"side"`: supine, left or right.
+        target (str): Label :obj:`y`: :obj:`"posture"`, or :obj:`"side"` (supine, left or right).
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw file anew.
-        checksum (bool): Whether the files in the zip file must be those published.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw file again.
+        checksum (bool): Whether to verify the published checksums in the zip file.
 
     Raises:
-        ValueError: If an argument is wrong, or the file is not as published or cannot be read.
+        ValueError: If an argument is invalid, or the file cannot be read or differs from the
+            published one.
         ConnectionError: If the file is missing and cannot be downloaded.
 
     Examples:
@@ -117,22 +121,23 @@ class PressureMat(PublishedFiles):
         force_reload: bool = False,
         checksum: bool = True,
     ) -> None:
-        need(experiment in _COLUMNS, "'experiment' must be 'i' or 'ii'", repr(experiment))
+        need(experiment in _NUM_COLUMNS, "'experiment' must be 'i' or 'ii'", repr(experiment))
         need(target in ("posture", "side"), "'target' must be 'posture' or 'side'", repr(target))
         self.experiment, self.target, self.checksum = experiment, target, checksum
-        self.layout = grid(64, _COLUMNS[experiment], _PITCH)
+        self.layout = grid(64, _NUM_COLUMNS[experiment], _PITCH)
         self._processed_name = f"pressure_mat_{experiment}_{target}"
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
 
     @property
     def class_names(self) -> list[str]:
-        r"""The names of the postures or sides, by their numbers."""
+        r"""The names of the postures or sides, in the order of their class indices."""
         return list(_SIDES) if self.target == "side" else self._names["class"]
 
     def _path_at_url(self, name: str) -> str:
         return "1.0.0/"
 
     def _hash(self, path: PathLike) -> str:
+        # The bytes of the zip file may change from download to download.
         return pressure_mat_hash(path)
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
@@ -140,9 +145,9 @@ class PressureMat(PublishedFiles):
         self._verify()
         files = read_pressure_mat_zip(self.raw_paths[0], self.experiment)
         if self.experiment == "i":
-            frames = [file.reading[_FIRST:] for file in files]
+            frames = [file.reading[_NUM_SKIPPED_FRAMES:] for file in files]
         else:
-            files = [file for file in files if file.posture[0] in _DESCRIBED]
+            files = [file for file in files if file.posture[0] in _NAMED_SECTIONS]
             frames = [file.reading for file in files]
         persons = list(dict.fromkeys(file.person for file in files))
         mattresses = [file.mattress or "" for file in files]
@@ -151,8 +156,8 @@ class PressureMat(PublishedFiles):
         classes, labels = (postures, [f.posture for f in files])
         if self.target == "side":
             classes, labels = list(_SIDES), sides
-        length = [len(part) for part in frames]
-        step = torch.cat([torch.arange(count) for count in length])
+        num_frames = [len(file_frames) for file_frames in frames]
+        step = torch.cat([torch.arange(count) for count in num_frames])
         columns = {
             "y": [classes.index(label) for label in labels],
             "group": [persons.index(file.person) for file in files],
@@ -167,7 +172,7 @@ class PressureMat(PublishedFiles):
             edge_index=self.layout.edge_index("original"),
             pos=self.layout.pos,
             normal=self.layout.normal,
-            **frames_of_trials(length, **columns),
+            **trials_to_frames(num_frames, **columns),
         )
         if self.experiment == "i":
             data.step, data.time = step, step.double()

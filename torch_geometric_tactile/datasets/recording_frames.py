@@ -1,4 +1,4 @@
-r"""The frames of recordings, for any sensor."""
+r"""A data set of the frames of recordings, for any sensor."""
 
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,13 +19,13 @@ from torch_geometric_tactile.datasets._trial import checked_pattern
 from torch_geometric_tactile.datasets._trial_frames import (
     PARTS,
     TrialFrames,
-    check_choice,
+    check_frame_selection,
 )
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
-# Arguments, also of subclasses, that choose from the processed frames.
+# Arguments, including those of subclasses, that select from the processed frames.
 _SELECTION_ARGS = (
     "split",
     "protocol",
@@ -47,87 +47,87 @@ class RecordingFrames(TrialFrames):
     r"""The frames of a folder of recordings, or of recordings in memory, for any layout, any number
     of channels and any number of joints (or none). A sample is a frame.
 
-    The folder has one trial a file, in :obj:`root/raw` or in :obj:`root` itself: ``.h5``,
-    ``.hdf5``, ``.npz``, ``.mcap`` or ``.csv``, as
-    :func:`~torch_geometric_tactile.io.read_recording` reads them. Beside :obj:`x` and :obj:`y` a
-    sample has :obj:`trial` (the file), :obj:`time` in seconds, and, where all files know them,
-    :obj:`joint`, :obj:`group` (the object), :obj:`session`, :obj:`placement` (of the hand),
-    :obj:`size` (of the object) and :obj:`property`; :obj:`phase` is -1 in files that know none.
-    Missing readings stay NaN. If the layout has one link, the samples share its :obj:`pos` and
-    :obj:`normal`; those of a hand follow from the joint angles, see
-    :class:`~torch_geometric_tactile.transforms.TaxelPose`.
+    Each file in :obj:`root/raw` or :obj:`root` is one trial, in a format of
+    :func:`~torch_geometric_tactile.io.read_recording`: ``.h5``, ``.hdf5``, ``.npz``, ``.mcap`` or
+    ``.csv``. Beside :obj:`x` and :obj:`y` a sample has :obj:`trial` (the file) and :obj:`time` in
+    seconds. If they are known for all files, it also has :obj:`joint`, :obj:`group` (the object),
+    :obj:`session`, :obj:`placement` (of the hand), :obj:`size` (of the object) and
+    :obj:`property`. :obj:`phase` is -1 in files without phases. Missing readings stay NaN. If the
+    layout has one link, the samples share its :obj:`pos` and :obj:`normal`. Those of a hand depend
+    on the joint angles; :class:`~torch_geometric_tactile.transforms.TaxelPose` computes them.
 
-    What is known of a recording is read from its metadata or from the name of its file: with the
-    :obj:`pattern` that is the default, ``mug_003.csv`` is trial 3 of the object ``mug``. Two CSV
-    files beside the recordings, or in :obj:`root`, may tell more of them: ``annotations.csv``, with
-    the columns ``recording``, ``start``, ``end`` and ``label``, and ``labels.csv``, with
-    ``recording``, ``label`` and further columns, which are metadata. They add to what the files
-    tell, and do not contradict it.
+    The object, the trial number and other metadata are read from the metadata of a recording or
+    from its file name: with the default :obj:`pattern`, ``mug_003.csv`` is trial 3 of the object
+    ``mug``. Two CSV files beside the recordings, or in :obj:`root`, may add to them:
+    ``annotations.csv`` with the columns ``recording``, ``start``, ``end`` and ``label``, and
+    ``labels.csv`` with ``recording``, ``label`` and further columns of metadata. They must not
+    contradict the recordings.
 
-    All files are processed once, and anew when one of them was added, removed or changed.
+    All files are processed once, and again when a file is added, removed or changed.
     :obj:`split`, :obj:`phases` and :obj:`stride` select from the memory-mapped processed file,
     without a copy of the readings.
 
     Args:
         root (str or PathLike, optional): Folder of the data set.
-        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
-            with the package, or a layout file.
+        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of a layout of the
+            package, or a layout file.
         recordings (sequence of Recording, optional): Recordings in memory, in place of
             :obj:`root`.
-        target (str): What :obj:`y` is: :obj:`"object"`, its index in :obj:`group_names`;
-            :obj:`"property"`, a 0 or 1 for each of the :obj:`"label_names"` in the metadata, from
-            the metadata's :obj:`"labels"`; :obj:`"label"`, the label of the recording;
-            :obj:`"annotation"`, the label of the annotation that covers a frame, and :obj:`"none"`
-            outside of all of them; or another key of the metadata, of the file's name, or of
-            :obj:`privileged` (frame by frame), such as the name of the label's column in CSV files.
-        split (str, optional): :obj:`"train"`, :obj:`"val"` or :obj:`"test"`; everything with
-            :obj:`None`.
-        protocol (Protocol, optional): What is held out; if left out, whole trials, of every class
-            where there are enough.
-        split_seed (int): Which of the random splits. :obj:`phases`, :obj:`stride` and the like
-            move no frame to another split.
-        fold (int): Which fold of a protocol with folds is tested on.
-        adjacency (str, optional): Which edges of the layout. If left out, :obj:`"original"`, or its
-            only ones; without such, a :obj:`pre_transform` such as
-            :class:`~torch_geometric_tactile.transforms.KNNGraph` may add some.
-        phases (sequence of str, optional): Only the frames in these phases, of
+        target (str): Label :obj:`y`. :obj:`"object"` is an index into :obj:`group_names`;
+            :obj:`"property"` is 0 or 1 for each of the :obj:`"label_names"` in the metadata, from
+            their :obj:`"labels"`; :obj:`"label"` is the label of the recording;
+            :obj:`"annotation"` is the label of the annotation that covers a frame, or
+            :obj:`"none"`. Any other key is looked up frame by frame in :obj:`privileged`, where
+            :func:`~torch_geometric_tactile.io.read_recording` puts label columns, then in the
+            metadata and the groups of :obj:`pattern`.
+        split (str, optional): :obj:`"train"`, :obj:`"val"`, :obj:`"test"`, or :obj:`None` for all
+            frames.
+        protocol (Protocol, optional): The split. By default complete trials are held out,
+            stratified by class if there are enough.
+        split_seed (int): Seed of the random split. The split of a frame does not depend on
+            :obj:`phases`, :obj:`stride`, :obj:`rate` or :obj:`samples_per_trial`.
+        fold (int): Index of the test fold, for a protocol with folds.
+        adjacency (str, optional): Name of the edges in the layout. By default :obj:`"original"`, or
+            the only ones. If the layout has no edges, use a :obj:`pre_transform` such as
+            :class:`~torch_geometric_tactile.transforms.KNNGraph`.
+        phases (sequence of str, optional): Selects the frames in these phases, from
             :obj:`privileged["phase"]` and :obj:`meta["phase_names"]`.
-        stride (int): Only every :obj:`stride`-th frame of each trial.
-        rate (float, optional): Only the frames that are next in time to the ticks of a clock, so
-            many a second, that starts with the first frame of each trial.
-        samples_per_trial (int, optional): Only so many frames of each trial, drawn from those that
-            all of the above leave of it; which ones follows from :obj:`sample_seed` and the name of
-            the trial.
-        sample_seed (int): Which of them are drawn.
-        pattern (str): Regular expression for the whole name of a file without its suffix. Its named
-            groups are known of the recording, such as :obj:`object`, :obj:`trial`, :obj:`session`
-            and :obj:`label`. With a :obj:`"/"` in it, files in subfolders are read as well, and
-            their names have the folders in front.
+        stride (int): Selects every :obj:`stride`-th frame of each trial.
+        rate (float, optional): Selects frames at this rate in hertz: those nearest in time to the
+            ticks of a clock that starts with the first frame of each trial.
+        samples_per_trial (int, optional): Number of frames of each trial, drawn at random after the
+            selections above. They depend only on :obj:`sample_seed` and the name of the trial.
+        sample_seed (int): Seed of :obj:`samples_per_trial`.
+        pattern (str): Regular expression for the full name of a file without its suffix. Its named
+            groups, such as :obj:`object`, :obj:`trial`, :obj:`session` and :obj:`label`, are
+            metadata of the recording. If it contains a :obj:`"/"`, files in subfolders are read as
+            well, and names begin with their folders.
         read_options (Mapping, optional): Options of
-            :func:`~torch_geometric_tactile.io.read_recording`, such as the names of columns.
-            Columns that an expression chooses are in the order of the first file in all files.
-        unit (str, optional): The unit of recordings whose metadata name none, :obj:`"count"` or
-            :obj:`"newton"`. Without it, all recordings name one, or none does.
-        resample (float, optional): Frames per second that all recordings are resampled to before
-            anything else, see :meth:`Recording.resample
-            <torch_geometric_tactile.data.Recording.resample>`: for windows of recordings that have
-            several rates.
-        tare (float or str, optional): The frames at rest of each trial, whose mean reading is
-            subtracted from all of its frames before :obj:`transform`: the name of a phase, such as
-            :obj:`"hover"`, or how many seconds each trial begins with. Frames at rest count also
-            where :obj:`phases`, :obj:`stride` and the like or :obj:`split` leave them out.
+            :func:`~torch_geometric_tactile.io.read_recording`, such as the names of columns. If
+            expressions select the columns, all files use the column order of the first file.
+        unit (str, optional): Unit of recordings without a unit in their metadata:
+            :obj:`"count"`, :obj:`"newton"` or :obj:`"microtesla"`. If it is left out, either all
+            recordings or none must name a unit.
+        resample (float, optional): Rate in hertz to which all recordings are resampled first, see
+            :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`. Windows
+            of recordings with different rates need it.
+        tare (float or str, optional): Frames at rest, whose mean reading is subtracted from all
+            frames of the same trial before :obj:`transform`: the name of a phase, such as
+            :obj:`"hover"`, or the number of seconds at the start of each trial. Frames at rest are
+            used even if they are not selected.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw files anew.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw files again.
 
     Raises:
         FileNotFoundError: If there are no recordings.
-        ValueError: If an argument is unknown or leaves no sample, a recording cannot be read or
-            does not fit the layout or the others, a table names a file that is not there or tells
-            another label, annotations with different labels overlap on a frame of the target
-            :obj:`"annotation"`, two hold the same trial or contradict each other on the properties
-            of an object, units differ, or one does not tell what :obj:`target` asks for.
+        ValueError: If an argument is unknown or leaves no sample; a recording cannot be read, does
+            not fit the layout, or has other channels, joints or another unit than the others; the
+            target of a recording is unknown; two recordings hold the same trial or different
+            properties of the same object; a table names a missing file or contradicts a recording;
+            or annotations with different labels overlap on a frame of the target
+            :obj:`"annotation"`.
 
     Examples:
         >>> import numpy as np
@@ -143,10 +143,10 @@ class RecordingFrames(TrialFrames):
         (RecordingFrames(6), ['hold', 'slip'], [1, 1, 0, 0, 1, 1])
     """
 
-    num_channels: int | None = None  # of a taxel; any number with None
+    num_channels: int | None = None  # per taxel; None allows any number
     num_joints: int | None = None
-    _stored: tuple[str, ...] = ("object", "property")  # targets that are in every processed file
-    _needs: tuple[str, ...] = ()  # "object" and "trial", if every recording must know them
+    _stored: tuple[str, ...] = ("object", "property")  # targets that every processed file holds
+    _needs: tuple[str, ...] = ()  # "object" and "trial", if every recording must have them
     _labels = ObjectLabels()
     _other_target = "target='label' or target='property'"
     _processed_name = "recording_frames.pt"
@@ -179,9 +179,9 @@ class RecordingFrames(TrialFrames):
         force_reload: bool = False,
     ) -> None:
         _check_arguments(root, recordings, stride=stride, unit=unit)
-        check_choice(rate, samples_per_trial, sample_seed)
+        check_frame_selection(rate, samples_per_trial, sample_seed)
         if resample is not None:
-            FrameInfo(rate=resample, resampled=True)  # checks it
+            FrameInfo(rate=resample, resampled=True)  # raises an error for an invalid rate
         if layout is None:
             raise ValueError("'layout' must name the taxel layout of the recordings (got None)")
         self.layout = as_layout(layout)
@@ -218,18 +218,20 @@ class RecordingFrames(TrialFrames):
 
     @property
     def processed_dir(self) -> str:
-        r"""The folder of the processed file: one of its own for what a filter or transform saw."""
+        r"""The folder of the processed file. With a :obj:`pre_transform` or :obj:`pre_filter`, each
+        target and adjacency has a separate folder.
+        """
         folder = Path(self.root, "processed")
-        own = f"{self.target}_{self.adjacency}"
-        return str(folder / own if self._is_filtered else folder)
+        subfolder = f"{self.target}_{self.adjacency}"
+        return str(folder / subfolder if self._is_filtered else folder)
 
     @property
     def _is_filtered(self) -> bool:
         return self.pre_transform is not None or self.pre_filter is not None
 
     def _set_after_loading(self) -> tuple[str, ...]:
-        # Edges and labels of known kinds, unless a filter or transform has seen them. Of a layout
-        # with several links nothing else is stored.
+        # The arguments that do not change the processed file: edges and stored targets, unless a
+        # filter or transform has used them. A layout with several links stores no positions either.
         if self._is_filtered:
             return ()
         target = ("target", "task") if self.target in self._stored else ()
@@ -237,7 +239,7 @@ class RecordingFrames(TrialFrames):
         return ("adjacency", *target, *layout)
 
     def read_trial(self, path: PathLike) -> Recording:
-        r"""Reads the recording in a file; a subclass may read a format of its own.
+        r"""Reads the recording in a file. A subclass may override it to read another format.
 
         Args:
             path (str or PathLike): The file.
@@ -246,7 +248,8 @@ class RecordingFrames(TrialFrames):
         column = self.read_options.get("label")
         if self.target != column or column == "label" or recording.label is None:
             return recording
-        # The labels of a file whose column happens to be the same in all frames.
+        # A label column with the same text in all frames is read as the label of the recording.
+        # Restore the column, so that such files have the target frame by frame as well.
         labels = np.full(recording.num_frames, recording.label)
         return replace(recording, privileged={**recording.privileged, self.target: labels})
 
@@ -257,14 +260,14 @@ class RecordingFrames(TrialFrames):
             self.layout, self.pattern, tuple(needs), self.num_channels, self.num_joints, self.unit
         )
         if self._recordings is None:
-            x, trials = reader.read(self._resampled(self._opened()), Path(self.processed_dir))
+            x, trials = reader.read(self._resampled(self._read_trials()), Path(self.processed_dir))
         else:
-            given = ((f"recording {i}", str(i), r) for i, r in enumerate(self._recordings))
-            x, trials = reader.read(self._resampled(given), None)
+            recordings = ((f"recording {i}", str(i), r) for i, r in enumerate(self._recordings))
+            x, trials = reader.read(self._resampled(recordings), None)
         target = None if self.target in self._stored else self.target
         names, labels = frame_labels(trials, self._labels, target)
-        for trial in reversed(trials):
-            names |= {f"{key}_columns": own for key, own in trial.columns.items()}
+        for trial in reversed(trials):  # The first trial that names its columns comes last.
+            names |= {f"{key}_columns": columns for key, columns in trial.columns.items()}
         unit = trials[0].meta.get("unit", self.unit)
         names["unit"] = [] if unit is None else [unit]
         data = StaticData(x=x, **labels)
@@ -272,7 +275,7 @@ class RecordingFrames(TrialFrames):
             data.edge_index = self.layout.edge_index(self.adjacency)
         if len(self.layout.link_names) == 1:
             data.pos, data.normal = self.layout.pos, self.layout.normal
-        for key, value in self._labels.more(trials, names).items():
+        for key, value in self._labels.extra_attributes(trials, names).items():
             data[key] = value
         data.y = self._labels.target(data, names, self.target, str(self.root))
         return data, names
@@ -291,16 +294,16 @@ class RecordingFrames(TrialFrames):
 
     @property
     def file_options(self) -> dict[str, Any]:
-        r"""The options of :func:`~torch_geometric_tactile.io.read_recording` that read another file
-        as those of this data set: :obj:`read_options` with the names of the columns, in their
-        order, in place of expressions.
+        r"""The options of :func:`~torch_geometric_tactile.io.read_recording` to read another file
+        with the columns of this data set: :obj:`read_options`, where the ordered names of the
+        columns replace expressions.
         """
-        known = {key: self._names.get(f"{key}_columns") for key in ("tactile", "joint")}
-        return {**self.read_options, **{key: names for key, names in known.items() if names}}
+        columns = {key: self._names.get(f"{key}_columns") for key in ("tactile", "joint")}
+        return {**self.read_options, **{key: names for key, names in columns.items() if names}}
 
     @property
     def class_names(self) -> list[str]:
-        r"""The names of the classes or labels of :obj:`y`."""
+        r"""The names of the classes or properties of :obj:`y`."""
         if self.target == "object":
             return self.group_names
         return self.property_names if self.target == "property" else super().class_names
@@ -315,8 +318,8 @@ def _check_arguments(
 ) -> None:
     need(stride >= 1, "'stride' must be at least 1", stride)
     if (root is None) == (recordings is None):
-        both = "none" if root is None else "both"
-        raise ValueError(f"one of 'root' and 'recordings' must be given (got {both})")
+        passed = "none" if root is None else "both"
+        raise ValueError(f"one of 'root' and 'recordings' must be given (got {passed})")
     if unit not in (None, *UNITS):
         raise ValueError(f"'unit' must be one of {[*UNITS]} or None (got {unit!r})")
 
@@ -324,8 +327,8 @@ def _check_arguments(
 def _warn_of_one_object(dataset: RecordingFrames) -> None:
     if len(dataset.group_names) == 1 and dataset.target == "object":
         _logger.warning(
-            "'%s' holds one object only, '%s': there is nothing to tell apart; learn something "
-            "else with %s",
+            "'%s' holds only one object, '%s', so there is nothing to classify; choose another "
+            "target with %s",
             dataset.root,
             dataset.group_names[0],
             dataset._other_target,

@@ -1,4 +1,4 @@
-r"""Labelled samples in a file of arrays."""
+r"""A data set of labelled samples in an npz file."""
 
 import logging
 from typing import Any, Literal
@@ -23,10 +23,10 @@ from torch_geometric_tactile.io.samples_npz import read_samples_npz
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.sensors import grid as planar_grid
 
-_PITCH = 0.005
+_PITCH = 0.005  # metres
 _PARTS = {"train": 0, "val": 1, "validation": 1, "test": 2, "0": 0, "1": 1, "2": 2}
-_OF_SAMPLES = ("x", "y", "trial", "group", "session", "set", "part", "time", "joint")
-_MOST_WHOLE = 50
+_SAMPLE_ARRAYS = ("x", "y", "trial", "group", "session", "set", "part", "time", "joint")
+_MAX_FLOAT_CLASSES = 50  # More integers in floating point are a regression target.
 _TASKS = ("auto", "multiclass", "regression")
 _logger = logging.getLogger(__name__)
 
@@ -39,29 +39,29 @@ class SamplesFile(StaticDataset):
     further dimensions (time, axes) as channels; for a grid also :math:`(S, rows, cols)` and
     :math:`(S, rows, cols, \ldots)`. Missing readings are NaN.
 
-    Labels :obj:`y` that are names, whole numbers (any codes) or booleans are classes, numbered in
-    their order; others are numbers to be predicted. Whole numbers in floating point are taken for
-    classes if they are few, and the log says so; :obj:`task` decides otherwise. Spellings of one
-    class are joined (:obj:`"slip"` and :obj:`"Slip "`, 1 and :obj:`"1"`). Samples with the number
-    -1 beside class 0 have no label and are left out, and the log says how many.
+    Labels :obj:`y` that are names, integers (any codes) or booleans are classes, which are numbered
+    in sorted order; floating-point numbers are a regression target. By default, up to 50 different
+    integers in floating point are classes as well, and a warning reports it; :obj:`task` selects
+    one or the other. Spellings of one class are joined (:obj:`"slip"` and :obj:`"Slip "`, 1 and
+    :obj:`"1"`). If there is a class 0, samples with the number -1 are unlabelled and left out; a
+    warning reports their number.
 
     Args:
         path (str or PathLike): The file.
-        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of one
-            that comes with the package, or a layout file. If left out, a :obj:`grid`, or the
+        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
+            layout of the package, or a layout file. By default the :obj:`grid`, or the positions
             :obj:`pos` in the file.
         grid (str, optional): Rows and columns of a planar array, such as :obj:`"28x50"`.
         pitch (float): Distance between neighbouring taxels of the grid in metres.
         task (str): :obj:`"multiclass"`, :obj:`"regression"`, or :obj:`"auto"`.
-        time_axis (int, optional): The dimension of :obj:`x` that is time, counted from the samples,
-            which are 0, where samples are windows that are already cut; they have
-            :obj:`num_frames` then.
+        time_axis (int, optional): For samples that are windows: the dimension of :obj:`x` that is
+            time, where dimension 0 is the samples. The samples then have :obj:`num_frames`.
         transform (callable, optional): Applied at every access.
 
     Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If the file cannot be read, the layout is missing, given twice or has another
-            number of taxels, or the labels are not of the task.
+        FileNotFoundError: If the file does not exist.
+        ValueError: If the file cannot be read, the layout is missing, ambiguous or has another
+            number of taxels, or the labels do not fit the task.
 
     Examples:
         >>> import tempfile
@@ -95,16 +95,16 @@ class SamplesFile(StaticDataset):
         content = read_samples_npz(path)
         try:
             size = None if grid is None else _grid_size(grid)
-            self.layout = _layout(content, layout, size, pitch)
+            self.layout = _find_layout(content, layout, size, pitch)
             x = content["x"] if time_axis is None else _time_last(content["x"], time_axis)
             content["x"] = _taxels_first(x, self.layout, size)
-            content = _without_unlabelled(content, task, self.path)
+            content = _drop_unlabelled(content, task, self.path)
             self._num_frames = None if time_axis is None else x.shape[-1]
             self._content: dict[str, np.ndarray] | None = content
             super().__init__(None, transform)
         except ValueError as error:
             raise with_context(f"'{self.path}': ", error) from error
-        self._content = None
+        self._content = None  # The arrays are in the data set now.
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Returns all samples."""
@@ -114,15 +114,15 @@ class SamplesFile(StaticDataset):
         columns: dict[str, Any] = {}
         if "time" in content:
             columns["time"] = content["time"].astype(np.float64)
-        given, count = content.get("class_names"), len(content["x"])
-        columns["y"], names["class"] = _target(content["y"], self.task, given, self.path)
+        class_names, num_samples = content.get("class_names"), len(content["x"])
+        columns["y"], names["class"] = _target(content["y"], self.task, class_names, self.path)
         for key in ("trial", "group", "session", "set"):
             if key in content:
-                names[key], columns[key] = _numbered(key, content[key])
+                names[key], columns[key] = _names_and_codes(key, content[key])
         if "part" in content:
             columns["part"] = _part(content["part"])
         if "joint" in content:
-            columns["joint"] = content["joint"].reshape(count, -1).astype(np.float32)
+            columns["joint"] = content["joint"].reshape(num_samples, -1).astype(np.float32)
         edges = self.layout.adjacency.get("original")
         schema: dict[str, Any] = {"node": (), "edge": (), "shared": ()}
         data, _ = static_data_from_arrays(content["x"], self.layout, edges, columns, {}, schema)
@@ -131,25 +131,26 @@ class SamplesFile(StaticDataset):
         return data, names
 
 
-def _without_unlabelled(
-    content: dict[str, np.ndarray], task: str, path: str
-) -> dict[str, np.ndarray]:
-    # Without samples of class -1 beside 0: as in scikit-learn, nobody labelled them.
+def _drop_unlabelled(content: dict[str, np.ndarray], task: str, path: str) -> dict[str, np.ndarray]:
+    # If there is a class 0, the label -1 stands for unlabelled samples, as in scikit-learn.
     y = content["y"].reshape(-1)
-    count = len(content["x"])
-    if task == "regression" or len(y) != count or y.dtype.kind not in "if":
+    num_samples = len(content["x"])
+    if task == "regression" or len(y) != num_samples or y.dtype.kind not in "if":
         return content
-    if y.min() != -1 or not (y == 0).any() or (y.dtype.kind == "f" and not _are_few_codes(y)):
+    if y.min() != -1 or not (y == 0).any() or (y.dtype.kind == "f" and not _are_class_codes(y)):
         return content
     is_labelled = y != -1
     _logger.warning(
-        "'%s': %d of %d samples have the label -1 beside 0, which stands for no label: they are "
+        "'%s': %d of %d samples have the label -1 beside 0, which stands for unlabelled: they are "
         "left out (write -1 as a text in 'y' if it is a class)",
         path,
-        count - int(is_labelled.sum()),
-        count,
+        num_samples - int(is_labelled.sum()),
+        num_samples,
     )
-    return {key: v[is_labelled] if key in _OF_SAMPLES else v for key, v in content.items()}
+    return {
+        key: array[is_labelled] if key in _SAMPLE_ARRAYS else array
+        for key, array in content.items()
+    }
 
 
 def _grid_size(text: str) -> tuple[int, int]:
@@ -161,7 +162,7 @@ def _grid_size(text: str) -> tuple[int, int]:
     return int(rows), int(cols)
 
 
-def _layout(
+def _find_layout(
     content: dict[str, np.ndarray],
     layout: TaxelLayout | PathLike | None,
     size: tuple[int, int] | None,
@@ -174,8 +175,8 @@ def _layout(
     shape = content["x"].shape
     if "pos" not in content:
         raise ArgumentError(
-            *("its taxels must be known: give a ", Argument("layout"), " or a ", Argument("grid")),
-            " of rows and columns, or put "
+            *("its taxels must be known: pass a ", Argument("layout"), " or a ", Argument("grid")),
+            " of rows and columns, or write "
             f"their positions 'pos' in metres into the file (got none for 'x' of shape {shape})",
         )
     edges = content.get("edge_index")
@@ -199,17 +200,18 @@ def _time_last(x: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _taxels_first(x: np.ndarray, layout: TaxelLayout, size: tuple[int, int] | None) -> np.ndarray:
-    count = layout.num_taxels
+    # Readings as (S, N, C) in single precision.
+    num_taxels = layout.num_taxels
     if size is not None and x.shape[1:3] == size:
-        x = x.reshape(len(x), count, *x.shape[3:])
-    if x.shape[1] != count:
-        expected = f"(num_samples, {count}, ...)"
+        x = x.reshape(len(x), num_taxels, *x.shape[3:])
+    if x.shape[1] != num_taxels:
+        expected = f"(num_samples, {num_taxels}, ...)"
         if size is not None:
             expected += f" or (num_samples, {size[0]}, {size[1]}, ...)"
         raise ValueError(f"'x' must have shape {expected} (got {x.shape})")
-    x = x.reshape(len(x), count, -1)
+    x = x.reshape(len(x), num_taxels, -1)
     single = x.astype(np.float32)
-    warn_of_rounding("x", x, single, stacklevel=6)
+    warn_of_rounding("x", x, single, stacklevel=6)  # the line that calls SamplesFile
     x = single
     if np.isinf(x).any():
         sample, taxel, _ = np.argwhere(np.isinf(x))[0].tolist()
@@ -223,7 +225,7 @@ def _taxels_first(x: np.ndarray, layout: TaxelLayout, size: tuple[int, int] | No
 def _target(
     y: np.ndarray, task: str, class_names: np.ndarray | None, path: str
 ) -> tuple[Tensor, list[str]]:
-    # Labels and the names of the classes; no names for numbers.
+    # The labels, and the names of the classes. A regression target has no names.
     if y.ndim > 1 and y[0].size == 1:
         y = y.reshape(len(y))
     is_float = y.dtype.kind == "f"
@@ -231,57 +233,58 @@ def _target(
         raise ValueError("'y' must be finite (got NaN or infinity): leave such samples out")
     if task == "auto":
         task = "regression" if is_float else "multiclass"
-        if is_float and y.ndim == 1 and _are_few_codes(y):
+        if is_float and y.ndim == 1 and _are_class_codes(y):
             task = "multiclass"
             _logger.warning(
-                "'%s': 'y' holds %d different whole numbers, which are taken for classes; "
-                "the task 'regression' takes them for numbers",
+                "'%s': 'y' holds %d different integers, which are used as classes; "
+                "the task 'regression' uses them as numbers",
                 path,
                 len(np.unique(y)),
             )
     if task == "regression":
         if y.dtype.kind not in "biuf" or y.ndim > 2:
             raise ValueError(
-                f"'y' must hold one number or a row of numbers a sample to predict numbers (got "
+                f"'y' must hold one number or a row of numbers per sample for regression (got "
                 f"{y.dtype} of shape {y.shape})"
             )
         return torch.from_numpy(y.astype(np.float32)), []
     if y.ndim > 1:
         raise ValueError(
-            f"'y' must hold one class a sample (got shape {y.shape}): of one column for each "
-            "class, take y.argmax(axis=1)"
+            f"'y' must hold one class per sample (got shape {y.shape}): if it has one column for "
+            "each class, write y.argmax(axis=1)"
         )
-    names, codes = _numbered("y", y)
+    names, codes = _names_and_codes("y", y)
     if len(names) < 2:
         raise ValueError(f"'y' must have at least 2 classes (got only '{names[0]}')")
     if class_names is not None and y.dtype.kind in "iub":
-        given = [str(name) for name in class_names.reshape(-1)]
-        if y.min() >= 0 and y.max() < len(given):
-            names = [given[int(code)] for code in np.unique(y)]
+        all_names = [str(name) for name in class_names.reshape(-1)]
+        if y.min() >= 0 and y.max() < len(all_names):
+            names = [all_names[int(code)] for code in np.unique(y)]
     return codes, names
 
 
-def _are_few_codes(y: np.ndarray) -> bool:
+def _are_class_codes(y: np.ndarray) -> bool:
+    # A value that occurs only once is more likely a measurement than a class.
     values, counts = np.unique(y, return_counts=True)
-    is_whole = bool((values == np.round(values)).all())
-    return is_whole and len(values) <= _MOST_WHOLE and int(counts.min()) > 1
+    are_integers = bool((values == np.round(values)).all())
+    return are_integers and len(values) <= _MAX_FLOAT_CLASSES and int(counts.min()) > 1
 
 
-def _numbered(key: str, values: np.ndarray) -> tuple[list[str], Tensor]:
+def _names_and_codes(key: str, values: np.ndarray) -> tuple[list[str], Tensor]:
     values = values.reshape(len(values)) if values.size == len(values) else values
-    need(values.ndim == 1, f"'{key}' must have one value a sample (got shape {values.shape})")
+    need(values.ndim == 1, f"'{key}' must have one value per sample (got shape {values.shape})")
     if values.dtype.kind == "f" and np.isnan(values).any():
         raise ValueError(f"'{key}' must be known for every sample (got NaN)")
-    found, first, of_value = np.unique(values, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # the spelling that comes first is the name
-    names, codes = number_labels(found[order].tolist())
-    code_of_found = np.empty(len(found), dtype=np.int64)
-    code_of_found[order] = codes
-    return names, torch.from_numpy(code_of_found[of_value.reshape(-1)])
+    unique, first, inverse = np.unique(values, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # The first spelling of a class is its name.
+    names, codes = number_labels(unique[order].tolist())
+    code_of_unique = np.empty(len(unique), dtype=np.int64)
+    code_of_unique[order] = codes
+    return names, torch.from_numpy(code_of_unique[inverse.reshape(-1)])
 
 
 def _part(values: np.ndarray) -> Tensor:
-    names, codes = _numbered("part", values)
+    names, codes = _names_and_codes("part", values)
     unknown = [name for name in names if name not in _PARTS]
     if unknown:
         raise ValueError(

@@ -1,4 +1,4 @@
-r"""Objects in an Allegro hand with uSkin, the public Sparsh-skin recordings."""
+r"""The Sparsh-skin data set of objects in an Allegro hand with uSkin."""
 
 from pathlib import Path
 from typing import Literal
@@ -9,16 +9,16 @@ import torch
 from torch_geometric_tactile._checks import need_argument
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import FrameInfo, StaticData, measure_rate
-from torch_geometric_tactile.datasets._placed_files import PlacedFiles, frames_of_trials
-from torch_geometric_tactile.datasets._trial_frames import check_choice
+from torch_geometric_tactile.datasets._placed_files import PlacedFiles, trials_to_frames
+from torch_geometric_tactile.datasets._trial_frames import check_frame_selection
 from torch_geometric_tactile.io import read_sparsh_skin
 from torch_geometric_tactile.sensors import allegro_uskin_368
 
 _REPOSITORY = "facebook/sparsh-skin-dataset"
 _COMMIT = "fc1d668"
-_TOUCH, _JOINTS = "xela/data.pkl", "allegro/data.pkl"
+_TACTILE_FILE, _JOINT_FILE = "xela/data.pkl", "allegro/data.pkl"
 _BASELINE = "baseline"
-_FETCH = (
+_DOWNLOAD_COMMAND = (
     f"huggingface-cli download {_REPOSITORY} --repo-type dataset "
     '--include "pretraining/*/*/xela/data.pkl" "pretraining/*/*/allegro/data.pkl" '
     '"pretraining/baseline/xela/data.pkl" --local-dir DIR'
@@ -29,28 +29,28 @@ class SparshSkin(PlacedFiles):
     r"""The pretraining recordings of the "Self-supervised perception for tactile skin covered
     dexterous hands" paper (`arXiv 2505.11420 <https://arxiv.org/abs/2505.11420>`_,
     `facebook/sparsh-skin-dataset
-    <https://huggingface.co/datasets/facebook/sparsh-skin-dataset>`_): a teleoperated Allegro hand
-    with XELA uSkin plays with 14 objects. Which one is it?
+    <https://huggingface.co/datasets/facebook/sparsh-skin-dataset>`_). A teleoperated Allegro hand
+    with XELA uSkin manipulates 14 objects. The task is to recognise the object.
 
-    A sample is a frame: 368 taxels (see
-    :func:`~torch_geometric_tactile.sensors.allegro_uskin_368`) with three channels in raw counts,
-    less the mean of the recording of the untouched hand, as the authors do; the 16 angles
-    :obj:`joint` in radians; :obj:`time` in seconds as published, from the start of the episode.
-    :obj:`trial` numbers the episodes, :obj:`y` and :obj:`group` the objects: any folder with
-    numbered episodes counts as one. Positions depend on the joint angles and are not stored;
-    :class:`~torch_geometric_tactile.transforms.TaxelPose` computes them batch by batch.
+    A sample is a frame of 368 taxels (see
+    :func:`~torch_geometric_tactile.sensors.allegro_uskin_368`) with three channels in raw counts.
+    The mean of the recording of the untouched hand is subtracted, as the authors do. :obj:`joint`
+    has the 16 joint angles in radians, and :obj:`time` is in seconds as published, from the start
+    of the episode. :obj:`trial` is the episode. :obj:`y` and :obj:`group` are the object; each
+    folder with numbered episodes is one object. Positions depend on the joint angles and are not
+    stored; :class:`~torch_geometric_tactile.transforms.TaxelPose` computes them for each batch.
 
     .. warning::
-        Frames of an episode follow each other and are near copies: **a split by frame tests on what
-        was trained on**. Hold out episodes, ``Protocol("trial", stratify="group")``. Whether
-        all episodes of an object were recorded in a row, so that drift or the setting tells it, is
-        not known here, nor whether any split tests another day or hand.
+        Consecutive frames of an episode are near copies, so **a split by frame tests on training
+        data**. Hold out episodes with ``Protocol("trial", stratify="group")``. It is unknown
+        whether all episodes of an object were recorded one after the other, so that drift or the
+        scene reveals the object, and whether any split tests another day or hand.
 
-        **Places within a patch may be permuted**, and the three patches of the palm with each
-        other: see :func:`~torch_geometric_tactile.io.read_sparsh_skin`. Digits and phalanges are
-        those of the authors' list, so that models of digits and patches see what they should.
-        Before you rely on results that need the fine geometry (edge features, positions within a
-        patch, images), compare with :obj:`pretraining/urdf` of the data set.
+        **Taxels within a patch may be permuted**, and so may the three patches of the palm: see
+        :func:`~torch_geometric_tactile.io.read_sparsh_skin`. Digits and phalanges are those of the
+        authors' list and are correct for models of digits and patches. Before you rely on results
+        that need the fine geometry (edge features, positions within a patch, images), compare with
+        :obj:`pretraining/urdf` of the data set.
 
     .. list-table:: STATS, as published, at 10 frames a second
         :header-rows: 1
@@ -68,36 +68,40 @@ class SparshSkin(PlacedFiles):
           - 3
           - 14
 
-    At the full 100 frames a second, :obj:`rate=None`, these are about 1.4 million frames of 4.4 kB,
-    6.4 GB, which are held in memory twice while they are processed; at 10 a tenth of it.
+    At the full rate of 100 Hz, with :obj:`rate=None`, these are about 1.4 million frames of 4.4 kB,
+    or 6.4 GB. Processing holds them in memory twice. At 10 Hz it needs a tenth of that.
 
-    **What was read here**: no file of the data set, and nothing was measured on it. The format is
-    that of the authors' published converter and loaders (data at commit ``fc1d668``), the numbers
-    above are those that the authors state or follow from them, and tests use made-up files. Also
-    unknown here: the order of the joints and whether the hand is a right one, both of which
-    :class:`~torch_geometric_tactile.transforms.TaxelPose` takes for granted.
+    **This class was written without access to the files**, and no results were measured on them.
+    The format is that of the authors' published converter and loaders (data at commit
+    ``fc1d668``), the numbers above are stated by the authors or follow from their statements, and
+    the tests use generated files. :class:`~torch_geometric_tactile.transforms.TaxelPose` assumes
+    the order of the joints and a right hand; whether the files agree with both is unknown.
 
-    **The licence was not read**: check it on the card of the data set before use (other data sets
-    of the same project are CC BY-NC 4.0). Nothing is downloaded, for that reason and as all of it
-    is 54.3 GB; the error for missing files has the command that fetches what is needed.
+    **Check the licence** on the card of the data set before use; it was not checked for this class
+    (other data sets of the same project are CC BY-NC 4.0). Nothing is downloaded, for that reason
+    and because the complete data set has 54.3 GB. The error for missing files has the command that
+    downloads the needed files.
 
     Args:
-        root (str or PathLike, optional): Folder of the data set; the objects are in its folder
-            :obj:`pretraining` or :obj:`xela/pretraining/extracted`, also below :obj:`raw`, or in
-            itself. If left out, :obj:`$TACTILE_DATA/SparshSkin` or a folder in the user's cache.
-        rate (float, optional): Only the frames that are next in time to the ticks of a clock, so
-            many a second, that starts with the first frame of each episode. All with :obj:`None`.
+        root (str or PathLike, optional): Folder of the data set. The objects are in the subfolder
+            :obj:`pretraining` or :obj:`xela/pretraining/extracted` of it or of its subfolder
+            :obj:`raw`, or directly in it. By default :obj:`$TACTILE_DATA/SparshSkin`, or a folder
+            in the user's cache if that variable is not set.
+        rate (float, optional): Selects frames at this rate in hertz: those nearest in time to the
+            ticks of a clock that starts with the first frame of each episode. :obj:`None` selects
+            all frames.
         tare (str, optional): :obj:`"baseline"` subtracts the mean of the recording in
             :obj:`pretraining/baseline`; :obj:`None` keeps counts.
-        adjacency (str): Which edges of the layout. They are ours; no paper has any for this hand.
+        adjacency (str): Name of the edges in the layout. They are a choice of this package; no
+            paper defines edges for this hand.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw files anew.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw files again.
 
     Raises:
-        FileNotFoundError: If there are no episodes, one lacks a file, or there is no recording of
-            the untouched hand for :obj:`tare`.
+        FileNotFoundError: If there are no episodes, an episode lacks a file, or there is no
+            recording of the untouched hand for :obj:`tare`.
         ValueError: If an argument is unknown, or a file cannot be read.
 
     Examples:
@@ -112,8 +116,8 @@ class SparshSkin(PlacedFiles):
     group_kind = "object"
     _folder = "SparshSkin"
     _folders = tuple(
-        f"{above}{name}"
-        for above in ("raw/", "")
+        f"{parent}{name}"
+        for parent in ("raw/", "")
         for name in ("pretraining", "xela/pretraining/extracted", ".")
     )
 
@@ -129,12 +133,14 @@ class SparshSkin(PlacedFiles):
         pre_filter: Filter | None = None,
         force_reload: bool = False,
     ) -> None:
-        check_choice(rate, None, 0)
+        check_frame_selection(rate, None, 0)
         need_argument(
             tare in (_BASELINE, None), "tare", f"must be '{_BASELINE}' or None", repr(tare)
         )
         self.layout = allegro_uskin_368()
-        self.layout.edge_index(adjacency)  # an unknown one is an error before any file is read
+        self.layout.edge_index(
+            adjacency
+        )  # raises an error for an unknown one before files are read
         self.rate = rate
         self._recorded_rate: float | None = None
         self.tare = tare
@@ -143,77 +149,78 @@ class SparshSkin(PlacedFiles):
 
     @property
     def processed_file_names(self) -> str:
-        r"""One file for each rate, tare and adjacency."""
+        r"""The processed file. Each rate, tare and adjacency has a separate one."""
         rate = "all" if self.rate is None else f"{self.rate:g}"
         return f"sparsh_skin_{rate}_{self.tare or 'counts'}_{self.adjacency}.pt"
 
     def _files_in(self, folder: Path) -> list[Path]:
-        files = [path / name for path in _episodes(folder) for name in (_TOUCH, _JOINTS)]
-        return [*files, folder / _BASELINE / _TOUCH] if files and self.tare else files
+        files = [path / name for path in _episodes(folder) for name in (_TACTILE_FILE, _JOINT_FILE)]
+        return [*files, folder / _BASELINE / _TACTILE_FILE] if files and self.tare else files
 
     def _no_files(self) -> str:
         return (
             f"there are no episodes in '{self.root}' or its folders 'pretraining' and "
             f"'xela/pretraining/extracted': check the licence on the card of "
-            f"https://huggingface.co/datasets/{_REPOSITORY}, and get what is needed by\n  {_FETCH}"
-            f"\n(this class was written for commit {_COMMIT})"
+            f"https://huggingface.co/datasets/{_REPOSITORY}, and download the needed files with"
+            f"\n  {_DOWNLOAD_COMMAND}\n(this class was written for commit {_COMMIT})"
         )
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all episodes."""
         folder = Path(self.raw_dir)
-        rest = self._rest(folder)
+        rest = self._rest_reading(folder)
         episodes = _episodes(folder)
-        stacked: dict[str, list[np.ndarray]] = {"x": [], "joint": [], "time": []}
+        columns: dict[str, list[np.ndarray]] = {"x": [], "joint": [], "time": []}
         for path in episodes:
-            found = read_sparsh_skin(path)
-            kept = self._kept(found.time)
-            stacked["x"].append(found.tactile[kept] - rest)
-            stacked["joint"].append(np.asarray(found.joint)[kept])
-            stacked["time"].append(found.time[kept])
-        named = [path.parent.name for path in episodes]
-        objects = sorted(set(named))
-        group = [objects.index(name) for name in named]
+            recording = read_sparsh_skin(path)
+            mask = self._rate_mask(recording.time)
+            columns["x"].append(recording.tactile[mask] - rest)
+            columns["joint"].append(np.asarray(recording.joint)[mask])
+            columns["time"].append(recording.time[mask])
+        object_names = [path.parent.name for path in episodes]
+        objects = sorted(set(object_names))
+        group = [objects.index(name) for name in object_names]
         data = StaticData(
             edge_index=self.layout.edge_index(self.adjacency),
-            **{key: torch.from_numpy(np.concatenate(rows)) for key, rows in stacked.items()},
-            **frames_of_trials([len(rows) for rows in stacked["time"]], y=group, group=group),
+            **{key: torch.from_numpy(np.concatenate(rows)) for key, rows in columns.items()},
+            **trials_to_frames([len(rows) for rows in columns["time"]], y=group, group=group),
         )
-        names = [f"{path.parent.name}/{path.name}" for path in episodes]
-        known = {"class": objects, "group": objects, "trial": names}
+        trial_names = [f"{path.parent.name}/{path.name}" for path in episodes]
+        names = {"class": objects, "group": objects, "trial": trial_names}
         if self._recorded_rate is not None:
-            known["recorded_rate"] = [repr(self._recorded_rate)]
-        return data, known
+            names["recorded_rate"] = [repr(self._recorded_rate)]
+        return data, names
 
-    def _kept(self, time: np.ndarray) -> np.ndarray:
-        # Which frames of an episode are samples (T,).
+    def _rate_mask(self, time: np.ndarray) -> np.ndarray:
+        # Which frames of an episode are selected by the rate (T,).
         if self.rate is None:
             return np.ones(len(time), dtype=bool)
         self._recorded_rate = measure_rate(time).rate
         info = FrameInfo(rate=self._recorded_rate, selected_rate=self.rate)
-        kept = np.zeros(len(time), dtype=bool)
-        kept[info.selected_frames(time, len(time))] = True
-        return kept
+        mask = np.zeros(len(time), dtype=bool)
+        mask[info.selected_frames(time, len(time))] = True
+        return mask
 
     def _known_info(self) -> FrameInfo:
         (rate,) = self._names.get("recorded_rate") or (None,)
         return FrameInfo(rate=None if rate is None else float(rate), selected_rate=self.rate)
 
-    def _rest(self, folder: Path) -> np.ndarray:
-        # The mean of the hand at rest (368, 3).
+    def _rest_reading(self, folder: Path) -> np.ndarray:
+        # The mean reading of the untouched hand (368, 3), or zeros without tare.
         if self.tare is None:
             return np.zeros(3, dtype=np.float32)
-        if not (folder / _BASELINE / _TOUCH).is_file():
+        if not (folder / _BASELINE / _TACTILE_FILE).is_file():
             raise FileNotFoundError(
-                f"'{folder / _BASELINE / _TOUCH}' does not exist, whose mean 'tare' subtracts: get "
-                f"it by\n  {_FETCH}\nor pass 'tare=None' for counts"
+                f"'{folder / _BASELINE / _TACTILE_FILE}' does not exist, whose mean 'tare' "
+                f"subtracts: download it with\n  {_DOWNLOAD_COMMAND}\nor pass 'tare=None' for "
+                "counts"
             )
         readings = read_sparsh_skin(folder / _BASELINE, joints=False).tactile
         return readings.mean(axis=0, dtype=np.float64).astype(np.float32)
 
 
 def _episodes(folder: Path) -> list[Path]:
-    # Numbered folders with touch, object by object.
-    found = [path.parents[1] for path in folder.glob(f"*/*/{_TOUCH}")]
-    numbered = [path for path in found if path.name.isdecimal()]
+    # Numbered folders with tactile readings, sorted by object and number.
+    folders = [path.parents[1] for path in folder.glob(f"*/*/{_TACTILE_FILE}")]
+    numbered = [path for path in folders if path.name.isdecimal()]
     return sorted(numbered, key=lambda path: (path.parent.name, int(path.name)))

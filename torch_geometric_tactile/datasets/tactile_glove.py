@@ -1,4 +1,4 @@
-r"""Objects in a hand with a tactile glove."""
+r"""The STAG data set of objects handled with a tactile glove."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,37 +17,37 @@ from torch_geometric_tactile.sensors import TaxelLayout, grid, select_taxels
 
 _FILE = "metadata.mat"
 _SIDE = 32  # rows and columns of the readout
-_PITCH = 0.005  # m, of cells and not of places on the hand
+_PITCH = 0.005  # metres between cells of the layout, not between sensors on the hand
 _NAMES = {"objectId": "objects", "recordingId": "recordings", "splitId": "splits"}
-_NUMBERS = ("ts", "hasValidLabel", "isBalanced", *_NAMES)
+_NUMERIC_COLUMNS = ("ts", "hasValidLabel", "isBalanced", *_NAMES)
 _PARTS = {"train": 0, "test": 2}
 
 
 class TactileGlove(PlacedFiles):
     r"""The classification set of the `scalable tactile glove (STAG) <https://stag.csail.mit.edu>`_
     of the "Learning the signatures of the human grasp using a scalable tactile glove" paper
-    (Sundaram et al., Nature 2019): a person with a knitted glove of 548 sensors handles 26 objects
-    and, as a class of its own, nothing.
+    (Sundaram et al., Nature 2019). A person with a knitted glove of 548 sensors handles 26 objects.
+    The empty hand is the 27th class.
 
-    A sample is a frame of the 32 x 32 readout with one channel, in raw counts; the authors take 500
-    for nothing and 650 for the strongest touch. :obj:`y` and :obj:`group` number the objects,
-    :obj:`session` and :obj:`trial` the recordings, :obj:`time` are seconds from the start of a
-    recording, :obj:`balanced` is 1 for the frames that the authors train on, so that objects are
-    even. Frames whose label the authors do not count as valid are left out. With :obj:`part`,
-    ``Protocol("given")`` takes the authors' training and test frames.
+    A sample is a frame of the 32 x 32 readout with one channel, in raw counts. The authors use 500
+    as the reading without touch and 650 as the strongest touch. :obj:`y` and :obj:`group` are the
+    object, :obj:`session` and :obj:`trial` the recording, and :obj:`time` is in seconds from the
+    start of the recording. :obj:`balanced` is 1 for the frames in the authors' training, which has
+    the same number of frames of each object. Frames whose label is marked as invalid are left out.
+    ``Protocol("given")`` uses the attribute :obj:`part`, the authors' training and test frames.
 
-    **Which of the 1,024 cells are sensors** is in a file of the authors that was not seen here: the
-    layout is the grid of the readout, whose rows and columns are threads of the glove. Its edges
-    join neighbours in the readout, and its positions are none of the hand. Name the cells that you
-    know to be sensors by :obj:`taxels`, or those that change at all, as in the example.
+    **Which of the 1,024 cells are sensors** is recorded in a file of the authors that was not
+    available for this class. The layout is therefore the grid of the readout, whose rows and
+    columns are threads of the glove. Its edges join neighbours in the readout, and its positions
+    are not positions on the hand. Pass the cells that are sensors as :obj:`taxels`, or those whose
+    readings change, as in the example.
 
     .. warning::
-        Frames of a recording follow each other in time and are near copies, so that **a split by
-        frame tests on what was trained on**. Hold out recordings,
-        ``Protocol("session", folds=3, stratify="y")``; the paper is said to have three of each
-        object, from three days. Whether the published parts share recordings was not seen here:
-        compare the :obj:`session` of both sides. The file names no persons: no split of it tests
-        another hand.
+        Consecutive frames of a recording are near copies, so that **a split by frame tests on
+        training data**. Hold out recordings with ``Protocol("session", folds=3, stratify="y")``.
+        The paper reportedly has three recordings of each object, from three days. Whether the
+        published parts share recordings is unknown: compare the :obj:`session` of both sides. The
+        file names no persons, so no split tests another hand.
 
     .. list-table:: STATS, as published
         :header-rows: 1
@@ -63,27 +63,28 @@ class TactileGlove(PlacedFiles):
           - 1
           - 27
 
-    **What was read here**: the authors' program, from which names and meanings of the variables
-    are, its licence, and the home page; not the file. It is used under the authors' terms (research
-    only, no passing on, the paper to be cited), and is not downloaded: get
+    **This class was written without access to the file.** The names and meanings of the variables
+    are from the authors' program. The file is under the authors' terms (research only, no
+    redistribution, citation of the paper) and is not downloaded: get
     :obj:`classification_lite.zip` from their page.
 
     Args:
-        root (str or PathLike, optional): Folder of the data set; the file :obj:`metadata.mat` is in
-            its folder :obj:`raw`, :obj:`classification_lite` or :obj:`classification` or in itself.
-            If left out, :obj:`$TACTILE_DATA/TactileGlove` or a folder in the user's cache.
-        taxels (sequence, optional): The cells that are sensors, by their numbers (row times 32 plus
-            column) or as 1,024 truth values; all of them if left out.
+        root (str or PathLike, optional): Folder of the data set. The file :obj:`metadata.mat` is in
+            its subfolder :obj:`raw`, :obj:`classification_lite` or :obj:`classification`, or
+            directly in it. By default :obj:`$TACTILE_DATA/TactileGlove`, or a folder in the user's
+            cache if that variable is not set.
+        taxels (sequence, optional): The cells that are sensors, as indices (row times 32 plus
+            column) or as 1,024 booleans. By default all cells.
         invalid (bool): Whether to keep the frames without a valid label.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw file anew.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw file again.
 
     Raises:
         FileNotFoundError: If there is no file.
-        ValueError: If the file cannot be read, its variables do not go together, no frame has a
-            valid label, or a cell is unknown.
+        ValueError: If the file cannot be read, its variables have different numbers of frames or
+            unknown codes, no frame has a valid label, or a cell is unknown.
 
     Examples:
         >>> from torch_geometric_tactile.data import Protocol
@@ -96,7 +97,7 @@ class TactileGlove(PlacedFiles):
     group_kind = "object"
     _folder = "TactileGlove"
     _folders = ("raw", "classification_lite", "classification", ".")
-    selection_args = ("taxels",)  # the layout tells them
+    selection_args = ("taxels",)  # The layout has them.
 
     def __init__(
         self,
@@ -109,7 +110,7 @@ class TactileGlove(PlacedFiles):
         pre_filter: Filter | None = None,
         force_reload: bool = False,
     ) -> None:
-        self.layout = _layout(taxels)
+        self.layout = _glove_layout(taxels)
         self.invalid = invalid
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
 
@@ -118,7 +119,9 @@ class TactileGlove(PlacedFiles):
 
     @property
     def processed_file_names(self) -> str:
-        r"""One file for each number of cells, with and without frames of no valid label."""
+        r"""The processed file. Each number of cells has a separate one, with and without frames of
+        invalid labels.
+        """
         return f"tactile_glove_{len(self.layout)}{'_all' if self.invalid else ''}.pt"
 
     def _no_files(self) -> str:
@@ -130,9 +133,10 @@ class TactileGlove(PlacedFiles):
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads the file."""
         path = self.raw_paths[0]
-        pressure, columns, names = _checked(path)
+        pressure, columns, names = _read_variables(path)
         for name in names["splits"]:
             need(name in _PARTS, f"'{path}': 'splits' must be 'train' and 'test'", quoted(name))
+        # The frames of a trial must be consecutive.
         order = np.argsort(columns["recordingId"], kind="stable")
         if not self.invalid:
             order = order[columns["hasValidLabel"][order] != 0]
@@ -159,11 +163,16 @@ class TactileGlove(PlacedFiles):
             part=part[column["splitId"].long()],
         )
         objects, recordings = names["objects"], names["recordings"]
-        known = {"class": objects, "group": objects, "session": recordings, "trial": recordings}
-        return data, known
+        attribute_names = {
+            "class": objects,
+            "group": objects,
+            "session": recordings,
+            "trial": recordings,
+        }
+        return data, attribute_names
 
 
-def _layout(taxels: torch.Tensor | Sequence[int] | Sequence[bool] | None) -> TaxelLayout:
+def _glove_layout(taxels: torch.Tensor | Sequence[int] | Sequence[bool] | None) -> TaxelLayout:
     layout = replace(
         grid(_SIDE, _SIDE, _PITCH),
         name="tactile_glove",
@@ -173,16 +182,16 @@ def _layout(taxels: torch.Tensor | Sequence[int] | Sequence[bool] | None) -> Tax
     return layout if taxels is None else select_taxels(layout, taxels)
 
 
-def _checked(path: str) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, list[str]]]:
-    # The readings, a number for each frame, and the names behind some of them.
-    content = read_mat_variables(path, ["pressure", *_NUMBERS, *_NAMES.values()])
+def _read_variables(path: str) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, list[str]]]:
+    # The readings (S, 32, 32), the numeric columns (S,), and the names of the codes in _NAMES.
+    content = read_mat_variables(path, ["pressure", *_NUMERIC_COLUMNS, *_NAMES.values()])
     pressure = np.asarray(content["pressure"])
     if pressure.shape[1:] != (_SIDE, _SIDE) or not len(pressure):
         raise ValueError(
             f"'{path}': 'pressure' must be frames of {_SIDE} x {_SIDE} (got shape {pressure.shape})"
         )
     columns = {}
-    for key in _NUMBERS:
+    for key in _NUMERIC_COLUMNS:
         numbers = np.asarray(content[key])
         if numbers.size != len(pressure) or numbers.dtype.kind not in "iuf":
             raise ValueError(
@@ -193,11 +202,11 @@ def _checked(path: str) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, li
         finite = np.isfinite(columns[key]).all()
         need(finite, f"'{path}': '{key}' must be finite")
     names = {}
-    for key, named in _NAMES.items():
-        texts, numbers = content[named], columns[key]
-        need(isinstance(texts, list), f"'{path}': '{named}' must be a cell array of names")
-        names[named] = [str(text) for text in texts]
-        wrong = (numbers != np.round(numbers)) | (numbers < 0) | (numbers >= len(texts))
-        rule = f"'{path}': '{key}' must be one of {len(texts)} '{named}', from 0 on"
-        need(not wrong.any(), rule, *numbers[wrong][:1].tolist())
+    for key, variable in _NAMES.items():
+        texts, codes = content[variable], columns[key]
+        need(isinstance(texts, list), f"'{path}': '{variable}' must be a cell array of names")
+        names[variable] = [str(text) for text in texts]
+        is_unknown = (codes != np.round(codes)) | (codes < 0) | (codes >= len(texts))
+        message = f"'{path}': '{key}' must be the index of one of {len(texts)} '{variable}'"
+        need(not is_unknown.any(), message, *codes[is_unknown][:1].tolist())
     return pressure, columns, names

@@ -1,4 +1,4 @@
-r"""Sensors: the places of their taxels, the edges between them, and the hands that move them."""
+r"""Sensors: positions of taxels, edges between taxels, and kinematics of hands."""
 
 from torch_geometric_tactile.sensors.allegro import (
     allegro_uskin,

@@ -1,4 +1,7 @@
-r"""Checks of plain data, such as JSON, that somebody else may have written."""
+r"""Checks of untrusted plain data, such as the content of JSON files.
+
+The argument :obj:`subject` names the data in error messages, such as ``"a layout"``.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
@@ -6,85 +9,85 @@ from typing import Any
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import short_repr
 
-MOST_TAXELS = 1_000_000
-LARGEST = 1e18  # of a number: far beyond any length or angle, and within float32
+MAX_TAXELS = 1_000_000
+MAX_NUMBER = 1e18  # far above any length or angle, and within the range of float32
 
 
-def need_mapping(value: Any, what: str) -> None:
-    r"""Checks that a value is an object of names and values."""
+def need_mapping(value: Any, subject: str) -> None:
+    r"""Checks that a value is a mapping with texts as keys."""
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise ValueError(f"{what} must be a JSON object (got {short_repr(value)})")
+        raise ValueError(f"{subject} must be a JSON object (got {short_repr(value)})")
 
 
-def need_key(item: Any, key: str, what: str) -> Any:
-    r"""Returns a value of an object."""
-    need_mapping(item, what)
-    need(key in item, f"{what} must have the key '{key}'", sorted(item))
+def need_key(item: Any, key: str, subject: str) -> Any:
+    r"""Returns the value of a key of a mapping. The key must exist."""
+    need_mapping(item, subject)
+    need(key in item, f"{subject} must have the key '{key}'", sorted(item))
     return item[key]
 
 
-def need_list(value: Any, what: str) -> list[Any] | tuple[Any, ...]:
-    r"""Returns a value that is a list."""
+def need_list(value: Any, subject: str) -> list[Any] | tuple[Any, ...]:
+    r"""Returns a value that must be a list or tuple."""
     if not isinstance(value, list | tuple):
-        raise ValueError(f"{what} must be a list (got {short_repr(value)})")
+        raise ValueError(f"{subject} must be a list (got {short_repr(value)})")
     return value
 
 
-def is_named(value: Any, known: Collection[str]) -> bool:
-    r"""Tells whether a value is one of some names."""
-    return isinstance(value, str) and value in known
+def is_one_of(value: Any, names: Collection[str]) -> bool:
+    r"""Returns whether a value is a text and one of the names. It may be unhashable."""
+    return isinstance(value, str) and value in names
 
 
-def only_keys(item: Mapping[str, Any], known: Collection[str], what: str) -> None:
-    r"""Checks that an object has no key with a name that means nothing, such as a misspelt one."""
-    unknown = next((key for key in item if key not in known), None)
+def need_only_keys(item: Mapping[str, Any], keys: Collection[str], subject: str) -> None:
+    r"""Checks that a mapping has no unknown keys, such as misspelt ones."""
+    unknown = next((key for key in item if key not in keys), None)
     if unknown is not None:
         raise ValueError(
-            f"{what} must have no other keys than {', '.join(known)} (got {short_repr(unknown)})"
+            f"{subject} must have no other keys than {', '.join(keys)} (got {short_repr(unknown)})"
         )
 
 
-def need_text(value: Any, what: str) -> None:
+def need_text(value: Any, subject: str) -> None:
     r"""Checks that a value is a text that can be written to a file."""
     if not isinstance(value, str):
-        raise ValueError(f"{what} must be a text (got {short_repr(value)})")
+        raise ValueError(f"{subject} must be a text (got {short_repr(value)})")
     try:
         value.encode("utf-8")
     except UnicodeEncodeError:
-        raise ValueError(f"{what} must be a text of whole characters (got {value!r})") from None
+        raise ValueError(f"{subject} must be a text without surrogates (got {value!r})") from None
 
 
-def need_texts(values: Any, what: str, may_repeat: bool = False) -> None:
-    r"""Checks that a value is a list of texts."""
+def need_texts(values: Any, subject: str, may_repeat: bool = False) -> None:
+    r"""Checks that a value is a list of texts, which must differ unless :obj:`may_repeat`."""
     if not isinstance(values, list | tuple):
-        raise ValueError(f"{what} must be a list of texts (got {short_repr(values)})")
+        raise ValueError(f"{subject} must be a list of texts (got {short_repr(values)})")
     for value in values:
-        need_text(value, f"each of {what}")
+        need_text(value, f"each of {subject}")
     if not may_repeat and len(set(values)) < len(values):
-        raise ValueError(f"{what} must differ from one another (got {short_repr(values)})")
+        raise ValueError(f"{subject} must differ from one another (got {short_repr(values)})")
 
 
 def is_number(value: Any) -> bool:
-    r"""Tells whether a value is a finite number, and no truth value."""
-    is_kind = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_kind and abs(value) <= LARGEST
+    r"""Returns whether a value is a finite number and not a boolean."""
+    is_real = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_real and abs(value) <= MAX_NUMBER
 
 
-def is_whole(value: Any) -> bool:
-    r"""Tells whether a value is a whole number of a size that tensors hold, and no truth value."""
-    is_kind = isinstance(value, int) and not isinstance(value, bool)
-    return is_kind and abs(value) < 1 << 62
+def is_integer(value: Any) -> bool:
+    r"""Returns whether a value is an integer of 62 bits and not a boolean."""
+    is_int = isinstance(value, int) and not isinstance(value, bool)
+    return is_int and abs(value) < 1 << 62
 
 
-def are_numbers(value: Any, *counts: int) -> bool:
-    r"""Tells whether a value is a list of finite numbers."""
-    return _is_list(value, counts) and all(map(is_number, value))
+def are_numbers(value: Any, *lengths: int) -> bool:
+    r"""Returns whether a value is a list of finite numbers, of one of the lengths."""
+    return _is_list(value, lengths) and all(map(is_number, value))
 
 
-def are_whole(value: Any, *counts: int) -> bool:
-    r"""Tells whether a value is a list of whole numbers."""
-    return _is_list(value, counts) and all(map(is_whole, value))
+def are_integers(value: Any, *lengths: int) -> bool:
+    r"""Returns whether a value is a list of integers, of one of the lengths."""
+    return _is_list(value, lengths) and all(map(is_integer, value))
 
 
-def _is_list(value: Any, counts: Sequence[int]) -> bool:
-    return isinstance(value, list | tuple) and len(value) in counts
+def _is_list(value: Any, lengths: Sequence[int]) -> bool:
+    return isinstance(value, list | tuple) and len(value) in lengths

@@ -1,4 +1,4 @@
-r"""The arguments of a layout from plain data: what its JSON file holds."""
+r"""Conversion of plain data, the content of a JSON file, to the arguments of a layout."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,23 +9,24 @@ from torch import Tensor
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import short_repr
 from torch_geometric_tactile.sensors._content_checks import (
-    MOST_TAXELS,
+    MAX_TAXELS,
+    are_integers,
     are_numbers,
-    are_whole,
     need_mapping,
+    need_only_keys,
     need_text,
     need_texts,
-    only_keys,
 )
 from torch_geometric_tactile.sensors.patches import expand_patches
 
 _METRES_PER_UNIT = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
 INDEX_KEYS = ("link", "patch", "digit")
 _TAXEL_KEYS = ("pos", "normal", "tangent", *INDEX_KEYS, "cell")
-_VALUES = {
+# Checks of optional values of a taxel, and the requirement in the error message.
+_CHECKS = {
     "normal": (lambda value: are_numbers(value, 3), "three numbers"),
     "tangent": (lambda value: _are_axes(value), "two axes of three numbers"),
-    "cell": (lambda value: are_whole(value, 2), "a row and a column"),
+    "cell": (lambda value: are_integers(value, 2), "a row and a column"),
 }
 _KEYS = (
     "name",
@@ -42,7 +43,7 @@ def layout_arguments(content: Mapping[str, Any]) -> dict[str, Any]:
     need_mapping(content, "a layout")
     if "patches" in content:
         content = expand_patches(content)
-    only_keys(content, _KEYS, "a layout")
+    need_only_keys(content, _KEYS, "a layout")
     for key in ("name", "unit", "taxels"):
         if key not in content:
             raise ValueError(f"a layout must have the key '{key}' (got {sorted(content)})")
@@ -65,26 +66,28 @@ def layout_arguments(content: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _adjacency(named: Any, num_taxels: int) -> dict[str, Tensor]:
-    need_mapping(named, "'adjacency'")
-    out = {}
-    for name, pairs in named.items():
-        what = f"adjacency '{name}'"
+def _adjacency(pairs_by_name: Any, num_taxels: int) -> dict[str, Tensor]:
+    need_mapping(pairs_by_name, "'adjacency'")
+    adjacency = {}
+    for name, pairs in pairs_by_name.items():
+        subject = f"adjacency '{name}'"
         is_list = isinstance(pairs, list | tuple)
-        if not is_list or not all(are_whole(pair, 2) for pair in pairs):
-            raise ValueError(f"{what} must be a list of pairs of taxels, whole numbers")
-        wrong = next((pair for pair in pairs if not 0 <= min(pair) <= max(pair) < num_taxels), None)
-        if wrong is not None:
+        if not is_list or not all(are_integers(pair, 2) for pair in pairs):
+            raise ValueError(f"{subject} must be a list of pairs of taxels, whole numbers")
+        outside = next(
+            (pair for pair in pairs if not 0 <= min(pair) <= max(pair) < num_taxels), None
+        )
+        if outside is not None:
             raise ValueError(
-                f"{what} must join taxels 0 to {num_taxels - 1} (got {short_repr(wrong)})"
+                f"{subject} must join taxels 0 to {num_taxels - 1} (got {short_repr(outside)})"
             )
-        out[name] = torch.tensor(pairs, dtype=torch.long).view(-1, 2).t()
-    return out
+        adjacency[name] = torch.tensor(pairs, dtype=torch.long).view(-1, 2).t()
+    return adjacency
 
 
 def _indices(content: Mapping[str, Any], taxels: list[Mapping[str, Any]]) -> dict[str, Any]:
     # The index of each taxel's link, patch and digit, and their names.
-    out: dict[str, Any] = {}
+    arguments: dict[str, Any] = {}
     for key in INDEX_KEYS:
         labels = _column(taxels, key)
         names = content.get(f"{key}_names")
@@ -92,37 +95,37 @@ def _indices(content: Mapping[str, Any], taxels: list[Mapping[str, Any]]) -> dic
             need_texts(names, f"'{key}_names'")
         if labels is None:
             if names:
-                out[f"{key}_names"] = tuple(names)
+                arguments[f"{key}_names"] = tuple(names)
             continue
         need_texts(labels, f"'{key}' of the taxels", may_repeat=True)
-        number = {name: i for i, name in enumerate(names or dict.fromkeys(labels))}
-        unnamed = [label for label in labels if label not in number]
+        index = {name: i for i, name in enumerate(names or dict.fromkeys(labels))}
+        unnamed = [label for label in labels if label not in index]
         if unnamed:
             raise ValueError(
-                f"'{key}_names' must name every {key} (got {list(number)} without '{unnamed[0]}')"
+                f"'{key}_names' must name every {key} (got {list(index)} without '{unnamed[0]}')"
             )
-        out[key] = torch.tensor([number[label] for label in labels])
-        out[f"{key}_names"] = tuple(number)
-    return out
+        arguments[key] = torch.tensor([index[label] for label in labels])
+        arguments[f"{key}_names"] = tuple(index)
+    return arguments
 
 
 def _checked_taxels(taxels: Any) -> list[Mapping[str, Any]]:
     if not isinstance(taxels, list | tuple):
         raise ValueError(f"'taxels' must be a list (got {type(taxels).__name__})")
     need(taxels, "'taxels' must hold at least one taxel (got none)")
-    need(len(taxels) <= MOST_TAXELS, f"'taxels' must be {MOST_TAXELS} at most", len(taxels))
+    need(len(taxels) <= MAX_TAXELS, f"'taxels' must be {MAX_TAXELS} at most", len(taxels))
     dims = set()
     for i, taxel in enumerate(taxels):
-        place = taxel.get("pos") if isinstance(taxel, Mapping) else taxel
-        if not isinstance(taxel, Mapping) or not are_numbers(place, 2, 3):
+        pos = taxel.get("pos") if isinstance(taxel, Mapping) else taxel
+        if not isinstance(taxel, Mapping) or not are_numbers(pos, 2, 3):
             raise ValueError(
-                f"taxel {i} must have a 'pos' of two or three numbers (got {short_repr(place)})"
+                f"taxel {i} must have a 'pos' of two or three numbers (got {short_repr(pos)})"
             )
-        only_keys(taxel, _TAXEL_KEYS, f"taxel {i}")
-        for key, (is_right, what) in _VALUES.items():
-            if key in taxel and not is_right(taxel[key]):
+        need_only_keys(taxel, _TAXEL_KEYS, f"taxel {i}")
+        for key, (is_valid, requirement) in _CHECKS.items():
+            if key in taxel and not is_valid(taxel[key]):
                 raise ValueError(
-                    f"'{key}' of taxel {i} must be {what} (got {short_repr(taxel[key])})"
+                    f"'{key}' of taxel {i} must be {requirement} (got {short_repr(taxel[key])})"
                 )
         dims.add(len(taxel["pos"]))
     need(len(dims) <= 1, "'pos' must have as many numbers at every taxel (got two and three)")
@@ -135,11 +138,12 @@ def _are_axes(value: Any) -> bool:
 
 
 def _column(taxels: list[Mapping[str, Any]], key: str) -> list[Any] | None:
+    # The values of a key for all taxels, or None if no taxel has the key.
     missing = [i for i, taxel in enumerate(taxels) if key not in taxel]
     if len(missing) == len(taxels):
         return None
     if missing:
         raise ValueError(
-            f"'{key}' must be given for every taxel or for none (not for {missing[0]})"
+            f"'{key}' must be given for every taxel or for none (missing for taxel {missing[0]})"
         )
     return [taxel[key] for taxel in taxels]

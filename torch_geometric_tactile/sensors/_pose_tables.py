@@ -1,6 +1,4 @@
-r"""The links of a hand as a tree, and the constants that its poses are multiplied with: made once
-for a hand and a layout.
-"""
+r"""The tree of a hand's links, and constant tables of a hand and a layout for its poses."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -12,12 +10,12 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors.joints import Joint
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
-_MOST_JOINTS = 1000
+_MAX_JOINTS = 1000
 
 
 class LinkTree(NamedTuple):
-    r"""The links of a chain, the root first, and the joints level by level: those of a level hang
-    on links of the level before.
+    r"""The links of a hand, the root first, and the joints by level: the parents of a level's links
+    are links of the level before.
     """
 
     names: tuple[str, ...]
@@ -25,8 +23,13 @@ class LinkTree(NamedTuple):
 
 
 def link_tree(joints: Sequence[Joint]) -> LinkTree:
-    r"""Returns the links that joints make up."""
-    need(len(joints) <= _MOST_JOINTS, f"'joints' must be {_MOST_JOINTS} at most", len(joints))
+    r"""Returns the tree of the links that joints connect.
+
+    Raises:
+        ValueError: If there are too many joints, two have the same name, a link has two parents, or
+            the links are not one tree.
+    """
+    need(len(joints) <= _MAX_JOINTS, f"'joints' must be {_MAX_JOINTS} at most", len(joints))
     if len({joint.name for joint in joints}) < len(joints):
         raise ValueError("'joints' must have different names (got one twice)")
     by_child: dict[str, Joint] = {}
@@ -42,22 +45,27 @@ def link_tree(joints: Sequence[Joint]) -> LinkTree:
     names, levels = [roots[0]], []
     level = names
     while level:
-        above = set(level)
-        children = [joint for joint in joints if joint.parent in above]
+        parents = set(level)
+        children = [joint for joint in joints if joint.parent in parents]
         level = [joint.child for joint in children]
         if children:
             levels.append(children)
             names = names + level
     if len(names) != len(joints) + 1:
-        lost = sorted(set(by_child) - set(names))
-        raise ValueError(f"the links must be one tree, with one root (got a ring of {lost})")
+        unreachable = sorted(set(by_child) - set(names))
+        raise ValueError(f"the links must be one tree, with one root (got a ring of {unreachable})")
     return LinkTree(tuple(names), levels)
 
 
 class Level(NamedTuple):
-    r"""The :math:`K` links that hang on the links of the level before, so that their poses are one
-    product: where their parents are, which joint moves them, the terms of its rotation
-    :math:`(K, 3, 3, 3)` and their origins in the parents' frames :math:`(K, 3)`.
+    r"""The :math:`K` links whose parents are in the level before, so that one product computes all
+    their poses.
+
+    Shapes:
+        - **parent:** index of the parent link :math:`(K,)`
+        - **column:** index of the joint angle in the joint vector :math:`(K,)`
+        - **turns:** terms of the joint's rotation :math:`(K, 3, 3, 3)`
+        - **xyz:** origin in the parent's frame in metres :math:`(K, 3)`
     """
 
     parent: Tensor
@@ -67,27 +75,36 @@ class Level(NamedTuple):
 
 
 class SmallBatchTables(NamedTuple):
-    r"""What poses few frames of a layout with few operations."""
+    r"""Constants to compute the poses of a small batch with few operations.
 
-    parents: list[Tensor]  # of the links of each level, where they are in the level before
-    column: Tensor  # of each link's joint in the joint vector
-    turns: Tensor  # (L - 1, 3, 16), the three terms of each link's matrix below its parent
-    link: Tensor  # (N,), of each taxel
-    pos: Tensor  # (N, 1, 4)
-    normal: Tensor  # (N, 1, 4)
+    Shapes:
+        - **parents:** for each level, the index of each link's parent in the level before
+        - **column:** index of each link's joint angle in the joint vector :math:`(L - 1,)`
+        - **turns:** terms of each link's matrix relative to its parent :math:`(L - 1, 3, 16)`
+        - **link:** link of each taxel :math:`(N,)`
+        - **pos, normal:** homogeneous coordinates of each taxel :math:`(N, 1, 4)`
+    """
+
+    parents: list[Tensor]
+    column: Tensor
+    turns: Tensor
+    link: Tensor
+    pos: Tensor
+    normal: Tensor
 
 
-LinkTable = tuple[int, Tensor, Tensor | None]  # a link, and what its pose is multiplied with
+# A link, and the factors of its pose for the positions and the normals of its taxels.
+LinkTable = tuple[int, Tensor, Tensor | None]
 
 
 def tree_levels(tree: LinkTree, moving: Sequence[Joint]) -> list[Level]:
-    r"""Returns the levels of a hand's links."""
-    number = {name: i for i, name in enumerate(tree.names)}
+    r"""Returns the constants of each level of a hand's links."""
+    link_index = {name: i for i, name in enumerate(tree.names)}
     column = {joint.name: i for i, joint in enumerate(moving)}
     return [
         Level(
-            torch.tensor([number[joint.parent] for joint in level]),
-            # A fixed joint reads the column of zeros behind the joints' own.
+            torch.tensor([link_index[joint.parent] for joint in level]),
+            # A fixed joint uses an additional column of zeros after the moving joints.
             torch.tensor([column.get(joint.name, len(moving)) for joint in level]),
             torch.stack([_joint_turns(joint) for joint in level]),
             torch.tensor([joint.xyz for joint in level], dtype=torch.double),
@@ -107,48 +124,57 @@ def _joint_turns(joint: Joint) -> Tensor:
     Shapes:
         - **output:** :math:`(3, 3, 3)`
     """
-    # Rodrigues: R = R0 (1 + sin K + (1 - cos) K^2), as a table of its three terms.
+    # Rodrigues' formula: R = R0 (1 + sin(q) K + (1 - cos(q)) K^2), with the rotation R0 at q = 0.
     roll, pitch, yaw = joint.rpy
-    still = torch.eye(3, dtype=torch.double)
+    rotation = torch.eye(3, dtype=torch.double)
     for angle, axis in ((roll, (1, 0, 0)), (pitch, (0, 1, 0)), (yaw, (0, 0, 1))):
-        still = torch.linalg.matrix_exp(angle * _cross_matrix(axis)) @ still
+        rotation = torch.linalg.matrix_exp(angle * _cross_matrix(axis)) @ rotation
     cross = _cross_matrix(joint.axis or (0.0, 0.0, 0.0))
-    return torch.stack([still, still @ cross, still @ cross @ cross])
+    return torch.stack([rotation, rotation @ cross, rotation @ cross @ cross])
 
 
 def pose_links(levels: Sequence[Level], joint: Tensor) -> tuple[Tensor, Tensor]:
-    r"""Returns rotation :math:`(..., L, 3, 3)` and translation :math:`(..., L, 3)` of all links.
+    r"""Returns the rotation :math:`(..., L, 3, 3)` and translation :math:`(..., L, 3)` of all links
+    in the frame of the root link.
 
     Shapes:
         - **joint:** Joint angles in radians :math:`(..., J)`.
     """
     shape = joint.shape[:-1]
-    waves = _waves(joint)
+    terms = _angle_terms(joint)
     rotation = torch.eye(3).to(joint).expand(*shape, 1, 3, 3)
     translation = joint.new_zeros(*shape, 1, 3)
     for parent, column, turns, xyz in levels:
         turns = turns.to(joint).flatten(-2)
-        turn = (waves[..., column, None, :] @ turns).view(*shape, len(column), 3, 3)
-        above = rotation[..., parent, :, :]
-        origin = (above @ xyz.to(joint).unsqueeze(-1)).squeeze(-1)
-        rotation = torch.cat([rotation, above @ turn], dim=-3)
+        local_rotation = (terms[..., column, None, :] @ turns).view(*shape, len(column), 3, 3)
+        parent_rotation = rotation[..., parent, :, :]
+        origin = (parent_rotation @ xyz.to(joint).unsqueeze(-1)).squeeze(-1)
+        rotation = torch.cat([rotation, parent_rotation @ local_rotation], dim=-3)
         translation = torch.cat([translation, translation[..., parent, :] + origin], dim=-2)
     return rotation, translation
 
 
-def _waves(joint: Tensor) -> Tensor:
+def _angle_terms(joint: Tensor) -> Tensor:
+    # 1, sin(q) and 1 - cos(q) of each joint, and of the zero angle of fixed joints (..., J + 1, 3).
     angle = torch.nn.functional.pad(joint, (0, 1))
     return torch.stack([torch.ones_like(angle), angle.sin(), 1 - angle.cos()], dim=-1)
 
 
 def small_batch_tables(
-    levels: Sequence[Level], numbers: Mapping[str, int], layout: TaxelLayout, like: Tensor
+    levels: Sequence[Level], link_index: Mapping[str, int], layout: TaxelLayout, like: Tensor
 ) -> SmallBatchTables:
-    r"""Returns the tables of :func:`pose_small_batch`."""
+    r"""Returns the constants of :func:`pose_small_batch`.
+
+    Args:
+        levels (sequence of Level): The levels of the hand's links.
+        link_index (Mapping of str to int): Index of each link with taxels in the hand.
+        layout (TaxelLayout): The taxels.
+        like (Tensor): Joint angles, whose type and device are used.
+    """
     assert layout.link is not None
-    number = torch.zeros(len(layout.link_names), dtype=torch.long)
-    for name, i in numbers.items():
-        number[layout.link_names.index(name)] = i
+    index = torch.zeros(len(layout.link_names), dtype=torch.long)
+    for name, i in link_index.items():
+        index[layout.link_names.index(name)] = i
     normal = torch.zeros_like(layout.pos) if layout.normal is None else layout.normal
     parents, column, turns, xyz = zip(*levels, strict=True)
     table = torch.zeros(sum(map(len, parents)), 3, 4, 4, dtype=torch.double)
@@ -156,16 +182,16 @@ def small_batch_tables(
     table[:, 0, :3, 3] = torch.cat(xyz)
     table[:, 0, 3, 3] = 1.0
     first = [0, *torch.tensor([len(level) for level in parents]).cumsum(0).tolist()]
-    with torch.inference_mode(False):  # or no gradient could pass through them later
+    with torch.inference_mode(False):  # Gradients cannot pass through inference tensors.
         return SmallBatchTables(
-            # A link hangs on the level before its own.
+            # The index in all links becomes an index in the level before; the root is link 0.
             [
                 (level - (first[i - 1] + 1 if i else 0)).to(like.device)
                 for i, level in enumerate(parents)
             ],
             torch.cat(column).to(like.device),
             table.flatten(2).to(like),
-            number[layout.link].to(like.device),
+            index[layout.link].to(like.device),
             torch.nn.functional.pad(layout.pos, (0, 1), value=1.0).unsqueeze(1).to(like),
             torch.nn.functional.pad(normal, (0, 1)).unsqueeze(1).to(like),
         )
@@ -174,10 +200,10 @@ def small_batch_tables(
 def pose_small_batch(
     tables: SmallBatchTables, joint: Tensor, with_normal: bool
 ) -> tuple[Tensor, Tensor | None]:
-    r"""Returns positions and normals :math:`(T, N, 3)` of few frames.
+    r"""Returns the positions and normals :math:`(T, N, 3)` of a small batch of frames.
 
-    It works with homogeneous matrices and taxel by taxel: more arithmetic than with
-    :func:`link_tables`, but fewer operations, whose number decides the delay of a live frame.
+    Homogeneous matrices of each taxel are more arithmetic than :func:`pose_tables`, but fewer
+    operations. Their number determines the latency of a live frame.
 
     Shapes:
         - **joint:** Joint angles in radians :math:`(T, J)`.
@@ -188,13 +214,13 @@ def pose_small_batch(
 
 
 def chain_small_batch(tables: SmallBatchTables, joint: Tensor) -> Tensor:
-    r"""Returns the matrices of all links :math:`(T, L, 4, 4)` in few frames.
+    r"""Returns the homogeneous matrices of all links :math:`(T, L, 4, 4)` for a small batch.
 
     Shapes:
         - **joint:** Joint angles in radians :math:`(T, J)`.
     """
-    waves = _waves(joint).index_select(1, tables.column).unsqueeze(2)
-    steps = (waves @ tables.turns).unflatten(-1, (4, 4)).squeeze(2)
+    terms = _angle_terms(joint).index_select(1, tables.column).unsqueeze(2)
+    steps = (terms @ tables.turns).unflatten(-1, (4, 4)).squeeze(2)
     root = torch.eye(4, dtype=joint.dtype, device=joint.device)
     poses, start = [root.expand(len(joint), 1, 4, 4)], 0
     for parent in tables.parents:
@@ -205,33 +231,34 @@ def chain_small_batch(tables: SmallBatchTables, joint: Tensor) -> Tensor:
 
 
 def link_tables(
-    numbers: Mapping[str, int], layout: TaxelLayout, like: Tensor
+    link_index: Mapping[str, int], layout: TaxelLayout, like: Tensor
 ) -> tuple[list[LinkTable], Tensor | None]:
-    r"""Returns a table for each link, and the place of each taxel in their results if these are in
-    another order than the taxels.
+    r"""Returns the constants of each link for :func:`pose_tables`, and the permutation that brings
+    its output into the order of the taxels, or :obj:`None` if it is in that order.
     """
     assert layout.link is not None
-    with torch.inference_mode(False):  # or no gradient could pass through them later
+    with torch.inference_mode(False):  # Gradients cannot pass through inference tensors.
         tables, order = [], []
-        for name, i in numbers.items():
+        for name, i in link_index.items():
             taxels = (layout.link == layout.link_names.index(name)).nonzero().view(-1)
             tables.append((i, *_link_table(layout, taxels, like)))
             order.append(taxels)
-        place = torch.cat(order).argsort()
-    in_order = torch.equal(place, torch.arange(layout.num_taxels))
-    return tables, None if in_order else place
+        permutation = torch.cat(order).argsort()
+    is_identity = torch.equal(permutation, torch.arange(layout.num_taxels))
+    return tables, None if is_identity else permutation
 
 
 def _link_table(layout: TaxelLayout, taxels: Tensor, like: Tensor) -> tuple[Tensor, Tensor | None]:
-    # Position and normal are linear in the link's pose: one matrix serves all frames.
+    # Positions (12, 3 N) and normals (9, 3 N) are linear in the link's pose, so that one matrix
+    # product computes them for all frames.
     eye = torch.eye(3).to(like)
 
-    def turned(vectors: Tensor) -> Tensor:
+    def rotation_table(vectors: Tensor) -> Tensor:
         return torch.einsum("nj,ik->ijnk", vectors[taxels].to(like), eye).reshape(9, -1)
 
-    shift = eye.unsqueeze(1).expand(3, len(taxels), 3).reshape(3, -1)
-    normal = None if layout.normal is None else turned(layout.normal)
-    return torch.cat([turned(layout.pos), shift]), normal
+    translation_table = eye.unsqueeze(1).expand(3, len(taxels), 3).reshape(3, -1)
+    normal = None if layout.normal is None else rotation_table(layout.normal)
+    return torch.cat([rotation_table(layout.pos), translation_table]), normal
 
 
 def pose_tables(
@@ -241,33 +268,35 @@ def pose_tables(
     with_normal: bool,
     chunk: int,
 ) -> list[Tensor]:
-    r"""Returns positions, and normals if they are wanted, of many frames, in the order of the
-    tables :math:`(T, 3 N)`.
+    r"""Returns the positions, and with :obj:`with_normal` the normals, of many frames
+    :math:`(T, 3 N)`. Taxels are in the order of the tables.
 
     Shapes:
         - **joint:** Joint angles in radians :math:`(T, J)`.
     """
     parts = joint.split(chunk)
+    # torch.cat(out=...) has no gradient.
     if len(parts) == 1 or (torch.is_grad_enabled() and joint.requires_grad):
-        return [torch.cat(values, dim=1) for values in _by_link(levels, tables, joint, with_normal)]
+        return [torch.cat(blocks, dim=1) for blocks in _by_link(levels, tables, joint, with_normal)]
     width = sum(pos_table.size(1) for _, pos_table, _ in tables)
-    out = [joint.new_empty(len(joint), width) for _ in range(1 + with_normal)]
-    targets = zip(*(value.split(chunk) for value in out), strict=True)
-    for part, target in zip(parts, targets, strict=True):
+    outputs = [joint.new_empty(len(joint), width) for _ in range(1 + with_normal)]
+    out_parts = zip(*(output.split(chunk) for output in outputs), strict=True)
+    for part, out_part in zip(parts, out_parts, strict=True):
         by_link = _by_link(levels, tables, part, with_normal)
-        for values, whole in zip(by_link, target, strict=True):
-            torch.cat(values, dim=1, out=whole)
-    return out
+        for blocks, out in zip(by_link, out_part, strict=True):
+            torch.cat(blocks, dim=1, out=out)
+    return outputs
 
 
 def _by_link(
     levels: Sequence[Level], tables: Sequence[LinkTable], joint: Tensor, with_normal: bool
 ) -> list[list[Tensor]]:
+    # The positions, and the normals if there are any, as one block of columns for each link.
     rotation, translation = pose_links(levels, joint)
     pos, normal = [], []
     for link, pos_table, normal_table in tables:
-        turn = rotation[:, link].reshape(-1, 9)
-        pos.append(torch.cat([turn, translation[:, link]], dim=1) @ pos_table)
+        link_rotation = rotation[:, link].reshape(-1, 9)
+        pos.append(torch.cat([link_rotation, translation[:, link]], dim=1) @ pos_table)
         if with_normal and normal_table is not None:
-            normal.append(turn @ normal_table)
+            normal.append(link_rotation @ normal_table)
     return [pos, normal] if normal else [pos]

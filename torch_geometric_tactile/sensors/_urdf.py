@@ -1,4 +1,4 @@
-r"""URDF files: the joints of a hand as XML."""
+r"""Reading of joints from URDF files."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -10,8 +10,9 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors.joints import Joint
 
 _MOVING = ("revolute", "continuous")
-# What URDF knows in a joint, and the attributes that are read. A misspelt one would be left out.
-_URDF_PARTS = {
+# The elements of a joint in URDF, with their attributes. Unknown ones are errors, since a misspelt
+# element would otherwise be ignored. None allows all attributes of an element that is not used.
+_JOINT_ELEMENTS = {
     "origin": ("xyz", "rpy"),
     "parent": ("link",),
     "child": ("link",),
@@ -26,17 +27,21 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def read_urdf(path: Path, joint_names: Sequence[str] | None) -> tuple[list[Joint], str]:
-    r"""Returns the joints of a URDF file and the name of its robot."""
+    r"""Returns the joints of a URDF file and the name of its robot.
+
+    The moving joints in :obj:`joint_names` come first, in that order. The other moving joints
+    become fixed.
+    """
     try:
         root = ElementTree.fromstring(path.read_bytes())  # bytes: the file declares its encoding
-    except (ElementTree.ParseError, LookupError) as error:  # another encoding is a LookupError
+    except (ElementTree.ParseError, LookupError) as error:  # LookupError: an unknown encoding
         raise ValueError(str(error)) from error
     need(root.tag == "robot", f"the root element must be 'robot' (got '{root.tag}')")
     joints = [_urdf_joint(element) for element in root.findall("joint")]
     links = [element.get("name") for element in root.findall("link")]
-    held = {link for joint in joints for link in (joint.parent, joint.child)}
-    if loose := [name for name in links if name not in held]:
-        raise ValueError(f"each link must be that of a joint (got '{loose[0]}' alone)")
+    connected = {link for joint in joints for link in (joint.parent, joint.child)}
+    if isolated := [name for name in links if name not in connected]:
+        raise ValueError(f"each link must be connected by a joint (got '{isolated[0]}' alone)")
     if joint_names is not None:
         moving = {joint.name: joint for joint in joints if joint.axis is not None}
         missing = [name for name in joint_names if name not in moving]
@@ -46,33 +51,34 @@ def read_urdf(path: Path, joint_names: Sequence[str] | None) -> tuple[list[Joint
             )
         if len(set(joint_names)) < len(joint_names):
             raise ValueError("'joint_names' must name each joint once (got one twice)")
-        named = [moving[name] for name in joint_names]
-        rest = [joint for joint in joints if joint not in named]
-        joints = named + [_still(joint) if joint.axis else joint for joint in rest]
+        named_joints = [moving[name] for name in joint_names]
+        other_joints = [joint for joint in joints if joint not in named_joints]
+        joints = named_joints + [_fixed(joint) if joint.axis else joint for joint in other_joints]
     return joints, root.get("name", path.stem)
 
 
-def _still(joint: Joint) -> Joint:
+def _fixed(joint: Joint) -> Joint:
+    # The joint at angle zero.
     return Joint(joint.name, joint.parent, joint.child, joint.xyz, joint.rpy)
 
 
 def _urdf_joint(element: ElementTree.Element) -> Joint:
     name, kind = element.get("name", ""), element.get("type")
     need(name, "each joint must have a name (got none)")
-    _check_parts(element, name)
+    _check_elements(element, name)
     if kind not in (*_MOVING, "fixed"):
         raise ValueError(f"joint '{name}' must be revolute, continuous or fixed (got '{kind}')")
 
     def numbers(tag: str, key: str, default: str) -> Any:
-        found = element.find(tag)
-        text = default if found is None else found.get(key, default)
+        child = element.find(tag)
+        text = default if child is None else child.get(key, default)
         return tuple(_number(number, name) for number in text.split())
 
     def link(tag: str) -> str:
-        found = element.find(tag)
-        if found is None or not found.get("link"):
+        child = element.find(tag)
+        if child is None or not child.get("link"):
             raise ValueError(f"joint '{name}' must have a {tag} link (got none)")
-        return str(found.get("link"))
+        return str(child.get("link"))
 
     limits: Mapping[str, str] = {}
     if kind == "revolute" and (limit := element.find("limit")) is not None:
@@ -89,22 +95,22 @@ def _urdf_joint(element: ElementTree.Element) -> Joint:
     )
 
 
-def _check_parts(element: ElementTree.Element, name: str) -> None:
+def _check_elements(element: ElementTree.Element, name: str) -> None:
     if unknown := set(element.keys()) - {"name", "type"}:
-        raise ValueError(f"joint '{name}' must have a name and a type only (got {min(unknown)!r})")
-    seen = set()
-    for part in element:
-        if part.tag not in _URDF_PARTS or part.tag in seen:
+        raise ValueError(f"joint '{name}' must have only a name and a type (got {min(unknown)!r})")
+    tags = set()
+    for child in element:
+        if child.tag not in _JOINT_ELEMENTS or child.tag in tags:
             raise ValueError(
-                f"joint '{name}' must have each of {', '.join(_URDF_PARTS)} once at most "
-                f"(got {part.tag!r})"
+                f"joint '{name}' must have each of {', '.join(_JOINT_ELEMENTS)} at most once "
+                f"(got {child.tag!r})"
             )
-        seen.add(part.tag)
-        known = _URDF_PARTS[part.tag]
-        if known is not None and (unknown := set(part.keys()) - set(known)):
+        tags.add(child.tag)
+        attributes = _JOINT_ELEMENTS[child.tag]
+        if attributes is not None and (unknown := set(child.keys()) - set(attributes)):
             raise ValueError(
-                f"'{part.tag}' of joint '{name}' must have no other attributes than "
-                f"{', '.join(known)} (got {min(unknown)!r})"
+                f"'{child.tag}' of joint '{name}' must have no other attributes than "
+                f"{', '.join(attributes)} (got {min(unknown)!r})"
             )
 
 

@@ -1,4 +1,4 @@
-r"""The Allegro hand with uSkin."""
+r"""Layouts of the Allegro hand with uSkin."""
 
 from dataclasses import replace
 
@@ -14,24 +14,26 @@ def allegro_uskin(symmetric: bool = False) -> TaxelLayout:
     Convolutional Network" paper: 22 patches, four fingertips of 24 taxels, 11 phalanges and 7 palm
     patches of 4 x 4.
 
-    Each digit is numbered from base to tip and each patch row by row, digits in the order index,
-    middle, ring, thumb, palm. Adjacencies and their directed edges: :obj:`"sparse"` 1000,
-    :obj:`"slanted"` 1184, :obj:`"original"` 1401, :obj:`"dense"` 2488. The figures that draw these
-    edges are not public: they are our reconstruction, which has every published count. The
-    published 1401 is odd; ours holds one edge without its reverse, from the thumb's base to its
-    palm patch.
+    Taxels are numbered by digit (index, middle, ring, thumb, palm), from base to tip, and row by
+    row in each patch. The numbers of directed edges of the adjacencies are :obj:`"sparse"` 1000,
+    :obj:`"slanted"` 1184, :obj:`"original"` 1401 and :obj:`"dense"` 2488. The figures that show
+    the edges are not public; the edges are a reconstruction with all published numbers. The
+    published 1401 is odd: the reconstruction has one edge without its reverse, from the base of the
+    thumb to its palm patch.
 
-    Pitch and places of the phalanx patches are those of XELA's public model of a covered hand
-    (mcsix/xela_models); the shape of the fingertip and the places of the palm patches are our
-    model. The file behind it (:obj:`stock_path("layouts", "allegro_uskin")`) describes patches and
-    joins, in millimetres, to copy, edit and :meth:`~TaxelLayout.load`.
+    Pitch and positions of the phalanx patches are those of XELA's public model of a covered hand
+    (mcsix/xela_models). The shape of the fingertip and the positions of the palm patches are
+    assumptions of this package. The layout file (:obj:`stock_path("layouts", "allegro_uskin")`)
+    describes patches and joins in millimetres; copy and edit it, and :meth:`~TaxelLayout.load` the
+    copy.
 
     Args:
-        symmetric (bool): Whether to leave the one-way edge out, so that :obj:`"original"` has 1400.
+        symmetric (bool): Whether to remove the edge without a reverse, so that :obj:`"original"`
+            has 1400 edges.
 
     Shapes:
-        - **pos, normal:** metres and unit vectors in the frames of the links that
-          :meth:`HandKinematics.allegro` moves :math:`(384, 3)`
+        - **pos, normal:** metres and unit vectors in the frames of the links of
+          :meth:`HandKinematics.allegro` :math:`(384, 3)`
         - **image_map:** a hand seen from its palm side, fingertips up, on 32 x 16 cells
 
     Examples:
@@ -44,6 +46,7 @@ def allegro_uskin(symmetric: bool = False) -> TaxelLayout:
     layout = stock_layout("allegro_uskin")
     if not symmetric:
         return layout
+    # Keep the edges whose reverse is an edge as well.
     adjacency = dict(layout.adjacency)
     source, target = adjacency["original"]
     code, reverse = source * len(layout) + target, target * len(layout) + source
@@ -52,19 +55,19 @@ def allegro_uskin(symmetric: bool = False) -> TaxelLayout:
 
 
 def allegro_uskin_240() -> TaxelLayout:
-    r"""The 240 taxels of a right Allegro hand with XELA uSkin on its digits and none on its palm,
+    r"""The 240 taxels of a right Allegro hand with XELA uSkin on its digits but not on its palm,
     the hand of the "Morphology-Specific Convolutional Neural Networks for Tactile Object
     Recognition with a Multi-Fingered Hand" paper: 11 phalanges of 4 x 4 and four fingertips of 16.
 
-    Numbered as :func:`allegro_uskin`, with the same kinds of adjacencies; its four digits are not
-    joined with each other. The paper lays a fingertip on 6 x 4 cells, of which 8 are empty; that
-    these are beside the four outer rows is our choice.
+    Taxels are numbered as in :func:`allegro_uskin`, with the same kinds of adjacencies. The four
+    digits are not joined with each other. The paper maps a fingertip to 6 x 4 cells, of which 8 are
+    empty. Their position beside the four outer rows is an assumption of this package.
 
     Shapes:
-        - **pos, normal:** metres and unit vectors in the frames of the links that
-          :meth:`HandKinematics.allegro` moves :math:`(240, 3)`
+        - **pos, normal:** metres and unit vectors in the frames of the links of
+          :meth:`HandKinematics.allegro` :math:`(240, 3)`
         - **image_map:** the digits side by side, index, middle, ring, thumb, fingertips up, on
-          18 x 16 cells; the 4 x 4 above the thumb are empty
+          18 x 16 cells; the 4 x 4 cells above the thumb are empty
 
     Examples:
         >>> allegro_uskin_240()
@@ -74,21 +77,22 @@ def allegro_uskin_240() -> TaxelLayout:
 
 
 def allegro_uskin_368() -> TaxelLayout:
-    r"""The 368 taxels of a right Allegro hand with XELA uSkin, as XELA's server sends them today
-    (models XR23AHRCPP and, mirrored, XR23AHLCPP): 11 phalanges of 4 x 4 that stand where those of
-    :func:`allegro_uskin` do, four curved fingertips of 30 taxels, in rows of 6, 6, 6, 6, 4, 2, and
+    r"""The 368 taxels of a right Allegro hand with XELA uSkin, the current hand of XELA's server
+    (models XR23AHRCPP and, mirrored, XR23AHLCPP): 11 phalanges of 4 x 4 at the positions of
+    :func:`allegro_uskin`, four curved fingertips of 30 taxels in rows of 6, 6, 6, 6, 4, 2, and
     three palm patches of 4 x 6.
 
-    Which patch has which taxels is XELA's; pitches, the places of the patches and the size of a
-    fingertip are those of XELA's public model of a covered hand (mcsix/xela_models), of which a
-    capsule and square cells are our model. No paper has edges for this hand: they are ours, with
-    the kinds of :func:`allegro_uskin`. A message of the server has another order, which
-    :class:`~torch_geometric_tactile.live.TaxelMap` :obj:`"xela_allegro_368"` brings into this one.
+    The taxels of each patch are those of XELA. Pitches, positions of the patches and the size of a
+    fingertip are those of XELA's public model of a covered hand (mcsix/xela_models), simplified to
+    capsules and square cells. No paper defines edges for this hand; they are a choice of this
+    package, with the kinds of :func:`allegro_uskin`. Messages of the server have another order,
+    which the :class:`~torch_geometric_tactile.live.TaxelMap` :obj:`"xela_allegro_368"` converts to
+    this one.
 
     Shapes:
-        - **pos, normal:** metres and unit vectors in the frames of the links that
-          :meth:`HandKinematics.allegro` moves :math:`(368, 3)`
-        - **image_map:** XELA's own picture of the hand, from its palm side with fingertips up, on
+        - **pos, normal:** metres and unit vectors in the frames of the links of
+          :meth:`HandKinematics.allegro` :math:`(368, 3)`
+        - **image_map:** XELA's picture of the hand, from its palm side with fingertips up, on
           31 x 26 cells
 
     Examples:

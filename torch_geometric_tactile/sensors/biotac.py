@@ -1,4 +1,4 @@
-r"""The BioTac family of fingertips."""
+r"""Layouts of the BioTac fingertips."""
 
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.stock import stock_layout
@@ -6,11 +6,12 @@ from torch_geometric_tactile.sensors.stock import stock_layout
 
 def biotac() -> TaxelLayout:
     r"""The 19 electrodes of a SynTouch BioTac, at the coordinates of Table I of the "Tactile Grasp
-    Stability Classification Based on Graph Convolutional Networks" paper (there in millimetres).
+    Stability Classification Based on Graph Convolutional Networks" paper (converted from
+    millimetres).
 
-    The :math:`x` axis runs along the finger towards its tip, :math:`-z` points out of the pad.
-    Normals are our model: radial to the finger's axis behind the origin, radial to the origin in
-    front of it.
+    The :math:`x` axis points along the finger towards its tip, and :math:`-z` points out of the
+    pad. The normals are assumptions of this package: radial to the finger's axis behind the origin,
+    and radial to the origin in front of it.
 
     Shapes:
         - **pos, normal:** metres and unit vectors in the fingertip frame :math:`(19, 3)`
@@ -23,12 +24,12 @@ def biotac() -> TaxelLayout:
 
 
 def biotac_sp() -> TaxelLayout:
-    r"""The 24 electrodes of a SynTouch BioTac SP, at the coordinates (there in inches) of the
-    `BioTac SP stability set <https://github.com/3dperceptionlab/biotacsp-stability-set-v2>`_.
+    r"""The 24 electrodes of a SynTouch BioTac SP, at the coordinates of the `BioTac SP stability
+    set <https://github.com/3dperceptionlab/biotacsp-stability-set-v2>`_ (converted from inches).
 
-    The :math:`x` axis runs along the finger, :math:`-y` points out of the pad. Normals are our
-    model: those of the ellipsoid of revolution about :math:`x` that fits the 24 positions best
-    (root mean square distance in :obj:`source`).
+    The :math:`x` axis points along the finger, and :math:`-y` points out of the pad. The normals
+    are assumptions of this package: those of the ellipsoid of revolution about :math:`x` that fits
+    the 24 positions best (root mean square distance in :obj:`source`).
 
     Shapes:
         - **pos, normal:** metres and unit vectors in the fingertip frame :math:`(24, 3)`

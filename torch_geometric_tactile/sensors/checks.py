@@ -1,4 +1,4 @@
-r"""Checks of edges and of segments, for layouts and for everything that takes some of its own."""
+r"""Checks of edges and segments, for layouts and for arguments of functions."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,25 +13,25 @@ def check_edges(edge_index: Any, num_taxels: int, what: str = "'edge_index'") ->
     Args:
         edge_index (torch.Tensor or list): The edges.
         num_taxels (int): Number of taxels :math:`N`.
-        what (str): What the edges are, for messages.
+        what (str): Name of the edges in error messages.
 
     Shapes:
         - **output:** directed edges :math:`(2, |\mathcal{E}|)`
 
     Raises:
-        ValueError: If they have another shape, are not whole numbers, or join taxels that are not
-            there.
+        ValueError: If the edges have another shape, are not integers, or join taxels that do not
+            exist.
 
     Examples:
         >>> check_edges([[0, 1], [1, 2]], num_taxels=3)
         tensor([[0, 1],
                 [1, 2]])
     """
-    # On the meta device, torch.as_tensor would move a tensor there.
+    # Under the meta device, torch.as_tensor would move the tensor to it.
     edges = edge_index if isinstance(edge_index, Tensor) else torch.as_tensor(edge_index)
     if edges.dim() != 2 or edges.size(0) != 2:
         raise ValueError(f"{what} must have shape (2, num_edges) (got {tuple(edges.shape)})")
-    if edges.numel() and not is_whole_tensor(edges):
+    if edges.numel() and not is_integer_tensor(edges):
         raise ValueError(f"{what} must hold whole numbers (got {edges.dtype})")
     edges = edges.long()
     if edges.numel() and not 0 <= int(edges.min()) <= int(edges.max()) < num_taxels:
@@ -51,37 +51,38 @@ def check_segment(
     r"""Returns the segment of each taxel as a tensor of integers.
 
     Args:
-        segment (sequence of int or torch.Tensor): The number of each taxel's segment.
+        segment (sequence of int or torch.Tensor): Index of each taxel's segment.
         num_taxels (int, optional): Number of taxels :math:`N`, if it is known.
-        what (str): What the numbers are, for messages.
-        gaps (bool): Whether any whole numbers will do; otherwise they count from zero without gaps.
+        what (str): Name of the segments in error messages.
+        gaps (bool): Whether to allow any integers. By default they must count from zero without
+            gaps.
 
     Shapes:
         - **output:** segments :math:`(N,)`
 
     Raises:
-        ValueError: If they are not one whole number for each taxel, or have gaps.
+        ValueError: If the segments are not one integer for each taxel, or have gaps.
 
     Examples:
         >>> check_segment([0, 0, 1], num_taxels=3)
         tensor([0, 0, 1])
     """
-    numbers = segment if isinstance(segment, Tensor) else torch.as_tensor(segment)
-    if numbers.dim() != 1 or len(numbers) == 0 or not is_whole_tensor(numbers):
+    indices = segment if isinstance(segment, Tensor) else torch.as_tensor(segment)
+    if indices.dim() != 1 or len(indices) == 0 or not is_integer_tensor(indices):
         raise ValueError(
             f"{what} must be a whole number for each taxel "
-            f"(got shape {tuple(numbers.shape)}, {numbers.dtype})"
+            f"(got shape {tuple(indices.shape)}, {indices.dtype})"
         )
-    if num_taxels not in (None, len(numbers)):
-        raise ValueError(f"{what} must have shape ({num_taxels},) (got {tuple(numbers.shape)})")
+    if num_taxels not in (None, len(indices)):
+        raise ValueError(f"{what} must have shape ({num_taxels},) (got {tuple(indices.shape)})")
     if not gaps:
-        found = numbers.unique().tolist()
-        if found != list(range(len(found))):
-            raise ValueError(f"{what} must be numbered from 0 without gaps (got {found})")
-    return numbers.long()
+        unique = indices.unique().tolist()
+        if unique != list(range(len(unique))):
+            raise ValueError(f"{what} must be numbered from 0 without gaps (got {unique})")
+    return indices.long()
 
 
-def is_whole_tensor(numbers: Tensor) -> bool:
-    r"""Tells whether a tensor holds whole numbers, and no truth values."""
-    is_number = not (numbers.is_floating_point() or numbers.is_complex())
-    return is_number and numbers.dtype != torch.bool
+def is_integer_tensor(tensor: Tensor) -> bool:
+    r"""Returns whether a tensor holds integers and not booleans."""
+    is_discrete = not (tensor.is_floating_point() or tensor.is_complex())
+    return is_discrete and tensor.dtype != torch.bool

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import read_json, short_repr
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.sensors._content_checks import need_text, only_keys
+from torch_geometric_tactile.sensors._content_checks import need_only_keys, need_text
 from torch_geometric_tactile.sensors._pose_tables import (
     link_tables,
     link_tree,
@@ -28,19 +28,21 @@ from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.stock import stock_path
 
 _KEYS = ("name", "source", "joints", "bodies")
-_FEW = 4  # frames up to which the number of operations costs more than the work in them
-_CHUNK = 4096  # frames worked on at a time: the intermediate results then fit into the cache
+# Up to this number of frames, the overhead of each operation costs more than its arithmetic.
+_MAX_SMALL_BATCH = 4
+_CHUNK = 4096  # frames at a time, so that intermediate results fit into the processor's cache
 
 
-_Kept = tuple[TaxelLayout, tuple[torch.dtype, torch.device], Any]
-_Make = Callable[[Mapping[str, int]], Any]  # of the numbers of the links
+# The layout, type and device that constants were computed for, and the constants.
+_CacheEntry = tuple[TaxelLayout, tuple[torch.dtype, torch.device], Any]
+_BuildTables = Callable[[Mapping[str, int]], Any]  # from the indices of the links
 
 
 class LinkPose(NamedTuple):
     r"""The rotations and translations of the links of a hand, in the frame of the root link.
 
-    :obj:`rotation` :math:`(..., L, 3, 3)` turns vectors of a link's frame into the root's, and
-    :obj:`translation` :math:`(..., L, 3)` is the link's origin in metres.
+    :obj:`rotation` :math:`(..., L, 3, 3)` rotates vectors from a link's frame to the root frame,
+    and :obj:`translation` :math:`(..., L, 3)` is the link's origin in metres.
 
     Examples:
         >>> pose = HandKinematics.allegro().link_pose(torch.zeros(16))
@@ -69,18 +71,19 @@ class PosedTaxels(NamedTuple):
 
 
 class HandKinematics:
-    r"""Computes the forward kinematics of a hand, from joint angles to link poses to taxel
-    positions and normals, batched and differentiable.
+    r"""Computes the forward kinematics of a hand: link poses, taxel positions and taxel normals
+    from joint angles. All results are batched and differentiable.
 
-    Angles are never clipped; :meth:`outside_limits` tells which are beyond a limit.
+    Angles are never clipped; :meth:`outside_limits` returns those beyond a limit.
 
     Args:
-        joints (sequence of Joint): The joints. The moving ones, in this order, are the joint vector
-            :math:`(J,)`.
+        joints (sequence of Joint): The joints. The moving joints, in this order, are the joint
+            vector :math:`(J,)`.
         name (str): Name of the hand.
 
     Raises:
-        ValueError: If no joint moves, a link has two parents, or the links are not one tree.
+        ValueError: If no joint moves, two joints have the same name, a link has two parents, or the
+            links are not one tree.
 
     Examples:
         >>> hand = HandKinematics.allegro()
@@ -104,10 +107,10 @@ class HandKinematics:
         tree = link_tree(self.joints)
         self.link_names = tree.names
         self._levels = tree_levels(tree, moving)
-        self._kept: dict[str, _Kept] = {}
+        self._kept: dict[str, _CacheEntry] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": {}}  # a cache is no part of a copy
+        return {**self.__dict__, "_kept": {}}  # The cache is not copied or pickled.
 
     @property
     def num_joints(self) -> int:
@@ -116,23 +119,23 @@ class HandKinematics:
 
     @classmethod
     def allegro(cls) -> Self:
-        r"""The right Allegro hand: 16 joints in the order of its ROS driver (index, middle, ring,
-        thumb, from base to tip), root :obj:`palm_link`, with :math:`x` out of the palm, :math:`y`
-        towards the index finger and :math:`z` towards the fingertips.
+        r"""Returns the right Allegro hand: 16 joints in the order of its ROS driver (index, middle,
+        ring, thumb, from base to tip). In the root frame, :obj:`palm_link`, :math:`x` points out of
+        the palm, :math:`y` towards the index finger and :math:`z` towards the fingertips.
         """
         return cls.load(stock_path("chains", "allegro_right"))
 
     @classmethod
     def load(cls, path: PathLike) -> Self:
-        r"""Reads a chain from a JSON table, as :obj:`stock_path("chains", "allegro_right")` is one.
+        r"""Reads a hand from a JSON file, such as :obj:`stock_path("chains", "allegro_right")`.
 
         Args:
-            path (str or PathLike): The file: :obj:`"name"` and :obj:`"joints"`, a list of the
-                arguments of :class:`Joint`.
+            path (str or PathLike): The file, with the keys :obj:`"name"` and :obj:`"joints"`, a
+                list of the arguments of :class:`Joint`.
 
         Raises:
-            FileNotFoundError: If there is no such file.
-            ValueError: If the file is no such table; the message names the file.
+            FileNotFoundError: If the file does not exist.
+            ValueError: If the file has other content. The message names the file.
         """
         try:
             content = read_json(path)
@@ -148,18 +151,19 @@ class HandKinematics:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds a hand from what :meth:`to_dict` returns.
+        r"""Builds a hand from the output of :meth:`to_dict`.
 
         Args:
-            content (Mapping): :obj:`"joints"`, a list of the arguments of :class:`Joint`, and, if
-                wanted, :obj:`"name"`; :obj:`"source"` and :obj:`"bodies"` are not read.
+            content (Mapping): The key :obj:`"joints"`, a list of the arguments of :class:`Joint`,
+                and optionally :obj:`"name"`. The keys :obj:`"source"` and :obj:`"bodies"` are
+                ignored.
 
         Raises:
-            ValueError: If it holds no joints, or the joints are no hand.
+            ValueError: If there are no joints, an unknown key, or the joints are not a hand.
         """
         if not isinstance(content, Mapping) or "joints" not in content:
             raise ValueError("it must be a JSON object with the key 'joints'")
-        only_keys(content, _KEYS, "a table of joints")
+        need_only_keys(content, _KEYS, "a table of joints")
         if not isinstance(content["joints"], list | tuple):
             raise ValueError(f"'joints' must be a list (got {short_repr(content['joints'])})")
         try:
@@ -172,19 +176,18 @@ class HandKinematics:
 
     @classmethod
     def from_urdf(cls, path: PathLike, joint_names: Sequence[str] | None = None) -> Self:
-        r"""Reads the chain of a URDF file: its revolute, continuous and fixed joints. A
-        :obj:`mimic` tag is not followed: such a joint has an angle of its own.
+        r"""Reads a hand from a URDF file with revolute, continuous and fixed joints. The
+        :obj:`mimic` tag is ignored: such a joint has an independent angle.
 
         Args:
             path (str or PathLike): The file.
             joint_names (sequence of str, optional): The moving joints in the order of the joint
-                vector; the order of the file if left out. Moving joints that are not named stay
-                at angle zero.
+                vector, by default in the order of the file. Other moving joints stay at angle zero.
 
         Raises:
-            FileNotFoundError: If there is no such file.
-            ValueError: If the file is no URDF, a joint has another type, or a named joint is
-                missing or named twice; the message names the file.
+            FileNotFoundError: If the file does not exist.
+            ValueError: If the file is not a URDF, a joint has another type, or a named joint is
+                missing or named twice. The message names the file.
         """
         try:
             joints, name = read_urdf(Path(path), joint_names)
@@ -193,7 +196,7 @@ class HandKinematics:
             raise ValueError(f"'{path}' is not a URDF of a hand: {error}") from error
 
     def outside_limits(self, joint: Tensor) -> Tensor:
-        r"""Tells which angles are beyond a joint limit, or missing (NaN).
+        r"""Returns which angles are beyond a joint limit or missing (NaN).
 
         Args:
             joint (torch.Tensor): Joint angles in radians :math:`(..., J)`.
@@ -202,10 +205,10 @@ class HandKinematics:
             - **output:** booleans :math:`(..., J)`
         """
         _check_joint(self, joint)
-        moving = [one for one in self.joints if one.axis is not None]
-        # Not from float32: a double angle at its limit would be beyond the rounded limit.
-        lower = joint.new_tensor([float(one.lower) for one in moving])
-        upper = joint.new_tensor([float(one.upper) for one in moving])
+        moving = [each for each in self.joints if each.axis is not None]
+        # Not self.lower and self.upper: rounded to float32, a limit may be below an angle at it.
+        lower = joint.new_tensor([float(moving_joint.lower) for moving_joint in moving])
+        upper = joint.new_tensor([float(moving_joint.upper) for moving_joint in moving])
         return ~((joint >= lower) & (joint <= upper))
 
     def link_pose(self, joint: Tensor) -> LinkPose:
@@ -215,7 +218,7 @@ class HandKinematics:
             joint (torch.Tensor): Joint angles in radians :math:`(..., J)`.
 
         Raises:
-            ValueError: If :obj:`joint` has another number of angles, or no floating-point ones.
+            ValueError: If :obj:`joint` has another number of angles or is not floating-point.
         """
         _check_joint(self, joint)
         return LinkPose(*pose_links(self._levels, joint))
@@ -224,35 +227,35 @@ class HandKinematics:
         r"""Returns the positions and normals of the taxels of a layout.
 
         Args:
-            layout (TaxelLayout): The layout; its links are links of this hand.
+            layout (TaxelLayout): The layout. Its links must be links of this hand.
             joint (torch.Tensor): Joint angles in radians :math:`(..., J)`.
-            normal (bool): Whether normals are wanted.
+            normal (bool): Whether to return normals.
 
         Raises:
-            ValueError: If a link of the layout is not one of this hand, or :obj:`joint` has another
-                number of angles.
+            ValueError: If a link of the layout is not a link of this hand, or :obj:`joint` has
+                another number of angles.
         """
         _check_joint(self, joint)
         shape, num_taxels = joint.shape[:-1], layout.num_taxels
         flat = joint.reshape(-1, self.num_joints)
         with_normal = normal and layout.normal is not None
-        if len(flat) <= _FEW:
-            tables = self._kept_tables(layout, flat, small=True)
+        if len(flat) <= _MAX_SMALL_BATCH:
+            tables = self._cached_tables(layout, flat, small=True)
             pos, normals = pose_small_batch(tables, flat, with_normal)
             normals = None if normals is None else normals.view(*shape, num_taxels, 3)
             return PosedTaxels(pos.view(*shape, num_taxels, 3), normals)
-        tables, place = self._kept_tables(layout, flat, small=False)
-        out = pose_tables(self._levels, tables, flat, with_normal, _CHUNK)
-        values = [value.view(*shape, num_taxels, 3) for value in out]
-        if place is not None:
-            values = [value[..., place, :] for value in values]
-        return PosedTaxels(values[0], values[1] if with_normal else None)
+        tables, permutation = self._cached_tables(layout, flat, small=False)
+        columns = pose_tables(self._levels, tables, flat, with_normal, _CHUNK)
+        vectors = [column.view(*shape, num_taxels, 3) for column in columns]
+        if permutation is not None:
+            vectors = [vector[..., permutation, :] for vector in vectors]
+        return PosedTaxels(vectors[0], vectors[1] if with_normal else None)
 
     def taxel_axes(self, layout: TaxelLayout, joint: Tensor) -> Tensor:
         r"""Returns the axes of the taxels, :meth:`TaxelLayout.axes`, in the frame of the root link.
 
         Args:
-            layout (TaxelLayout): The layout; its links are links of this hand.
+            layout (TaxelLayout): The layout. Its links must be links of this hand.
             joint (torch.Tensor): Joint angles in radians :math:`(..., J)`.
 
         Shapes:
@@ -260,20 +263,20 @@ class HandKinematics:
               :math:`(..., N, 3, 3)`
 
         Raises:
-            ValueError: If a link of the layout is not one of this hand, or :obj:`joint` has another
-                number of angles.
+            ValueError: If a link of the layout is not a link of this hand, or :obj:`joint` has
+                another number of angles.
         """
-        links, axes = self._kept_axes(layout, joint)
+        links, axes = self._cached_axes(layout, joint)
         return axes @ self.link_pose(joint).rotation[..., links, :, :].mT
 
     def require_links(self, layout: TaxelLayout) -> list[str]:
-        r"""Returns the links that carry taxels of a layout.
+        r"""Returns the names of the links that carry taxels of a layout.
 
         Args:
             layout (TaxelLayout): The layout.
 
         Raises:
-            ValueError: If one of them is not a link of this hand.
+            ValueError: If a link of the layout is not a link of this hand.
         """
         assert layout.link is not None
         used = [layout.link_names[int(i)] for i in layout.link.unique()]
@@ -285,31 +288,37 @@ class HandKinematics:
             )
         return used
 
-    def _kept_tables(self, layout: TaxelLayout, like: Tensor, small: bool) -> Any:
+    def _cached_tables(self, layout: TaxelLayout, like: Tensor, small: bool) -> Any:
         if small:
-            return self._kept_for(
-                "small", layout, like, lambda of: small_batch_tables(self._levels, of, layout, like)
+            return self._cached(
+                "small",
+                layout,
+                like,
+                lambda link_index: small_batch_tables(self._levels, link_index, layout, like),
             )
-        return self._kept_for("many", layout, like, lambda of: link_tables(of, layout, like))
+        return self._cached(
+            "many", layout, like, lambda link_index: link_tables(link_index, layout, like)
+        )
 
-    def _kept_axes(self, layout: TaxelLayout, like: Tensor) -> Any:
-        # The link of each taxel, and its axes in this link's frame.
-        def made(numbers: Mapping[str, int]) -> tuple[Tensor, Tensor]:
+    def _cached_axes(self, layout: TaxelLayout, like: Tensor) -> Any:
+        # The link of each taxel (N,), and its axes in the frame of the link (N, 3, 3).
+        def build(link_index: Mapping[str, int]) -> tuple[Tensor, Tensor]:
             assert layout.link is not None
-            with torch.inference_mode(False):  # or no gradient could pass through them later
-                links = torch.tensor([numbers.get(name, 0) for name in layout.link_names])
+            with torch.inference_mode(False):  # Gradients cannot pass through inference tensors.
+                links = torch.tensor([link_index.get(name, 0) for name in layout.link_names])
                 return links[layout.link].to(like.device), layout.axes(torch.double).to(like)
 
-        return self._kept_for("axes", layout, like, made)
+        return self._cached("axes", layout, like, build)
 
-    def _kept_for(self, what: str, layout: TaxelLayout, like: Tensor, make: _Make) -> Any:
-        # Kept, since a layout is frozen, and making it costs more than the pose of a frame.
-        kept = self._kept.get(what)
-        if kept is None or kept[0] is not layout or kept[1] != (like.dtype, like.device):
+    def _cached(self, key: str, layout: TaxelLayout, like: Tensor, build: _BuildTables) -> Any:
+        # A layout is frozen, so its constants are computed once: this costs more than the pose of a
+        # frame. Only the last layout is cached for each key.
+        entry = self._kept.get(key)
+        if entry is None or entry[0] is not layout or entry[1] != (like.dtype, like.device):
             names = self.require_links(layout)
-            made = make({name: self.link_names.index(name) for name in names})
-            self._kept[what] = kept = (layout, (like.dtype, like.device), made)
-        return kept[2]
+            tables = build({name: self.link_names.index(name) for name in names})
+            self._kept[key] = entry = (layout, (like.dtype, like.device), tables)
+        return entry[2]
 
     def __repr__(self) -> str:
         return (
@@ -325,9 +334,9 @@ def _check_joint(hand: HandKinematics, joint: Tensor) -> None:
             f"(got {tuple(joint.shape)})"
         )
     need(joint.is_floating_point(), "'joint' must be floating-point angles", joint.dtype)
-    if torch.compiler.is_compiling():  # an export must not depend on values
+    if torch.compiler.is_compiling():  # A compiled graph must not depend on values.
         return
-    # No hand turns this far.
+    # No joint of a hand turns by more than a full turn: the angles are probably in degrees.
     if joint.numel() and bool((joint.detach().abs() > 2 * math.pi).any()):
         warnings.warn(
             f"'joint' must be in radians; an angle of {float(joint.detach().abs().max()):.4g} "

@@ -15,28 +15,28 @@ from torch_geometric_tactile._texts import read_json
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors._content_checks import need_text, need_texts
 from torch_geometric_tactile.sensors._layout_content import INDEX_KEYS, layout_arguments
-from torch_geometric_tactile.sensors._layout_join import join_arguments
 from torch_geometric_tactile.sensors._taxel_axes import taxel_axes
-from torch_geometric_tactile.sensors.checks import check_edges, check_segment, is_whole_tensor
+from torch_geometric_tactile.sensors.checks import check_edges, check_segment, is_integer_tensor
 
 _SEGMENTATIONS = ("digit", "patch")
-_MOST_CELLS = 1 << 14  # rows, and columns, of an image map
+_MAX_MAP_SIZE = 1 << 14  # rows or columns of an image map
 
 
 @dataclass(frozen=True, eq=False)
 class TaxelLayout:
-    r"""The positions of a sensor's taxels and the edges between them. Frozen, and checked at
-    construction.
+    r"""The positions of a sensor's taxels and the edges between them. A layout is frozen and is
+    checked at construction.
 
     Args:
         name (str): Name of the sensor.
-        pos (torch.Tensor): Taxel positions in the link frame, in metres :math:`(N, 3)`; of a flat
-            pad also :math:`(N, 2)`, with :math:`z = 0`.
+        pos (torch.Tensor): Taxel positions in the link frame, in metres :math:`(N, 3)`. A flat pad
+            may have :math:`(N, 2)`, where :math:`z = 0`.
         normal (torch.Tensor, optional): Outward unit normals in the link frame :math:`(N, 3)`.
         tangent (torch.Tensor, optional): Unit :math:`x` and :math:`y` axes of each taxel, along
-            which it measures shear, in the link frame :math:`(N, 2, 3)`; kept in double.
-        link (torch.Tensor, optional): Index of each taxel's link :math:`(N,)`; all on one link
-            if left out.
+            which it measures shear, in the link frame :math:`(N, 2, 3)`. They are stored in double
+            precision.
+        link (torch.Tensor, optional): Index of each taxel's link :math:`(N,)`. By default all
+            taxels are on one link.
         patch (torch.Tensor, optional): Index of each taxel's patch :math:`(N,)`.
         digit (torch.Tensor, optional): Index of each taxel's digit :math:`(N,)`.
         link_names (tuple of str): Names of the links.
@@ -46,12 +46,13 @@ class TaxelLayout:
             :obj:`edge_index` :math:`(2, |\mathcal{E}|)`.
         image_map (torch.Tensor, optional): Row and column of each taxel on a 2-D map
             :math:`(N, 2)`, for convolutional networks.
-        source (str): Where the numbers come from.
+        source (str): Source of the positions.
 
     Raises:
-        ValueError: If a vector has another length than :obj:`pos`, an index has no name or lies
-            outside of the layout, a position is not finite, a normal has no unit length, axes are
-            not at right angles, or two taxels share a cell of the image map.
+        ValueError: If an argument has another number of taxels than :obj:`pos`, an index has no
+            name, an edge joins taxels outside of the layout, a position is not finite, a normal has
+            no unit length, axes are not at right angles, or two taxels share a cell of the image
+            map.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import biotac_sp
@@ -82,9 +83,9 @@ class TaxelLayout:
             need_texts(names, f"'{key}_names'")
             self._set(f"{key}_names", tuple(names))
             self._set(key, _checked_index(self, key))
-        for key, checked in _OPTIONAL.items():
+        for key, check in _OPTIONAL_CHECKS.items():
             if getattr(self, key) is not None:
-                self._set(key, checked(self, getattr(self, key)))
+                self._set(key, check(self, getattr(self, key)))
         adjacency = {
             name: check_edges(edges, self.num_taxels, f"adjacency '{name}'")
             for name, edges in self.adjacency.items()
@@ -92,13 +93,13 @@ class TaxelLayout:
         self._set("adjacency", MappingProxyType(adjacency))
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "adjacency": dict(self.adjacency)}  # proxies are not pickled
+        return {**self.__dict__, "adjacency": dict(self.adjacency)}  # Proxies cannot be pickled.
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update({**state, "adjacency": MappingProxyType(state["adjacency"])})
 
     def _set(self, key: str, value: Any) -> None:
-        object.__setattr__(self, key, value)
+        object.__setattr__(self, key, value)  # The class is frozen.
 
     @property
     def num_taxels(self) -> int:
@@ -110,8 +111,8 @@ class TaxelLayout:
 
     @property
     def default_adjacency(self) -> str | None:
-        r"""The adjacency that data sets take where none is named: :obj:`"original"`, or the only
-        one; :obj:`None` without such.
+        r"""The name of the adjacency that data sets use by default: :obj:`"original"`, or the only
+        adjacency, else :obj:`None`.
         """
         names = list(self.adjacency)
         if "original" in names:
@@ -122,14 +123,14 @@ class TaxelLayout:
         r"""Returns a named adjacency.
 
         Args:
-            name (str, optional): Name of the adjacency, a key of :obj:`adjacency`; the
-                :attr:`default_adjacency` if left out.
+            name (str, optional): Name of the adjacency, a key of :obj:`adjacency`. By default the
+                :attr:`default_adjacency`.
 
         Shapes:
             - **output:** directed edges :math:`(2, |\mathcal{E}|)`
 
         Raises:
-            ValueError: If the layout has no such adjacency, or none by default.
+            ValueError: If the layout has no such adjacency, or no default one.
         """
         name = self.default_adjacency if name is None else name
         names = ", ".join(f"'{key}'" for key in self.adjacency) or "none; see KNNGraph"
@@ -144,15 +145,15 @@ class TaxelLayout:
         return self.adjacency[name]
 
     def with_adjacency(self, name: str, edge_index: Tensor) -> Self:
-        r"""Returns the layout with one more adjacency, or with another one of that name.
+        r"""Returns a copy of the layout with an adjacency added or replaced.
 
         Args:
-            name (str): Name of the adjacency; one of the name :obj:`"original"` is the
+            name (str): Name of the adjacency. :obj:`"original"` becomes the
                 :attr:`default_adjacency`.
             edge_index (torch.Tensor): Directed edges :math:`(2, |\mathcal{E}|)`.
 
         Raises:
-            ValueError: If the edges have another shape or join other taxels.
+            ValueError: If the edges have another shape or join taxels outside of the layout.
 
         Examples:
             >>> from torch_geometric_tactile.sensors import biotac_sp
@@ -168,40 +169,40 @@ class TaxelLayout:
         r"""Returns the segment of each taxel.
 
         Args:
-            by (str): What a segment is, :obj:`"digit"` or :obj:`"patch"`.
+            by (str): Kind of segments, :obj:`"digit"` or :obj:`"patch"`.
 
         Shapes:
             - **output:** segment indices :math:`(N,)`
 
         Raises:
-            ValueError: If :obj:`by` is neither.
+            ValueError: If :obj:`by` is unknown.
         """
         need(by in _SEGMENTATIONS, f"'by' must be one of {_SEGMENTATIONS} (got '{by}')")
         segments: Tensor = getattr(self, by)
         return segments
 
     def axes(self, dtype: torch.dtype = torch.float) -> Tensor:
-        r"""Returns the unit axes :math:`x, y` of each taxel and its outward normal, in the frame of
-        its link. Readings :math:`x, y` and pressure are along :math:`x`, :math:`y` and *against*
-        the normal: pressure points into the skin.
+        r"""Returns the unit axes :math:`x, y` of each taxel and its outward normal :math:`n`, in
+        the frame of its link. Readings :math:`x, y` and pressure are along :math:`x`, :math:`y` and
+        *against* the normal: pressure points into the skin.
 
-        Without :obj:`tangent`, :math:`x` is the link's :math:`x` axis laid onto the skin (its
-        :math:`y` axis where it stands on the skin), and :math:`y = n \times x`. Without
-        :obj:`normal`, :math:`n = x \times y`; without both, :math:`n` is :math:`z` on a link whose
-        taxels have one :math:`z`, else normal to the plane through a taxel and its eight nearest
-        on the link, away from the centre of the link's taxels.
+        Without :obj:`tangent`, :math:`x` is the link's :math:`x` axis projected onto the skin (or
+        its :math:`y` axis, if :math:`x` is normal to the skin), and :math:`y = n \times x`. Without
+        :obj:`normal`, :math:`n = x \times y`. Without both, :math:`n` is :math:`z` on a link whose
+        taxels have the same :math:`z`. On other links it is the normal of the plane through a taxel
+        and its eight nearest neighbours, which points away from the centre of the link's taxels.
 
         Args:
-            dtype (torch.dtype): Type of the numbers.
+            dtype (torch.dtype): Type of the output.
 
         Shapes:
-            - **output:** the three as rows :math:`(N, 3, 3)`
+            - **output:** :math:`x`, :math:`y` and :math:`n` as rows :math:`(N, 3, 3)`
         """
         assert self.link is not None
         return taxel_axes(self.pos, self.link, self.normal, self.tangent).to(dtype)
 
     def matches(self, other: "TaxelLayout") -> bool:
-        r"""Tells whether both layouts have the same taxels at the same places (to a nanometre).
+        r"""Returns whether both layouts have the same taxel positions (to a nanometre).
 
         Args:
             other (TaxelLayout): The layout to compare with.
@@ -211,25 +212,26 @@ class TaxelLayout:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns the layout as numbers, strings, lists and dictionaries, in metres."""
-        return _content(self)
+        r"""Returns the layout as JSON values, in metres."""
+        return _layout_to_dict(self)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds a layout from what :meth:`to_dict` returns.
+        r"""Builds a layout from the output of :meth:`to_dict`.
 
         Args:
             content (Mapping): The keys :obj:`"name"`, :obj:`"unit"` (:obj:`"m"`, :obj:`"mm"` or
-                :obj:`"in"`), :obj:`"taxels"` (a list of :obj:`{"pos", "normal", "tangent",
-                "link", "patch", "digit", "cell"}`, of which only :obj:`"pos"` is required, with
-                two or three numbers) and, if wanted, :obj:`"source"`, :obj:`"adjacency"` (name to a
-                list of pairs), and :obj:`"link_names"`, :obj:`"patch_names"` and
-                :obj:`"digit_names"` (by order of appearance if left out). In place of
-                :obj:`"taxels"` it may have :obj:`"patches"`, from which taxels and edges follow
-                (see :func:`~torch_geometric_tactile.sensors.expand_patches`).
+                :obj:`"in"`) and :obj:`"taxels"`, a list of :obj:`{"pos", "normal", "tangent",
+                "link", "patch", "digit", "cell"}`, where only :obj:`"pos"` is required, with two or
+                three numbers. Optional keys are :obj:`"source"`, :obj:`"adjacency"` (name to a list
+                of pairs), and :obj:`"link_names"`, :obj:`"patch_names"` and :obj:`"digit_names"`
+                (by default in order of appearance). In place of :obj:`"taxels"` it may have
+                :obj:`"patches"`, which define taxels and edges (see
+                :func:`~torch_geometric_tactile.sensors.expand_patches`).
 
         Raises:
-            ValueError: If a key is missing, the unit is unknown, or the layout is not consistent.
+            ValueError: If a key is missing or unknown, the unit is unknown, or the layout is not
+                consistent.
         """
         return cls(**layout_arguments(content))
 
@@ -243,27 +245,29 @@ class TaxelLayout:
         links: Sequence[str] | None = None,
         pose: Tensor | None = None,
     ) -> Self:
-        r"""Joins layouts to one, such as fingertips to a hand. Taxels are numbered layout by
+        r"""Joins layouts to one layout, such as fingertips to a hand. Taxels are numbered layout by
         layout.
 
-        Edges stay within each layout, under the adjacencies that all layouts have. Normals and
-        tangents are kept if all layouts have them; so are image maps, side by side.
+        The joined layout has the adjacencies that all layouts have, without edges between the
+        layouts. It has normals, tangents and an image map if all layouts have them; the image maps
+        are side by side.
 
         Args:
             layouts (sequence of TaxelLayout): The layouts.
-            names (sequence of str, optional): The name of each, such as its finger; the layouts'
-                own if left out. It names the digit, patch and link of a layout that has one, and
-                stands before the names of several: :obj:`"left_index"`.
+            names (sequence of str, optional): Name of each layout, such as its finger. By default
+                the names of the layouts. If a layout has one digit, patch or link, this is its new
+                name; if it has several, the name is put before theirs, as in :obj:`"left_index"`.
             name (str): Name of the joined layout.
-            links (sequence of str, optional): The link of the hand that carries each layout, such
-                as a name in a URDF; layouts may be on one. If left out, each has links of its own.
-            pose (torch.Tensor, optional): Rotation and translation in metres of each layout's frame
-                in that of its link, as homogeneous matrices :math:`T_{link,layout}`
-                :math:`(K, 4, 4)`; none if left out.
+            links (sequence of str, optional): Name of the hand's link that carries each layout,
+                such as a link in a URDF. Layouts may share a link. By default they have separate
+                links.
+            pose (torch.Tensor, optional): Pose of each layout's frame in the frame of its link, in
+                metres, as homogeneous matrices :math:`T_{link,layout}` :math:`(K, 4, 4)`. By
+                default the identity.
 
         Raises:
-            ValueError: If there is no layout, names are missing or not different, :obj:`links` are
-                given for a layout with several, or :obj:`pose` holds other than rigid transforms.
+            ValueError: If there is no layout, names are missing or repeat, :obj:`links` are given
+                for a layout with several links, or :obj:`pose` is not a rigid transform.
 
         Examples:
             >>> from torch_geometric_tactile.sensors import biotac_sp
@@ -276,13 +280,13 @@ class TaxelLayout:
         layouts = list(layouts)
         need(layouts, "'layouts' must hold at least one layout (got none)")
         names = [layout.name for layout in layouts] if names is None else names
-        return cls(name, **join_arguments(layouts, names, links, pose))
+        return cls(name, **_join_arguments(layouts, names, links, pose))
 
     def save(self, path: PathLike) -> None:
-        r"""Writes the layout as a JSON file that a person can edit.
+        r"""Writes the layout to a JSON file that can be edited by hand, with one taxel per line.
 
         Args:
-            path (str or PathLike): The file. It is written whole or not at all.
+            path (str or PathLike): The file. It is replaced only after all content is written.
         """
         content = self.to_dict()
         taxels = ",\n  ".join(json.dumps(taxel) for taxel in content.pop("taxels"))
@@ -292,21 +296,22 @@ class TaxelLayout:
 
     @classmethod
     def load(cls, path: PathLike) -> Self:
-        r"""Reads a layout from a JSON file, and converts its unit to metres.
+        r"""Reads a layout from a JSON file and converts its unit to metres.
 
         Args:
-            path (str or PathLike): A file as :meth:`save` writes it.
+            path (str or PathLike): A file in the format of :meth:`save`.
 
         Raises:
-            FileNotFoundError: If there is no such file.
-            ValueError: If the file is no JSON or no consistent layout; the message names the file.
+            FileNotFoundError: If the file does not exist.
+            ValueError: If the file is not JSON or not a consistent layout. The message names the
+                file.
         """
         try:
             content = read_json(path)
             if not isinstance(content, dict):
                 raise ValueError(f"a layout must be a JSON object (got {type(content).__name__})")
             return cls.from_dict(content)
-        except ValueError as error:  # JSONDecodeError is one
+        except ValueError as error:  # including JSONDecodeError
             raise ValueError(f"'{path}' is not a taxel layout: {error}") from error
 
     def __repr__(self) -> str:
@@ -316,24 +321,153 @@ class TaxelLayout:
         )
 
 
-def _content(layout: TaxelLayout) -> dict[str, Any]:
-    columns = {"pos": layout.pos, "normal": layout.normal, "tangent": layout.tangent}
-    values = {key: value.tolist() for key, value in columns.items() if value is not None}
+def _layout_to_dict(layout: TaxelLayout) -> dict[str, Any]:
+    vectors = {"pos": layout.pos, "normal": layout.normal, "tangent": layout.tangent}
+    columns = {key: tensor.tolist() for key, tensor in vectors.items() if tensor is not None}
     names = {f"{key}_names": list(getattr(layout, f"{key}_names")) for key in INDEX_KEYS}
     for key in INDEX_KEYS:
-        values[key] = [names[f"{key}_names"][i] for i in getattr(layout, key).tolist()]
+        columns[key] = [names[f"{key}_names"][i] for i in getattr(layout, key).tolist()]
     if layout.image_map is not None:
-        values["cell"] = layout.image_map.tolist()
+        columns["cell"] = layout.image_map.tolist()
     return {
         "name": layout.name,
         "source": layout.source,
         "unit": "m",
         **names,
         "taxels": [
-            dict(zip(values, taxel, strict=True)) for taxel in zip(*values.values(), strict=True)
+            dict(zip(columns, taxel, strict=True)) for taxel in zip(*columns.values(), strict=True)
         ],
         "adjacency": {name: edges.t().tolist() for name, edges in layout.adjacency.items()},
     }
+
+
+def _join_arguments(
+    layouts: Sequence[TaxelLayout],
+    names: Sequence[str],
+    links: Sequence[str] | None,
+    pose: Tensor | None,
+) -> dict[str, Any]:
+    r"""Returns the arguments of the joined layout, except its name."""
+    num_layouts = len(layouts)
+    for key, values in (("names", names), ("links", links)):
+        if values is not None and len(values) != num_layouts:
+            raise ValueError(
+                f"'{key}' must be {num_layouts}, one for each layout (got {len(values)})"
+            )
+    need(len(set(names)) >= num_layouts, "'names' must differ from one another", list(names))
+    poses = _checked_pose(pose, num_layouts)
+    pos = [
+        (layout.pos.double() @ T_link_layout[:3, :3].t() + T_link_layout[:3, 3]).float()
+        for layout, T_link_layout in zip(layouts, poses, strict=True)
+    ]
+    arguments: dict[str, Any] = {
+        "pos": torch.cat(pos),
+        "normal": _rotate("normal", layouts, poses),
+        "tangent": _rotate("tangent", layouts, poses),
+        "adjacency": _adjacency(layouts),
+        "image_map": _image_map(layouts),
+        "source": "; ".join(dict.fromkeys(layout.source for layout in layouts if layout.source)),
+    }
+    for key in ("patch", "digit"):
+        arguments |= _join_indices(key, layouts, names)
+    return arguments | _links(layouts, names, links)
+
+
+def _rotate(key: str, layouts: Sequence[TaxelLayout], poses: Tensor) -> Tensor | None:
+    # The normals or tangents in the frames of the links, or None unless all layouts have them.
+    rotated = []
+    for layout, rotation in zip(layouts, poses[:, :3, :3], strict=True):
+        directions: Tensor | None = getattr(layout, key)
+        if directions is None:
+            return None
+        rotated.append((directions.double() @ rotation.t()).to(directions))
+    return torch.cat(rotated)
+
+
+def _checked_pose(pose: Tensor | None, num_layouts: int) -> Tensor:
+    eye = torch.eye(3, dtype=torch.double)
+    if pose is None:
+        return torch.eye(4, dtype=torch.double).expand(num_layouts, 4, 4)
+    pose = torch.as_tensor(pose, dtype=torch.double)
+    need(
+        pose.shape == (num_layouts, 4, 4),
+        f"'pose' must have shape ({num_layouts}, 4, 4)",
+        tuple(pose.shape),
+    )
+    rotation = pose[:, :3, :3]
+    is_orthogonal = torch.allclose(rotation @ rotation.mT, eye.expand_as(rotation), atol=1e-4)
+    last_row = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.double)
+    if (
+        not is_orthogonal
+        or not pose[:, 3].equal(last_row.expand(num_layouts, 4))
+        or (rotation.det() < 0).any()  # a mirror
+    ):
+        raise ValueError(
+            "'pose' must hold rigid transforms: a rotation, a translation in metres and the last "
+            "row 0, 0, 0, 1"
+        )
+    return pose
+
+
+def _adjacency(layouts: Sequence[TaxelLayout]) -> dict[str, Tensor]:
+    common = [key for key in layouts[0].adjacency if all(key in each.adjacency for each in layouts)]
+    sizes = torch.tensor([len(layout) for layout in layouts])
+    offsets = (sizes.cumsum(0) - sizes).tolist()
+    return {
+        key: torch.cat(
+            [
+                layout.edge_index(key) + offset
+                for layout, offset in zip(layouts, offsets, strict=True)
+            ],
+            dim=1,
+        )
+        for key in common
+    }
+
+
+def _join_indices(
+    key: str, layouts: Sequence[TaxelLayout], names: Sequence[str]
+) -> dict[str, Tensor | tuple[str, ...]]:
+    # The name of a layout names its only digit, or is put before the names of its digits.
+    joined_names: list[str] = []
+    indices = []
+    for layout, name in zip(layouts, names, strict=True):
+        inner_names = getattr(layout, f"{key}_names")
+        indices.append(getattr(layout, key) + len(joined_names))
+        joined_names += (
+            [name] if len(inner_names) == 1 else [f"{name}_{inner}" for inner in inner_names]
+        )
+    return {key: torch.cat(indices), f"{key}_names": tuple(joined_names)}
+
+
+def _links(
+    layouts: Sequence[TaxelLayout], names: Sequence[str], links: Sequence[str] | None
+) -> dict[str, Tensor | tuple[str, ...]]:
+    if links is None:
+        return _join_indices("link", layouts, names)
+    for layout, name in zip(layouts, names, strict=True):
+        if len(layout.link_names) > 1:
+            raise ValueError(
+                f"'links' must be None where a layout has several links (got '{name}' with "
+                f"{', '.join(layout.link_names)})"
+            )
+    link_names = tuple(dict.fromkeys(links))  # Layouts may share a link.
+    indices = [
+        torch.full((len(layout),), link_names.index(link))
+        for layout, link in zip(layouts, links, strict=True)
+    ]
+    return {"link": torch.cat(indices), "link_names": link_names}
+
+
+def _image_map(layouts: Sequence[TaxelLayout]) -> Tensor | None:
+    # The image maps side by side, or None unless all layouts have them.
+    maps, column = [], 0
+    for layout in layouts:
+        if layout.image_map is None:
+            return None
+        maps.append(layout.image_map + torch.tensor([0, column]))
+        column += int(layout.image_map[:, 1].max()) + 1
+    return torch.cat(maps)
 
 
 def _checked_pos(pos: Tensor) -> Tensor:
@@ -386,16 +520,16 @@ def _checked_tangent(layout: TaxelLayout, tangent: Tensor) -> Tensor:
 
 
 def _checked_index(layout: TaxelLayout, key: str) -> Tensor:
-    value, names = getattr(layout, key), getattr(layout, f"{key}_names")
-    if value is None:
+    index, names = getattr(layout, key), getattr(layout, f"{key}_names")
+    if index is None:
         return torch.zeros(layout.num_taxels, dtype=torch.long)
-    value = check_segment(value, layout.num_taxels, f"'{key}'", gaps=True)
-    if int(value.min()) < 0 or int(value.max()) >= len(names):
+    index = check_segment(index, layout.num_taxels, f"'{key}'", gaps=True)
+    if int(index.min()) < 0 or int(index.max()) >= len(names):
         raise ValueError(
             f"'{key}' must hold indices into '{key}_names', 0 to {len(names) - 1} "
-            f"(got {int(value.min())} to {int(value.max())})"
+            f"(got {int(index.min())} to {int(index.max())})"
         )
-    return value
+    return index
 
 
 def _checked_image_map(layout: TaxelLayout, image_map: Tensor) -> Tensor:
@@ -404,20 +538,21 @@ def _checked_image_map(layout: TaxelLayout, image_map: Tensor) -> Tensor:
         raise ValueError(
             f"'image_map' must have shape ({layout.num_taxels}, 2) (got {tuple(image_map.shape)})"
         )
-    need(is_whole_tensor(image_map), "'image_map' must hold whole numbers", image_map.dtype)
+    need(is_integer_tensor(image_map), "'image_map' must hold whole numbers", image_map.dtype)
     image_map = image_map.long()
     first, last = int(image_map.min()), int(image_map.max())
-    if first < 0 or last >= _MOST_CELLS:
+    # A large map would need memory for all of its cells.
+    if first < 0 or last >= _MAX_MAP_SIZE:
         raise ValueError(
-            f"'image_map' must hold rows and columns from 0 to {_MOST_CELLS - 1} "
+            f"'image_map' must hold rows and columns from 0 to {_MAX_MAP_SIZE - 1} "
             f"(got {first if first < 0 else last})"
         )
     if len(image_map.unique(dim=0)) < layout.num_taxels:
-        raise ValueError("'image_map' must give every taxel a cell of its own (got a shared)")
+        raise ValueError("'image_map' must give each taxel a separate cell (got a shared cell)")
     return image_map
 
 
-_OPTIONAL = {
+_OPTIONAL_CHECKS = {
     "normal": _checked_normal,
     "tangent": _checked_tangent,
     "image_map": _checked_image_map,

@@ -1,4 +1,4 @@
-r"""The pressure array that letters are pressed on."""
+r"""Layout of the pressure array of the letter data set."""
 
 from dataclasses import replace
 
@@ -9,10 +9,10 @@ from torch_geometric_tactile.sensors.planar_arrays import grid
 def letter_array() -> TaxelLayout:
     r"""The 1024 pixels of the flexible pressure array of the "A Novel Bilinear Feature and
     Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors
-    2020, 20, 5822): a :func:`grid` of 32 x 32 with 64 pixels on a square centimetre, so 1.25 mm
-    apart.
+    2020, 20, 5822): a :func:`grid` of 32 x 32 with 64 pixels per square centimetre, which are
+    1.25 mm apart.
 
-    The first row is the upper one of an image. Adjacencies are those of a grid:
+    The first row is the top row of an image. The adjacencies are those of a grid:
     :obj:`"original"` joins four neighbours, :obj:`"dense"` eight.
 
     Shapes:

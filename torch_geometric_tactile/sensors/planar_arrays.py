@@ -1,4 +1,4 @@
-r"""Planar arrays of taxels."""
+r"""Layouts of planar arrays of taxels."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,21 +7,21 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.sensors._content_checks import MOST_TAXELS
+from torch_geometric_tactile.sensors._content_checks import MAX_TAXELS
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
-_Pairs = Sequence[tuple[Tensor, Tensor]]  # of the numbers of taxels
+_Pairs = Sequence[tuple[Tensor, Tensor]]  # taxel indices of the two ends of edges
 _STRAIGHT = ((0, 1), (1, 0))
 _SLANTED = ((1, 1), (1, -1))
 
 
 def grid(rows: int, cols: int, pitch: float) -> TaxelLayout:
     r"""A planar array of taxels, numbered row by row, in the :math:`xy` plane with normals along
-    :math:`+z`: columns along :math:`x`, rows along :math:`y`, the first taxel at the origin. The
-    taxels' own axes are these :math:`x` (to the next column) and :math:`y` (to the next row).
+    :math:`+z`. The first taxel is at the origin, :math:`x` points to the next column and :math:`y`
+    to the next row. The axes of the taxels are these :math:`x` and :math:`y`.
 
-    Its adjacencies are :obj:`"original"` (the four straight neighbours), :obj:`"slanted"` (the four
-    diagonal ones) and :obj:`"dense"` (all eight), each edge in both directions.
+    The adjacencies are :obj:`"original"` (four straight neighbours), :obj:`"slanted"` (four
+    diagonal neighbours) and :obj:`"dense"` (all eight), each edge in both directions.
 
     Args:
         rows (int): Number of rows.
@@ -29,7 +29,7 @@ def grid(rows: int, cols: int, pitch: float) -> TaxelLayout:
         pitch (float): Distance between neighbouring taxels in metres.
 
     Raises:
-        ValueError: If :obj:`rows`, :obj:`cols` or :obj:`pitch` is not positive, or they make more
+        ValueError: If :obj:`rows`, :obj:`cols` or :obj:`pitch` is not positive, or there are more
             than a million taxels.
 
     Examples:
@@ -39,11 +39,11 @@ def grid(rows: int, cols: int, pitch: float) -> TaxelLayout:
         >>> layout.edge_index("original").shape
         torch.Size([2, 48])
     """
-    cell, numbers = _cells(rows, cols, pitch)
+    cell, index = _cells(rows, cols, pitch)
     pairs = {
-        "original": _neighbours(numbers, _STRAIGHT),
-        "slanted": _neighbours(numbers, _SLANTED),
-        "dense": _neighbours(numbers, _STRAIGHT + _SLANTED),
+        "original": _neighbour_pairs(index, _STRAIGHT),
+        "slanted": _neighbour_pairs(index, _SLANTED),
+        "dense": _neighbour_pairs(index, _STRAIGHT + _SLANTED),
     }
     x, y = cell[:, 1] * pitch, cell[:, 0] * pitch
     return _planar(f"grid_{rows}x{cols}", cell, x, y, pairs, "planar grid")
@@ -51,14 +51,14 @@ def grid(rows: int, cols: int, pitch: float) -> TaxelLayout:
 
 def hexagonal(rows: int, cols: int, pitch: float) -> TaxelLayout:
     r"""A planar array of taxels with six neighbours each, numbered row by row, in the :math:`xy`
-    plane with normals along :math:`+z` and the first taxel at the origin. Rows run along :math:`x`,
-    follow one another along :math:`y` at :math:`\sqrt{3} / 2` of the pitch, and every second one
-    (the second, the fourth) is shifted by half a pitch along :math:`+x`. The taxels' own axes are
-    :math:`x` and :math:`y`.
+    plane with normals along :math:`+z`. The first taxel is at the origin. Rows are parallel to
+    :math:`x`, with a distance of :math:`\sqrt{3} / 2` of the pitch along :math:`y`. Every second
+    row (the second, the fourth) is shifted by half a pitch along :math:`+x`. The axes of the taxels
+    are :math:`x` and :math:`y`.
 
-    Its adjacency :obj:`"original"` joins these six, all at the pitch, in both directions. The image
-    map is that of offset coordinates, row and number in the row: a convolutional network sees a
-    picture that is sheared by half a pixel from row to row.
+    The adjacency :obj:`"original"` joins each taxel with its six neighbours, in both directions.
+    The image map has offset coordinates, the row and the index in the row: in the image of a
+    convolutional network, every second row is shifted by half a pixel.
 
     Args:
         rows (int): Number of rows.
@@ -66,7 +66,7 @@ def hexagonal(rows: int, cols: int, pitch: float) -> TaxelLayout:
         pitch (float): Distance between neighbouring taxels in metres.
 
     Raises:
-        ValueError: If :obj:`rows`, :obj:`cols` or :obj:`pitch` is not positive, or they make more
+        ValueError: If :obj:`rows`, :obj:`cols` or :obj:`pitch` is not positive, or there are more
             than a million taxels.
 
     Examples:
@@ -76,12 +76,12 @@ def hexagonal(rows: int, cols: int, pitch: float) -> TaxelLayout:
         >>> layout.edge_index("original").shape
         torch.Size([2, 46])
     """
-    cell, numbers = _cells(rows, cols, pitch)
+    cell, index = _cells(rows, cols, pitch)
     pairs = [
-        (numbers[:, :-1], numbers[:, 1:]),
-        (numbers[:-1], numbers[1:]),  # of the same number in the next row
-        (numbers[:-1:2, 1:], numbers[1::2, :-1]),  # from a row to the shifted one behind it,
-        (numbers[1:-1:2, :-1], numbers[2::2, 1:]),  # and from a shifted row
+        (index[:, :-1], index[:, 1:]),  # along a row
+        (index[:-1], index[1:]),  # to the same index in the next row
+        (index[:-1:2, 1:], index[1::2, :-1]),  # to the next row, if that is shifted
+        (index[1:-1:2, :-1], index[2::2, 1:]),  # to the next row, from a shifted row
     ]
     row, col = cell.double().unbind(dim=1)
     x, y = pitch * (col + 0.5 * (row % 2)), pitch * math.sqrt(0.75) * row
@@ -90,23 +90,24 @@ def hexagonal(rows: int, cols: int, pitch: float) -> TaxelLayout:
 
 
 def _cells(rows: int, cols: int, pitch: float) -> tuple[Tensor, Tensor]:
-    # Row and column of each taxel (N, 2), and the number in each cell (rows, cols).
+    # Row and column of each taxel (N, 2), and the index of the taxel in each cell (rows, cols).
     need(rows >= 1 and cols >= 1, f"'rows' and 'cols' must be at least 1 (got {rows} and {cols})")
-    if rows * cols > MOST_TAXELS:
+    if rows * cols > MAX_TAXELS:
         raise ValueError(
-            f"'rows' and 'cols' must make {MOST_TAXELS} taxels at most (got {rows} and {cols})"
+            f"'rows' and 'cols' must make {MAX_TAXELS} taxels at most (got {rows} and {cols})"
         )
     need(0 < pitch < float("inf"), "'pitch' must be a positive length in metres", pitch)
     cell = torch.cartesian_prod(torch.arange(rows), torch.arange(cols)).view(-1, 2)
     return cell, torch.arange(rows * cols).view(rows, cols)
 
 
-def _neighbours(numbers: Tensor, steps: tuple[tuple[int, int], ...]) -> _Pairs:
-    rows, cols = numbers.shape
+def _neighbour_pairs(index: Tensor, steps: tuple[tuple[int, int], ...]) -> _Pairs:
+    # The indices of the taxels that are one of the steps (down, right) apart.
+    rows, cols = index.shape
     return [
         (
-            numbers[: rows - down, max(0, -right) : cols - max(0, right)],
-            numbers[down:, max(0, right) : cols + min(0, right)],
+            index[: rows - down, max(0, -right) : cols - max(0, right)],
+            index[down:, max(0, right) : cols + min(0, right)],
         )
         for down, right in steps
     ]
@@ -117,9 +118,9 @@ def _planar(
 ) -> TaxelLayout:
     axes = torch.eye(3, dtype=torch.double)
     adjacency = {}
-    for key, found in pairs.items():
-        ends = [torch.stack([first.reshape(-1), second.reshape(-1)]) for first, second in found]
-        edges = torch.cat(ends, dim=1)
+    for key, ends in pairs.items():
+        blocks = [torch.stack([first.reshape(-1), second.reshape(-1)]) for first, second in ends]
+        edges = torch.cat(blocks, dim=1)
         adjacency[key] = torch.cat([edges, edges.flip(0)], dim=1)
     return TaxelLayout(
         name=name,

@@ -10,20 +10,20 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors.checks import check_segment
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
-# Positions are single precision, in metres: distances and angles closer than this are equal.
-_TIE = 1e-4
-_MOST_PAIRS = 1 << 22  # computed at once
+# Relative difference below which distances and angles are equal: positions are single precision.
+_TOLERANCE = 1e-4
+_MAX_PAIRS = 1 << 22  # distances at a time, to limit memory
 _MAX_SECTORS = 360
-_REACH = 3.0  # times the distance between neighbours
+_RADIUS_FACTOR = 3.0  # default radius over the distance between neighbours
 
 
 class SectorEdges(NamedTuple):
-    r"""Edges, and the sector that each lies in.
+    r"""Edges, and the sector of each edge.
 
     Args:
         edge_index (torch.Tensor): Edges from the neighbour to the taxel :math:`(2,
             |\mathcal{E}|)`, sorted by taxel and sector.
-        sector (torch.Tensor): The sector of each :math:`(|\mathcal{E}|,)`.
+        sector (torch.Tensor): Sector of each edge :math:`(|\mathcal{E}|,)`.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -47,27 +47,27 @@ def sector_edges(
     r"""Connects each taxel with its nearest neighbour in each sector of its tangent plane.
 
     The offset :math:`\mathbf{d} = \mathbf{p}_j - \mathbf{p}_i` of a neighbour is projected on the
-    axes :math:`\mathbf{u}_i, \mathbf{v}_i` of the taxel, and its angle
+    axes :math:`\mathbf{u}_i, \mathbf{v}_i` of the taxel. Its angle
     :math:`\operatorname{atan2}(\mathbf{v}_i \cdot \mathbf{d}, \mathbf{u}_i \cdot \mathbf{d})`
-    decides the sector: number 0 is centred on the :math:`x` axis, and the others follow
-    counter-clockwise as seen from the tip of :math:`\mathbf{u}_i \times \mathbf{v}_i`. A border
-    between two sectors belongs to the one that follows it. On a grid whose pitches differ by a
-    factor of 2.4 at most, eight sectors are the eight cells around.
+    determines the sector. Sector 0 is centred on the :math:`x` axis, and the others follow
+    counter-clockwise as seen from the tip of :math:`\mathbf{u}_i \times \mathbf{v}_i`. The border
+    between two sectors belongs to the following sector. On a grid whose pitches differ by a factor
+    of at most 2.4, eight sectors are the eight surrounding cells.
 
-    *Nearest* is the distance in space. Of neighbours at the same distance (to a ten-thousandth) the
-    one closer to the middle of the sector is taken, and then the one with the lower number. What
-    lies exactly above or below a taxel is in no sector.
+    The nearest neighbour is that with the smallest distance in space. Of neighbours at the same
+    distance (to a ten-thousandth), the one closer to the middle of the sector is used, and then the
+    one with the lower index. Taxels exactly above or below a taxel are in no sector.
 
     Args:
         pos (torch.Tensor): Positions in metres :math:`(N, 3)`.
-        axes (torch.Tensor): Unit axes of each taxel as rows, of which the first two are used, as
-            :obj:`layout.axes()` returns them :math:`(N, 3, 3)` or :math:`(N, 2, 3)`.
+        axes (torch.Tensor): Unit axes of each taxel as rows :math:`(N, 3, 3)` or :math:`(N, 2, 3)`,
+            such as :obj:`layout.axes()`. The first two axes are used.
         num_sectors (int): Number of sectors.
-        radius (float, optional): Largest distance of a neighbour in metres. If left out, three
-            times the distance of the taxel to its nearest neighbour or the median of these
-            distances in its group, whichever is larger.
-        group (torch.Tensor, optional): A whole number for each taxel, such as its patch
-            :math:`(N,)`; taxels of different groups are no neighbours. All are in one if left out.
+        radius (float, optional): Largest distance of a neighbour in metres. By default three times
+            the distance of the taxel to its nearest neighbour or the median of these distances in
+            its group, whichever is larger.
+        group (torch.Tensor, optional): An integer for each taxel, such as its patch :math:`(N,)`.
+            Neighbours are in the same group. By default all taxels are in one group.
 
     Returns:
         SectorEdges: :obj:`edge_index` and :obj:`sector`.
@@ -103,12 +103,12 @@ def sector_edges(
     group = check_segment(group, num_taxels, "'group'", gaps=True)
     pos, axes = pos.double(), axes.double()
     neighbour = torch.full((num_taxels, num_sectors), -1, dtype=torch.long, device=pos.device)
-    for number in group.unique():
-        nodes = (group == number).nonzero().view(-1)
-        limit = _limit(pos[nodes], radius)
-        for rows in _blocks(len(nodes)):
-            found = _nearest(pos[nodes], axes[nodes[rows]], rows, limit[rows], num_sectors)
-            neighbour[nodes[rows]] = torch.where(found < 0, found, nodes[found])
+    for index in group.unique():
+        nodes = (group == index).nonzero().view(-1)
+        limit = _max_distance(pos[nodes], radius)
+        for rows in _row_blocks(len(nodes)):
+            nearest = _nearest(pos[nodes], axes[nodes[rows]], rows, limit[rows], num_sectors)
+            neighbour[nodes[rows]] = torch.where(nearest < 0, nearest, nodes[nearest])
     target, sector = (neighbour >= 0).nonzero(as_tuple=True)
     return SectorEdges(torch.stack([neighbour[target, sector], target]), sector)
 
@@ -119,18 +119,18 @@ def layout_sectors(
     radius: float | None = None,
     within: Literal["patch", "link"] = "patch",
 ) -> SectorEdges:
-    r"""Connects each taxel of a layout with its nearest neighbour in each sector, by
-    :func:`sector_edges` and the layout's axes.
+    r"""Connects each taxel of a layout with its nearest neighbour in each sector, see
+    :func:`sector_edges`. The sectors are those of the axes of the layout.
 
     Args:
         layout (TaxelLayout): The layout.
         num_sectors (int): Number of sectors.
         radius (float, optional): As in :func:`sector_edges`.
-        within (str): What neighbours share: the :obj:`"patch"`, or only the :obj:`"link"`. Places
-            of taxels on different links are in different frames.
+        within (str): Whether neighbours must be on the same :obj:`"patch"` or on the same
+            :obj:`"link"`. Positions on different links are in different frames.
 
     Raises:
-        ValueError: If :obj:`within` is neither, or :func:`sector_edges` raises it.
+        ValueError: If :obj:`within` is unknown, or an argument is invalid in :func:`sector_edges`.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -146,42 +146,52 @@ def layout_sectors(
     return sector_edges(layout.pos, layout.axes(), num_sectors, radius, group)
 
 
-def _blocks(num_taxels: int) -> tuple[Tensor, ...]:
-    return torch.arange(num_taxels).split(max(1, _MOST_PAIRS // max(1, num_taxels)))
+def _row_blocks(num_taxels: int) -> tuple[Tensor, ...]:
+    return torch.arange(num_taxels).split(max(1, _MAX_PAIRS // max(1, num_taxels)))
 
 
-def _limit(pos: Tensor, radius: float | None) -> Tensor:
-    # The largest distance of a neighbour, of each taxel (N,).
+def _max_distance(pos: Tensor, radius: float | None) -> Tensor:
+    # The largest distance of a neighbour for each taxel (N,).
     if radius is not None:
         return pos.new_full((len(pos),), radius)
-    nearest = torch.cat([_distance(pos[rows], pos, rows).amin(dim=1) for rows in _blocks(len(pos))])
-    return _REACH * nearest.clamp(min=float(nearest.median()))
+    nearest = torch.cat(
+        [_distance(pos[rows], pos, rows).amin(dim=1) for rows in _row_blocks(len(pos))]
+    )
+    return _RADIUS_FACTOR * nearest.clamp(min=float(nearest.median()))
 
 
 def _distance(rows_pos: Tensor, pos: Tensor, rows: Tensor) -> Tensor:
+    # The distances between the taxels of some rows and all taxels (R, N), infinite to themselves.
+    # The faster mode of cdist, by a matrix product, is not precise enough for short distances.
     distance = torch.cdist(rows_pos, pos, compute_mode="donot_use_mm_for_euclid_dist")
-    distance[torch.arange(len(rows)), rows] = math.inf  # none is its own neighbour
+    distance[torch.arange(len(rows)), rows] = math.inf
     return distance
 
 
 def _nearest(pos: Tensor, axes: Tensor, rows: Tensor, limit: Tensor, num_sectors: int) -> Tensor:
-    # The neighbours of some taxels in each sector, -1 where there is none (R, S).
+    # The nearest neighbour in each sector of the taxels of some rows (R, S), or -1.
     distance = _distance(pos[rows], pos, rows)
     offset = torch.einsum("rki,rni->krn", axes[:, :2], pos - pos[rows].unsqueeze(1))
     width = 2 * math.pi / num_sectors
-    turn = torch.atan2(offset[1], offset[0]) / width  # in sectors
-    sector = (turn + 0.5 + _TIE).floor()
-    off_middle = (turn - sector).abs()
-    flat = offset.square().sum(dim=0).sqrt()
-    reached = (distance <= limit.unsqueeze(1) * (1 + _TIE)) & (flat > _TIE * distance)
+    angle = torch.atan2(offset[1], offset[0]) / width  # in sectors
+    sector = (angle + 0.5 + _TOLERANCE).floor()
+    from_middle = (angle - sector).abs()
+    planar_distance = offset.square().sum(dim=0).sqrt()
+    is_near = (distance <= limit.unsqueeze(1) * (1 + _TOLERANCE)) & (
+        planar_distance > _TOLERANCE * distance
+    )
     sector = sector.long() % num_sectors
-    found = []
-    for number in range(num_sectors):
-        here = reached & (sector == number)
-        for value, step in ((distance, _TIE), (off_middle, 0.0)):
-            value = value.masked_fill(~here, math.inf)
-            least = value.amin(dim=1, keepdim=True)
-            here = here & (value <= least * (1 + step) + _TIE * (step == 0))
-        first = here.int().argmax(dim=1)
-        found.append(torch.where(here.any(dim=1), first, -1))
-    return torch.stack(found, dim=1)
+    neighbours = []
+    for index in range(num_sectors):
+        is_candidate = is_near & (sector == index)
+        # Keep the nearest candidates, with a relative tolerance, and of these the candidates
+        # closest to the middle of the sector, with an absolute tolerance.
+        for criterion, relative in ((distance, _TOLERANCE), (from_middle, 0.0)):
+            criterion = criterion.masked_fill(~is_candidate, math.inf)
+            minimum = criterion.amin(dim=1, keepdim=True)
+            is_candidate = is_candidate & (
+                criterion <= minimum * (1 + relative) + _TOLERANCE * (relative == 0)
+            )
+        first = is_candidate.int().argmax(dim=1)
+        neighbours.append(torch.where(is_candidate.any(dim=1), first, -1))
+    return torch.stack(neighbours, dim=1)

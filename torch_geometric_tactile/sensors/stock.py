@@ -1,4 +1,4 @@
-r"""The data files that come with the package."""
+r"""Layouts and kinematic chains in the data files of the package."""
 
 import copy
 import os
@@ -14,14 +14,14 @@ _KINDS = ("chains", "layouts")
 
 
 def stock_path(kind: str, name: str) -> Path:
-    r"""Returns the path of a data file of the package, to copy and edit.
+    r"""Returns the path of a data file of the package. Copy it to edit it.
 
     Args:
         kind (str): :obj:`"layouts"` or :obj:`"chains"`.
-        name (str): Its name, such as :obj:`"allegro_uskin"`.
+        name (str): Name of the file without suffix, such as :obj:`"allegro_uskin"`.
 
     Raises:
-        ValueError: If there is no such file; the message lists those that there are.
+        ValueError: If there is no such file. The message lists the available names.
 
     Examples:
         >>> stock_path("layouts", "allegro_uskin").name
@@ -51,35 +51,38 @@ def _folder(kind: str) -> Path:
 
 
 def stock_layout(name: str) -> TaxelLayout:
-    r"""Loads a layout that comes with the package, by its name.
+    r"""Loads a layout of the package by its name.
 
     Args:
-        name (str): Its name, such as :obj:`"biotac"`.
+        name (str): Name of the layout, such as :obj:`"biotac"`.
+
+    Raises:
+        ValueError: If there is no such layout.
 
     Examples:
         >>> stock_layout("biotac").num_taxels
         19
     """
-    return copy.deepcopy(_loaded(stock_path("layouts", name)))
+    # A copy, since its tensors could be changed in place.
+    return copy.deepcopy(_load_cached(stock_path("layouts", name)))
 
 
-@lru_cache(maxsize=8)  # a hand takes a twentieth of a second to read, which every run does
-def _loaded(path: Path) -> TaxelLayout:
+@lru_cache(maxsize=8)  # Reading the file of a hand takes 0.05 s.
+def _load_cached(path: Path) -> TaxelLayout:
     return TaxelLayout.load(path)
 
 
 def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
-    r"""Returns a layout as it is, loads one that comes with the package by its name, or loads one
-    from a file.
+    r"""Returns a layout unchanged, or loads a layout of the package by its name or a layout file.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, its name such as :obj:`"biotac"`, or the
-            path of a JSON file of :meth:`TaxelLayout.save`; a text that ends in :obj:`.json` or has
-            a folder in front is a path.
+            path of a JSON file of :meth:`TaxelLayout.save`. A text that ends in :obj:`.json` or
+            contains a folder is a path.
 
     Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If there is no layout of this name, or the file holds none.
+        FileNotFoundError: If the file does not exist.
+        ValueError: If there is no layout with this name, or the file is not a layout.
 
     Examples:
         >>> as_layout("biotac")
@@ -90,7 +93,7 @@ def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
     if not isinstance(layout, str | os.PathLike):
         raise ArgumentError(
             Argument("layout"),
-            " must be a TaxelLayout, the name of one or the path of its file (got "
+            " must be a TaxelLayout, the name of a layout or the path of a layout file (got "
             f"{type(layout).__name__})",
         )
     text = str(layout)
@@ -100,7 +103,7 @@ def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
         if not os.path.exists(path):
             raise FileNotFoundError(
                 f"there is no layout file '{text}': write one with TaxelLayout.save, or "
-                f"take one of {stock_names('layouts')}"
+                f"use one of {stock_names('layouts')}"
             )
         return TaxelLayout.load(path)
     if text not in stock_names("layouts"):

@@ -1,4 +1,4 @@
-r"""Neighbouring taxels joined to larger ones."""
+r"""Clustering of neighbouring taxels to a coarser layout."""
 
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
@@ -8,17 +8,18 @@ from torch import Tensor
 
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
-# Of a voxel: positions are single precision, and a taxel on a border belongs to the voxel above.
-_TIE = 1e-3
-# A patch whose normals cancel out has no plane of its own.
-_NO_PLANE = 0.1
+# Fraction of a voxel that a taxel may be below the border of the next voxel and still belong to it:
+# positions are single precision.
+_BORDER_TOLERANCE = 1e-3
+# Length of a mean of unit vectors below which they cancel out.
+_MIN_MEAN_LENGTH = 0.1
 
 
 class TaxelClusters(NamedTuple):
     r"""The cluster of each taxel, and the layout of the clusters.
 
     Args:
-        cluster (torch.Tensor): The cluster of each taxel :math:`(N,)`.
+        cluster (torch.Tensor): Cluster index of each taxel :math:`(N,)`.
         layout (TaxelLayout): The layout of the :math:`M` clusters.
 
     Examples:
@@ -37,21 +38,22 @@ def taxel_clusters(
 ) -> TaxelClusters:
     r"""Clusters the taxels of each patch, digit or voxel.
 
-    A voxel is counted from the corner of its patch, in the patch's own plane: its axes are the
-    means of the taxels' axes (those of the link, if the normals cancel out). It never joins taxels
-    of different patches or links. Clusters are numbered by their first taxel.
+    Voxels begin at the corner of each patch. Their axes are the means of the axes of the patch's
+    taxels, or those of the link if the normals cancel out. A voxel never joins taxels of different
+    patches or links. Clusters are numbered by their first taxel.
 
-    A cluster lies at the mean of its taxels and has the mean of their normals, and the link, the
-    patch and the digit of the first of them: the places of digits on several links say little.
+    The position and normal of a cluster are the means of its taxels. Its link, patch and digit are
+    those of its first taxel. Positions of digits on several links are not meaningful, since each
+    link has a separate frame.
 
     Args:
         layout (TaxelLayout): The layout.
         by (str, float or sequence of float): :obj:`"patch"`, :obj:`"digit"`, or the edge length of
-            a voxel in metres: one number, or two for :math:`x` and :math:`y`, of which the larger
-            is the height.
+            a voxel in metres: one number, or two for :math:`x` and :math:`y`. The larger number is
+            the height.
 
     Raises:
-        ValueError: If :obj:`by` is neither, or a length is not positive.
+        ValueError: If :obj:`by` is unknown, or a length is not positive.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -59,11 +61,11 @@ def taxel_clusters(
         [0, 0, 1, 1, 0, 0, 1, 1]
     """
     if isinstance(by, str):
-        number = layout.segments(_checked_name(by))
+        segment = layout.segments(_checked_name(by))
     else:
-        number = _voxels(layout, _checked_size(by))
-    cluster = _by_first(number)
-    return TaxelClusters(cluster, _coarse(layout, cluster))
+        segment = _voxels(layout, _checked_size(by))
+    cluster = _number_by_first(segment)
+    return TaxelClusters(cluster, _cluster_layout(layout, cluster))
 
 
 def _checked_name(by: str) -> Literal["patch", "digit"]:
@@ -82,6 +84,7 @@ def _checked_size(by: float | Sequence[float]) -> Tensor:
 
 
 def _voxels(layout: TaxelLayout, size: Tensor) -> Tensor:
+    # The index of each taxel's voxel (N,).
     axes, pos = layout.axes().double(), layout.pos.double()
     assert layout.link is not None
     assert layout.patch is not None
@@ -89,33 +92,35 @@ def _voxels(layout: TaxelLayout, size: Tensor) -> Tensor:
     group = pair.unique(dim=1, return_inverse=True)[1]
     voxel = torch.zeros(len(pos), 4, dtype=torch.long)
     voxel[:, 0] = group
-    for number in range(int(group.max()) + 1):
-        nodes = group == number
-        place = pos[nodes] @ _plane(axes[nodes]).t()
-        voxel[nodes, 1:] = ((place - place.amin(dim=0)) / size + _TIE).floor().long()
+    for index in range(int(group.max()) + 1):
+        nodes = group == index
+        local_pos = pos[nodes] @ _mean_axes(axes[nodes]).t()
+        voxel[nodes, 1:] = (
+            ((local_pos - local_pos.amin(dim=0)) / size + _BORDER_TOLERANCE).floor().long()
+        )
     return voxel.unique(dim=0, return_inverse=True)[1]
 
 
-def _plane(axes: Tensor) -> Tensor:
+def _mean_axes(axes: Tensor) -> Tensor:
     # The mean axes of a patch as rows (3, 3).
     normal, x = axes[:, 2].mean(dim=0), axes[:, 0].mean(dim=0)
     x = x - normal * (x @ normal) / normal.dot(normal).clamp(min=1e-12)
-    if min(normal.norm(), x.norm()) < _NO_PLANE:
+    if min(normal.norm(), x.norm()) < _MIN_MEAN_LENGTH:
         return torch.eye(3, dtype=axes.dtype)
     normal, x = normal / normal.norm(), x / x.norm()
     return torch.stack([x, torch.linalg.cross(normal, x), normal])
 
 
-def _by_first(number: Tensor) -> Tensor:
-    # Numbers from zero without gaps, by the first taxel that has each.
-    _, inverse = number.unique(return_inverse=True)
-    first = torch.full((int(inverse.max()) + 1,), len(number)).scatter_reduce(
-        0, inverse, torch.arange(len(number)), "amin"
+def _number_by_first(segment: Tensor) -> Tensor:
+    # The segments numbered from zero without gaps, in the order of their first taxels.
+    _, inverse = segment.unique(return_inverse=True)
+    first = torch.full((int(inverse.max()) + 1,), len(segment)).scatter_reduce(
+        0, inverse, torch.arange(len(segment)), "amin"
     )
     return first.argsort().argsort()[inverse]
 
 
-def _coarse(layout: TaxelLayout, cluster: Tensor) -> TaxelLayout:
+def _cluster_layout(layout: TaxelLayout, cluster: Tensor) -> TaxelLayout:
     count = cluster.bincount()
     first = torch.full_like(count, len(cluster)).scatter_reduce(
         0, cluster, torch.arange(len(cluster)), "amin"
@@ -127,21 +132,22 @@ def _coarse(layout: TaxelLayout, cluster: Tensor) -> TaxelLayout:
 
     axes = layout.axes()
     normal, x = mean(axes[:, 2]), mean(axes[:, 0])
-    lost = normal.norm(dim=1) < _NO_PLANE
-    normal[lost] = axes[first[lost], 2].double()
+    # Clusters whose axes cancel out have those of their first taxel.
+    cancels = normal.norm(dim=1) < _MIN_MEAN_LENGTH
+    normal[cancels] = axes[first[cancels], 2].double()
     normal = normal / normal.norm(dim=1, keepdim=True)
     x = x - normal * (x * normal).sum(dim=1, keepdim=True)
-    lost = x.norm(dim=1) < _NO_PLANE
-    x[lost] = _across(normal[lost], axes[first[lost]].double())
+    cancels = x.norm(dim=1) < _MIN_MEAN_LENGTH
+    x[cancels] = _project_axis(normal[cancels], axes[first[cancels]].double())
     x = x / x.norm(dim=1, keepdim=True)
     tangent = torch.stack([x, torch.linalg.cross(normal, x)], dim=1)
-    numbers = {key: getattr(layout, key)[first] for key in ("link", "patch", "digit")}
+    indices = {key: getattr(layout, key)[first] for key in ("link", "patch", "digit")}
     return TaxelLayout(
         name=f"{layout.name}_{len(count)}",
         pos=mean(layout.pos).float(),
         normal=normal.float(),
         tangent=tangent.float(),
-        **numbers,
+        **indices,
         link_names=layout.link_names,
         patch_names=layout.patch_names,
         digit_names=layout.digit_names,
@@ -149,8 +155,8 @@ def _coarse(layout: TaxelLayout, cluster: Tensor) -> TaxelLayout:
     )
 
 
-def _across(normal: Tensor, axes: Tensor) -> Tensor:
-    # The axis of each first taxel that is closest to the plane at right angles to a normal.
-    angle = torch.einsum("ni,nki->nk", normal, axes[:, :2]).abs()
-    axis = axes[torch.arange(len(axes)), angle.argmin(dim=1)]
+def _project_axis(normal: Tensor, axes: Tensor) -> Tensor:
+    # The x or y axis of each taxel that is closer to the plane of the normal, projected onto it.
+    cosine = torch.einsum("ni,nki->nk", normal, axes[:, :2]).abs()
+    axis = axes[torch.arange(len(axes)), cosine.argmin(dim=1)]
     return axis - normal * (axis * normal).sum(dim=1, keepdim=True)

@@ -17,11 +17,11 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import join_frames, split_frames
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.sensors._content_checks import (
-    is_named,
     is_number,
+    is_one_of,
     need_key,
+    need_only_keys,
     need_text,
-    only_keys,
 )
 from torch_geometric_tactile.transforms._attributes import FRAMES, check_num_taxels, require_floats
 from torch_geometric_tactile.transforms._polynomial import (
@@ -124,9 +124,9 @@ class Calibrate(TactileTransform):
     ) -> None:
         whole = isinstance(degree, int) and not isinstance(degree, bool)
         need(whole and 1 <= degree <= _MOST_DEGREE, "'degree' must be 1, 2 or 3", degree)
-        need(is_named(per, _PER), f"'per' must be one of {list(_PER)} (got {short_repr(per)})")
+        need(is_one_of(per, _PER), f"'per' must be one of {list(_PER)} (got {short_repr(per)})")
         is_pair = isinstance(units, tuple | list) and len(units) == 2
-        if not is_pair or not all(is_named(unit, _UNITS) for unit in units):
+        if not is_pair or not all(is_one_of(unit, _UNITS) for unit in units):
             raise ValueError(
                 f"'units' must be those of readings and of forces, of {list(_UNITS)} (got "
                 f"{short_repr(units)})"
@@ -232,7 +232,7 @@ class Calibrate(TactileTransform):
             ValueError: If a key is missing or unknown, or the calibration is not consistent.
         """
         units = tuple(need_key(content, f"{k}_unit", "a calibration") for k in ("reading", "force"))
-        only_keys(content, _KEYS, "a calibration")
+        need_only_keys(content, _KEYS, "a calibration")
         need_key(content, "coefficients", "a calibration")
         given = {key: value for key, value in content.items() if not key.endswith("_unit")}
         return cls(units=units, **given)

@@ -139,7 +139,9 @@ class _LinearPose:
     def __init__(self, part: TaxelPose) -> None:
         self.part = part
         joint = torch.zeros(1, part.kinematics.num_joints)
-        self.tables: SmallBatchTables = part.kinematics._kept_tables(part.layout, joint, small=True)
+        self.tables: SmallBatchTables = part.kinematics._cached_tables(
+            part.layout, joint, small=True
+        )
         self.links = self.tables.link.unique()
         self.pos = self._table(self.tables.pos)
         self.normal = None

@@ -33,7 +33,7 @@ from torch_geometric_tactile.nn.pool import TaxelPool
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.sensors._described import (
     DescriptorTables,
-    described,
+    compute_descriptors,
     descriptor_tables,
 )
 
@@ -64,7 +64,7 @@ class _DescriptorPath(Module):
         for name, table in zip(DescriptorTables._fields, tables, strict=False):
             self.register_buffer(name, table, persistent=False)
         zeros = torch.zeros(1, layout.num_taxels, in_channels)
-        size = described(zeros, self._tables()).size(1)
+        size = compute_descriptors(zeros, self._tables()).size(1)
         self.norm = ReadingNorm(size, _VARIANCE_FLOOR)
         self.lin = Linear(size, out_channels, bias=False)
         self.norm_out = TaxelNorm(out_channels)
@@ -82,7 +82,7 @@ class _DescriptorPath(Module):
         """
         if mask is not None:
             x = x.masked_fill(~mask.unsqueeze(-1), torch.nan)
-        rows = self.norm(described(x.detach(), self._tables()).unsqueeze(1)).squeeze(1)
+        rows = self.norm(compute_descriptors(x.detach(), self._tables()).unsqueeze(1)).squeeze(1)
         return self.norm_out(self.lin(rows)).relu()
 
 

@@ -1,5 +1,5 @@
-r"""What a layout file must not do: take memory for a size it claims, drop what it does not know, or
-fail with other than an error that names the file.
+r"""A layout file must not allocate memory for a claimed size, lose unknown keys, or fail without an
+error that names the file.
 """
 
 import copy
@@ -56,7 +56,7 @@ def join(**changes):
         ('{"name": ' + "9" * 5000 + "}", "4300 digits"),
         ('{"name": "a", "name": "b"}', r"each key once \(got 'name' twice\)"),
         (listed(name=3), r"'name' must be a text \(got 3\)"),
-        (listed(name="\ud800"), "'name' must be a text of whole characters"),
+        (listed(name="\ud800"), "'name' must be a text without surrogates"),
         (listed(unit=["m"]), r"'unit' must be a text \(got \['m'\]\)"),
         (listed(source=None), r"'source' must be a text \(got None\)"),
         (listed(sourse="x"), r"a layout must have no other keys than .* \(got 'sourse'\)"),
@@ -88,7 +88,7 @@ def join(**changes):
         (listed(adjacency={"a": [[0, 10**30]]}), "adjacency 'a' must be a list of pairs"),
         (listed(adjacency={"a": [[0, -1]]}), r"must join taxels 0 to 0 \(got \[0, -1\]\)"),
         (tiles(patches={"low": PATCH}), "'patches' must be a list"),
-        (tiles(taxels=[TAXEL]), r"must have no 'taxels' of its own \(got both\)"),
+        (tiles(taxels=[TAXEL]), r"must not have 'taxels' as well \(got both\)"),
         (tiles(shapes=[TILE]), "'shapes' must be a JSON object"),
         (tiles(shapes={"tile": None}), "shape 'tile' must be a JSON object"),
         (tiles(jolns=[]), r"no other keys than .* \(got 'jolns'\)"),
@@ -96,9 +96,9 @@ def join(**changes):
         (tiles(one_way=[]), "'one_way' must be a JSON object"),
         (tiles(one_way={"densy": []}), r"'one_way' must have no other keys .* \(got 'densy'\)"),
         (tile(rows=[100000001]), r"must have 100000 taxels at most \(got 100000001\)"),
-        (tile(rows=[10**40]), "must count at least one taxel each"),
-        (tile(rows=[True]), "must count at least one taxel each"),
-        (tile(rows="22"), "must count at least one taxel each"),
+        (tile(rows=[10**40]), "must have at least one taxel each"),
+        (tile(rows=[True]), "must have at least one taxel each"),
+        (tile(rows="22"), "must have at least one taxel each"),
         (tile(pitch="2"), r"'pitch' of shape 'tile' must be a number \(got '2'\)"),
         (tile(pitch=10**400), "'pitch' of shape 'tile' must be a number"),
         (tile(sparse=[]), r"shape 'tile' must have no other keys .* \(got 'sparse'\)"),
