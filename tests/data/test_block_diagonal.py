@@ -298,9 +298,9 @@ def test_few_joined_edges_are_kept(monkeypatch):
     cache = block_diagonal._EdgeCache()
     for num_samples in range(2, 20):
         cache.get(EDGES, 3, num_samples)
-    assert len(cache.entries) == block_diagonal._NUM_CACHED
+    assert len(cache.entries) == block_diagonal._MAX_CACHED_EDGES
     assert cache.entries[0].num_samples == 19
-    monkeypatch.setattr(block_diagonal, "_BYTES_CACHED", 2 * 3 * 2 * 8)
+    monkeypatch.setattr(block_diagonal, "_MAX_CACHED_BYTES", 2 * 3 * 2 * 8)
     cache.get(EDGES, 3, 2)
     assert len(cache.entries) == 1
     cache.get(EDGES, 3, 3)

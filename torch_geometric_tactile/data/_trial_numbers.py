@@ -1,4 +1,4 @@
-r"""One number for each trial, also where each session numbers its trials from zero."""
+r"""Renumbers trials whose numbers begin again in each session or group."""
 
 import logging
 from typing import Any
@@ -9,10 +9,12 @@ from torch import Tensor
 _logger = logging.getLogger(__name__)
 
 
-def with_own_numbers(data: Any, names: dict[str, list[str]]) -> tuple[Any, dict[str, list[str]]]:
-    r"""Returns samples in which no two trials have one number. A trial lies in one session; numbers
-    that begin anew in each group, in parts of the samples that are apart, are those of other
-    trials.
+def with_unique_trials(data: Any, names: dict[str, list[str]]) -> tuple[Any, dict[str, list[str]]]:
+    r"""Returns samples in which each trial has a unique number, and the names with those of the
+    trials in the new order.
+
+    Equal numbers in different sessions are different trials. Equal numbers in different groups are
+    different trials if the samples of the groups are not in one run.
     """
     trial = _column(data, "trial")
     if trial is None or not len(trial):
@@ -21,20 +23,20 @@ def with_own_numbers(data: Any, names: dict[str, list[str]]) -> tuple[Any, dict[
     session, group = _column(data, "session"), _column(data, "group")
     if session is not None:
         keys.append(session)
-    if group is not None and _begins_anew(trial, group):
+    if group is not None and _restarts_by_group(trial, group):
         keys.append(group)
-    of_trial, number = torch.stack(keys, dim=1).unique(dim=0, return_inverse=True)
-    if len(of_trial) == len(trial.unique()):
+    trial_keys, number = torch.stack(keys, dim=1).unique(dim=0, return_inverse=True)
+    if len(trial_keys) == len(trial.unique()):
         return data, names
     _logger.info(
-        "trial numbers begin anew in each %s: %d trials are numbered from 0 on",
+        "trial numbers begin again in each %s: %d trials are numbered from 0 on",
         "group" if len(keys) == 3 or session is None else "session",
-        len(of_trial),
+        len(trial_keys),
     )
     data.trial = number.to(data["trial"].device)
-    known = names.get("trial", [])
-    if known:
-        names = {**names, "trial": [known[i] for i in of_trial[:, 0].tolist()]}
+    trial_names = names.get("trial", [])
+    if trial_names:
+        names = {**names, "trial": [trial_names[i] for i in trial_keys[:, 0].tolist()]}
     return data, names
 
 
@@ -45,10 +47,10 @@ def _column(data: Any, key: str) -> Tensor | None:
     return value.long().cpu() if len(value) == data.num_samples else None
 
 
-def _begins_anew(trial: Tensor, group: Tensor) -> bool:
-    # Whether the samples of one trial number are in runs that are apart, of other groups.
+def _restarts_by_group(trial: Tensor, group: Tensor) -> bool:
+    # Whether the samples of a trial number are in several runs that belong to different groups.
     changes = (trial[1:] != trial[:-1]).nonzero().view(-1) + 1
     first = torch.cat([torch.zeros(1, dtype=torch.long), changes])
-    number, of = trial[first], group[first]
-    pairs = torch.stack([number, of], dim=1).unique(dim=0)
-    return len(pairs) > len(number.unique())
+    run_trial, run_group = trial[first], group[first]
+    pairs = torch.stack([run_trial, run_group], dim=1).unique(dim=0)
+    return len(pairs) > len(run_trial.unique())

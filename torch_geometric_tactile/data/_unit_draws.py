@@ -1,6 +1,4 @@
-r"""The random draws of a split: which units a fold tests on, which fractions hold out, and the
-classes that either is stratified by.
-"""
+r"""The random draws of a split: folds and fractions of units, and their stratification by class."""
 
 import warnings
 import zlib
@@ -17,89 +15,119 @@ from torch_geometric_tactile.data.static_data import StaticData
 
 
 class Classes:
-    r"""The classes of a stratified split: of each unit, or of each sample where units are mixed.
+    r"""The classes by which a split is stratified, of each sample and, where all samples of a unit
+    have one class, of each unit.
 
-    Shapes:
-        - **unit:** The number of the unit of each sample :math:`(S,)`.
+    Args:
+        dataset (Dataset or StaticData): The samples.
+        key (str): The attribute whose values are the classes.
+        unit (numpy.ndarray): The index of the unit of each sample :math:`(S,)`.
+        by (str): Name of the units, such as :obj:`"trial"`.
+
+    Raises:
+        ValueError: If the samples do not have the attribute, or it does not hold integers.
     """
 
     def __init__(self, dataset: Samples, key: str, unit: np.ndarray, by: str) -> None:
-        value = numbers_of(dataset, key, f"stratified by '{key}'")
+        value = split_column(dataset, key, f"stratified by '{key}'")
         if not np.array_equal(value, np.round(value)):
             raise ValueError(f"'{key}' must hold integers to be stratified by (got {value.dtype})")
-        found, of_sample = np.unique(value.astype(np.int64), axis=0, return_inverse=True)
-        self.of_sample = of_sample.reshape(-1)
-        self.names = _class_names(dataset, key, found)
-        self.what = {"y": "class", "group": "object"}.get(key, key)
+        class_values, sample_class = np.unique(value.astype(np.int64), axis=0, return_inverse=True)
+        self.sample_class = sample_class.reshape(-1)
+        self.names = _class_names(dataset, key, class_values)
+        self.kind = {"y": "class", "group": "object"}.get(key, key)
         self.key, self.by = key, by
         _, first = np.unique(unit, return_index=True)
-        self._one = self.of_sample[first]
-        mixed = np.flatnonzero(self._one[unit] != self.of_sample)
-        self.of_unit = None if len(mixed) else self._one
-        pairs = np.unique(np.stack([self.of_sample, unit]), axis=1)
-        self.num_units = np.bincount(pairs[0], minlength=len(found))
+        self._first_class = self.sample_class[first]
+        mixed = np.flatnonzero(self._first_class[unit] != self.sample_class)
+        self.unit_class = None if len(mixed) else self._first_class
+        pairs = np.unique(np.stack([self.sample_class, unit]), axis=1)
+        self.num_units = np.bincount(pairs[0], minlength=len(class_values))
 
-    def require_units(self) -> list[tuple[int, str]]:
-        r"""Returns number and name of each class."""
-        if self.of_unit is None:
+    def require_unit_classes(self) -> list[tuple[int, str]]:
+        r"""Checks that each unit has one class, and returns the number and name of each class.
+
+        Raises:
+            ValueError: If a unit has several classes.
+        """
+        if self.unit_class is None:
             raise ValueError(
-                f"every {self.by} must have one '{self.key}' for all its samples to be stratified "
-                "by it in fractions (got several): choose 'folds' without 'val', or no 'stratify'"
+                f"all samples of a {self.by} must have the same '{self.key}' to stratify fractions "
+                "by it (got several): use 'folds' without 'val', or no 'stratify'"
             )
         return list(enumerate(self.names))
 
     def check_folds(self, folds: int) -> None:
-        r"""Warns of classes that cannot be in every fold."""
-        if self.of_unit is not None and folds > self.num_units.max():
+        r"""Checks the number of folds, and warns of classes that cannot be in every fold.
+
+        Raises:
+            ArgumentError: If there are more folds than units of the most frequent class.
+        """
+        if self.unit_class is not None and folds > self.num_units.max():
             raise ArgumentError(
                 Argument("folds"),
                 f" must be at most {self.num_units.max()}, the {self.by}s of the most "
-                f"frequent {self.what}, to be stratified by '{self.key}' (got {folds})",
+                f"frequent {self.kind}, to be stratified by '{self.key}' (got {folds})",
             )
-        few = [
+        rare_classes = [
             f"'{name}' ({count})"
             for name, count in zip(self.names, self.num_units, strict=True)
             if count < folds
         ]
-        if few:
+        if rare_classes:
             warnings.warn(
-                f"some of the {folds} folds cannot have every {self.what}: fewer {self.by}s than "
-                f"folds have {', '.join(few)}",
+                f"some of the {folds} folds cannot have every {self.kind}, since some have fewer "
+                f"{self.by}s than folds: {', '.join(rare_classes)}",
                 UserWarning,
                 stacklevel=5,
             )
 
 
-def label_classes(dataset: Samples, unit: np.ndarray, by: str, needed: int) -> Classes | None:
-    r"""Returns the classes of :obj:`y` where they allow to stratify: each has enough units, and
-    each unit one class.
+def label_classes(dataset: Samples, unit: np.ndarray, by: str, min_units: int) -> Classes | None:
+    r"""Returns the classes of :obj:`y`, or :obj:`None` if a split cannot be stratified by them: a
+    class has fewer than :obj:`min_units` units, or a unit has several classes.
 
     Shapes:
-        - **unit:** The number of the unit of each sample :math:`(S,)`.
+        - **unit:** The index of the unit of each sample :math:`(S,)`.
     """
     try:
         classes = Classes(dataset, "y", unit, by)
-    except ValueError:  # no labels, or numbers of a regression
+    except ValueError:  # no labels, or real numbers as targets of a regression
         return None
-    allowed = classes.of_unit is not None and classes.num_units.min(initial=needed) >= needed
-    return classes if allowed else None
+    is_usable = (
+        classes.unit_class is not None and classes.num_units.min(initial=min_units) >= min_units
+    )
+    return classes if is_usable else None
 
 
-def _class_names(dataset: Samples, key: str, found: np.ndarray) -> list[str]:
+def _class_names(dataset: Samples, key: str, class_values: np.ndarray) -> list[str]:
     is_named = key in NAMED and not isinstance(dataset, StaticData)
     names = getattr(dataset, f"{NAMED[key]}_names") if is_named else ()
-    if found.ndim > 1 or (len(found) and not 0 <= found.min() <= found.max() < len(names)):
-        return [str(value) for value in found.tolist()]
-    return [names[i] for i in found]
+    if class_values.ndim > 1 or (
+        len(class_values) and not 0 <= class_values.min() <= class_values.max() < len(names)
+    ):
+        return [str(value) for value in class_values.tolist()]
+    return [names[i] for i in class_values]
 
 
-def numbers_of(dataset: Samples, key: str, how: str | None = None) -> np.ndarray:
-    r"""Returns an attribute of the samples, or their numbers for :obj:`"frame"`."""
+def split_column(dataset: Samples, key: str, purpose: str | None = None) -> np.ndarray:
+    r"""Returns the attribute by which samples are split, or their indices for :obj:`"frame"`.
+
+    Args:
+        dataset (Dataset or StaticData): The samples.
+        key (str): Name of the attribute.
+        purpose (str, optional): The use of the attribute, for the message.
+
+    Raises:
+        ValueError: If the samples do not have the attribute.
+    """
     if key == "frame":
         return np.arange(len(dataset))  # type: ignore[arg-type]  # checked by `as_samples`
     column = sample_column(dataset, key)
     if column is None:
-        raise ValueError(f"'dataset' must have '{key}' to be {how or f'split by {key}'} (got none)")
+        raise ValueError(
+            f"'dataset' must have '{key}' to be {purpose or f'split by {key}'} (got none)"
+        )
     values: np.ndarray = column.numpy(force=True)
     return values
 
@@ -112,32 +140,40 @@ class Folds:
     by: str
 
     def draw(self, unit: np.ndarray, classes: Classes | None, seed: int, fold: int) -> np.ndarray:
-        r"""Returns the units of a fold.
+        r"""Draws the folds and returns the units of one of them.
 
-        Shapes:
-            - **unit:** The number of the unit of each sample :math:`(S,)`.
+        Args:
+            unit (numpy.ndarray): The index of the unit of each sample :math:`(S,)`.
+            classes (Classes, optional): The classes by which the folds are stratified.
+            seed (int): Seed of the draw.
+            fold (int): Index of the fold.
+
+        Raises:
+            ArgumentError: If there are more folds than units.
         """
-        # Imported here, since it takes as long as everything else together.
+        # Imported here, since scikit-learn takes as long to import as the rest of the package.
         from sklearn.model_selection import GroupKFold, KFold, StratifiedGroupKFold, StratifiedKFold
 
         num_units = len(np.unique(unit))
         if self.count > num_units:
             raise ArgumentError(
                 Argument("folds"),
-                f" must be between 2 and the {num_units} {self.by}s there are (got {self.count})",
+                f" must be between 2 and the {num_units} {self.by}s of the data set (got "
+                f"{self.count})",
             )
-        drawn = {"n_splits": self.count, "shuffle": True, "random_state": seed}
+        options = {"n_splits": self.count, "shuffle": True, "random_state": seed}
         if classes is None:
-            kind = KFold if self.by == "frame" else GroupKFold
-            parts = kind(**drawn).split(unit, groups=None if self.by == "frame" else unit)
+            splitter = KFold if self.by == "frame" else GroupKFold
+            parts = splitter(**options).split(unit, groups=None if self.by == "frame" else unit)
             return np.unique(unit[list(parts)[fold][1]])
         classes.check_folds(self.count)
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "The least populated class")  # ours names it
-            if classes.of_unit is not None:
-                parts = StratifiedKFold(**drawn).split(classes.of_unit, classes.of_unit)
+            # `check_folds` has warned already, with the name of the class.
+            warnings.filterwarnings("ignore", "The least populated class")
+            if classes.unit_class is not None:
+                parts = StratifiedKFold(**options).split(classes.unit_class, classes.unit_class)
                 return list(parts)[fold][1]
-            parts = StratifiedGroupKFold(**drawn).split(unit, classes.of_sample, groups=unit)
+            parts = StratifiedGroupKFold(**options).split(unit, classes.sample_class, groups=unit)
             return np.unique(unit[list(parts)[fold][1]])
 
 
@@ -152,7 +188,16 @@ class Fractions:
     def draw(
         self, units: np.ndarray, classes: Classes | None, seeds: Sequence[int]
     ) -> tuple[np.ndarray, np.ndarray]:
-        r"""Returns the units to validate and to test on."""
+        r"""Draws the units for validation and for the test.
+
+        Args:
+            units (numpy.ndarray): The indices of the units to draw from :math:`(U,)`.
+            classes (Classes, optional): The classes by which the parts are stratified.
+            seeds (sequence of int): Seeds of the draw.
+
+        Raises:
+            ValueError: If a part would be empty.
+        """
         if classes is not None:
             return self._draw_by_class(units, classes, seeds)
         count = len(units)
@@ -160,10 +205,10 @@ class Fractions:
         for name, part, num in (("val", self.val, num_val), ("test", self.test, num_test)):
             if part > 0 and num == 0:
                 raise ArgumentError(
-                    Argument(name), f" of {part} leaves nothing of {count} {self.by}s"
+                    Argument(name), f" of {part} is less than one of {count} {self.by}s"
                 )
         if num_val + num_test >= count:
-            raise ValueError(f"'val' and 'test' leave nothing of {count} {self.by}s to train on")
+            raise ValueError(f"'val' and 'test' leave none of {count} {self.by}s to train on")
         order = np.random.default_rng(seeds).permutation(units)
         return order[num_test : num_test + num_val], order[:num_test]
 
@@ -171,17 +216,18 @@ class Fractions:
         self, units: np.ndarray, classes: Classes, seeds: Sequence[int]
     ) -> tuple[np.ndarray, np.ndarray]:
         val, test = [], []
-        for i, name in classes.require_units():
-            mine = units[classes.of_unit[units] == i]  # type: ignore[index]  # required above
-            num_val, num_test = self._num_held_out(len(mine), f"{classes.what} '{name}'")
-            # By name, so that other classes in the data set do not change the draw of this one.
+        for i, name in classes.require_unit_classes():
+            class_units = units[classes.unit_class[units] == i]  # type: ignore[index]  # checked
+            num_val, num_test = self._num_held_out(len(class_units), f"{classes.kind} '{name}'")
+            # Seeded by name, so that other classes in the data set do not change this draw.
             rng = np.random.default_rng([*seeds, zlib.crc32(name.encode())])
-            order = rng.permutation(mine)
+            order = rng.permutation(class_units)
             test.append(order[:num_test])
             val.append(order[num_test : num_test + num_val])
         return np.concatenate(val), np.concatenate(test)
 
-    def _num_held_out(self, count: int, what: str) -> tuple[int, int]:
+    def _num_held_out(self, count: int, class_text: str) -> tuple[int, int]:
+        # Reduces the numbers until one unit is left to train on, those of validation first.
         num_val, num_test = (
             max(1, round(part * count)) if part else 0 for part in (self.val, self.test)
         )
@@ -192,6 +238,7 @@ class Fractions:
                 num_test -= 1
             else:
                 raise ValueError(
-                    f"{what} must have at least 2 {self.by}s to train and to test on (got {count})"
+                    f"{class_text} must have at least 2 {self.by}s to train and to test on (got "
+                    f"{count})"
                 )
         return num_val, num_test

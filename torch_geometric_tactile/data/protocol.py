@@ -1,7 +1,8 @@
-r"""The splitting vocabulary: what is held out of a data set, as a value.
+r"""Protocols: which samples of a data set are held out for validation and test.
 
-A split by frame puts frames of one trial on both sides and recognises the trial; a split by trial
-does not; a split by group (by object) asks for what was never touched before.
+With a split by frame, frames of a trial are in the training and the test part, and a model can
+recognise the trial. A split by trial avoids this. A split by group tests on objects that the model
+was not trained on.
 """
 
 import warnings
@@ -23,12 +24,12 @@ from torch_geometric_tactile.data._unit_draws import (
     Fractions,
     Samples,
     label_classes,
-    numbers_of,
+    split_column,
 )
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 from torch_geometric_tactile.data.windows import Windows
 
-#: What a split keeps together.
+#: The samples that a split keeps together.
 Unit = Literal["frame", "trial", "group", "session", "placement", "size"]
 _UNITS = ("frame", "trial", "group", "session", "placement", "size")
 _TRAIN, _VAL, _TEST, _NONE = range(4)
@@ -51,52 +52,55 @@ class Split(NamedTuple):
 
 @dataclass(frozen=True)
 class Protocol:
-    r"""Describes which samples of a data set are held out for validation and test. A frozen value,
-    equal to another with the same arguments; the :obj:`seed` of :meth:`split` chooses among the
-    random splits.
+    r"""Describes which samples of a data set are held out for validation and test. A protocol is
+    frozen, and equal to protocols with the same arguments. The :obj:`seed` of :meth:`split` selects
+    one of the random splits.
 
     * ``Protocol("trial")`` holds out random fractions, :obj:`val` and :obj:`test`;
     * ``Protocol("trial", folds=5)`` tests on each of five random folds in turn;
     * ``Protocol("group", leave_one_out=True)`` tests on each group (object) in turn;
-    * ``Protocol("given")`` takes the parts that the data set brings: its :obj:`part` :math:`(S,)`,
-      an attribute of the samples or a property of the data set, is 0 for training, 1 for
-      validation and 2 for the test.
+    * ``Protocol("given")`` uses the parts of the data set: its :obj:`part` :math:`(S,)`, an
+      attribute of the samples or a property of the data set, is 0 for training, 1 for validation
+      and 2 for the test.
 
     With :obj:`unseen`, such as ``Protocol("group", folds=5, unseen="session")``, each fold is
-    tested on session by session, trained without any sample of that session: what is tested on is
-    of other objects *and* another session. Every sample is still tested on once.
+    divided by session. For each session, the model is trained without the fold and without any
+    sample of the session, and tested on the samples of the fold in this session: these are of new
+    objects *and* of a new session. Every sample is still tested on once.
 
-    With :obj:`stratify`, an attribute of integers such as :obj:`"y"` or :obj:`"group"`, every part
-    has its share of every class:
+    With :obj:`stratify`, an attribute of integers such as :obj:`"y"` or :obj:`"group"`, all parts
+    have the same shares of the classes:
 
-    * *Fractions* are drawn class by class, each with at least one unit to train and one to test
-      on, and from three units on one to validate on. The draw of a class depends on the seed and
-      on its name only, so that other classes in the data set do not change it. A class with one
+    * *Fractions* are drawn class by class. Each class has at least one unit to train and one to
+      test on, and with three or more units one to validate on. The draw of a class depends only on
+      the seed and the name of the class, so that other classes do not change it. A class with one
       unit raises a :class:`ValueError`, as does a trial or group with several classes.
     * *Folds* are those of scikit-learn's :class:`~sklearn.model_selection.StratifiedKFold` over the
-      units, or of :class:`~sklearn.model_selection.StratifiedGroupKFold` where a unit has several
-      classes. A class with fewer units than folds cannot be in all of them: a :class:`UserWarning`
-      names it.
+      units, or of :class:`~sklearn.model_selection.StratifiedGroupKFold` if a unit has several
+      classes. A :class:`UserWarning` names classes with fewer units than folds, which cannot be in
+      all folds.
 
     Args:
-        by (str): What stays together: :obj:`"frame"` (nothing), :obj:`"trial"`, :obj:`"group"` (an
-            object), :obj:`"session"`, :obj:`"placement"` (of the hand) or :obj:`"size"` (of the
-            object), of which the samples have one each; or :obj:`"given"`.
-        val (float, optional): The part of the units held out for validation; of those that are not
-            tested on, where there are folds. If left out, 0.1 with fractions and 0 otherwise.
-        test (float, optional): The part of the units held out for the test, with fractions; 0.2 if
-            left out.
+        by (str): The unit that stays together: :obj:`"frame"` (a single sample), :obj:`"trial"`,
+            :obj:`"group"` (an object), :obj:`"session"`, :obj:`"placement"` (of the hand) or
+            :obj:`"size"` (of the object), which must be attributes of the samples; or
+            :obj:`"given"`.
+        val (float, optional): The fraction of the units held out for validation. With folds, it is
+            a fraction of the units outside of the tested fold. If left out, 0.1 without folds and 0
+            with folds.
+        test (float, optional): The fraction of the units held out for the test, without folds; 0.2
+            if left out.
         folds (int, optional): Number of random folds.
         leave_one_out (bool): Whether each unit is a fold.
-        stratify (str, optional): The attribute whose classes every part has its share of. With
-            :obj:`"auto"` it is :obj:`"y"` where its classes allow (each has enough units, each unit
-            one class), and nothing otherwise.
-        unseen (str, optional): With folds, an attribute of integers, each value of which is left
-            out of the training that is tested on it.
+        stratify (str, optional): The attribute by whose classes the split is stratified. With
+            :obj:`"auto"` it is :obj:`"y"` if each class has enough units and each unit one class;
+            otherwise the split is not stratified.
+        unseen (str, optional): With folds, an attribute of integers. Samples with the tested value
+            of it are left out of the training.
 
     Raises:
         ValueError: If :obj:`by` is unknown, a fraction is not within 0 and 1, there are fewer than
-            two folds, or an argument does not go with the others.
+            two folds, or arguments contradict each other.
 
     Examples:
         >>> from torch_geometric_tactile.data import StaticData
@@ -121,13 +125,13 @@ class Protocol:
 
     def __post_init__(self) -> None:
         if self.by not in (*_UNITS, "given"):
-            listed = ", ".join(f"'{unit}'" for unit in _UNITS)
-            raise ArgumentError(Argument("by"), f" must be {listed} or 'given' (got '{self.by}')")
+            options = ", ".join(f"'{unit}'" for unit in _UNITS)
+            raise ArgumentError(Argument("by"), f" must be {options} or 'given' (got '{self.by}')")
         if self.by == "given":
             for field in fields(self)[1:]:
                 if getattr(self, field.name) != field.default:
                     raise ValueError(
-                        f"'{field.name}' must be left out where the parts are given (got "
+                        f"'{field.name}' must be left out with by='given' (got "
                         f"{getattr(self, field.name)})"
                     )
             return
@@ -142,7 +146,7 @@ class Protocol:
         if self.unseen is not None and not self._has_folds:
             raise ValueError(f"'unseen' must be None without folds (got '{self.unseen}')")
         if self.test is not None and self._has_folds:
-            raise ValueError(f"'test' must be None where a fold is tested on (got {self.test})")
+            raise ValueError(f"'test' must be None with folds (got {self.test})")
         val = (0.0 if self._has_folds else 0.1) if self.val is None else self.val
         test = (0.0 if self._has_folds else 0.2) if self.test is None else self.test
         for name, part in (("val", val), ("test", test), ("val + test", val + test)):
@@ -164,21 +168,20 @@ class Protocol:
         r"""Returns the number of splits that test on different samples: 1 without folds.
 
         Args:
-            dataset (Dataset or StaticData or list of Data): The samples, as of :meth:`split`.
+            dataset (Dataset or StaticData or list of Data): The samples, as in :meth:`split`.
 
         Raises:
-            ValueError: If each of fewer than two units is to be left out, the samples do not
-                have the attribute that they are split by, or :obj:`unseen` has fewer than two
-                values.
+            ValueError: If there are fewer than two units to leave out, the samples do not have the
+                attribute by which they are split, or :obj:`unseen` has fewer than two values.
         """
         dataset = as_samples(dataset)
         count = self._num_unit_folds(dataset)
-        return count if self.unseen is None else count * len(_at_least_two(dataset, self.unseen))
+        return count if self.unseen is None else count * len(_unseen_values(dataset, self.unseen))
 
     def _num_unit_folds(self, dataset: Samples) -> int:
         if not self.leave_one_out:
             return self.folds or 1
-        units = numbers_of(dataset, self.by)
+        units = split_column(dataset, self.by)
         count = len(np.unique(units))
         need(count >= 2, f"'dataset' must have at least 2 {self.by}s to leave one out", count)
         return count
@@ -187,37 +190,38 @@ class Protocol:
         r"""Returns the indices of the samples to train, validate and test on.
 
         Args:
-            dataset (Dataset or StaticData or list of Data): The samples, each with the attributes
-                that they are split by: a number, or a text. A data set of PyG, a
+            dataset (Dataset or StaticData or list of Data): The samples: a data set of PyG, a
                 :class:`~torch.utils.data.Subset`, a :class:`~torch.utils.data.ConcatDataset` or a
-                list, whose samples may have different sensors.
-            seed (int): Which of the random splits.
-            fold (int): Which of the :meth:`num_folds` folds is tested on.
+                list. They may be of different sensors. The attribute by which they are split must
+                be a number or a text in each sample.
+            seed (int): Selects one of the random splits.
+            fold (int): Index of the fold to test on, below :meth:`num_folds`.
 
         Raises:
-            TypeError: If these are no samples of PyG.
-            ValueError: If windows that overlap are split by frame, there is no such fold, the
-                samples do not have an attribute that they
-                are split or stratified by, there are fewer units than folds, a part above 0 would
-                be empty, or the classes do not allow to stratify.
+            TypeError: If :obj:`dataset` does not hold samples of PyG.
+            ValueError: If overlapping windows are split by frame, there is no such fold, the
+                samples do not have an attribute by which they are split or stratified, there are
+                fewer units than folds, a part with a fraction above 0 would be empty, or the split
+                cannot be stratified by the classes.
 
         Warns:
-            UserWarning: If given parts are asked for, and the data set was built as one of them.
-            SharedDataWarning: If given parts share a trial, or a recording is in the data set twice
-                and its copies are in different parts.
+            UserWarning: If the given parts are requested, but the data set was built with one of
+                them only.
+            SharedDataWarning: If given parts share a trial, or different parts have copies of a
+                recording.
         """
         dataset = as_samples(dataset)
         if self.by == "frame" and isinstance(dataset, Windows) and dataset.overlap:
             raise ValueError(
-                "windows that overlap must be split by trial, group or session, since those of a "
-                f"test part would share frames with those to train on (got 'frame', with windows "
-                f"of {dataset.length} frames, one every {dataset.hop}); or take hop="
+                "windows that overlap must be split by trial, group or session, since otherwise "
+                f"the training and the test part share frames (got 'frame', with windows "
+                f"of {dataset.length} frames, one every {dataset.hop}); or use hop="
                 f"{dataset.length}"
             )
         split = self._split(dataset, seed, fold)
-        # Frames of one trial are in several parts of a split by frame: that is what was asked for.
+        # A split by frame distributes the frames of a trial over the parts on purpose.
         if self.by != "frame" or sample_column(dataset, "trial") is None:
-            warn_of_shared(dataset, split, given=self.by == "given")
+            warn_of_shared(dataset, split, with_units=self.by == "given")
         return split
 
     def _split(self, dataset: Samples, seed: int, fold: int) -> Split:
@@ -228,28 +232,29 @@ class Protocol:
             selected = dataset_part(dataset)
             if selected is not None and len(np.unique(parts)) == 1:
                 warnings.warn(
-                    f"the data set holds its part '{selected}' alone, and no given part to compare "
-                    "it with: build it with split=None, which takes all samples",
+                    f"the data set holds its part '{selected}' only, so that there is nothing to "
+                    "split: build it with split=None, which uses all samples",
                     stacklevel=4,
                 )
-            return _split_of(parts)
+            return _parts_to_split(parts)
         if self.unseen is not None:
-            values = _at_least_two(dataset, self.unseen)
+            values = _unseen_values(dataset, self.unseen)
             fold, number = divmod(fold, len(values))
-            held = numbers_of(dataset, self.unseen) == values[number]
+            is_unseen = split_column(dataset, self.unseen) == values[number]
             part = self._parts(dataset, seed, fold)
-            # Samples of the held-out units or of the held-out session, but not both, are left out.
-            part = np.where((part == _TEST) == held, part, _NONE)
+            # Samples of the tested units in other sessions, and of other units in the tested
+            # session, are in no part.
+            part = np.where((part == _TEST) == is_unseen, part, _NONE)
             if not (part == _TEST).any():
                 raise ValueError(
                     f"'dataset' must have samples of '{self.unseen}' {values[number]} in each "
                     f"fold (got none in fold {fold})"
                 )
-            return _split_of(part)
-        return _split_of(self._parts(dataset, seed, fold))
+            return _parts_to_split(part)
+        return _parts_to_split(self._parts(dataset, seed, fold))
 
     def _parts(self, dataset: Samples, seed: int, fold: int) -> np.ndarray:
-        names, unit = np.unique(numbers_of(dataset, self.by), return_inverse=True)
+        names, unit = np.unique(split_column(dataset, self.by), return_inverse=True)
         units = np.arange(len(names))
         if self.stratify == "auto":
             classes = label_classes(dataset, unit, self.by, self.folds or 2 + bool(self.val))
@@ -301,32 +306,31 @@ class Protocol:
         return text if self.stratify is None else f"{text}, stratified by {self.stratify}"
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns the arguments as JSON values: equal protocols have equal ones."""
+        r"""Returns the arguments as JSON values, which are equal for equal protocols."""
         return asdict(self)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds a protocol from what :meth:`to_dict` returns.
+        r"""Builds a protocol from the output of :meth:`to_dict`.
 
         Args:
             content (Mapping): The arguments.
 
         Raises:
-            ValueError: If a key is no argument, or the arguments are wrong.
+            ValueError: If a key is no argument, or an argument is invalid.
         """
-        known = [field.name for field in fields(cls)]
-        unknown = [key for key in content if key not in known]
+        names = [field.name for field in fields(cls)]
+        unknown = [key for key in content if key not in names]
         if unknown:
-            raise ValueError(f"a protocol must have keys of {known} (got '{unknown[0]}')")
+            raise ValueError(f"a protocol must have keys of {names} (got '{unknown[0]}')")
         return cls(**content)
 
 
-def _at_least_two(dataset: Samples, key: str) -> np.ndarray:
-    values = np.unique(numbers_of(dataset, key))
+def _unseen_values(dataset: Samples, key: str) -> np.ndarray:
+    values = np.unique(split_column(dataset, key))
     if len(values) < 2:
         raise ValueError(
-            f"'dataset' must have at least 2 values of '{key}' to train without one "
-            f"(got {len(values)})"
+            f"'dataset' must have at least 2 values of '{key}' to leave one out (got {len(values)})"
         )
     return values
 
@@ -337,8 +341,8 @@ def _given_parts(dataset: Samples) -> np.ndarray:
         part = dataset.column("part")
     if part is None:
         raise ValueError(
-            "'dataset' must bring its parts to be split as given: a 'part' of each sample, 0 to "
-            "train, 1 to validate and 2 to test on (got none)"
+            "'dataset' must have its parts for by='given': a 'part' of each sample, 0 to train, "
+            "1 to validate and 2 to test on (got none)"
         )
     parts: np.ndarray = torch.as_tensor(part).numpy(force=True)
     if not np.isin(parts, (_TRAIN, _VAL, _TEST)).all():
@@ -346,5 +350,5 @@ def _given_parts(dataset: Samples) -> np.ndarray:
     return parts
 
 
-def _split_of(part: np.ndarray) -> Split:
+def _parts_to_split(part: np.ndarray) -> Split:
     return Split(*(torch.from_numpy(np.flatnonzero(part == i)) for i in (_TRAIN, _VAL, _TEST)))

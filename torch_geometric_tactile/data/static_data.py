@@ -1,4 +1,4 @@
-r"""One topology, many samples."""
+r"""Many samples on one topology."""
 
 import copy
 from collections.abc import Iterable, Sequence
@@ -30,11 +30,11 @@ class StaticData(LeveledData):
 
     Node and edge attributes have a leading sample dimension :math:`(S, N, \ldots)`, or are shared
     by all samples :math:`(N, \ldots)`. For known attributes (see
-    :obj:`torch_geometric_tactile.data._levels.KNOWN_ATTRIBUTES`), the number of dimensions tells
-    which; for declared ones, the declaration does. Neither a part of a name nor a size that
-    happens to agree has a meaning. Attributes are checked when they are set.
+    :obj:`torch_geometric_tactile.data._levels.KNOWN_ATTRIBUTES`), the number of dimensions decides
+    between the two; for declared attributes, the declaration does. The level is never inferred from
+    a part of a name or from a size. Attributes are checked when they are set.
 
-    Numbers, strings and dictionaries are shared. So are lists and arrays, if declared.
+    Numbers, strings and dictionaries are shared, as are declared lists and arrays.
 
     Args:
         x (torch.Tensor, optional): Readings :math:`(S, N, F)`.
@@ -48,16 +48,17 @@ class StaticData(LeveledData):
             :math:`(S, N, \ldots)`.
         edge (iterable of str): Names of attributes with a row for each edge
             :math:`(S, |\mathcal{E}|, \ldots)`.
-        shared (iterable of str): Names of attributes with one value for all samples: of those also
-            in :obj:`node` :math:`(N, \ldots)` or :obj:`edge` :math:`(|\mathcal{E}|, \ldots)`, of
-            others any value. Attributes may be declared before they are set.
-        num_samples (int, optional): The number of samples :math:`S`, where no attribute has a row
-            for each.
+        shared (iterable of str): Names of attributes with one value for all samples. The value of
+            an attribute that is also in :obj:`node` is a tensor :math:`(N, \ldots)`, in
+            :obj:`edge` :math:`(|\mathcal{E}|, \ldots)`; others may have any value. Attributes may
+            be declared before they are set.
+        num_samples (int, optional): The number of samples :math:`S`, required if no attribute has a
+            row for each sample.
         **kwargs: Further attributes.
 
     Raises:
-        ValueError: If an attribute has not the shape of its level, or a declaration is
-            contradictory.
+        ValueError: If the shape of an attribute does not fit its level, or the declarations
+            contradict each other.
 
     Examples:
         >>> import torch
@@ -93,9 +94,9 @@ class StaticData(LeveledData):
         num_samples: SupportsIndex | None = None,
         **kwargs: Any,
     ) -> None:
-        super().__init__(Schema.of(node, edge, shared), num_samples)
-        given = {"x": x, "edge_index": edge_index, "edge_attr": edge_attr, "y": y, "pos": pos}
-        for key, value in (given | kwargs).items():
+        super().__init__(Schema.from_names(node, edge, shared), num_samples)
+        attributes = {"x": x, "edge_index": edge_index, "edge_attr": edge_attr, "y": y, "pos": pos}
+        for key, value in (attributes | kwargs).items():
             if value is not None:
                 setattr(self, key, value)
 
@@ -122,21 +123,21 @@ class StaticData(LeveledData):
         return self.num_samples
 
     def __bool__(self) -> bool:
-        return True  # also without samples
+        return True  # without this method, an object without samples would be false
 
     @property
     def num_graphs(self) -> int:
-        r"""The number of samples, by PyG's name."""
+        r"""The number of samples, under PyG's name."""
         return self.num_samples
 
     def sample(self, i: int) -> Data:
         r"""Returns one sample as PyG's :class:`~torch_geometric.data.Data`.
 
-        Attributes of the sample level keep a first dimension of size one, with which PyG's loader
+        Attributes of the sample level keep a first dimension of size one, along which PyG's loader
         joins them.
 
         Args:
-            i (int): Its index.
+            i (int): Index of the sample.
 
         Raises:
             IndexError: If there is no such sample.
@@ -147,7 +148,8 @@ class StaticData(LeveledData):
         i %= num_samples
         schema: Schema = self._schema
         out = self.sample_type()
-        sample = out._store._mapping  # a third of the time of out[key] = ...
+        # Written to the mapping directly, which takes a third of the time of out[key] = ...
+        sample = out._store._mapping
         for key, value in self._store._mapping.items():
             if schema.is_shared(key, value):
                 sample[key] = value
@@ -156,28 +158,28 @@ class StaticData(LeveledData):
         return out
 
     def get_example(self, idx: int) -> Data:
-        r"""Returns one sample, as :meth:`sample` does, by PyG's name.
+        r"""Returns one sample, as :meth:`sample`, under PyG's name.
 
         Args:
-            idx (int): Its index.
+            idx (int): Index of the sample.
         """
         return self.sample(idx)
 
     def index_select(self, index: _Index) -> Self:
-        r"""Returns some of the samples, in the given order.
+        r"""Returns a selection of the samples in the order of the indices.
 
         Args:
             index (torch.Tensor, slice or list of int): Indices :math:`(B,)`, a mask :math:`(S,)`,
-                or a slice (which copies nothing). Of more dimensions, they are flattened.
+                or a slice, which needs no copy. Tensors of more dimensions are flattened.
 
         Raises:
-            IndexError: If it holds something else, or there is no such sample.
+            IndexError: If :obj:`index` has another type, or there is no such sample.
         """
         if not isinstance(index, slice):
             index = flat_index(index)
         schema: Schema = self._schema
         out = copy.copy(self)
-        # Straight into the mapping: what was checked keeps its level.
+        # Written to the mapping directly, without new checks: all attributes keep their levels.
         mapping = out._store._mapping
         num_samples: int | None = None
         for key, value in mapping.items():
@@ -197,10 +199,11 @@ class StaticData(LeveledData):
     def to_batch(self) -> Batch:
         r"""Returns PyG's block-diagonal batch of all samples, for layers that need one.
 
-        It equals :obj:`Batch.from_data_list(data.to_data_list())`, attribute by attribute, and
-        comes apart into the same samples, but no :class:`~torch_geometric.data.Data` object is
-        built for each. Attributes of the samples are views of this object's. The joined
-        :obj:`edge_index` is kept for the next batch of this size: write to a clone of it.
+        It equals :obj:`Batch.from_data_list(data.to_data_list())` attribute by attribute, and
+        :obj:`to_data_list` of the batch returns the same samples, but no
+        :class:`~torch_geometric.data.Data` object is created for each sample. Attributes of the
+        batch are views of the attributes of this object where possible. The :obj:`edge_index` of
+        the batch is cached for the next batch of the same size: write only to a clone of it.
 
         Shapes:
             - **output:** :obj:`x` :math:`(S \cdot N, F)`, :obj:`edge_index`
@@ -218,12 +221,13 @@ class StaticData(LeveledData):
         edge: Iterable[str] = (),
         shared: Iterable[str] = (),
     ) -> Self:
-        r"""Stacks samples that have one topology.
+        r"""Stacks samples that have the same topology.
 
-        Known node and edge attributes that are equal in all samples are stored once. Declared ones
-        are stored for each sample, or once if they are in :obj:`shared` as well. Any other tensor
-        must have no dimension, or a first one of size one. Numbers, strings and dictionaries must
-        be equal; numbers of known sample attributes such as :obj:`y` become a tensor.
+        Known node and edge attributes that are equal in all samples are stored once. Declared
+        attributes are stored for each sample, or once if they are in :obj:`shared`. Any other
+        tensor must have no dimension, or a first dimension of size one. Numbers, strings and
+        dictionaries must be equal in all samples, except the numbers of known sample attributes
+        such as :obj:`y`, which become a tensor.
 
         Args:
             data_list (iterable of torch_geometric.data.Data): The samples.
@@ -235,7 +239,7 @@ class StaticData(LeveledData):
             ValueError: If there is no sample, or the samples differ in their edges, their
                 attributes or their shapes.
         """
-        schema = Schema.of(node, edge, shared)
+        schema = Schema.from_names(node, edge, shared)
         samples = list(data_list)
         return cls(
             node=schema.node,
@@ -247,7 +251,7 @@ class StaticData(LeveledData):
 
 
 def _stack_samples(data_list: Sequence[Data], schema: Schema) -> dict[str, Any]:
-    # The attributes of many samples by their levels.
+    # The attributes of all samples, stacked or shared according to their levels.
     need(len(data_list) != 0, "'data_list' must hold at least one sample (got none)")
     for i, data in enumerate(data_list):
         if not isinstance(data, Data):
@@ -264,37 +268,37 @@ def _stack_samples(data_list: Sequence[Data], schema: Schema) -> dict[str, Any]:
                     f"sample {a} must have '{min(missing)}' as sample {b} has (got none)"
                 )
     return {
-        key: _stack(key, [data[key] for data in data_list], schema)
+        key: _stack_attribute(key, [data[key] for data in data_list], schema)
         for key in data_list[0].keys()  # noqa: SIM118
     }
 
 
-def _stack(key: str, values: list[Any], schema: Schema) -> Any:
+def _stack_attribute(key: str, values: list[Any], schema: Schema) -> Any:
     first = values[0]
-    known = KNOWN_ATTRIBUTES.get(key)
+    default = KNOWN_ATTRIBUTES.get(key)
     level = schema.level(key)
-    declared = key in schema.node or key in schema.edge
+    is_declared = key in schema.node or key in schema.edge
     is_number = isinstance(first, (bool, int, float))
-    if is_number and known is not None and level == "sample" and key not in schema.shared:
+    if is_number and default is not None and level == "sample" and key not in schema.shared:
         return torch.tensor(values)  # as PyG's loader does
     if key in schema.shared or not isinstance(first, Tensor) or key in TOPOLOGY:
-        _require_same(key, values)
+        _require_equal(key, values)
         return first
     shapes = {tuple(value.shape) for value in values}
     need(len(shapes) <= 1, f"all samples must have '{key}' in one shape", sorted(shapes))
-    if key == "x" or declared:
+    if key == "x" or is_declared:
         return torch.stack(values)
-    if level != "sample" and known is not None:
-        if first.dim() not in known.ranks:
-            ranks = " or ".join(map(str, known.ranks))
+    if level != "sample" and default is not None:
+        if first.dim() not in default.ranks:
+            ranks = " or ".join(map(str, default.ranks))
             raise ValueError(
                 f"'{key}' must have {ranks} dimensions in a sample (got shape "
                 f"{tuple(first.shape)}); name it in '{level}' to declare another shape"
             )
-        # What a sample gets is the same whether equal values are stored once or for each.
-        if all(_same(value, first) for value in values):
+        # Equal values are stored once, which changes no sample.
+        if all(_is_equal(value, first) for value in values):
             return first
-        if first.dim() != known.ranks[-1]:
+        if first.dim() != default.ranks[-1]:
             raise ValueError(
                 f"'{key}' must be named in '{level}' if it differs between samples and has "
                 f"shape {tuple(first.shape)} in each"
@@ -311,22 +315,22 @@ def _stack(key: str, values: list[Any], schema: Schema) -> Any:
     return torch.cat(values)
 
 
-def _require_same(key: str, values: list[Any]) -> None:
+def _require_equal(key: str, values: list[Any]) -> None:
     for i, value in enumerate(values):
-        if not _same(value, values[0]):
+        if not _is_equal(value, values[0]):
             raise ValueError(
-                f"sample {i} must have the same '{key}' as sample 0: one topology, many samples; "
+                f"sample {i} must have the same '{key}' as sample 0, since all samples share it; "
                 "use torch_geometric.data.InMemoryDataset where it differs"
             )
 
 
-def _same(value: Any, first: Any) -> bool:
+def _is_equal(value: Any, first: Any) -> bool:
     if value is first:
         return True
     if not isinstance(value, Tensor) or not isinstance(first, Tensor):
         try:
             return bool(value == first)
-        except (RuntimeError, ValueError):  # arrays and lists of tensors have no single answer
+        except (RuntimeError, ValueError):  # the comparison of arrays returns several truth values
             return False
     if (value.shape, value.dtype, value.layout) != (first.shape, first.dtype, first.layout):
         return False

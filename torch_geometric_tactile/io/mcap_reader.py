@@ -12,7 +12,7 @@ import numpy as np
 from torch_geometric_tactile._texts import parse_json, printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Annotation, Recording
-from torch_geometric_tactile.data._annotations import MOST_ANNOTATIONS, checked_annotation
+from torch_geometric_tactile.data._annotations import MAX_ANNOTATIONS, checked_annotation
 from torch_geometric_tactile.io._mcap_frames import FrameRows
 from torch_geometric_tactile.io._mcap_records import (
     CHANNEL,
@@ -175,7 +175,7 @@ class _Content:
 
     def _add_span(self, kind: str, moment: Annotation) -> None:
         opened = self.open_spans.setdefault(moment.label, [])
-        if kind == SPAN_START and len(self.spans) < MOST_ANNOTATIONS:
+        if kind == SPAN_START and len(self.spans) < MAX_ANNOTATIONS:
             opened.append(len(self.spans))
             self.spans.append(moment)
         elif kind == SPAN_END and opened:
