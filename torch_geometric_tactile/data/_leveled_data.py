@@ -112,8 +112,8 @@ class LeveledData(Data):
         return schema.to_dict()
 
     def level(self, key: str) -> Level:
-        r"""Returns the level of an attribute, which tells to what its rows belong: :obj:`"node"`,
-        :obj:`"edge"` or :obj:`"sample"`.
+        r"""Returns the level of an attribute: :obj:`"node"` if it has a row for each taxel,
+        :obj:`"edge"` for each edge, or :obj:`"sample"` for each sample.
 
         Args:
             key (str): Name of the attribute, which need not be set.

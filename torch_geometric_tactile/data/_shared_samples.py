@@ -36,11 +36,11 @@ class Copy(NamedTuple):
 
     Args:
         held_out (int): Number of the trial that is held out.
-        known (int): Number of the trial in an earlier part of the split.
+        original (int): Number of the trial in an earlier part of the split.
     """
 
     held_out: int
-    known: int
+    original: int
 
 
 _Groups = list[tuple[int, ...]]
@@ -155,7 +155,8 @@ def describe_shared(
     if copies:
         unit = "sample" if sample_column(dataset, "trial") is None else "trial"
         pairs = [
-            f"{_unit_name(dataset, copy.held_out, unit)} is {_unit_name(dataset, copy.known, unit)}"
+            f"{_unit_name(dataset, copy.held_out, unit)} is "
+            f"{_unit_name(dataset, copy.original, unit)}"
             for copy in copies
         ]
         sentences.append(
