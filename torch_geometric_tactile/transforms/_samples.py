@@ -112,6 +112,7 @@ class Samples:
         return self._columns[key]
 
     def _column(self, key: str) -> Tensor:
+        # Without earlier transforms, the other attributes need not be read.
         if self._before is None and self._is_single_set:
             data = self._data
             value = data.column(key) if isinstance(data, StaticDataset) else data[key]
@@ -196,5 +197,5 @@ class FlatSamples:
 
 
 def is_static(data: AnySamples) -> bool:
-    r"""Returns whether all samples share one topology, which the class of their data set tells."""
+    r"""Returns whether all samples share one topology, according to the class of their data set."""
     return isinstance(data, StaticData) or bool(_static_parts(data))

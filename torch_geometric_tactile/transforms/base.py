@@ -248,6 +248,8 @@ class FittedTransform(TactileTransform):
         """
         if self.attr == "x" or center.numel() == 0:
             return 0.0
+        # Relative to the largest centre, since the rounding of a small number may come from large
+        # ones, as in a difference of positions.
         return 1e-5 * center.abs().max()
 
     def moments(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
@@ -274,6 +276,8 @@ class FittedTransform(TactileTransform):
             center (torch.Tensor): The centres.
             deviation (torch.Tensor): The deviations, of the same shape.
         """
+        # Single precision has about seven digits, so that a smaller deviation is rounding, and a
+        # division by it would turn rounding into large numbers.
         is_changing = deviation > 1e-6 * center.abs().clamp(min=1e-6)
         return torch.where(is_changing & (deviation > self.noise(center)), deviation, 1.0).float()
 

@@ -147,6 +147,7 @@ class Calibrate(TactileTransform):
                 "'coefficients' must have shape (num_terms, num_forces), or (num_taxels, "
                 f"num_terms, num_forces) for each taxel (got {tuple(shape)})"
             )
+        # The number of terms increases with the number of channels.
         counts = (n for n in range(1, shape[-2]) if num_terms(n, self.degree) >= shape[-2])
         channels = next(counts, 0)
         if num_terms(channels, self.degree) != shape[-2] or not channels:

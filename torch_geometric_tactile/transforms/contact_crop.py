@@ -176,6 +176,7 @@ class ContactCrop(TactileTransform):
             min=self.floor
         )
         exceeds = (signals - center).abs_() > threshold.unsqueeze(-1)
+        # Frames after the end of the window do not exceed the threshold.
         stays = exceeds
         for i in range(1, self.sustain):
             stays = stays & torch.nn.functional.pad(exceeds[..., i:], (0, min(i, exceeds.size(-1))))

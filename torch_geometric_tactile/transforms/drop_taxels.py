@@ -69,6 +69,7 @@ class DropTaxels(DeadTaxels):
         if len(taxels) == 0:
             return is_dead
         last = int(self.taxels[-1])
+        # The samples of a PyG batch may have different numbers of taxels.
         num_taxels = int(data.ptr.diff().min()) if isinstance(data, Batch) else x.size(-2)
         need(last < num_taxels, f"'taxels' must be below {num_taxels}", last)
         if isinstance(data, Batch):

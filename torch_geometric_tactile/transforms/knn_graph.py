@@ -78,6 +78,7 @@ class KNNGraph(TactileTransform):
         num_taxels = pos.size(0)
         need(self.k < num_taxels, f"'k' must be below the number of taxels, {num_taxels}", self.k)
         pos = pos.double()
+        # Not by a matrix product, which loses digits of small distances.
         distance = torch.cdist(pos, pos, compute_mode="donot_use_mm_for_euclid_dist")
         tolerance = _TIE_TOLERANCE * distance.max()
         distance, order = distance.fill_diagonal_(torch.inf).sort(dim=1)

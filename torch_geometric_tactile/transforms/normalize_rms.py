@@ -47,5 +47,6 @@ class NormalizeRMS(TactileTransform):
         sample = repeat_rows(sample, x.size(-1))
         square = segment_means(rows.square().reshape(-1, 1), sample, count)
         rms = square.sqrt()[sample].reshape(rows.shape)
+        # A sample of zeros stays zero.
         data.x = (rows / rms.masked_fill(rms == 0, 1.0)).to(x).reshape(x.shape)
         return data

@@ -76,6 +76,7 @@ class RandomMirror(TactileTransform):
         self.negate = negate
         self.generator = check_generator(generator)
         dim = 1 if along == "columns" else 0
+        # The image map may begin at any row and column, so that its two ends are swapped.
         cells = image_map.clone()
         cells[:, dim] = image_map[:, dim].min() + image_map[:, dim].max() - image_map[:, dim]
         self._opposite: Tensor = taxels_at(image_map, cells)

@@ -77,6 +77,7 @@ class RandomTimeShift(RandomTransform):
             )
         sample, count = samples_of_rows(data, x)
         draws = uniform(count, x, self.generator)
+        # The product may be rounded up to one step too many.
         steps = (draws * (2 * self.steps + 1)).long().clamp(max=2 * self.steps) - self.steps
         if x.numel() == 0:
             return x

@@ -63,6 +63,7 @@ class SectorGraph(TactileTransform):
         self.num_sectors = num_sectors
         self.radius = radius
         self.within = within
+        # Computed once, since the edges do not depend on the samples.
         self._edges = layout_sectors(self.layout, num_sectors, radius, within)
 
     def forward(self, data: Data) -> Data:

@@ -192,6 +192,7 @@ def _row_dims(data: Data, level: str, num_rows: int) -> dict[str, int]:
         if isinstance(data, StaticData):
             if data.level(key) == level:
                 dims[key] = 0 if data.is_shared(key) else 1
+        # In PyG, the names of attributes with indices contain 'index' or 'face'.
         elif key not in ("joint", "batch", "ptr") and "index" not in key and "face" not in key:
             size = value.size(0) if value.dim() else None
             if size == num_rows and ("edge" in key) == (level == "edge"):
