@@ -155,8 +155,8 @@ def _check_rows(key: str, value: Tensor, num_samples: int) -> None:
 
 
 def _names_to_numbers(key: str, value: Any, name_lists: dict[str, list[str]]) -> Any:
-    # The numbers of names; numbers stay as they are. Adds the names to `name_lists` if they were
-    # not listed by the caller.
+    # Converts names to numbers; numbers are returned unchanged. Adds the names to `name_lists`
+    # unless the caller has listed them.
     if isinstance(value, Tensor):
         return value
     array = np.asarray(value) if not _is_ragged(value) else np.empty(0)
