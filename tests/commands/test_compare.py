@@ -311,7 +311,10 @@ def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
             ["--window", "5"],
             "'--window' must be at most that of the longest trial, 4 frames",
         ),
-        (["--window", "3", "--horizon", "2"], "'--horizon' must leave a window its label"),
+        (
+            ["--window", "3", "--horizon", "2"],
+            "'--horizon' must be within the trial of at least one window",
+        ),
         (["--window", "3", "--trials", "9"], "only one of '--window' and '--trials' may be given"),
         (["--hop", "3"], "'--hop' must come with '--window'"),
         (["--window", "2", "--hop", "1", "--by", "frame"], "'--by' must be 'trial' or 'group'"),

@@ -55,6 +55,6 @@ def test_size_is_counted_before_the_memory_is_taken():
 def test_each_naming_of_a_tensor_is_counted_in_double_precision():
     tensor = torch.zeros(200, dtype=torch.uint8)
     limit = AllocationLimit([tensor])
-    assert limit.name(tensor) is tensor  # 1600 of 2600 bytes
-    with pytest.raises(ValueError, match=r"named again and again \(got more than 2600 bytes"):
-        limit.name(tensor)
+    assert limit.count_reference(tensor) is tensor  # 1600 of 2600 bytes
+    with pytest.raises(ValueError, match=r"referenced too often \(got more than 2600 bytes"):
+        limit.count_reference(tensor)

@@ -314,7 +314,9 @@ def test_write_into_what_samples_share_is_refused(transform, mode):
     data, own = samples(), samples(own_pos=True)
     expected = 1000 * own.pos
     with mode():
-        with pytest.raises(ValueError, match=r"must leave the tensor of 'pos' .* by .*[Ss]tretch"):
+        with pytest.raises(
+            ValueError, match=r"must not change the tensor of 'pos' .* by .*[Ss]tretch"
+        ):
             apply_transform(transform, data)
         out = apply_transform(transform, own)  # whose samples do not share it
     torch.testing.assert_close(out.pos, expected)

@@ -7,7 +7,7 @@ from torch.utils.data import ConcatDataset, Subset
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._batches import (
     check_joinable,
-    joined,
+    join_batches,
     static_batch,
     static_parts,
 )
@@ -31,7 +31,7 @@ def test_parts_of_nested_data_sets_in_their_order():
     first, second, third = numbered(0), numbered(10), numbered(20)
     nested = ConcatDataset([Subset(first, [0]), ConcatDataset([second, third])])
     assert list(static_parts(nested)) == [first, second, third]
-    with pytest.raises(TypeError, match=r"or ConcatDataset of some \(got list\)"):
+    with pytest.raises(TypeError, match=r"or ConcatDataset of such \(got list\)"):
         list(static_parts(ConcatDataset([first, [1]])))
 
 
@@ -61,34 +61,40 @@ def of_values(**values):
         ({"y": torch.ones(1), "note": "wet"}, "the same 'note', which their samples share"),
         ({"y": torch.ones(1, 2), "note": "dry"}, r"'y' in one type and shape \(got .*\(2,\)"),
         ({"y": torch.ones(1).long(), "note": "dry"}, "'y' in one type and shape"),
-        ({"note": "dry"}, r"the same attributes \(got \['y'\] in one of the first and part 1"),
+        (
+            {"note": "dry"},
+            r"the same attributes \(got \['y'\] in only one of the first part and part 1",
+        ),
     ],
 )
 def test_batches_that_cannot_be_joined(other, match):
     first, places = of_values(y=torch.ones(1), note="dry"), [torch.tensor([1]), torch.tensor([0])]
     with pytest.raises(ValueError, match=match):
-        joined([first, of_values(**other)], places)
+        join_batches([first, of_values(**other)], places)
 
 
 def test_joined_positions_are_shared_as_long_as_they_are_equal():
     places = [torch.tensor([1]), torch.tensor([0])]
     pos = torch.rand(2, 3)
     batches = [of_values(pos=pos, note="dry"), of_values(pos=pos.clone(), note="dry")]
-    assert joined(batches, places).pos.equal(pos)
+    assert join_batches(batches, places).pos.equal(pos)
     batches[1].pos = pos + 1
-    assert joined(batches, places).pos.equal(torch.stack([pos + 1, pos]))
-    assert joined(batches, places).note == "dry"
+    assert join_batches(batches, places).pos.equal(torch.stack([pos + 1, pos]))
+    assert join_batches(batches, places).note == "dry"
     declared = {"gain": torch.ones(1), "shared": ["gain"]}
     batches = [of_values(**declared), of_values(**declared | {"gain": torch.zeros(1)})]
     with pytest.raises(ValueError, match="must have the same 'gain'"):
-        joined(batches, places)
+        join_batches(batches, places)
 
 
 @pytest.mark.parametrize(
     ("other", "match"),
     [
         (lambda: numbered(3, layout=grid(2, 1, 0.01)), r"have layout 'grid_1x2', as part 0 \(got"),
-        (lambda: numbered(3, edge_index=[[0], [1]]), "the same edges .*got others in part 2"),
+        (
+            lambda: numbered(3, edge_index=[[0], [1]]),
+            "the same edges .*got different ones in part 2",
+        ),
         (lambda: numbered(3, force=torch.ones(3)), r"same attributes \(got \['force'\]"),
         (
             lambda: numbered(3, group_names=list("abcdef")),

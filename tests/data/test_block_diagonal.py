@@ -7,8 +7,7 @@ import torch
 from torch_geometric import EdgeIndex
 from torch_geometric.data import Batch, Data
 
-from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.data import _block_diagonal as block_diagonal
+from torch_geometric_tactile.data import StaticData, static_data
 
 EDGES = torch.tensor([[0, 1, 2], [1, 2, 0]])
 SAMPLES, NODES = 4, 3
@@ -295,12 +294,12 @@ def test_joined_edges_in_inference_mode_do_not_spoil_training():
 
 
 def test_few_joined_edges_are_kept(monkeypatch):
-    cache = block_diagonal._EdgeCache()
+    cache = static_data._EdgeCache()
     for num_samples in range(2, 20):
         cache.get(EDGES, 3, num_samples)
-    assert len(cache.entries) == block_diagonal._NUM_CACHED
+    assert len(cache.entries) == static_data._MAX_CACHED_EDGES
     assert cache.entries[0].num_samples == 19
-    monkeypatch.setattr(block_diagonal, "_BYTES_CACHED", 2 * 3 * 2 * 8)
+    monkeypatch.setattr(static_data, "_MAX_CACHED_BYTES", 2 * 3 * 2 * 8)
     cache.get(EDGES, 3, 2)
     assert len(cache.entries) == 1
     cache.get(EDGES, 3, 3)

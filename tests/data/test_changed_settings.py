@@ -376,6 +376,6 @@ def test_edited_code_without_raw_files_is_told(own_set, caplog, monkeypatch):
     own_set(1.0)
     monkeypatch.setattr(ProcessedDataset, "raw_file_names", (), raising=False)
     assert own_set(10.0).x.unique() == 1  # they cannot be made again
-    assert "was made by other code (class: own_set.OwnSet[source " in caplog.text
+    assert "was processed by different code (class: own_set.OwnSet[source " in caplog.text
     with pytest.raises(ValueError, match=r"cannot be used \(class: .*pre_transform: None -> "):
         own_set(10.0, pre_transform=KNNGraph(k=2))

@@ -45,7 +45,7 @@ def test_columns_that_are_not_known_are_left_in_their_order():
     ],
 )
 def test_columns_of_other_names_are_refused_with_the_difference(key, wanted, difference):
-    match = rf"columns of '{key}' must have the names of the others, .* \(got {difference}"
+    match = rf"columns of '{key}' must have the expected names, .* \(got {difference}"
     with pytest.raises(ValueError, match=match):
         in_column_order(recording(), {key: wanted})
 

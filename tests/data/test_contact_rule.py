@@ -150,7 +150,7 @@ def test_a_given_threshold_needs_one_frame_and_no_noise():
 def test_what_is_missing_is_named():
     with pytest.raises(ValueError, match=r"must have the readings at rest \(got none\): call"):
         ContactRule(5.0).is_contact(REST)
-    with pytest.raises(ValueError, match="'threshold' of the contact rule must be given"):
+    with pytest.raises(ValueError, match="'threshold' of the contact rule must be set"):
         ContactRule(rest=REST).is_contact(REST)
     with pytest.raises(ValueError, match=r"must have shape \(3, 2\).*got \(2, 3\)"):
         rule().is_contact(REST.T)

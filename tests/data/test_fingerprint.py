@@ -16,9 +16,9 @@ from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.data._fingerprint import (
-    changes,
     constructor_arguments,
     describe,
+    setting_changes,
     state_changes,
     without_code,
 )
@@ -251,10 +251,10 @@ def test_constructor_arguments_defaults_and_stars():
 
 
 def test_changes_name_old_and_new():
-    assert changes({"k": "2"}, {"k": "2"}) == []
-    found = changes({"k": "2", "gone": "1"}, {"k": "5", "new": "'a'"})
+    assert setting_changes({"k": "2"}, {"k": "2"}) == []
+    found = setting_changes({"k": "2", "gone": "1"}, {"k": "5", "new": "'a'"})
     assert found == ["k: 2 -> 5", "gone: 1 -> none", "new: none -> 'a'"]
-    (long,) = changes({"k": "a" * 100}, {"k": "b"})
+    (long,) = setting_changes({"k": "a" * 100}, {"k": "b"})
     assert long == "k: " + "a" * 57 + "... -> b"
 
 
@@ -263,9 +263,9 @@ def test_bytecode_of_another_python_is_not_compared():
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
     other = text.replace(f"bytecode {version} ", "bytecode 2.7 abc")
     assert other != text
-    assert changes({"f": text}, {"f": other}) == []
-    assert len(changes({"f": text}, {"f": describe(triple)})) == 1
-    assert len(changes({"f": describe(triple)}, {"f": other})) == 1  # another name
+    assert setting_changes({"f": text}, {"f": other}) == []
+    assert len(setting_changes({"f": text}, {"f": describe(triple)})) == 1
+    assert len(setting_changes({"f": describe(triple)}, {"f": other})) == 1  # another name
 
 
 def test_state_changes():

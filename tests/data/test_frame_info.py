@@ -34,7 +34,7 @@ def test_rate_of_the_frames_that_are_used():
         ("unit", 1, "'unit' must be a text or None"),
         ("columns", {"tactile": "ab"}, "'columns' must be names"),
         ("columns", {"x": ["a"]}, "'columns' must be names"),
-        ("resampled", True, "'resampled' must be true or false, and come with a rate"),
+        ("resampled", True, "'resampled' must be true or false, and requires a rate"),
     ],
 )
 def test_wrong_values_are_refused(argument, value, message):
@@ -49,7 +49,7 @@ def test_round_trip_as_json():
     assert info.to_dict()["max_gap"] == "inf"
     assert FrameInfo.from_dict(info.to_dict()) == info
     for content in ([], {"speed": 1}, {"max_gap": "wide"}):
-        with pytest.raises(ValueError, match=r"'(frames|max_gap)' must be"):
+        with pytest.raises(ValueError, match=r"'(frames|max_gap)' must"):
             FrameInfo.from_dict(content)
 
 

@@ -173,7 +173,7 @@ WRONG = [
     ({"trial": torch.zeros(6)}, r"'trial' must have 5 rows"),
     ({"joint": torch.zeros(3, 5)}, r"'joint' must have 5 rows, .* \(got shape \(3, 5\)\)"),
     ({"force": torch.zeros(3)}, r"'force' must have 5 rows, .*name it in 'node' or 'edge'"),
-    ({"y": [[0], [1, 2], [1], [1], [1]]}, r"'y' must hold numbers, the same many in each row"),
+    ({"y": [[0], [1, 2], [1], [1], [1]]}, r"'y' must hold numbers, equally many in each row"),
     ({"trial": ["a", "b", "c", "d", "e"]}, r"'trial' must hold numbers"),
     ({"y": np.array([["a"]] * 5)}, r"'y' must have one name for each sample \(got shape \(5, 1\)"),
     ({"group": list("aabbc"), "group_names": ["a", "b"]}, r"'group_names' must name every 'group'"),

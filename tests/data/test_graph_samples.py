@@ -140,7 +140,7 @@ def test_attributes_that_cannot_be_split_by():
         Protocol("placement").split(SAMPLES)
     some = [Data(x=torch.ones(2, 1), trial=0), Data(x=torch.ones(2, 1))]
     with pytest.raises(
-        ValueError, match=r"sample 1 must have 'trial' as others have.*\(got none\)"
+        ValueError, match=r"sample 1 must have 'trial', as other samples have.*\(got none\)"
     ):
         Protocol("trial").split(some)
     rows = [Data(x=torch.ones(2, 1), trial=torch.tensor([1, 1])) for _ in range(2)]
@@ -151,7 +151,7 @@ def test_attributes_that_cannot_be_split_by():
     several = [Data(x=torch.ones(2, 1), y=torch.ones(1, i + 1)) for i in range(2)]
     with pytest.raises(ValueError, match="all samples must have 'y' in one shape"):
         GraphSamples(several).column("y")
-    with pytest.raises(ValueError, match="'dataset' must bring its parts to be split as given"):
+    with pytest.raises(ValueError, match="'dataset' must have its parts for by='given'"):
         Protocol("given").split(SAMPLES)
 
 

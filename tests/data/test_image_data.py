@@ -74,5 +74,5 @@ def test_plain_data_stay_plain():
 
 @pytest.mark.parametrize("shape", [(2, 1023, 1), (1023, 1), (1024,), (2, 2048, 1), (1, 2, 1024, 1)])
 def test_other_sizes(shape):
-    with pytest.raises(ValueError, match="'x' must hold 1024 taxels a sample"):
+    with pytest.raises(ValueError, match="'x' must have 1024 taxels in each sample"):
         image_of(torch.zeros(shape))

@@ -37,11 +37,11 @@ def test_spellings_of_one_class(labels, names, codes):
 def test_joined_texts_and_letters_are_told(caplog):
     number_labels(["slip", "Slip ", 1, "1"])
     assert caplog.messages == [
-        "labels of one spelling but for case and blanks are one class: 'slip' and 'Slip '"
+        "labels that differ only in case and blanks are one class: 'slip' and 'Slip '"
     ]
     caplog.clear()
     number_labels(["a", "A", "b"])
-    assert "classes of their own: 'a' and 'A'; write" in caplog.text
+    assert "different classes: 'a' and 'A'; use one spelling" in caplog.text
     caplog.clear()
     number_labels(["slip", "hold", 0, 0.0, "a", "B"])
     assert caplog.messages == []

@@ -192,7 +192,10 @@ def test_replaced_edges_may_be_followed_by_their_attributes():
         ({"pos": torch.zeros(3)}, r"'pos' must have 2 dimensions if all samples share it, or 3"),
         ({"edge_attr": torch.zeros(3, 5, 1, 1)}, "'edge_attr' must have 1 or 2 dimensions if all"),
         ({"pos": torch.zeros(3, 3)}, "'pos' must have 4 taxels in its dimension 0"),
-        ({"pos": torch.zeros(2, 4, 3)}, r"'pos' must have 3 rows.*\(2, 4, 3\)\); if all share"),
+        (
+            {"pos": torch.zeros(2, 4, 3)},
+            r"'pos' must have 3 rows.*\(2, 4, 3\)\); if all samples share",
+        ),
         ({"dropped": torch.zeros(5)}, "'dropped' must have 4 taxels in its dimension 0"),
         ({"edge_attr": torch.zeros(4, 2)}, "'edge_attr' must have 5 edges in its dimension 0"),
         ({"rate": torch.tensor(50.0)}, r"'rate' must have 3 rows.*got shape \(\)\); name it in"),
@@ -206,9 +209,12 @@ def test_replaced_edges_may_be_followed_by_their_attributes():
         ({"node": "mask"}, r"'node' must be a list of names \(got 'mask'\)"),
         ({"shared": [1]}, r"'shared' must be a list of names \(got \[1\]\)"),
         ({"node": ["a"], "edge": ["a"]}, r"'a' must be named in 'node' or in 'edge' \(got both\)"),
-        ({"shared": ["x"]}, r"'shared' must name other attributes \(got 'x'\)"),
-        ({"edge": ["edge_index"]}, r"'edge' must name other attributes \(got 'edge_index'\)"),
-        ({"node": ["batch"]}, r"'node' must name other attributes \(got 'batch'\)"),
+        ({"shared": ["x"]}, r"'shared' must not name attributes of a fixed level \(got 'x'\)"),
+        (
+            {"edge": ["edge_index"]},
+            r"'edge' must not name attributes of a fixed level \(got 'edge_index'\)",
+        ),
+        ({"node": ["batch"]}, r"'node' must not name attributes of a fixed level \(got 'batch'\)"),
     ],
 )
 def test_bad_attributes(attributes, message):
@@ -258,5 +264,5 @@ def test_schema_is_made_of_constructor_arguments():
     data = samples(2, **declared)
     assert data.schema == {"node": ["a", "b"], "edge": ["c"], "shared": ["a"]}
     assert StaticData(**data.schema).schema == data.schema
-    assert Schema.of(**declared).to_dict() == data.schema
+    assert Schema.from_names(**declared).to_dict() == data.schema
     assert data.level("b") == "node"  # though it is not set

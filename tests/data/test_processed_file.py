@@ -113,7 +113,7 @@ def test_processed_file_of_another_format_is_made_again(toy, tmp_path, caplog, c
     assert toy.reads == 2
     (record,) = caplog.records
     assert record.getMessage() == (
-        f"processing '{path}' again: it is not of this version of torch_geometric_tactile"
+        f"processing '{path}' again: it was written by another version of torch_geometric_tactile"
     )
     toy(tmp_path)
     assert toy.reads == 2
@@ -123,7 +123,9 @@ def test_processed_file_of_another_format_without_raw_files(raw_toy, tmp_path):
     dataset = raw_toy(tmp_path)
     torch.save({"format": 1}, dataset.processed_paths[0])
     (tmp_path / "raw" / "a.txt").unlink()
-    with pytest.raises(ValueError, match=r"cannot be used \(it is not of this version.*missing in"):
+    with pytest.raises(
+        ValueError, match=r"cannot be used \(it was written by another version.*missing in"
+    ):
         raw_toy(tmp_path)
 
 

@@ -76,16 +76,16 @@ def test_from_dict_rejects_unknown_keys():
     [
         ({"by": "object"}, r"'by' must be 'frame', .*, 'size' or 'given' \(got 'object'\)"),
         ({"folds": 1}, r"'folds' must be at least 2 \(got 1\)"),
-        ({"folds": 3, "test": 0.2}, r"'test' must be None where a fold is tested on \(got 0.2\)"),
+        ({"folds": 3, "test": 0.2}, r"'test' must be None with folds \(got 0.2\)"),
         ({"leave_one_out": True, "folds": 3}, r"'folds' must be None with 'leave_one_out'"),
         ({"leave_one_out": True, "stratify": "y"}, r"'stratify' must be None with 'leave_one_ou"),
         ({"val": 1.0}, r"'val' must be at least 0 and below 1 \(got 1.0\)"),
         ({"val": -0.1}, r"'val' must be at least 0 and below 1 \(got -0.1\)"),
         ({"test": float("nan")}, r"'test' must be at least 0 and below 1 \(got nan\)"),
         ({"val": 0.5, "test": 0.5}, r"'val \+ test' must be at least 0 and below 1"),
-        ({"by": "given", "val": 0.1}, r"'val' must be left out where the parts are given"),
+        ({"by": "given", "val": 0.1}, r"'val' must be left out with by='given'"),
         ({"unseen": "session"}, r"'unseen' must be None without folds \(got 'session'\)"),
-        ({"by": "given", "folds": 2}, r"'folds' must be left out where the parts are given"),
+        ({"by": "given", "folds": 2}, r"'folds' must be left out with by='given'"),
     ],
 )
 def test_rejects(arguments, message):
@@ -184,7 +184,7 @@ def test_stratified_folds_of_groups_with_several_classes():
     tests = [protocol.split(data, fold=fold).test for fold in range(3)]
     assert [group[test].unique().numel() for test in tests] == [2, 2, 2]
     assert sorted(torch.cat(tests).tolist()) == list(range(60))
-    with pytest.raises(ValueError, match=r"every group must have one 'y' for all its samples"):
+    with pytest.raises(ValueError, match=r"all samples of a group must have the same 'y'"):
         Protocol("group", stratify="y").split(data)
 
 
@@ -208,7 +208,9 @@ def test_too_few_of_a_class():
         Protocol("trial", stratify="y").split(data)
     with pytest.raises(ValueError, match=r"object 'b' must have at least 2 trials to .* \(got 1\)"):
         Protocol("trial", stratify="group").split(Named(data))
-    message = r"3 folds cannot have every class: fewer trials than folds have 'b' \(1\)$"
+    message = (
+        r"3 folds cannot have every class, since some have fewer trials than folds: 'b' \(1\)$"
+    )
     with pytest.warns(UserWarning, match=message):
         Protocol("trial", folds=3, stratify="y").split(Named(data))
     with warnings.catch_warnings():
@@ -236,7 +238,7 @@ def test_given_parts():
     assert all(map(torch.equal, split, Protocol("given").split(Named(data))))
     brought = Named(StaticData(x=torch.zeros(6, 1, 1)), part=part)
     assert all(map(torch.equal, split, Protocol("given").split(brought)))
-    with pytest.raises(ValueError, match=r"must bring its parts to be split as given.* \(got none"):
+    with pytest.raises(ValueError, match=r"must have its parts for by='given'.* \(got none"):
         Protocol("given").split(grasps())
     data.part = part + 1
     with pytest.raises(ValueError, match=r"'part' must hold 0, 1 and 2 \(got \[1, 2, 3\]\)"):

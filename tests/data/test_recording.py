@@ -183,7 +183,7 @@ def test_meta_is_a_copy_with_lists_for_tuples():
         ({"privileged": {"": [1, 2]}}, r"of 1 to 255 characters and not '.' \(got ''\)"),
         (
             {"privileged": {"\ud800": [1, 2]}},
-            r"names in 'privileged' must hold texts that UTF-8 can",
+            r"names in 'privileged' must hold texts that can be encoded in UTF-8",
         ),
         ({"extra": [1]}, r"'extra' must be a mapping \(got list\)"),
         ({"extra": {"p": [1, 2, 3]}}, r"'p' must have 2 frames, as 'time' has \(got 3\)"),
@@ -198,13 +198,19 @@ def test_meta_is_a_copy_with_lists_for_tuples():
             r"extra 'p' must have values .* \(got shape \(2, 0\)\)",
         ),
         ({"extra": {"p": np.zeros((2,) + 9 * (1,))}}, r"extra 'p' must .* at most 9 dimensions"),
-        ({"extra": {"p": ["a", "\ud800"]}}, r"extra 'p' must hold texts that UTF-8 can hold"),
+        (
+            {"extra": {"p": ["a", "\ud800"]}},
+            r"extra 'p' must hold texts that can be encoded in UTF-8",
+        ),
         pytest.param(
             {"extra": {"p": np.zeros(2, "longdouble")}},
             r"extra 'p' must hold numbers of at most 8 bytes \(got float",
             marks=pytest.mark.skipif(np.dtype("longdouble").itemsize == 8, reason="is float64"),
         ),
-        ({"label": "\ud800"}, r"'label' must hold texts that UTF-8 can hold \(got '\\ud800'\)"),
+        (
+            {"label": "\ud800"},
+            r"'label' must hold texts that can be encoded in UTF-8 \(got '\\ud800'\)",
+        ),
         ({"meta": {"\ud800": 1}}, r"'meta' must hold JSON values \(.*'utf-8'"),
         (
             {"extra": {"p": np.ma.array([1, 2], mask=[0, 1])}},

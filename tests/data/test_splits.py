@@ -77,9 +77,9 @@ def test_split_takes_datasets_and_indexes_their_selection(toy):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"val": 0.01}, "'val' of 0.01 leaves nothing of 5 groups"),
-        ({"test": 0.05}, "'test' of 0.05 leaves nothing of 5 groups"),
-        ({"val": 0.35, "test": 0.6}, "'val' and 'test' leave nothing of 5 groups to train on"),
+        ({"val": 0.01}, "'val' of 0.01 is less than one of 5 groups"),
+        ({"test": 0.05}, "'test' of 0.05 is less than one of 5 groups"),
+        ({"val": 0.35, "test": 0.6}, "'val' and 'test' leave none of 5 groups to train on"),
     ],
 )
 def test_split_rejects(arguments, message):

@@ -260,7 +260,7 @@ def test_apply_transform_rejects_topologies_that_differ():
         return data
 
     data = StaticData(x=torch.zeros(2, 2, 1), edge_index=EDGES, y=torch.tensor([1, 2]))
-    with pytest.raises(ValueError, match=r"one topology, many samples; use .*InMemoryDataset"):
+    with pytest.raises(ValueError, match=r"since all samples share it; use .*InMemoryDataset"):
         apply_transform(cut, data)
 
 
@@ -332,7 +332,7 @@ def test_new_attributes_must_have_the_number_of_samples():
     data = edges_only()
     with pytest.raises(ValueError, match=r"'y' must have 4 rows, one for each sample"):
         data.y = torch.arange(5)
-    with pytest.raises(ValueError, match=r"'x' must have 4 samples, as these data have"):
+    with pytest.raises(ValueError, match=r"'x' must have 4 samples, as declared"):
         data.x = torch.zeros(5, 2, 1)
     data.x = torch.zeros(4, 2, 1)
     data.x = torch.zeros(5, 2, 1)  # nothing else has rows
@@ -341,7 +341,7 @@ def test_new_attributes_must_have_the_number_of_samples():
 
 @pytest.mark.parametrize("number", [-1, 2.0, True, "3", 2**40])
 def test_other_numbers_of_samples_are_refused(number):
-    with pytest.raises(ValueError, match="'num_samples' must be a number of samples"):
+    with pytest.raises(ValueError, match="'num_samples' must be a non-negative integer"):
         StaticData(edge_index=EDGES, num_samples=number)
-    with pytest.raises(ValueError, match="'x' must have 3 samples, as these data have"):
+    with pytest.raises(ValueError, match="'x' must have 3 samples, as declared"):
         StaticData(x=torch.zeros(2, 2, 1), num_samples=3)

@@ -50,7 +50,9 @@ def test_windows_never_cross_trials_and_short_trials_are_named(caplog):
     assert windows.trial.tolist() == [0, 0, 1, 1, 1]
     assert [int(window.x[0, 0]) for window in windows] == [0, 200, 500, 700, 900]
     assert windows.too_short == ["trial 2"]
-    assert "1 of 3 trials are left out, since they have fewer than 3 frames: trial 2" in caplog.text
+    assert (
+        "1 of 3 trials are left out because they have fewer than 3 frames: trial 2" in caplog.text
+    )
     assert repr(windows) == "Windows(5)"
 
 
@@ -190,7 +192,7 @@ def test_transforms_of_windows():
 
 
 def test_pre_transform_gets_a_few_windows_at_a_time(monkeypatch):
-    monkeypatch.setattr("torch_geometric_tactile.data._frame_view._BYTES", 200)
+    monkeypatch.setattr("torch_geometric_tactile.data._frame_view._CHUNK_BYTES", 200)
     sizes = []
 
     def seen(data):
@@ -243,7 +245,10 @@ def test_windows_take_no_memory_but_the_index(tmp_path):
         ({"label": "first"}, "'label' must be one of"),
         ({"horizon": 2}, "'horizon' must be 0 with label='last'"),
         ({"label": "ahead"}, "'horizon' must be at least 1 with label='ahead'"),
-        ({"label": "ahead", "horizon": 5}, "'horizon' must leave a window its label"),
+        (
+            {"label": "ahead", "horizon": 5},
+            "'horizon' must be within the trial of at least one window",
+        ),
         ({"target": "slip"}, r"'target' must name an attribute.*'slip'"),
         ({"target": "pos"}, r"'target' must name an attribute.*'pos'"),
         ({"series": "joint"}, "'series' must be a list of names"),
@@ -268,7 +273,7 @@ def test_windows_of_frames_in_another_order():
         Windows(frames_of(time=torch.where(torch.arange(14) == 13, time[12], time)), 3)
     with pytest.raises(ValueError, match=r"in frame 4 of trial 0"):
         Windows(frames_of(time=torch.where(torch.arange(14) == 4, torch.nan, time)), 3)
-    with pytest.raises(ValueError, match=r"trial 0 up to sample 2, and further ones from sample 5"):
+    with pytest.raises(ValueError, match=r"trial 0 up to sample 2, and again from sample 5"):
         Windows(frames_of([0, 0, 0, 1, 1, 0, 0]), 2)
     assert len(Windows(frames_of(time=None), 3)) == 8
 
@@ -277,10 +282,10 @@ def test_windows_of_frames_in_another_order():
 def test_frames_without_time_that_go_back_within_a_trial(make):
     frames = frames_of([0] * 6 + [1] * 6, time=None)
     backwards = [5, 4, 3, 2, 1, 0, 6, 7, 8, 9, 10, 11]
-    match = r"sample 4 of it after sample 5, in frame 1 of trial 0\): sort the selection"
+    match = r"sample 4 after sample 5, in frame 1 of trial 0\): sort the selection"
     with pytest.raises(ValueError, match=match):
         make(frames[backwards])
-    with pytest.raises(ValueError, match=r"sample 7 of it after sample 7, in frame 2 of trial 1"):
+    with pytest.raises(ValueError, match=r"sample 7 after sample 7, in frame 2 of trial 1"):
         make(frames[[*range(6), 6, 7, 7, 8, 9, 10]])
     torch.manual_seed(0)
     with pytest.raises(ValueError, match=r"must be in the order .* of trial 1"):

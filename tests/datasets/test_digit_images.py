@@ -142,5 +142,5 @@ def test_bad_arguments(kwargs, match):
 
 
 def test_only_mnist_has_parts():
-    with pytest.raises(ValueError, match="must bring its parts to be split as given"):
+    with pytest.raises(ValueError, match="must have its parts for by='given'"):
         Protocol("given").split(DigitImages())

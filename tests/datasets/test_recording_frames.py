@@ -431,7 +431,9 @@ def test_columns_of_other_names_are_refused_with_the_file(tmp_path):
 def test_channels_that_were_not_declared_are_asked_for(tmp_path):
     write_columns(tmp_path, 1)
     options = {**COLUMNS, "num_channels": 1}
-    with pytest.raises(ValueError, match=r"3 taxels \(got 6\): if each has 2 .* num_channels=2"):
+    with pytest.raises(
+        ValueError, match=r"3 taxels \(got 6\): if each taxel has 2 .* num_channels=2"
+    ):
         RecordingFrames(tmp_path, layout=grid(1, 3, 0.01), read_options=options, **LABELLED)
 
 

@@ -228,7 +228,7 @@ GROUPS = np.arange(12 * 40) // 140  # another one in the middle of trial 3
             {"window": 30, "horizon": 11},
             {},
             {},
-            r"'horizon' must leave a window its label \(got 11",
+            r"'horizon' must be within the trial of at least one window \(got 11",
         ),
         ({"window": 5}, {}, {"trial": None}, "'dataset' must have a 'trial' for each frame"),
         ({"trials": 9}, {}, {"trial": None}, "'dataset' must have a 'trial' for each frame"),

@@ -233,7 +233,7 @@ def test_wrong_settings_are_refused(arguments, match):
         ({"metric": "mae"}, {}, "'metric' must be 'accuracy' or 'balanced_accuracy' for classes"),
         ({"metric": "accuracy"}, {"y": np.arange(48) / 7 + 0.1}, "'metric' must be 'mae' for num"),
         ({"by": "group"}, {}, "'dataset' must have 'group'"),
-        ({"by": "given"}, {}, "'dataset' must bring its parts to be split as given"),
+        ({"by": "given"}, {}, "'dataset' must have its parts for by='given'"),
         ({}, {"trial": np.arange(48) % 2}, "at least 3 trials, to train, to choose and to test on"),
         ({}, {"y": np.zeros(48, int)}, "'y' must have at least 2 classes"),
     ],

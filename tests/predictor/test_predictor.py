@@ -246,7 +246,7 @@ def test_sessions_are_measured_without_labels():
     torch.testing.assert_close(predictor(x[:4], session=0)[:, 0], expected[:4])
     assert predictor.adapt(x[:4] + 7) == 3
     torch.testing.assert_close(predictor(x[:4] + 7)[:, 0], expected[:4], atol=1e-4, rtol=0)
-    with pytest.raises(ValueError, match="has not seen session 9"):
+    with pytest.raises(ValueError, match="was not fitted on session 9"):
         predictor(x, session=9)
     with pytest.raises(ValueError, match="no transform of this predictor measures sessions"):
         Predictor(Sum(), LAYOUT).adapt(x)

@@ -432,7 +432,7 @@ def test_tensor_that_is_named_many_times_is_refused(kind):
     big, described = references(kind)
     builder = Builder(GRID, {"big": big})
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(ValueError, match="its tensors must not be named again and again"):
+    with pytest.raises(ValueError, match="its tensors must not be referenced too often"):
         (builder.model if kind == "model" else builder.transform)(described)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 600_000  # KiB
 
@@ -443,7 +443,7 @@ def test_models_and_transforms_of_a_file_share_one_limit(monkeypatch):
     builder = Builder(GRID, {"big": big})
     for _ in range(4):
         builder.tensor("big")
-    with pytest.raises(ValueError, match="must not be named again and again"):
+    with pytest.raises(ValueError, match="must not be referenced too often"):
         builder.tensor("big")
 
 

@@ -349,7 +349,7 @@ def test_bad_deviations(make):
 
 @pytest.mark.parametrize("make", [RandomGain, RandomOffset])
 def test_bad_segments(make):
-    with pytest.raises(ValueError, match="'segments' must come with a layout if it is a name"):
+    with pytest.raises(ValueError, match="'segments' requires a 'layout' if it is a name"):
         make(0.1, "digit")
     with pytest.raises(ValueError, match=r"must have 12 taxels, as its segments have \(got 3\)"):
         make(0.1, HALVES)(Data(x=torch.zeros(3, 1)))
@@ -392,7 +392,11 @@ def test_bad_samples():
     for transform in (RandomMirror(PAD), RandomShift(PAD)):
         with pytest.raises(ValueError, match=r"12 taxels, as layout 'grid_3x4' \(got 3\)"):
             transform(Data(x=torch.zeros(3, 1)))
-    with pytest.raises(ValueError, match=r"'negate' must be below 1, the channels \(got 2\)"):
+    with pytest.raises(
+        ValueError, match=r"'negate' must be below the number of channels, 1 \(got 2\)"
+    ):
         RandomMirror(PAD, negate=2)(Data(x=torch.zeros(12, 1)))
-    with pytest.raises(ValueError, match=r"a multiple of 2 features, the frames \(got 3\)"):
+    with pytest.raises(
+        ValueError, match=r"a multiple of 2 features, the number of frames \(got 3\)"
+    ):
         RandomTimeShift(1, num_frames=2)(Data(x=torch.zeros(4, 3)))

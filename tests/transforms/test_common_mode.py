@@ -97,7 +97,7 @@ def test_gradients_pass():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("digit",), r"'segments' must come with a layout if it is a name \(got 'digit'\)"),
+        (("digit",), r"'segments' requires a 'layout' if it is a name \(got 'digit'\)"),
         (("link", LAYOUT), r"'by' must be one of .* \(got 'link'\)"),
         (([0, 1], LAYOUT), r"'segments' must have 384 numbers, as layout 'allegro_uskin' has .* 2"),
         (([0.5, 1.0],), "'segments', if neither 'digit' nor 'patch', must be a whole number"),

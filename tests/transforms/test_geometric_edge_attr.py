@@ -129,10 +129,14 @@ def test_geometric_edge_attr_bad_input():
     transform = GeometricEdgeAttr()
     with pytest.raises(ValueError, match=r"'pos' must have shape .* \(got \(3, 2\)\)"):
         transform(Data(pos=POS[:, :2], edge_index=EDGES))
-    with pytest.raises(ValueError, match=r"'edge_attr' must have 3 rows, one an edge \(got 2\)"):
+    with pytest.raises(
+        ValueError, match=r"'edge_attr' must have 3 rows, one for each edge \(got 2\)"
+    ):
         transform(Data(pos=POS, edge_index=EDGES, edge_attr=torch.zeros(2, 1)))
-    with pytest.raises(ValueError, match=r"must come with 'norm=True' \(got 0.1 without\)"):
+    with pytest.raises(ValueError, match=r"'max_value' requires norm=True \(got 0.1 without it\)"):
         GeometricEdgeAttr(max_value=0.1)
     for wrong in (0.0, -1.0, float("nan")):
-        with pytest.raises(ValueError, match=rf"must be positive metres \(got {wrong}\)"):
+        with pytest.raises(
+            ValueError, match=rf"must be a positive length in metres \(got {wrong}\)"
+        ):
             GeometricEdgeAttr(norm=True, max_value=wrong)

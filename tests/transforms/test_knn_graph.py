@@ -142,5 +142,5 @@ def test_knn_graph_bad_input():
         edges(torch.zeros(1, 3), 1)
     with pytest.raises(ValueError, match=r"'pos' must have shape .* \(got \(5, 2\)\)"):
         edges(torch.zeros(5, 2))
-    with pytest.raises(ValueError, match=r"one for all samples \(got \(4, 5, 3\)\)"):
+    with pytest.raises(ValueError, match=r"the same for all samples \(got \(4, 5, 3\)\)"):
         KNNGraph(2)(StaticData(x=torch.zeros(4, 5, 1), pos=torch.zeros(4, 5, 3)))

@@ -88,7 +88,9 @@ def test_one_scale_of_all_numbers_keeps_directions(per):
 
 def test_scale_per_must_not_be_finer_than_the_centre():
     for bad in ({"scale_per": "patch"}, {"per": PER, "scale_per": "taxel"}):
-        with pytest.raises(ValueError, match=r"'scale_per' must be 'channel' or 'all', or 'taxel'"):
+        with pytest.raises(
+            ValueError, match=r"'scale_per' must be 'channel', 'all' or the same as 'per'"
+        ):
             ZScore(**bad)
     assert str(ZScore(per=PER, scale_per=PER)) == "ZScore(per='channel')"
 
@@ -154,7 +156,7 @@ def test_sessions_by_hand_and_new_ones_are_adapted_to():
     x = torch.tensor([[1.0, 3.0], [101.0, 105.0], [7.0, 7.0]]).view(3, 2, 1)
     data = StaticData(x=x, session=torch.tensor([0, 4, 9]))
     transform = SessionZScore(per=PER).fit(data.index_select([0, 1]))
-    with pytest.raises(ValueError, match="SessionZScore has not seen session 9"):
+    with pytest.raises(ValueError, match="SessionZScore was not fitted on session 9"):
         transform(data)
     transform.adapt(data)
     assert transform(data).x.view(3, 2).tolist() == [[-1, 1], [-1, 1], [0, 0]]

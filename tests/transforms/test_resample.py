@@ -189,7 +189,7 @@ def test_bad_samples():
     with pytest.raises(ValueError, match=r"'x' must have shape .*3 frames of each.*2, 3, 10\)"):
         Resample()(StaticData(x=x, num_frames=3))
     for frames in (0, -1, 2.5, torch.tensor([5, 2])):
-        with pytest.raises(ValueError, match="'num_frames' must be one whole number, at least 1"):
+        with pytest.raises(ValueError, match="'num_frames' must be one integer, at least 1"):
             Resample()(Data(x=x[0], num_frames=frames))
     for valid in (0, 6):
         padded = StaticData(x=x, num_frames=5, valid_frames=torch.tensor([valid, 3]))

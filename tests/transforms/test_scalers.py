@@ -127,7 +127,7 @@ def test_session_z_score_adapt():
     data = sessions()
     transform = SessionZScore().fit(data.index_select(slice(2, 5)))
     before = transform.center.clone()
-    with pytest.raises(ValueError, match="has not seen session 0: call 'adapt'"):
+    with pytest.raises(ValueError, match="was not fitted on session 0: call 'adapt'"):
         transform(data)
     changed = StaticData(x=data.x + 1000, session=data.session)
     transform.adapt(changed)  # measures session 0 and leaves session 4 alone
@@ -190,7 +190,7 @@ def test_scalers_bad_input():
         SessionZScore().fit(random_data())(without)
     for wrong in (torch.zeros(2, dtype=torch.long), torch.tensor(0)):
         data = StaticData(x=torch.zeros(3, 4, 2), session=wrong, shared=["session"])
-        match = rf"'session' must have 3 values, one a sample \(got {wrong.numel()}\)"
+        match = rf"'session' must have 3 values, one for each sample \(got {wrong.numel()}\)"
         with pytest.raises(ValueError, match=match):
             SessionZScore().fit(data)
         with pytest.raises(ValueError, match=match):

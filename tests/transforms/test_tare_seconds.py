@@ -76,7 +76,9 @@ def test_tare_seconds_bad_input():
     one_for_all = trials()
     del one_for_all.time
     one_for_all.declare(shared=["time"]).time = torch.zeros(3)
-    with pytest.raises(ValueError, match=r"'time' must have 7 values, one a sample \(got 3\)"):
+    with pytest.raises(
+        ValueError, match=r"'time' must have 7 values, one for each sample \(got 3\)"
+    ):
         tared(0.1, one_for_all)
     with pytest.raises(ValueError, match="'time' must be finite seconds"):
         tared(0.1, trials([float("nan"), *TIME[1:]]))

@@ -43,7 +43,7 @@ def test_windows_are_described_by_their_end_their_change_and_their_course():
     expected = torch.cat([each[3], change, each.mean(0), each.std(0, correction=0)], dim=1)
     torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-4)
     data.valid_frames = torch.tensor([4, 4, 3, 4, 4])
-    with pytest.raises(ValueError, match="TaxelDescriptors must get windows of one length"):
+    with pytest.raises(ValueError, match="TaxelDescriptors needs windows of one length"):
         transform(data)
 
 

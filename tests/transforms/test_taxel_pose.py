@@ -152,12 +152,18 @@ def test_taxel_pose_loaders_agree():
 def test_taxel_pose_bad_input():
     transform = TaxelPose(LAYOUT, HAND)
     for joint in (torch.zeros(15), torch.zeros(1, 17), torch.zeros(1, 1, 16), torch.tensor(0.0)):
-        with pytest.raises(ValueError, match=r"must have 16 angles a sample, as 'allegro_right'"):
+        with pytest.raises(
+            ValueError, match=r"must have 16 angles in each sample, as 'allegro_right'"
+        ):
             transform(Data(joint=joint))
-    with pytest.raises(ValueError, match=r"'joint' must have 1 rows, one a sample .*\(2, 16\)"):
+    with pytest.raises(
+        ValueError, match=r"'joint' must have 1 rows, one for each sample .*\(2, 16\)"
+    ):
         transform(Data(joint=torch.zeros(2, 16)))
     two = StaticData(x=torch.zeros(3, 384, 3), joint=torch.zeros(2, 16), shared=["joint"])
-    with pytest.raises(ValueError, match=r"'joint' must have 1 rows, one a sample .*\(2, 16\)"):
+    with pytest.raises(
+        ValueError, match=r"'joint' must have 1 rows, one for each sample .*\(2, 16\)"
+    ):
         transform(two)
     batch = Batch.from_data_list([Data(x=torch.zeros(384, 3))] * 2)
     batch.joint = torch.zeros(3, 16)

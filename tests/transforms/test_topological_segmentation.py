@@ -247,7 +247,7 @@ def test_topological_segmentation_caller_unedited():
 
 
 def test_topological_segmentation_bad_input():
-    with pytest.raises(ValueError, match=r"must come with a layout .* \(got 'digit'\)"):
+    with pytest.raises(ValueError, match=r"requires a 'layout' .* \(got 'digit'\)"):
         TopologicalSegmentation("digit")
     with pytest.raises(ValueError, match=r"'by' must be one of .* \(got 'finger'\)"):
         TopologicalSegmentation("finger", LAYOUT)

@@ -135,7 +135,9 @@ def test_signals_bad():
     with pytest.raises(ValueError, match=r"'attr' must be 'x' with per='signal' \(got 'joint'\)"):
         ZScore(attr="joint", per="signal")
     for per, scale_per in (("signal", "taxel"), ("taxel", "signal"), ("channel", "signal")):
-        with pytest.raises(ValueError, match=r"'scale_per' must be 'channel' or 'all', or"):
+        with pytest.raises(
+            ValueError, match=r"'scale_per' must be 'channel', 'all' or the same as 'per'"
+        ):
             ZScore(per=per, scale_per=scale_per)
 
 
@@ -174,7 +176,9 @@ def test_mirror_turns_a_channel_round_in_all_frames():
     out = seeded(RandomMirror(PAD, p=1.0, negate=1), windows())
     mirrored = frames().view(8, 2, 3, T, 3).flip(2).view(8, 6, T, 3)
     assert out.equal(mirrored * torch.tensor([1.0, -1.0, 1.0]))
-    with pytest.raises(ValueError, match=r"'negate' must be below 3, the channels \(got 3\)"):
+    with pytest.raises(
+        ValueError, match=r"'negate' must be below the number of channels, 3 \(got 3\)"
+    ):
         RandomMirror(PAD, negate=3)(windows())
 
 
@@ -200,7 +204,7 @@ def test_time_shift_knows_the_frames_of_windows():
     with pytest.raises(ValueError, match=r"'num_frames' must be 5, that of the win.* \(got 3\)"):
         RandomTimeShift(1, num_frames=3)(data)
     data.valid_frames = torch.full((8,), 4)
-    with pytest.raises(ValueError, match=r"RandomTimeShift must get windows of one length .*Resam"):
+    with pytest.raises(ValueError, match=r"RandomTimeShift needs windows of one length .*Resam"):
         RandomTimeShift()(data)
 
 

@@ -1,7 +1,7 @@
 r"""Recordings, and data sets whose samples share one topology.
 
-The names are those of the stub beside this file. They load on first use, so that a live robot
-needs no :obj:`torch` for what works without.
+The stub beside this file lists the names. They load on first use, so that a live robot needs
+:obj:`torch` only for the classes that use it.
 """
 
 import lazy_loader

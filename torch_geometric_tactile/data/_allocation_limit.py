@@ -1,4 +1,4 @@
-r"""Models from files that may name any size."""
+r"""A limit on the memory of models that are built from untrusted files."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -12,21 +12,25 @@ from torch_geometric_tactile._limits import MODEL_BYTES, MODEL_TENSORS
 
 
 class AllocationLimit(TorchFunctionMode):
-    r"""Ends the building of a model, or of transforms, that asks for much more memory than the
-    tensors in the file take, or for many more tensors.
+    r"""Limits the memory and the number of tensors that a model or a transform allocates while it
+    is built from a file, in proportion to the tensors in the file.
 
-    The size of a tensor is counted before it is made, and a tensor of the file each time that it is
-    named, in double precision, which a step may convert it to.
+    A tensor is counted before it is allocated. A tensor of the file is counted at each reference to
+    it, in double precision, since a transform may convert it.
+
+    Args:
+        weights (iterable of torch.Tensor): The tensors in the file.
     """
 
     def __init__(self, weights: Iterable[Tensor]) -> None:
         super().__init__()
-        held = [w.numel() * w.element_size() for w in weights if isinstance(w, Tensor)]
-        self._most = MODEL_BYTES + 4 * sum(held)
-        self._most_named = MODEL_BYTES + 8 * sum(held)
-        self._named = 0
-        self._most_tensors = MODEL_TENSORS + 4 * len(held)
-        self._used = self._tensors = 0
+        sizes = [w.numel() * w.element_size() for w in weights if isinstance(w, Tensor)]
+        # A model allocates its parameters and a few copies while it is built; this leaves room.
+        self._max_bytes = MODEL_BYTES + 4 * sum(sizes)
+        self._max_referenced_bytes = MODEL_BYTES + 8 * sum(sizes)
+        self._referenced_bytes = 0
+        self._max_tensors = MODEL_TENSORS + 4 * len(sizes)
+        self._num_bytes = self._num_tensors = 0
 
     def __torch_function__(
         self,
@@ -40,36 +44,42 @@ class AllocationLimit(TorchFunctionMode):
             self._count(func, args, options)
         return func(*args, **options)
 
-    def name(self, tensor: Tensor) -> Tensor:
-        r"""Counts that a tensor of the file is named once more, and returns it."""
-        self._named += tensor.numel() * max(_WIDEST, tensor.element_size())
+    def count_reference(self, tensor: Tensor) -> Tensor:
+        r"""Counts a reference to a tensor of the file and returns the tensor.
+
+        Raises:
+            ValueError: If the references take more memory than the limit.
+        """
+        self._referenced_bytes += tensor.numel() * max(_DOUBLE_BYTES, tensor.element_size())
         need(
-            self._named <= self._most_named,
-            f"its tensors must not be named again and again (got more than {self._most_named} "
-            "bytes in double precision)",
+            self._referenced_bytes <= self._max_referenced_bytes,
+            f"its tensors must not be referenced too often (got more than "
+            f"{self._max_referenced_bytes} bytes in double precision)",
         )
         return tensor
 
     def _count(self, func: Any, args: tuple[Any, ...], options: dict[str, Any]) -> None:
-        shape_only = {key: value for key, value in options.items() if key not in _OF_VALUES}
-        if func in _OF_NO_TENSOR:
-            shape_only["device"] = "meta"
-            planned = func(*args, **shape_only)
+        shape_options = {key: value for key, value in options.items() if key not in _VALUE_OPTIONS}
+        # On the meta device the call returns the shape and type without allocating memory.
+        if func in _FREE_FACTORIES:
+            shape_options["device"] = "meta"
+            meta_tensor = func(*args, **shape_options)
         else:
             tensor = args[0]
-            planned = func(tensor.to("meta"), *args[1:], **(shape_only | {"device": "meta"}))
-        self._used += planned.numel() * planned.element_size()
-        self._tensors += 1
-        if self._used > self._most or self._tensors > self._most_tensors:
+            meta_tensor = func(tensor.to("meta"), *args[1:], **(shape_options | {"device": "meta"}))
+        self._num_bytes += meta_tensor.numel() * meta_tensor.element_size()
+        self._num_tensors += 1
+        if self._num_bytes > self._max_bytes or self._num_tensors > self._max_tensors:
             raise ValueError(
                 "the model must not be larger than its weights in the file (got more than "
-                f"{self._most} bytes or {self._most_tensors} tensors)"
+                f"{self._max_bytes} bytes or {self._max_tensors} tensors)"
             )
 
 
-_WIDEST = 8  # bytes of a number in double precision
-_OF_VALUES = ("generator", "out", "pin_memory")  # options that do not change the size
-_OF_NO_TENSOR = frozenset(
+_DOUBLE_BYTES = 8  # bytes of a number in double precision
+_VALUE_OPTIONS = ("generator", "out", "pin_memory")  # options that do not change the size
+#: Functions that create a tensor without another one as an argument.
+_FREE_FACTORIES = frozenset(
     [
         torch.empty,
         torch.eye,
@@ -83,7 +93,7 @@ _OF_NO_TENSOR = frozenset(
         torch.linspace,
     ]
 )
-_FACTORIES = _OF_NO_TENSOR | {
+_FACTORIES = _FREE_FACTORIES | {
     Tensor.new_empty,
     Tensor.new_full,
     Tensor.new_ones,

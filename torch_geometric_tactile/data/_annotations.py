@@ -1,4 +1,4 @@
-r"""Annotations of a recording: checked, cut, and frame by frame."""
+r"""Checks annotations of a recording, cuts them to a span of time and labels frames by them."""
 
 import logging
 import math
@@ -12,36 +12,45 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data._recording_arrays import check_utf8
 from torch_geometric_tactile.data.annotation import Annotation
 
-MOST_ANNOTATIONS = 10_000
+MAX_ANNOTATIONS = 10_000
 OUTSIDE = "none"  # the class of frames outside of all annotations
-#: The label of time without frames, which live recordings have from the last frame before an
-#: outage to the first one after it. It is reserved, and never the label of a frame.
+#: The label of time without frames. Live recordings use it from the last frame before an outage to
+#: the first frame after it. It is reserved and never the label of a frame.
 GAP = "gap"
-_LONGEST_LABEL = 255
-# An end is at a frame if it is closer to it than this part of the distance to the next frame: times
-# that were rounded to milliseconds, at up to 100 frames a second.
+_MAX_LABEL_LENGTH = 255
+# An annotation starts or ends at a frame if it is closer to it than this part of the distance to
+# the next frame. This allows for times that are rounded to milliseconds, at up to 100 frames a
+# second.
 _TOLERANCE = 0.05
 _logger = logging.getLogger(__name__)
 
 
 def checked_annotations(value: Any) -> tuple[Annotation, ...]:
-    r"""Returns annotations in the order of their starts."""
+    r"""Checks annotations and returns them in the order of their starts.
+
+    Raises:
+        ValueError: If they are no sequence, one of them is invalid, or there are too many.
+    """
     if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
         raise ValueError(
             f"'annotations' must be a sequence of (start, end, label) (got {type(value).__name__})"
         )
-    found = [*value]
-    if len(found) > MOST_ANNOTATIONS:
+    rows = [*value]
+    if len(rows) > MAX_ANNOTATIONS:
         raise ValueError(
-            f"'annotations' must be at most {MOST_ANNOTATIONS} in one recording (got {len(found)})"
+            f"'annotations' must be at most {MAX_ANNOTATIONS} in one recording (got {len(rows)})"
         )
-    return tuple(sorted(checked_annotation(row) for row in found))
+    return tuple(sorted(checked_annotation(row) for row in rows))
 
 
 def checked_annotation(row: Any) -> Annotation:
-    r"""Returns one annotation, of a start, an end and a label."""
+    r"""Checks a start, an end and a label, and returns them as an annotation.
+
+    Raises:
+        ValueError: If the times are not finite and in order, or the label is no short text.
+    """
     is_row = isinstance(row, list | tuple) and len(row) == 3
-    need(is_row, "'annotations' must be a start, an end and a label each", f"{row!r:.80}")
+    need(is_row, "'annotations' must each have a start, an end and a label", f"{row!r:.80}")
     start, end, label = row
     try:
         start, end = (float(t) if isinstance(t, Real) else math.nan for t in (start, end))
@@ -54,12 +63,12 @@ def checked_annotation(row: Any) -> Annotation:
         )
     if (
         not isinstance(label, str)
-        or not 0 < len(label) <= _LONGEST_LABEL
+        or not 0 < len(label) <= _MAX_LABEL_LENGTH
         or not label.isprintable()
         or label != label.strip()
     ):
         raise ValueError(
-            f"'annotations' must have labels of 1 to {_LONGEST_LABEL} printable characters, "
+            f"'annotations' must have labels of 1 to {_MAX_LABEL_LENGTH} printable characters, "
             f"without blanks at the ends (got {label!r:.80})"
         )
     check_utf8("labels in 'annotations'", label)
@@ -67,13 +76,14 @@ def checked_annotation(row: Any) -> Annotation:
 
 
 def without_gaps(annotations: Iterable[Annotation]) -> list[Annotation]:
-    r"""Returns the annotations that label frames: all but those of time without frames."""
+    r"""Returns the annotations without those that mark time without frames (:obj:`"gap"`)."""
     return [annotation for annotation in annotations if annotation.label != GAP]
 
 
 def annotations_within(annotations: Sequence[Annotation], time: np.ndarray) -> list[Annotation]:
-    r"""Returns those that overlap the time from the first to the last frame, cut to it. One that
-    ends at the first frame or begins at the last, but for rounding, is kept.
+    r"""Returns the annotations that overlap the time from the first to the last frame, cut to this
+    time. Annotations that end at the first frame or begin at the last one are included, within
+    rounding.
 
     Shapes:
         - **time:** Time of each frame in seconds :math:`(T,)`.
@@ -93,18 +103,20 @@ def annotations_within(annotations: Sequence[Annotation], time: np.ndarray) -> l
 def annotation_of_frames(
     annotations: Sequence[Annotation], time: np.ndarray, where: str = "the recording"
 ) -> np.ndarray:
-    r"""Returns the label of the annotation that covers each frame, and :obj:`"none"` outside of
-    all. An annotation covers its ends; a frame where one ends and the next begins is of the next.
-    Time without frames, labelled :obj:`"gap"`, labels none. A warning is logged of an annotation
-    that meets no frame.
+    r"""Returns the label of the annotation that covers each frame, and :obj:`"none"` for frames
+    outside of all annotations.
+
+    An annotation covers the frames at its start and at its end. A frame at which one annotation
+    ends and the next begins has the label of the next. Annotations of time without frames,
+    :obj:`"gap"`, label no frame. A warning is logged for each annotation that covers no frame.
 
     Args:
         annotations (sequence of Annotation): The annotations, in the order of their starts.
         time (numpy.ndarray): Time of each frame in seconds :math:`(T,)`.
-        where (str): How messages call the recording.
+        where (str): Name of the recording in messages.
 
     Shapes:
-        - **output:** texts :math:`(T,)`
+        - **output:** labels :math:`(T,)`
 
     Raises:
         ValueError: If an annotation lies before the first frame or after the last one, or two with
@@ -117,8 +129,8 @@ def annotation_of_frames(
         return labels
     tolerance = _tolerance(time)
     earliest, latest = time - tolerance, time + tolerance
-    until = np.full(len(time), -np.inf)
-    covered = []
+    label_end = np.full(len(time), -np.inf)
+    covered_rows = []
     for annotation in annotations:
         start, end, label = annotation
         if start > latest[-1] or end < earliest[0]:
@@ -128,22 +140,22 @@ def annotation_of_frames(
                 "its start and end in seconds on the clock of the recording"
             )
         rows = slice(np.searchsorted(latest, start), np.searchsorted(earliest, end, side="right"))
-        twice = np.flatnonzero((labels[rows] != label) & (latest[rows] < until[rows]))
-        if len(twice):
-            frame = int(rows.start + twice[0])
+        conflicts = np.flatnonzero((labels[rows] != label) & (latest[rows] < label_end[rows]))
+        if len(conflicts):
+            frame = int(rows.start + conflicts[0])
             raise ValueError(
-                f"{where}: annotations must not overlap to label frames, unless their label is the "
-                f"same (got {str(labels[frame])!r} and {label!r} in frame {frame}, at "
+                f"{where}: annotations that overlap must have the same label to label frames "
+                f"(got {str(labels[frame])!r} and {label!r} in frame {frame}, at "
                 f"{time[frame]:g} s)"
             )
         labels[rows] = label
-        until[rows] = np.maximum(until[rows], end)
-        covered.append((annotation, rows))
-    for (start, end, label), rows in covered:
+        label_end[rows] = np.maximum(label_end[rows], end)
+        covered_rows.append((annotation, rows))
+    for (start, end, label), rows in covered_rows:
         if not (labels[rows] == label).any():
             _logger.warning(
-                "%s: the annotation %r from %r to %r s labels no frame: it is shorter than a "
-                "frame, or no frame was recorded in its time",
+                "%s: the annotation %r from %r to %r s labels no frame: it is shorter than the "
+                "time between two frames, or no frame was recorded in it",
                 where,
                 label,
                 start,
@@ -153,11 +165,12 @@ def annotation_of_frames(
 
 
 def _tolerance(time: np.ndarray) -> np.ndarray:
-    # How far an end may be from each frame to be at it: a part of the distance to the closer of its
-    # neighbours, and what float64 rounds of times since 1970, but less than half of the distance.
-    distance = np.concatenate([[np.inf], np.diff(time), [np.inf]])
-    nearest = np.minimum(distance[:-1], distance[1:])
+    # The time around each frame within which a start or end counts as being at the frame: a part of
+    # the distance to its nearest neighbour, and at least the rounding of float64, which matters for
+    # seconds since 1970. It stays below half of the distance, so that frames cannot be confused.
+    step = np.concatenate([[np.inf], np.diff(time), [np.inf]])
+    distance = np.minimum(step[:-1], step[1:])
     rounding = 2 * np.spacing(np.abs(time))
-    nearest = np.where(np.isfinite(nearest), nearest, 4 * rounding)  # of a single frame
-    tolerance: np.ndarray = np.minimum(np.maximum(_TOLERANCE * nearest, rounding), 0.49 * nearest)
+    distance = np.where(np.isfinite(distance), distance, 4 * rounding)  # a single frame
+    tolerance: np.ndarray = np.minimum(np.maximum(_TOLERANCE * distance, rounding), 0.49 * distance)
     return tolerance

@@ -1,4 +1,4 @@
-r"""Arrays of your own as samples."""
+r"""Converts the user's arrays to samples."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,7 +20,7 @@ from torch_geometric_tactile.sensors import TaxelLayout, check_edges
 
 _COLUMNS = ("y", "group", "trial", "session", "joint", "time")
 _MAY_MISS = ("x", "joint")
-_DOUBLE = ("time",)  # seconds since an epoch need more than single precision
+_DOUBLE_PRECISION = ("time",)  # seconds since an epoch need more than single precision
 
 
 def static_data_from_arrays(
@@ -31,40 +31,59 @@ def static_data_from_arrays(
     names: Mapping[str, Sequence[str]],
     schema: Mapping[str, Any],
 ) -> tuple[StaticData, dict[str, list[str]]]:
-    r"""Checks arrays against a layout and returns them as samples, with the names behind their
-    integer attributes.
+    r"""Checks arrays against a layout and returns them as samples, together with the names of the
+    integers in :obj:`y`, :obj:`group` and :obj:`session`.
+
+    Args:
+        x (array-like): Readings.
+        layout (TaxelLayout): The taxels.
+        edge_index (array-like, optional): The edges of every sample.
+        columns (Mapping): Further attributes by name; those that are :obj:`None` are skipped.
+        names (Mapping): Names of classes, groups and sessions in the order of their numbers.
+        schema (Mapping): Names of node, edge and shared attributes, as in
+            :class:`~torch_geometric_tactile.data.StaticData`.
 
     Shapes:
         - **x:** Readings :math:`(S, N, F)`, or :math:`(S, N)` for one channel.
+        - **edge_index:** :math:`(2, |\mathcal{E}|)`
+
+    Raises:
+        ValueError: If an array does not fit the layout or the number of samples.
     """
     x = _checked_x(x, layout)
-    found = {key: list(map(str, given)) for key, given in names.items() if len(given)}
+    name_lists = {key: list(map(str, texts)) for key, texts in names.items() if len(texts)}
     values: dict[str, Any] = {}
     for key, value in columns.items():
         if value is None:
             continue
         if key in NAMED:
-            value = _numbered(key, value, found)
+            value = _names_to_numbers(key, value, name_lists)
         values[key] = value if key in schema.get("shared", ()) else _as_column(key, value)
         if key in _COLUMNS:
             _check_rows(key, values[key], x.size(0))
     edges = None
     if edge_index is not None:
         edges = check_edges(as_tensor("edge_index", edge_index), layout.num_taxels)
-    places = {} if {"pos", "normal"} & values.keys() else _places(layout)
-    arguments: dict[str, Any] = {**places, **values, **schema}
-    return StaticData(x=x, edge_index=edges, **arguments), found
+    pose = {} if {"pos", "normal"} & values.keys() else _shared_pose(layout)
+    arguments: dict[str, Any] = {**pose, **values, **schema}
+    return StaticData(x=x, edge_index=edges, **arguments), name_lists
 
 
-def _places(layout: TaxelLayout) -> dict[str, Tensor]:
-    # Positions in the frames of several links tell nothing of each other: see `TaxelPose`.
+def _shared_pose(layout: TaxelLayout) -> dict[str, Tensor]:
+    # The positions and normals of a layout with one link. Those of several links are in several
+    # coordinate frames and cannot be compared; `TaxelPose` computes them from joint angles.
     if len(layout.link_names) > 1:
         return {}
     return {"pos": layout.pos} | ({} if layout.normal is None else {"normal": layout.normal})
 
 
 def as_tensor(name: str, value: Any) -> Tensor:
-    r"""Returns numbers as a tensor, without a copy if possible. Masked readings become NaN."""
+    r"""Returns numbers as a tensor, without a copy if possible. Masked readings become NaN.
+
+    Raises:
+        ValueError: If the values are no numbers, their rows differ in length, or a value other
+            than a reading or a joint angle is masked.
+    """
     if isinstance(value, Tensor):
         return value
     if isinstance(value, np.ma.MaskedArray) and name in _MAY_MISS:
@@ -74,10 +93,10 @@ def as_tensor(name: str, value: Any) -> Tensor:
     array = np.asarray(value) if not _is_ragged(value) else np.empty(0, dtype=object)
     if array.dtype.kind not in "biuf":
         raise ValueError(
-            f"'{name}' must hold numbers, the same many in each row (got {array.dtype})"
+            f"'{name}' must hold numbers, equally many in each row (got {array.dtype})"
         )
     if array.dtype.kind == "u" and array.dtype.itemsize > 1:
-        array = array.astype(np.int64)  # which torch can index and compare
+        array = array.astype(np.int64)  # torch cannot index with or compare larger unsigned types
     if not array.flags.writeable or not array.dtype.isnative:
         array = array.astype(array.dtype.newbyteorder("="))
     return torch.from_numpy(np.ascontiguousarray(array).reshape(array.shape))
@@ -94,9 +113,11 @@ def _is_ragged(value: Any) -> bool:
 def _checked_x(x: Any, layout: TaxelLayout) -> Tensor:
     x = as_tensor("x", x)
     if x.dtype not in (torch.float16, torch.bfloat16, torch.float32):
-        single = x.float()
-        warn_of_rounding("x", x.detach().cpu().numpy(), single.detach().cpu().numpy(), stacklevel=5)
-        x = single
+        x_float = x.float()
+        warn_of_rounding(
+            "x", x.detach().cpu().numpy(), x_float.detach().cpu().numpy(), stacklevel=5
+        )
+        x = x_float
     num_taxels = layout.num_taxels
     if x.dim() == 2 and x.size(1) == num_taxels:
         x = x.unsqueeze(-1)
@@ -116,7 +137,7 @@ def _checked_x(x: Any, layout: TaxelLayout) -> Tensor:
 
 def _as_column(key: str, value: Any) -> Tensor:
     value = as_tensor(key, value)
-    if value.dtype == torch.double and key not in _DOUBLE:
+    if value.dtype == torch.double and key not in _DOUBLE_PRECISION:
         return value.float()
     if value.dtype in (torch.int8, torch.int16, torch.int32, torch.uint8) or (
         key == "y" and value.dtype == torch.bool
@@ -133,31 +154,37 @@ def _check_rows(key: str, value: Tensor, num_samples: int) -> None:
         )
 
 
-def _numbered(key: str, value: Any, found: dict[str, list[str]]) -> Any:
+def _names_to_numbers(key: str, value: Any, name_lists: dict[str, list[str]]) -> Any:
+    # Converts names to numbers; numbers are returned unchanged. Adds the names to `name_lists`
+    # unless the caller has listed them.
     if isinstance(value, Tensor):
         return value
     array = np.asarray(value) if not _is_ragged(value) else np.empty(0)
     if array.dtype.kind not in "USO" or not all(isinstance(item, str) for item in array.flat):
         return value
     need(array.ndim == 1, f"'{key}' must have one name for each sample (got shape {array.shape})")
-    what = NAMED[key]
-    if what not in found:
-        found[what], codes = number_labels(array.tolist())
+    kind = NAMED[key]
+    if kind not in name_lists:
+        name_lists[kind], codes = number_labels(array.tolist())
         return torch.from_numpy(codes)
-    names, labels = found[what], array.tolist()
-    of_label = dict(zip(labels, label_numbers(names, labels), strict=True))
-    unknown = sorted(label for label, number in of_label.items() if number is None)
-    need(not unknown, f"'{what}_names' must name every '{key}' (got {names} without {unknown})")
-    return torch.tensor([of_label[label] for label in labels], dtype=torch.long)
+    names, labels = name_lists[kind], array.tolist()
+    numbers = dict(zip(labels, label_numbers(names, labels), strict=True))
+    unknown = sorted(label for label, number in numbers.items() if number is None)
+    need(not unknown, f"'{kind}_names' must name every '{key}' (got {names} without {unknown})")
+    return torch.tensor([numbers[label] for label in labels], dtype=torch.long)
 
 
-def layout_of(data: StaticData) -> TaxelLayout:
-    r"""Returns a layout with its taxels at the positions that all samples share."""
+def layout_from_pos(data: StaticData) -> TaxelLayout:
+    r"""Returns a layout with its taxels at the positions that all samples share.
+
+    Raises:
+        ValueError: If the samples do not share positions :math:`(N, 3)`.
+    """
     pos = data.pos
     if pos is None or pos.dim() != 2 or pos.size(1) != 3:
-        found = "none" if pos is None else f"shape {tuple(pos.shape)}"
+        pos_text = "none" if pos is None else f"shape {tuple(pos.shape)}"
         raise ValueError(
             f"'layout' must be given, since the samples do not share one 'pos' of shape "
-            f"(num_taxels, 3) (got {found})"
+            f"(num_taxels, 3) (got {pos_text})"
         )
     return TaxelLayout(name="data", pos=pos)

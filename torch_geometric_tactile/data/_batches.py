@@ -1,4 +1,4 @@
-r"""Batches of data sets that are parts of others, or several in one."""
+r"""Batches of data sets, of selections from them, and of several data sets in one."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
@@ -15,6 +15,9 @@ from torch_geometric_tactile.data.static_dataset import StaticDataset
 def static_parts(dataset: Any) -> Iterator[StaticDataset]:
     r"""Yields the data sets that a data set consists of: itself, or those in a
     :class:`~torch.utils.data.Subset` or :class:`~torch.utils.data.ConcatDataset`, nested or not.
+
+    Raises:
+        TypeError: If one of them is no :class:`~torch_geometric_tactile.data.StaticDataset`.
     """
     if isinstance(dataset, StaticDataset):
         yield dataset
@@ -25,13 +28,13 @@ def static_parts(dataset: Any) -> Iterator[StaticDataset]:
             yield from static_parts(part)
     else:
         raise TypeError(
-            f"'dataset' must be a StaticDataset, or a Subset or ConcatDataset of some (got "
-            f"{type(dataset).__name__}); use torch_geometric.loader.DataLoader for others"
+            f"'dataset' must be a StaticDataset, or a Subset or ConcatDataset of such (got "
+            f"{type(dataset).__name__}); use torch_geometric.loader.DataLoader for other data sets"
         )
 
 
 def static_batch(dataset: Any, index: Sequence[int]) -> StaticData:
-    r"""Returns some samples of a data set in one piece, after the :obj:`transform` of each part.
+    r"""Returns samples of a data set as one batch, after the :obj:`transform` of each of its parts.
 
     Shapes:
         - **index:** Indices :math:`(B,)`.
@@ -43,110 +46,128 @@ def static_batch(dataset: Any, index: Sequence[int]) -> StaticData:
     ends = torch.tensor(dataset.cumulative_sizes)
     rows = torch.as_tensor(index, dtype=torch.long)
     rows = torch.where(rows < 0, rows + len(dataset), rows)
-    part_of = torch.bucketize(rows, ends, right=True)
+    part_numbers = torch.bucketize(rows, ends, right=True)
     batches, places = [], []
     # An empty batch has the attributes of the first part.
-    for i in part_of.unique().tolist() or [0]:
-        place = (part_of == i).nonzero().view(-1)
+    for i in part_numbers.unique().tolist() or [0]:
+        place = (part_numbers == i).nonzero().view(-1)
         start = int(ends[i - 1]) if i else 0
         batches.append(static_batch(dataset.datasets[i], (rows[place] - start).tolist()))
         places.append(place)
     if len(batches) == 1:
         return batches[0]
-    return joined(batches, places)
+    return join_batches(batches, places)
 
 
 def check_joinable(parts: Sequence[StaticDataset]) -> None:
-    r"""Checks that the samples of several data sets can be in one batch."""
-    first, firsts = parts[0], None
+    r"""Checks that the samples of several data sets can be in one batch.
+
+    Raises:
+        ValueError: If the data sets differ in their layout, their attributes, their edges or the
+            names of their classes, groups or sessions.
+    """
+    first, first_sample = parts[0], None
     for i, part in enumerate(parts):
         if not first.layout.matches(part.layout):
             raise ValueError(
                 f"all parts of 'dataset' must have layout '{first.layout.name}', as part 0 (got "
-                f"'{part.layout.name}', with other taxels, in part {i})"
+                f"'{part.layout.name}', with different taxels, in part {i})"
             )
         if len(part) == 0:
             continue
         sample = part.batch([0])
-        if firsts is None:
-            first, firsts = part, sample
+        if first_sample is None:
+            first, first_sample = part, sample
             continue
-        _check_same(firsts, sample, i)
+        _check_same_graph(first_sample, sample, i)
         check_same_names(first, part, sample.keys(), f"part {i} of 'dataset'")
 
 
-def check_same_names(first: Any, other: Any, keys: Iterable[str], what: str) -> None:
-    r"""Checks that the numbers of classes, groups and sessions mean the same in two data sets."""
+def check_same_names(first: Any, second: Any, keys: Iterable[str], second_name: str) -> None:
+    r"""Checks that the numbers of classes, groups and sessions mean the same in two data sets.
+
+    Args:
+        first (Dataset): A data set with :obj:`class_names`, :obj:`group_names` and
+            :obj:`session_names`.
+        second (Dataset): The data set to compare with it.
+        keys (iterable of str): The attributes that the samples have.
+        second_name (str): Name of the second data set in the message.
+
+    Raises:
+        ValueError: If the names of an attribute in :obj:`keys` differ.
+    """
     for key in sorted(NAMED.keys() & {*keys}):
-        names, others = (getattr(part, f"{NAMED[key]}_names") for part in (first, other))
-        if names != others:
+        names, second_names = (getattr(part, f"{NAMED[key]}_names") for part in (first, second))
+        if names != second_names:
             raise ValueError(
-                f"{what} must have the {NAMED[key]}_names {names} of the first, since '{key}' "
-                f"holds their numbers (got {others}): give both one list, read both as one data "
-                f"set, or remove '{key}' by the 'transform' of each"
+                f"{second_name} must have the {NAMED[key]}_names {names} of the first, since "
+                f"'{key}' holds their numbers (got {second_names}): give both one list, read both "
+                f"as one data set, or remove '{key}' by the 'transform' of each"
             )
 
 
-def _check_same(first: StaticData, other: StaticData, i: int) -> None:
-    keys, others = set(first.keys()), set(other.keys())
-    if keys != others:
+def _check_same_graph(first: StaticData, batch: StaticData, i: int) -> None:
+    keys, batch_keys = set(first.keys()), set(batch.keys())
+    if keys != batch_keys:
         raise ValueError(
-            f"all parts of 'dataset' must have the same attributes (got {sorted(keys ^ others)} "
-            f"in one of the first and part {i} only)"
+            f"all parts of 'dataset' must have the same attributes (got "
+            f"{sorted(keys ^ batch_keys)} in only one of the first part and part {i})"
         )
-    if first.edge_index is not None and not torch.equal(first.edge_index, other.edge_index):
+    if first.edge_index is not None and not torch.equal(first.edge_index, batch.edge_index):
         raise ValueError(
-            f"all parts of 'dataset' must have the same edges (got others in part {i}); give each "
-            "the same 'pre_transform' and 'transform'"
+            f"all parts of 'dataset' must have the same edges (got different ones in part {i}); "
+            "give each the same 'pre_transform' and 'transform'"
         )
 
 
-def joined(batches: Sequence[StaticData], places: Sequence[Tensor]) -> StaticData:
-    r"""Returns the samples of several batches as one.
+def join_batches(batches: Sequence[StaticData], places: Sequence[Tensor]) -> StaticData:
+    r"""Joins several batches to one.
 
-    An attribute that each batch shares stays shared if it is the same in all; otherwise each sample
-    gets its own.
+    An attribute that each batch shares stays shared if it is the same in all batches; otherwise it
+    is stored for each sample.
 
     Shapes:
-        - **places:** Where the samples of each batch shall be
-          :math:`(B_i,)`.
+        - **places:** The rows of the samples of each batch in the output :math:`(B_i,)`.
+
+    Raises:
+        ValueError: If the batches differ in their attributes, edges, types or shapes.
     """
     first = batches[0]
-    for i, other in enumerate(batches):
-        _check_same(first, other, i)
+    for i, batch in enumerate(batches):
+        _check_same_graph(first, batch, i)
     values: dict[str, Any] = {}
     declared = first.schema["shared"]
     for key, value in first.to_dict().items():
-        if all(batch.is_shared(key) and _is_same(batch[key], value) for batch in batches):
+        if all(batch.is_shared(key) and _is_equal(batch[key], value) for batch in batches):
             values[key] = value
         elif key in declared or not isinstance(value, Tensor):
             raise ValueError(f"all batches must have the same '{key}', which their samples share")
         else:
-            values[key] = _joined_rows([_rows(batch, key) for batch in batches], places, key)
+            values[key] = _join_rows([_sample_rows(batch, key) for batch in batches], places, key)
     num_samples = sum(batch.num_samples for batch in batches)
     return type(first)(**(values | first.schema), num_samples=num_samples)
 
 
-def _rows(batch: StaticData, key: str) -> Tensor:
+def _sample_rows(batch: StaticData, key: str) -> Tensor:
     value: Tensor = batch[key]
     return value.expand(batch.num_samples, *value.shape) if batch.is_shared(key) else value
 
 
-def _joined_rows(rows: Sequence[Tensor], places: Sequence[Tensor], key: str) -> Tensor:
+def _join_rows(rows: Sequence[Tensor], places: Sequence[Tensor], key: str) -> Tensor:
     kinds = {(part.dtype, part.shape[1:]) for part in rows}
     if len(kinds) > 1:
-        found = " and ".join(f"{dtype} {tuple(shape)}" for dtype, shape in sorted(kinds, key=str))
-        raise ValueError(f"all batches must have '{key}' in one type and shape (got {found})")
-    # Filled in order, which copies once, whereas joining and sorting copies twice.
+        forms = " and ".join(f"{dtype} {tuple(shape)}" for dtype, shape in sorted(kinds, key=str))
+        raise ValueError(f"all batches must have '{key}' in one type and shape (got {forms})")
+    # Filled part by part, which copies once, whereas joining and sorting copies twice.
     out = rows[0].new_empty((sum(map(len, rows)), *rows[0].shape[1:]))
     for part, place in zip(rows, places, strict=True):
         out[place] = part
     return out
 
 
-def _is_same(value: Any, other: Any) -> bool:
-    if value is other:
+def _is_equal(value: Any, reference: Any) -> bool:
+    if value is reference:
         return True
-    if isinstance(value, Tensor) and isinstance(other, Tensor):
-        return torch.equal(value, other)
-    return type(value) is type(other) and bool(value == other)
+    if isinstance(value, Tensor) and isinstance(reference, Tensor):
+        return torch.equal(value, reference)
+    return type(value) is type(reference) and bool(value == reference)

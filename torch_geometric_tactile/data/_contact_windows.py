@@ -1,4 +1,4 @@
-r"""Windows of frames without contact."""
+r"""Finds windows of frames without contact."""
 
 import numpy as np
 
@@ -6,8 +6,8 @@ from torch_geometric_tactile.data.contact_rule import ContactRule
 
 
 class ContactWindow:
-    r"""Tells of frames that come one by one whether the window that ends with the newest one lacks
-    contact: no frame of it has contact, and one has readings.
+    r"""Decides for a stream of frames whether the window that ends with the newest frame lacks
+    contact: none of its frames has contact, and at least one has readings.
 
     Args:
         length (int): Number of frames of a window.
@@ -20,40 +20,40 @@ class ContactWindow:
     """
 
     def __init__(self, length: int) -> None:
-        # No reset after a gap: there is no answer before the window is full of new frames.
+        # No reset after a gap: callers ask only when the window is full of new frames again.
         self.length = length
-        self._number = 0
-        self._last_contact = self._last_free = -1
+        self._num_frames = 0
+        self._last_contact = self._last_free = -1  # numbers of frames, counted from 1
 
     def push(self, rule: ContactRule, tactile: np.ndarray) -> bool:
-        r"""Takes the next frame, and returns whether the window lacks contact.
+        r"""Adds the next frame and returns whether the window lacks contact.
 
         Args:
-            rule (ContactRule): The rule.
+            rule (ContactRule): Decides whether a frame has contact.
             tactile (numpy.ndarray): Readings :math:`(N, C)`.
         """
-        self._number += 1
+        self._num_frames += 1
         if rule.lacks_contact(tactile):
-            self._last_free = self._number
+            self._last_free = self._num_frames
         elif rule.is_contact(tactile):
-            self._last_contact = self._number
-        start = max(self._number - self.length, 0)
+            self._last_contact = self._num_frames
+        start = max(self._num_frames - self.length, 0)
         return self._last_contact <= start and self._last_free > start
 
 
 def windows_lacking_contact(
     rule: ContactRule, tactile: np.ndarray, start: np.ndarray, stop: np.ndarray
 ) -> np.ndarray:
-    r"""Returns which windows of a recording lack contact, as :class:`ContactWindow`.
+    r"""Returns which windows of a recording lack contact, in the sense of :class:`ContactWindow`.
 
     Args:
-        rule (ContactRule): The rule.
-        tactile (numpy.ndarray): The frames that windows are cut from :math:`(T, N, C)`.
+        rule (ContactRule): Decides whether a frame has contact.
+        tactile (numpy.ndarray): The frames from which the windows are cut :math:`(T, N, C)`.
         start (numpy.ndarray): The first frame of each window :math:`(W,)`.
-        stop (numpy.ndarray): The frame behind the last of each window :math:`(W,)`.
+        stop (numpy.ndarray): The frame after the last one of each window :math:`(W,)`.
 
     Shapes:
-        - **output:** :math:`(W,)`
+        - **output:** booleans :math:`(W,)`
 
     Examples:
         >>> rule = ContactRule(threshold=1.0, rest=np.zeros((4, 1)))
@@ -62,7 +62,8 @@ def windows_lacking_contact(
         >>> windows_lacking_contact(rule, frames, np.array([0, 1]), np.array([2, 3]))
         array([False,  True])
     """
-    counts = np.stack([rule.is_contact(tactile), rule.lacks_contact(tactile)]).astype(np.int64)
-    total = np.concatenate([np.zeros((2, 1), np.int64), np.cumsum(counts, axis=1)], axis=1)
-    num_contacts, num_free = total[:, stop] - total[:, start]
+    # With cumulative counts, the count in any window is a difference of two numbers.
+    flags = np.stack([rule.is_contact(tactile), rule.lacks_contact(tactile)]).astype(np.int64)
+    count = np.concatenate([np.zeros((2, 1), np.int64), np.cumsum(flags, axis=1)], axis=1)
+    num_contacts, num_free = count[:, stop] - count[:, start]
     return np.asarray((num_contacts == 0) & (num_free > 0))

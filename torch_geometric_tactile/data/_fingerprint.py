@@ -1,4 +1,4 @@
-r"""What a processed file was made from, as text that is the same in every run."""
+r"""Describes the settings of a processed file as text that is the same in every run."""
 
 import enum
 import functools
@@ -20,32 +20,33 @@ from torch_geometric_tactile._sources import has_source, source_hash, user_sourc
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _PLAIN = (bool, int, float, complex, str, bytes, torch.dtype, torch.device, torch.layout)
-_COUNTED = (
+# Types of private attributes that are settings. Others may be caches or open files.
+_SETTING_TYPES = (
     *_PLAIN,
     *(Tensor, np.ndarray, np.generic, PathLike, enum.Enum, TaxelLayout, BaseTransform, type),
     *(types.FunctionType, types.BuiltinFunctionType, types.MethodType, functools.partial),
 )
-_OF_MODULES = vars(torch.nn.Module()).keys()
+_MODULE_ATTRIBUTES = vars(torch.nn.Module()).keys()
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _BYTECODE = re.compile(r"bytecode (\d+\.\d+) [0-9a-f]+")
 _SOURCE = re.compile(r"\[source [0-9a-f]+\]")
-_LONG = 400  # characters of a description, beyond which only its hash is kept
-_SHORT = 60  # characters of a description in a message
+_MAX_DESCRIPTION = 400  # characters; longer descriptions are replaced by a hash
+_MAX_SHORT_TEXT = 60  # characters of a description in a message
 
 
 def describe(value: Any) -> str:
-    r"""Returns a text that changes if, and only if, a setting changes: also between runs, where
-    addresses in memory and the order of sets differ.
+    r"""Returns a text that changes if, and only if, a setting changes. It is the same in every run,
+    although addresses in memory and the order of sets differ between runs.
 
     Tensors, arrays and layouts are described by a hash of their numbers; functions by their name,
     their byte code, their defaults and the variables that they close over; other objects by their
     class, their public attributes, the :obj:`arguments()` of transforms that have them, and those
     private attributes that are data, functions, layouts or transforms, or lists, tuples, sets or
-    dictionaries of such. What :obj:`__getstate__` leaves out, such as a cache, does not count.
+    dictionaries of these. State that :obj:`__getstate__` leaves out, such as a cache, is ignored.
 
-    Functions and classes of the user's own also have a hash of their source code and that of all
-    modules that they import. Where there is no source file, as in a notebook, the functions and
-    values that their code names are described.
+    The description of a user's function or class includes a hash of its source code and of all
+    modules that it imports. Without a source file, as in a notebook, it includes the functions and
+    values to which the code refers.
 
     Examples:
         >>> from torch_geometric.transforms import Constant
@@ -53,20 +54,23 @@ def describe(value: Any) -> str:
         'torch_geometric.transforms.constant.Constant(cat=True, node_types=None, value=2.0)'
     """
     text = _describe(value, ())
-    if len(text) <= _LONG:
+    if len(text) <= _MAX_DESCRIPTION:
         return text
+    # The hash of the source code stays apart from that of the settings, see `without_code`.
     sources = " ".join(_SOURCE.findall(text))
     mark = f"[source {_sha256(sources.encode())}]" if sources else ""
     text = _SOURCE.sub("", text)
-    return f"{text[:_SHORT]}... (sha256 {_sha256(text.encode())}){mark}"
+    return f"{text[:_MAX_SHORT_TEXT]}... (sha256 {_sha256(text.encode())}){mark}"
 
 
-def _describe(value: Any, inside: tuple[int, ...]) -> str:
+def _describe(value: Any, parents: tuple[int, ...]) -> str:
+    # `parents` are the identities of the objects that contain the value: one that contains itself
+    # ends here.
     if value is None or (isinstance(value, _PLAIN) and not isinstance(value, enum.Enum)):
         return repr(value)
-    if id(value) in inside:
+    if id(value) in parents:
         return "..."
-    inside = (*inside, id(value))
+    parents = (*parents, id(value))
     if isinstance(value, enum.Enum):
         return f"{_path(type(value))}.{value.name}"
     if isinstance(value, PathLike):
@@ -74,78 +78,80 @@ def _describe(value: Any, inside: tuple[int, ...]) -> str:
     if isinstance(value, Tensor | np.ndarray | np.generic):
         return _describe_array(value)
     if isinstance(value, TaxelLayout):
-        return f"TaxelLayout('{value.name}', {_sha256(_describe_object(value, inside).encode())})"
+        return f"TaxelLayout('{value.name}', {_sha256(_describe_object(value, parents).encode())})"
     if isinstance(value, Mapping):
-        pairs = ((_describe(key, inside), _describe(item, inside)) for key, item in value.items())
+        pairs = ((_describe(key, parents), _describe(item, parents)) for key, item in value.items())
         return "{" + ", ".join(f"{key}: {item}" for key, item in sorted(pairs)) + "}"
     if isinstance(value, Set):
-        return "{" + ", ".join(sorted(_describe(item, inside) for item in value)) + "}"
+        return "{" + ", ".join(sorted(_describe(item, parents) for item in value)) + "}"
     if isinstance(value, Sequence) and not isinstance(value, range):
-        items = ", ".join(_describe(item, inside) for item in value)
+        items = ", ".join(_describe(item, parents) for item in value)
         if type(value) in (list, tuple):
             return f"[{items}]" if isinstance(value, list) else f"({items})"
         return f"{_path(type(value))}({items})"
-    return _describe_callable(value, inside) or _describe_object(value, inside)
+    return _describe_callable(value, parents) or _describe_object(value, parents)
 
 
 def _describe_array(value: Any) -> str:
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind not in "biufc":
-        return f"array({value.dtype}, {_describe(value.tolist(), ())})"  # text, for example
+        return f"array({value.dtype}, {_describe(value.tolist(), ())})"  # such as texts
     tensor = torch.as_tensor(value).detach().cpu()
     tensor = tensor if tensor.layout == torch.strided else tensor.to_dense()
     numbers = tensor.contiguous().reshape(-1).view(torch.uint8).numpy().tobytes()
     return f"tensor({tensor.dtype}, {tuple(tensor.shape)}, {_sha256(numbers)})"
 
 
-def _describe_callable(value: Any, inside: tuple[int, ...]) -> str | None:
+def _describe_callable(value: Any, parents: tuple[int, ...]) -> str | None:
     if isinstance(value, type):
-        return _describe_class(value, inside)
+        return _describe_class(value, parents)
     if isinstance(value, types.FunctionType):
-        cells = [_cell(cell) for cell in value.__closure__ or ()]
+        cells = [_cell_contents(cell) for cell in value.__closure__ or ()]
         state: tuple[Any, ...] = (value.__defaults__, value.__kwdefaults__, cells)
         if not has_source(value):
-            state = (*state, _named_globals(value))
+            state = (*state, _referenced_globals(value))
         code = _sha256(_describe_code(value.__code__).encode())
         text = f"{_path(value)}(bytecode {sys.version_info.major}.{sys.version_info.minor} {code}"
-        return f"{text}, {_describe(state, inside)})"
+        return f"{text}, {_describe(state, parents)})"
     if isinstance(value, types.MethodType):
-        return f"{_describe(value.__self__, inside)}.{value.__func__.__name__}"
+        return f"{_describe(value.__self__, parents)}.{value.__func__.__name__}"
     if isinstance(value, types.BuiltinFunctionType):
         return _path(value)
     if isinstance(value, functools.partial):
-        return "partial" + _describe((value.func, value.args, value.keywords), inside)
+        return "partial" + _describe((value.func, value.args, value.keywords), parents)
     return None
 
 
-def _describe_class(kind: type, inside: tuple[int, ...] = ()) -> str:
-    # Of a class in a notebook, for example, the code of its methods and its constants.
-    if has_source(kind):
-        return _path(kind)
+def _describe_class(cls: type, parents: tuple[int, ...] = ()) -> str:
+    # A class without a source file, as in a notebook, is described by the code of its methods and
+    # its constants.
+    if has_source(cls):
+        return _path(cls)
     content: dict[str, Any] = {}
-    for name, item in vars(kind).items():
+    for name, item in vars(cls).items():
         function = item.__func__ if isinstance(item, staticmethod | classmethod) else item
         function = function.fget if isinstance(function, property) else function
-        if isinstance(function, types.FunctionType) or (name[:2] != "__" and _counts(function)):
+        if isinstance(function, types.FunctionType) or (name[:2] != "__" and _is_setting(function)):
             content[name] = function
-    bases = [base for base in kind.__bases__ if base is not object]
-    return f"{_path(kind)}[{_describe((content, bases), (*inside, id(kind)))}]"
+    bases = [base for base in cls.__bases__ if base is not object]
+    return f"{_path(cls)}[{_describe((content, bases), (*parents, id(cls)))}]"
 
 
-def _named_globals(function: types.FunctionType) -> dict[str, Any]:
-    # What the code of a function names in its module: other functions, classes and values.
-    names = _names(function.__code__) & function.__globals__.keys()
-    found = {name: function.__globals__[name] for name in names}
-    modules = [value for value in found.values() if isinstance(value, types.ModuleType)]
-    named = {name: value for name, value in found.items() if _counts(value)}
-    return {**named, **user_sources(sorted(module.__name__ for module in modules)).modules}
+def _referenced_globals(function: types.FunctionType) -> dict[str, Any]:
+    # The functions, classes and values of its module to which the code of a function refers.
+    names = _code_names(function.__code__) & function.__globals__.keys()
+    globals_by_name = {name: function.__globals__[name] for name in names}
+    modules = [value for value in globals_by_name.values() if isinstance(value, types.ModuleType)]
+    settings = {name: value for name, value in globals_by_name.items() if _is_setting(value)}
+    return {**settings, **user_sources(sorted(module.__name__ for module in modules)).modules}
 
 
-def _names(code: types.CodeType) -> set[str]:
-    inner = (const for const in code.co_consts if isinstance(const, types.CodeType))
-    return set(code.co_names).union(*map(_names, inner))
+def _code_names(code: types.CodeType) -> set[str]:
+    # The names in the code of a function and of the functions that it defines.
+    inner_code = (const for const in code.co_consts if isinstance(const, types.CodeType))
+    return set(code.co_names).union(*map(_code_names, inner_code))
 
 
-def _cell(cell: Any) -> Any:
+def _cell_contents(cell: Any) -> Any:
     try:
         return cell.cell_contents
     except ValueError:  # not yet assigned
@@ -153,7 +159,7 @@ def _cell(cell: Any) -> Any:
 
 
 def _describe_code(code: types.CodeType) -> str:
-    # Neither file names nor line numbers, which do not change what the function does.
+    # Without file names and line numbers, which do not change the behaviour of the function.
     consts = (
         _describe_code(const) if isinstance(const, types.CodeType) else _describe(const, ())
         for const in code.co_consts
@@ -161,41 +167,42 @@ def _describe_code(code: types.CodeType) -> str:
     return repr((code.co_code.hex(), code.co_names, code.co_varnames, tuple(consts)))
 
 
-def _describe_object(value: Any, inside: tuple[int, ...]) -> str:
+def _describe_object(value: Any, parents: tuple[int, ...]) -> str:
     state: dict[str, Any] = {}
     if isinstance(value, torch.nn.Module):
         state["state_dict"] = value.state_dict()
         state["repr"] = repr(value)
-    slots = (name for kind in type(value).__mro__ for name in _slots(kind))
+    slots = (name for cls in type(value).__mro__ for name in _slots(cls))
     items = {name: getattr(value, name, None) for name in {*getattr(value, "__dict__", ()), *slots}}
     if items and type(value).__getstate__ is not object.__getstate__:
-        kept = value.__getstate__()
-        items = kept if isinstance(kept, dict) else items
+        pickled_state = value.__getstate__()
+        items = pickled_state if isinstance(pickled_state, dict) else items
     for name, item in items.items():
-        if isinstance(value, torch.nn.Module) and name in _OF_MODULES:
-            continue  # the parameters are described by now
-        if not name.startswith("_") or (item is not None and _counts(item)):
+        if isinstance(value, torch.nn.Module) and name in _MODULE_ATTRIBUTES:
+            continue  # "state_dict" and "repr" describe them
+        if not name.startswith("_") or (item is not None and _is_setting(item)):
             state[name] = item
     if isinstance(value, BaseTransform) and hasattr(value, "arguments"):
         state |= value.arguments()
     if not state and type(value).__repr__ is not object.__repr__:
-        return f"{_describe_class(type(value), inside)}: {_ADDRESS.sub('', repr(value))}"
-    text = ", ".join(f"{name}={_describe(state[name], inside)}" for name in sorted(state))
-    return f"{_describe_class(type(value), inside)}({text})"
+        return f"{_describe_class(type(value), parents)}: {_ADDRESS.sub('', repr(value))}"
+    text = ", ".join(f"{name}={_describe(state[name], parents)}" for name in sorted(state))
+    return f"{_describe_class(type(value), parents)}({text})"
 
 
-def _slots(kind: type) -> Sequence[str]:
-    slots = kind.__dict__.get("__slots__", ())
+def _slots(cls: type) -> Sequence[str]:
+    slots = cls.__dict__.get("__slots__", ())
     return (slots,) if isinstance(slots, str) else tuple(slots)
 
 
-def _counts(value: Any) -> bool:
-    # Of private attributes: others are caches or resources, which use or another run changes.
+def _is_setting(value: Any) -> bool:
+    # Whether a private attribute is described. Others are caches or resources, which change with
+    # use or from run to run.
     if isinstance(value, Mapping):
-        return all(map(_counts, value.values()))
+        return all(map(_is_setting, value.values()))
     if isinstance(value, Sequence | Set) and not isinstance(value, str | bytes):
-        return all(map(_counts, value))
-    return value is None or isinstance(value, _COUNTED)
+        return all(map(_is_setting, value))
+    return value is None or isinstance(value, _SETTING_TYPES)
 
 
 def _path(value: Any) -> str:
@@ -208,17 +215,18 @@ def _sha256(content: bytes) -> str:
 
 
 def constructor_arguments(
-    kind: type, args: Sequence[Any], kwargs: Mapping[str, Any]
+    cls: type, args: Sequence[Any], kwargs: Mapping[str, Any]
 ) -> dict[str, Any]:
-    r"""Returns the arguments of a constructor by name, with its defaults.
+    r"""Returns the arguments of a constructor by name, with its defaults. If the arguments do not
+    fit its signature, the output is empty.
 
     Examples:
         >>> constructor_arguments(type("A", (), {"__init__": lambda self, k, n=3: None}), [2], {})
         {'k': 2, 'n': 3}
     """
-    # `bind_partial`: what is missing or unknown is reported by the constructor itself.
+    # `bind_partial`, since the constructor itself reports missing and unknown arguments.
     try:
-        bound = signature(kind.__init__).bind_partial(None, *args, **kwargs)  # type: ignore[misc]
+        bound = signature(cls.__init__).bind_partial(None, *args, **kwargs)  # type: ignore[misc]
     except TypeError:
         return {}
     bound.apply_defaults()
@@ -231,20 +239,20 @@ def constructor_arguments(
     return arguments
 
 
-def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
-    r"""Returns which settings differ, as text: :obj:`"k: 2 -> 5"`.
+def setting_changes(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
+    r"""Returns the settings that differ as texts, such as :obj:`"k: 2 -> 5"`.
 
     The byte code of functions is not compared between versions of Python.
     """
     return [
-        f"{key}: {_short(before.get(key))} -> {_short(now.get(key))}"
-        for key in {**before, **now}
-        if not _is_same(before.get(key), now.get(key))
+        f"{key}: {_shorten(before.get(key))} -> {_shorten(after.get(key))}"
+        for key in {**before, **after}
+        if not _is_same_setting(before.get(key), after.get(key))
     ]
 
 
 def without_code(settings: Mapping[str, str]) -> dict[str, str]:
-    r"""Returns settings without the hashes of the user's own source code.
+    r"""Removes the hashes of the user's source code from settings.
 
     Examples:
         >>> without_code({"class": "my_data.MyData[source 0123456789abcdef]"})
@@ -253,7 +261,7 @@ def without_code(settings: Mapping[str, str]) -> dict[str, str]:
     return {key: _SOURCE.sub("", text) for key, text in settings.items()}
 
 
-def _is_same(old: str | None, new: str | None) -> bool:
+def _is_same_setting(old: str | None, new: str | None) -> bool:
     if old is None or new is None:
         return old == new
     if {*_BYTECODE.findall(old)} != {*_BYTECODE.findall(new)}:
@@ -261,15 +269,17 @@ def _is_same(old: str | None, new: str | None) -> bool:
     return old == new
 
 
-def _short(text: str | None) -> str:
+def _shorten(text: str | None) -> str:
     if text is None:
         return "none"
-    return text if len(text) <= _SHORT else f"{text[: _SHORT - 3]}..."
+    return text if len(text) <= _MAX_SHORT_TEXT else f"{text[: _MAX_SHORT_TEXT - 3]}..."
 
 
-def state_changes(before: Iterable[str], now: Iterable[str]) -> list[str]:
-    r"""Returns which lines :obj:`"key=value"` differ, as text: :obj:`"'a.h5' was added"`."""
-    old, new = (dict(line.rpartition("=")[::2] for line in lines) for lines in (before, now))
+def state_changes(before: Iterable[str], after: Iterable[str]) -> list[str]:
+    r"""Returns the keys whose lines :obj:`"key=value"` differ as texts, such as
+    :obj:`"'a.h5' was added"`.
+    """
+    old, new = (dict(line.rpartition("=")[::2] for line in lines) for lines in (before, after))
     return [
         f"'{key}' was {'added' if key not in old else 'removed' if key not in new else 'changed'}"
         for key in sorted(old.keys() | new.keys())

@@ -1,4 +1,4 @@
-r"""Data sets whose samples are cut from the frames of another one."""
+r"""The base class of data sets whose samples are cut from the frames of another data set."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from torch import Tensor
 from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile._typing import Transform
-from torch_geometric_tactile.data._batches import joined
+from torch_geometric_tactile.data._batches import join_batches
 from torch_geometric_tactile.data._trial_runs import TrialRuns
 from torch_geometric_tactile.data._window_data import WindowData
 from torch_geometric_tactile.data.apply_transform import apply_transform
@@ -19,8 +19,8 @@ from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
 _logger = logging.getLogger(__name__)
-# What data sets of recordings tell of themselves, which holds for the windows of their frames.
-_OF_FRAMES = (
+# Attributes of data sets of recordings that apply to windows of their frames as well.
+_FRAME_DATASET_ATTRIBUTES = (
     "phase_names",
     "placement_names",
     "property_names",
@@ -28,13 +28,13 @@ _OF_FRAMES = (
     "synthetic",
     "trial_names",
 )
-_BYTES = 2**26  # of the windows that are transformed at a time
+_CHUNK_BYTES = 2**26  # of the windows that are transformed at a time
 
 
 class FrameView(StaticDataset):
-    r"""A data set whose samples are cut from the frames of another one, when they are asked for:
-    the base class of :class:`~torch_geometric_tactile.data.Windows` and
-    :class:`~torch_geometric_tactile.data.Trials`, which define :meth:`_choose`.
+    r"""The base class of data sets whose samples are cut from the frames of another data set at
+    each access: :class:`~torch_geometric_tactile.data.Windows` and
+    :class:`~torch_geometric_tactile.data.Trials`. They define :meth:`_window_arguments`.
     """
 
     def __init__(
@@ -56,35 +56,37 @@ class FrameView(StaticDataset):
         self.layout = dataset.layout
         self.target = target
         self.series = _checked_series(dataset, series)
-        #: The names of the trials that were left out, since they are too short.
+        #: The names of the trials that are left out because they are too short.
         self.too_short: list[str] = []
         super().__init__(None, transform, pre_transform)
 
-    def _choose(self, runs: TrialRuns) -> dict[str, Any]:
-        # `starts` (W,), counted in the frames of the selection, and further arguments of WindowData
+    def _window_arguments(self, runs: TrialRuns) -> dict[str, Any]:
+        # The arguments of `WindowData` that depend on the subclass: `starts` (W,), which are
+        # indices of selected frames, `length` and others.
         raise NotImplementedError
 
-    def _drop_short(self, runs: TrialRuns, length: int) -> None:
-        # Counts, names and logs the trials that are left out.
-        longest, short = int(runs.length.max()), (runs.length < length).nonzero().view(-1)
-        if longest < length:
+    def _record_short_trials(self, runs: TrialRuns, length: int) -> None:
+        # Stores and logs the names of the trials that are too short for a window.
+        max_length, short = int(runs.length.max()), (runs.length < length).nonzero().view(-1)
+        if max_length < length:
             raise ArgumentError(
                 Argument("length"),
-                f" must be at most that of the longest trial, {longest} frames in "
+                f" must be at most that of the longest trial, {max_length} frames in "
                 f"{runs.name(int(runs.length.argmax()))} (got {length})",
             )
         self.too_short = [runs.name(int(i)) for i in short]
         if len(short):
             _logger.warning(
-                "%d of %d trials are left out, since they have fewer than %d frames: %s",
+                "%d of %d trials are left out because they have fewer than %d frames: %s",
                 len(short),
                 len(runs.length),
                 length,
                 short_list(short.tolist(), 3, runs.name),
             )
 
-    def _label(self, runs: TrialRuns, constant: bool) -> str | None:
-        # The attribute that labels the windows: none if the frames have no labels at all.
+    def _label_key(self, runs: TrialRuns, constant: bool) -> str | None:
+        # The attribute that labels the windows; none if the frames have no labels. With `constant`
+        # it must not change within a trial.
         value = self.dataset.column(self.target)
         if value is None and self.target == "y":
             return None
@@ -98,30 +100,30 @@ class FrameView(StaticDataset):
 
     @property
     def info(self) -> FrameInfo:
-        r"""How the frames that the samples are cut from were made."""
+        r"""How the frames were made from which the samples are cut."""
         return self._info
 
     @property
     def data(self) -> StaticData:
-        r"""All samples of this selection at once, cut, before :obj:`transform`. They may take much
-        more memory than the frames.
+        r"""All samples of this selection, cut from the frames, before :obj:`transform`. They may
+        take much more memory than the frames.
         """
         stored = self._selected()
         return stored.index_select(slice(None)) if isinstance(stored, WindowData) else stored
 
     @property
     def nbytes(self) -> int:
-        r"""The bytes of the frames, or of the samples that :obj:`pre_transform` made of them."""
+        r"""The size of the frames in bytes, or of the samples after :obj:`pre_transform`."""
         stored = self._data
         return super().nbytes if isinstance(stored, StaticData) else self.dataset.nbytes
 
     @property
     def transforms(self) -> list[Transform | None]:
-        r"""All transforms that run at every access, of the frames first."""
+        r"""All transforms that run at every access, those of the frames first."""
         return [*self.dataset.transforms, self.transform]
 
     def __getattr__(self, key: str) -> Any:
-        if key in _OF_FRAMES:
+        if key in _FRAME_DATASET_ATTRIBUTES:
             return getattr(self.__dict__["dataset"], key)
         return super().__getattr__(key)
 
@@ -130,23 +132,32 @@ class FrameView(StaticDataset):
             return self._data.select(self._index())
         return super()._selected()
 
-    def _watched(self) -> Mapping[str, Any]:
-        return self.dataset._watched() if isinstance(self._data, WindowData) else super()._watched()
+    def _stored_tensors(self) -> Mapping[str, Any]:
+        return (
+            self.dataset._stored_tensors()
+            if isinstance(self._data, WindowData)
+            else super()._stored_tensors()
+        )
 
     def _build(self) -> tuple[Any, dict[str, list[str]]]:
-        runs = TrialRuns.of(self.dataset)
-        chosen = self._choose(runs)
+        runs = TrialRuns.from_dataset(self.dataset)
+        window_arguments = self._window_arguments(runs)
         order = None if self.dataset._indices is None else self.dataset._index()
         frames = self.dataset._data
         windows = WindowData(
-            frames, order=order, series=self.series, transform=self.dataset.transform, **chosen
+            frames,
+            order=order,
+            series=self.series,
+            transform=self.dataset.transform,
+            **window_arguments,
         )
         names = dict(self.dataset._names)
-        of_y = self.dataset.class_names  # which may have another name than "class" there
-        names["class"] = list(of_y if self.target == "y" else names.get(self.target, ()))
+        # Asked of the data set, which may keep the names of 'y' under a key other than "class".
+        y_names = self.dataset.class_names
+        names["class"] = list(y_names if self.target == "y" else names.get(self.target, ()))
         if self.pre_transform is None:
             return windows, names
-        return _transformed(windows, self.pre_transform), names
+        return _transform_in_chunks(windows, self.pre_transform), names
 
 
 def _checked_series(dataset: StaticDataset, series: Sequence[str]) -> tuple[str, ...]:
@@ -156,7 +167,8 @@ def _checked_series(dataset: StaticDataset, series: Sequence[str]) -> tuple[str,
     for name in series:
         if name in ("x", "y") or name not in data or data.is_shared(name):
             raise ValueError(
-                f"'series' must name attributes that each frame has, but 'x' and 'y' (got '{name}')"
+                f"'series' must name attributes that each frame has, except 'x' and 'y' (got "
+                f"'{name}')"
             )
         if data.level(name) != "sample":
             raise ValueError(
@@ -166,26 +178,24 @@ def _checked_series(dataset: StaticDataset, series: Sequence[str]) -> tuple[str,
     return tuple(series)
 
 
-def _transformed(windows: WindowData, transform: Transform) -> StaticData:
-    # A few at a time, since all windows together may not fit into memory.
+def _transform_in_chunks(windows: WindowData, transform: Transform) -> StaticData:
+    # In chunks, since all windows together may not fit into memory.
     size = windows.length * windows.frames.x[:1].numel() * windows.frames.x.element_size()
-    parts = torch.arange(windows.num_samples).split(max(1, _BYTES // max(size, 1)))
+    parts = torch.arange(windows.num_samples).split(max(1, _CHUNK_BYTES // max(size, 1)))
     chunks = [apply_transform(transform, windows.index_select(part)) for part in parts]
-    return chunks[0] if len(chunks) == 1 else joined(chunks, parts)
+    return chunks[0] if len(chunks) == 1 else join_batches(chunks, parts)
 
 
 def innermost(dataset: Any) -> Any:
-    r"""Returns the data set that a view shows, or that this one shows, and so on; the data set
-    itself if it is no view.
-    """
+    r"""Returns the data set at the end of a chain of views, which is no view itself."""
     while isinstance(dataset, FrameView):
         dataset = dataset.dataset
     return dataset
 
 
 def dataset_part(dataset: Any) -> str | None:
-    r"""Returns the part that a data set, or the one that a view shows, was built with, such as
-    :obj:`"train"`; :obj:`None` for all samples, and for what knows no parts.
+    r"""Returns the part that a data set, or the data set behind a view, was built with, such as
+    :obj:`"train"`; :obj:`None` if it has all samples, or has no parts.
     """
     if not isinstance(dataset, StaticDataset):
         return None

@@ -1,4 +1,4 @@
-r"""Gaps between frames, and the rate that several recordings have in common."""
+r"""Gaps between frames, and the common rate of several recordings."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -7,13 +7,16 @@ import numpy as np
 
 #: The relative deviation of a rate that is always accepted.
 RATE_TOLERANCE = 0.05
-#: The part of a gap or of a tick by which clocks in float64 and in nanoseconds differ.
+#: The relative tolerance in comparisons with a gap or a tick, since clocks in float64 and in whole
+#: nanoseconds round differently.
 ROUNDING = 1e-3
-_MAX_RATE_RATIO = 1.25  # of a trial and the next slower one: a larger step is another rate
+# The largest ratio of the rates of a trial and of the next slower one that counts as jitter of one
+# device.
+_MAX_RATE_RATIO = 1.25
 
 
 def part_numbers(time: np.ndarray, max_gap: float) -> np.ndarray:
-    r"""Returns the number of the continuous part of each frame, from zero on.
+    r"""Returns the number of the continuous part to which each frame belongs, counted from zero.
 
     Args:
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
@@ -32,7 +35,15 @@ def part_numbers(time: np.ndarray, max_gap: float) -> np.ndarray:
 
 
 def gaps_in(time: np.ndarray, max_gap: float) -> np.ndarray:
-    r"""Returns whether there is a gap between each frame and the next :math:`(T - 1,)`."""
+    r"""Returns whether there is a gap between each frame and the next one.
+
+    Args:
+        time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
+        max_gap (float): The largest distance of two frames, in seconds, that is no gap.
+
+    Shapes:
+        - **output:** booleans :math:`(T - 1,)`
+    """
     return np.asarray(np.diff(time) > max_gap * (1 + ROUNDING))
 
 
@@ -41,7 +52,7 @@ def gaps_of(time: np.ndarray, max_gap: float) -> np.ndarray:
 
     Args:
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
-        max_gap (float): As of :func:`part_numbers`.
+        max_gap (float): The largest distance of two frames, in seconds, that is no gap.
 
     Returns:
         numpy.ndarray: Integers :math:`(G,)`.
@@ -57,7 +68,7 @@ def is_gap(seconds: float, max_gap: float) -> bool:
     r"""Returns whether there is a gap between two frames.
 
     Args:
-        seconds (float): From the one to the other.
+        seconds (float): Distance of the two frames in seconds.
         max_gap (float): The largest distance in seconds that is no gap.
 
     Examples:
@@ -68,21 +79,21 @@ def is_gap(seconds: float, max_gap: float) -> bool:
 
 
 def joined_rate(rates: Mapping[int, float], names: Sequence[str]) -> tuple[float | None, float]:
-    r"""Returns the median of some rates and the relative tolerance, 0.05 or their spread if that is
-    larger.
+    r"""Returns the median of several rates and a relative tolerance: 0.05, or the spread of the
+    rates if it is larger.
 
     Args:
-        rates (Mapping of int to float): Frames per second, by the place of the name.
-        names (sequence of str): What to call the recordings in a message.
+        rates (Mapping of int to float): Frames per second by the index of the recording.
+        names (sequence of str): Names of the recordings for messages.
 
     Raises:
-        ValueError: If the rates are further apart than the spread of one device; the message names
+        ValueError: If the rates are further apart than the spread of one device. The message names
             two recordings.
     """
     if not rates:
         return None, RATE_TOLERANCE
-    places = sorted(rates, key=rates.__getitem__)
-    for slow, fast in pairwise(places):
+    by_rate = sorted(rates, key=rates.__getitem__)
+    for slow, fast in pairwise(by_rate):
         if rates[fast] > _MAX_RATE_RATIO * rates[slow]:
             raise ValueError(
                 f"windows must be cut from recordings of one rate (got {rates[slow]:.4g} frames "

@@ -1,5 +1,5 @@
-r"""Samples of any sensors, each with its own taxels and edges: PyG's data sets, parts of them,
-several in one, and lists.
+r"""Samples whose taxels and edges may differ: PyG's data sets, selections from them, concatenated
+data sets and lists.
 """
 
 import copy
@@ -20,27 +20,27 @@ from torch_geometric_tactile.data._levels import NAMED, flat_index
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
-_CODED = ("y", "trial", "group", "session", "placement", "size")
-_NUM_TAXELS = ""  # the name of no attribute
-#: What samples may come in: one topology, or whatever yields PyG's samples by their numbers.
+_CATEGORIES = ("y", "trial", "group", "session", "placement", "size")
+_NUM_TAXELS = ""  # key of the numbers of taxels; no attribute has an empty name
+#: Samples on one topology, or a sequence of PyG's samples.
 AnySamples = StaticDataset | StaticData | Dataset | Sequence[Data]
 
 
 class GraphSamples(Dataset):
-    r"""Samples of PyG that need not share their taxels, with what
-    :class:`~torch_geometric_tactile.data.StaticDataset` tells of its samples: attributes as
-    columns, selections and the names of classes, groups and sessions. Texts that tell the class or
-    the unit of a split become numbers, in the order of the sorted texts.
+    r"""Samples of PyG whose taxels may differ, with the interface of
+    :class:`~torch_geometric_tactile.data.StaticDataset`: attributes as columns, selections and the
+    names of classes, groups and sessions. Texts in :obj:`y` and in the attributes by which samples
+    are split become numbers, in the order of the sorted texts.
 
     Args:
         samples (Dataset or sequence of Data): The samples.
 
     Raises:
         TypeError: If they are no samples of PyG with one kind of nodes.
-        ValueError: If there is none.
+        ValueError: If there is no sample.
     """
 
-    #: A layout is that of one sensor.
+    #: There is no common layout, since the samples may be of several sensors.
     layout = None
     group_kind = "group"
 
@@ -62,7 +62,7 @@ class GraphSamples(Dataset):
         self._samples = samples
         self._indices: Tensor = torch.arange(len(samples))
         self.transform: BaseTransform | None = None
-        # Of all samples, also of a selection: what was read of them, and the codes of texts.
+        # The columns and names of all stored samples; selections share these dictionaries.
         self._columns: dict[str, list[Any]] = {}
         self._names: dict[str, list[str]] = {}
 
@@ -70,13 +70,13 @@ class GraphSamples(Dataset):
         return len(self._indices)
 
     def len(self) -> int:
-        r"""Returns the number of samples that are stored, selected or not."""
+        r"""Returns the number of stored samples, selected or not."""
         return len(self._samples)
 
     def indices(self) -> list[int]:
-        r"""Returns the places of the selected samples among all."""
-        places: list[int] = self._indices.tolist()
-        return places
+        r"""Returns the indices of the selected samples among all stored samples."""
+        indices: list[int] = self._indices.tolist()
+        return indices
 
     @overload
     def __getitem__(self, index: int) -> Data: ...
@@ -85,14 +85,14 @@ class GraphSamples(Dataset):
     def __getitem__(self, index: Tensor | slice | Sequence[int]) -> "GraphSamples": ...
 
     def __getitem__(self, index: Any) -> Any:
-        r"""Returns a sample, behind :obj:`transform`, or a selection."""
+        r"""Returns one sample after :obj:`transform`, or a selection of several."""
         if isinstance(index, int | np.integer):
             sample: Data = self._samples[int(self._indices[index])]
-            texts = [key for key in _CODED if isinstance(getattr(sample, key, None), str)]
-            if texts:
-                self._read()
+            text_keys = [key for key in _CATEGORIES if isinstance(getattr(sample, key, None), str)]
+            if text_keys:
+                self._read_columns()
                 sample = copy.copy(sample)
-                for key in texts:
+                for key in text_keys:
                     sample[key] = self._names[NAMED.get(key, key)].index(sample[key])
             return sample if self.transform is None else self.transform(sample)
         out = copy.copy(self)
@@ -101,33 +101,34 @@ class GraphSamples(Dataset):
         return out
 
     def first(self) -> Data:
-        r"""Returns the first sample that is stored, also of an empty selection, behind
-        :obj:`transform`.
+        r"""Returns the first stored sample, after :obj:`transform`. An empty selection has one as
+        well.
         """
-        whole = copy.copy(self)
-        whole._indices = torch.arange(1)
-        return whole[0]
+        out = copy.copy(self)
+        out._indices = torch.arange(1)
+        return out[0]
 
     def batch(self, index: Tensor | Sequence[int]) -> Batch:
-        r"""Returns some samples as PyG's batch, behind :obj:`transform`.
+        r"""Returns samples as PyG's batch, after :obj:`transform`.
 
         Args:
-            index (torch.Tensor or list of int): Their numbers :math:`(B,)`.
+            index (torch.Tensor or list of int): Indices into this selection :math:`(B,)`.
         """
-        numbers = torch.as_tensor(index, dtype=torch.long).tolist()
-        return Batch.from_data_list([self[i] for i in numbers])
+        indices = torch.as_tensor(index, dtype=torch.long).tolist()
+        return Batch.from_data_list([self[i] for i in indices])
 
     def column(self, key: str) -> Tensor | None:
-        r"""Returns an attribute with one value a sample :math:`(S, \ldots)`; :obj:`None` if no
-        sample has it.
+        r"""Returns an attribute with one value for each sample :math:`(S, \ldots)`; :obj:`None` if
+        no sample has it.
 
         Args:
-            key (str): Its name.
+            key (str): Name of the attribute.
 
         Raises:
-            ValueError: If some samples lack it, or it has not one value a sample.
+            ValueError: If only some samples have the attribute, or it does not have one value for
+                each sample.
         """
-        self._read()
+        self._read_columns()
         values = self._columns.get(key)
         if values is None:
             value = self._samples[0].to_dict().get(key)
@@ -141,27 +142,28 @@ class GraphSamples(Dataset):
         missing = [i for i, value in enumerate(values) if value is None]
         if missing:
             raise ValueError(
-                f"sample {missing[0]} must have '{key}' as others have, with one value a sample "
+                f"sample {missing[0]} must have '{key}', as other samples have, with one value "
                 "(got none)"
             )
         if key in NAMED:
             self._check_names(key)
         kinds = {(value.dtype, value.shape) for value in values}
         if len({shape for _, shape in kinds}) > 1:
-            raise ValueError(f"all samples must have '{key}' in one shape (got several)")
+            raise ValueError(f"all samples must have '{key}' in one shape (got several shapes)")
         return torch.stack(values)[self._indices]
 
     def _check_names(self, key: str) -> None:
-        # The numbers of two data sets with names of their own may mean different things.
+        # If data sets with different names are concatenated, their numbers have different meanings.
         try:
-            first, *others = static_parts(self._samples)
+            first, *further_parts = static_parts(self._samples)
         except TypeError:
             return
-        for i, part in enumerate(others):
+        for i, part in enumerate(further_parts):
             check_same_names(first, part, [key], f"part {i + 1} of 'dataset'")
 
-    def _read(self) -> None:
-        # All that has one value a sample, in one pass.
+    def _read_columns(self) -> None:
+        # Reads all attributes with one value for each sample in one pass, since a data set may load
+        # each sample from a file.
         if self._columns:
             return
         stored = without_transform(self._samples)
@@ -170,7 +172,7 @@ class GraphSamples(Dataset):
             sample = stored[i]
             columns[_NUM_TAXELS][i] = torch.tensor(_num_taxels(sample))
             for key, value in sample.to_dict().items():
-                row = _of_sample(value)
+                row = _sample_value(value)
                 if row is not None and key != "x":
                     columns.setdefault(key, [None] * len(stored))[i] = row
         for key, values in columns.items():
@@ -192,32 +194,33 @@ class GraphSamples(Dataset):
     @property
     def is_mixed(self) -> bool:
         r"""Whether the samples differ in their number of taxels."""
-        fewest, most = self.num_taxels
-        return fewest != most
+        min_taxels, max_taxels = self.num_taxels
+        return min_taxels != max_taxels
 
     @property
     def num_classes(self) -> int:
-        r"""The number of classes, over all samples that are stored."""
+        r"""The number of classes over all stored samples, selected or not."""
         y = self.stored().column("y")
         if y is None or y.numel() == 0:
             return 0
         return y.size(1) if y.dim() == 2 else int(y.max()) + 1
 
     def stored(self) -> "GraphSamples":
-        r"""Returns all samples that are stored, before any transform of their data set."""
-        whole = copy.copy(self)
-        whole._samples = without_transform(self._samples)
-        whole._indices = torch.arange(len(self._samples))
-        whole.transform = None
-        return whole
+        r"""Returns all stored samples, without the transform of their data set."""
+        out = copy.copy(self)
+        out._samples = without_transform(self._samples)
+        out._indices = torch.arange(len(self._samples))
+        out.transform = None
+        return out
 
     def names(self, kind: str) -> list[str]:
-        r"""Returns the names of the numbers of an attribute: those of texts, or of the data set.
+        r"""Returns the names of the numbers of an attribute: the texts that were numbered, or the
+        names of the data set; none if there are neither.
 
         Args:
             kind (str): :obj:`"class"`, :obj:`"group"`, :obj:`"session"` or :obj:`"trial"`.
         """
-        self._read()
+        self._read_columns()
         if kind in self._names:
             return self._names[kind]
         source = self._samples
@@ -247,11 +250,15 @@ class GraphSamples(Dataset):
 
     def describe_taxels(self) -> str:
         r"""Returns the number of taxels in words, such as :obj:`"30 to 60 taxels"`."""
-        fewest, most = self.num_taxels
-        return f"{most} taxels" if fewest == most else f"{fewest} to {most} taxels"
+        min_taxels, max_taxels = self.num_taxels
+        return (
+            f"{max_taxels} taxels"
+            if min_taxels == max_taxels
+            else f"{min_taxels} to {max_taxels} taxels"
+        )
 
 
-#: What models are trained on, as columns.
+#: Samples with their attributes as columns, on which models are trained.
 SampleSet = StaticDataset | GraphSamples
 
 
@@ -259,8 +266,8 @@ def _num_taxels(sample: Data) -> int:
     return len(sample.x) if isinstance(sample.x, Tensor) else int(sample.num_nodes or 0)
 
 
-def _of_sample(value: Any) -> Any:
-    # A number, a row of numbers or a text; None for what has rows of taxels or edges.
+def _sample_value(value: Any) -> Any:
+    # A number, a row of numbers or a text; None for an attribute with rows of taxels or edges.
     if isinstance(value, str):
         return value
     if isinstance(value, bool | int | float | np.generic):
@@ -275,10 +282,10 @@ def _of_sample(value: Any) -> Any:
 
 
 def without_transform(data: Any) -> Any:
-    r"""Returns samples as they are before the :obj:`transform` of their data set.
+    r"""Returns samples without the :obj:`transform` of their data set.
 
     Raises:
-        TypeError: If they are none.
+        TypeError: If :obj:`data` holds no samples.
     """
     if isinstance(data, StaticData):
         return data
@@ -300,21 +307,24 @@ def without_transform(data: Any) -> Any:
 
 
 def as_samples(dataset: Any) -> StaticDataset | StaticData | GraphSamples:
-    r"""Returns samples with their attributes as columns: those of one topology as they are, also a
-    :class:`~torch.utils.data.Subset` of them, and all others as :class:`GraphSamples`.
+    r"""Returns samples with their attributes as columns. Samples on one topology, including a
+    :class:`~torch.utils.data.Subset` of them, keep their class; all others become
+    :class:`GraphSamples`.
     """
     if isinstance(dataset, StaticDataset | StaticData | GraphSamples):
         return dataset
     if isinstance(dataset, Subset):
-        whole = as_samples(dataset.dataset)
-        if isinstance(whole, StaticDataset):
-            selection: StaticDataset = whole[torch.as_tensor(list(dataset.indices)).long()]
+        samples = as_samples(dataset.dataset)
+        if isinstance(samples, StaticDataset):
+            selection: StaticDataset = samples[torch.as_tensor(list(dataset.indices)).long()]
             return selection
     return GraphSamples(dataset)
 
 
 def sample_column(dataset: AnySamples, key: str) -> Tensor | None:
-    r"""Returns an attribute of the samples :math:`(S, \ldots)`; :obj:`None` if there is no such."""
+    r"""Returns an attribute of the samples :math:`(S, \ldots)`; :obj:`None` if they do not have
+    it.
+    """
     samples = as_samples(dataset)
     if isinstance(samples, StaticData):
         value = samples[key] if key in samples else None  # noqa: SIM401 - Data is no mapping

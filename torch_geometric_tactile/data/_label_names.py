@@ -1,4 +1,4 @@
-r"""The classes behind labels as people write them: one class under several spellings is one."""
+r"""Numbers class labels; different spellings of a label are one class."""
 
 import logging
 import re
@@ -10,20 +10,21 @@ import numpy as np
 from torch_geometric_tactile._texts import short_list
 
 _logger = logging.getLogger(__name__)
-# As people write them: not 007, 1_000 or nan, which are names.
+# Numbers in their usual spelling. Texts such as 007, 1_000 and nan are names.
 _NUMBER = re.compile(r"[+-]?(0|[1-9]\d*)(\.\d*)?")
-_NUM_NAMED = 3  # classes in a message
+_MAX_LISTED_CLASSES = 3  # in a message
 _Key = tuple[str, Any]
 
 
 def number_labels(values: Sequence[Any]) -> tuple[list[str], np.ndarray]:
-    r"""Returns the names of the classes, sorted, and the number of the class of each label.
+    r"""Returns the sorted names of the classes, and the number of the class of each label.
 
-    Labels are one class if they are equal as numbers (:obj:`0`, :obj:`0.0`, :obj:`"0"`), or equal
-    as texts without surrounding blanks and case (:obj:`"slip"`, :obj:`"Slip "`), except single
-    letters of other case, such as :obj:`"a"` and :obj:`"A"`, which may be two letters. The name is
-    the spelling that comes first, without surrounding blanks; of whole numbers, without decimals.
-    A warning is logged of texts that are joined, and of letters that are not.
+    Labels are one class if they are equal as numbers (:obj:`0`, :obj:`0.0`, :obj:`"0"`), or as
+    texts without regard to surrounding blanks and case (:obj:`"slip"`, :obj:`"Slip "`). Single
+    letters are an exception: :obj:`"a"` and :obj:`"A"` are two classes, since they may be letters
+    to recognize. The name of a class is its first spelling without surrounding blanks; whole
+    numbers have no decimals. Warnings are logged for texts in several spellings, and for letters
+    that differ only in case.
 
     Shapes:
         - **output:** the numbers :math:`(S,)`
@@ -37,17 +38,17 @@ def number_labels(values: Sequence[Any]) -> tuple[list[str], np.ndarray]:
     """
     items = [value.item() if isinstance(value, np.generic) else value for value in values]
     spellings = list(dict.fromkeys((type(item), item) for item in items))
-    of_class: dict[_Key, list[Any]] = {}
+    class_spellings: dict[_Key, list[Any]] = {}
     for _, spelling in spellings:
-        of_class.setdefault(_spelling_key(spelling), []).append(spelling)
-    _warn(of_class)
-    names = {key: _name(key, written[0]) for key, written in of_class.items()}
-    # Numbers in their order, before texts.
+        class_spellings.setdefault(_spelling_key(spelling), []).append(spelling)
+    _warn_of_spellings(class_spellings)
+    names = {key: _class_name(key, texts[0]) for key, texts in class_spellings.items()}
+    # Numbers are sorted by value and come before texts.
     is_text = {
-        key: key[0] == "text" or all(isinstance(text, str) for text in written)
-        for key, written in of_class.items()
+        key: key[0] == "text" or all(isinstance(text, str) for text in texts)
+        for key, texts in class_spellings.items()
     }
-    order = sorted(of_class, key=lambda k: (is_text[k], names[k] if is_text[k] else k[1]))
+    order = sorted(class_spellings, key=lambda k: (is_text[k], names[k] if is_text[k] else k[1]))
     number = {key: i for i, key in enumerate(order)}
     code = {spelling: number[_spelling_key(spelling[1])] for spelling in spellings}
     codes = np.array([code[type(item), item] for item in items], dtype=np.int64)
@@ -55,8 +56,8 @@ def number_labels(values: Sequence[Any]) -> tuple[list[str], np.ndarray]:
 
 
 def label_numbers(names: Sequence[str], values: Iterable[Any]) -> list[int | None]:
-    r"""Returns the number of each label among the names of classes, in whatever spelling;
-    :obj:`None` if it is none of them.
+    r"""Returns the number of the class of each label, which may have any spelling; :obj:`None` for
+    a label without a class.
 
     Examples:
         >>> label_numbers(["hold", "slip"], ["Slip", "hold ", "push"])
@@ -77,29 +78,31 @@ def _spelling_key(value: Any) -> _Key:
     return "text", text if len(text) == 1 else text.casefold()
 
 
-def _name(key: _Key, written: Any) -> str:
+def _class_name(key: _Key, spelling: Any) -> str:
     value = key[1]
+    # Beyond 2**53 floating-point numbers skip integers, so that the integer would be misleading.
     is_whole = key[0] == "number" and float(value).is_integer() and abs(value) < 2**53
-    return str(int(value)) if is_whole else str(written).strip()
+    return str(int(value)) if is_whole else str(spelling).strip()
 
 
-def _warn(of_class: dict[_Key, list[Any]]) -> None:
-    joined = [
-        " and ".join(repr(text) for text in written)
-        for key, written in of_class.items()
-        if key[0] == "text" and len({str(text).strip() for text in written}) > 1
+def _warn_of_spellings(class_spellings: dict[_Key, list[Any]]) -> None:
+    variants = [
+        " and ".join(repr(text) for text in texts)
+        for key, texts in class_spellings.items()
+        if key[0] == "text" and len({str(text).strip() for text in texts}) > 1
     ]
-    if joined:
+    if variants:
         _logger.warning(
-            "labels of one spelling but for case and blanks are one class: %s",
-            short_list(joined, _NUM_NAMED),
+            "labels that differ only in case and blanks are one class: %s",
+            short_list(variants, _MAX_LISTED_CLASSES),
         )
-    texts = {value for kind, value in of_class if kind == "text" and len(value) == 1}
+    letters = {value for kind, value in class_spellings if kind == "text" and len(value) == 1}
     pairs = sorted(
-        f"'{text.lower()}' and '{text}'" for text in texts if text.lower() in texts - {text}
+        f"'{text.lower()}' and '{text}'" for text in letters if text.lower() in letters - {text}
     )
     if pairs:
         _logger.warning(
-            "letters of other case are classes of their own: %s; write them alike if they are one",
-            short_list(pairs, _NUM_NAMED),
+            "letters that differ in case are different classes: %s; use one spelling if they are "
+            "the same class",
+            short_list(pairs, _MAX_LISTED_CLASSES),
         )

@@ -1,4 +1,4 @@
-r"""What an attribute belongs to: a taxel, an edge or a sample."""
+r"""The levels of attributes: a row belongs to a taxel (node), to an edge or to a sample."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -11,55 +11,58 @@ from torch import Tensor
 Level = Literal["node", "edge", "sample"]
 
 
-class Known(NamedTuple):
-    r"""What is known of an attribute by its name."""
+class AttributeLevel(NamedTuple):
+    r"""The level of an attribute of the package or of PyG, and its numbers of dimensions if all
+    samples share it; none if it always has a row for each sample.
+    """
 
     level: Level
     ranks: tuple[int, ...] = ()
 
 
 #: The attributes that need no declaration.
-KNOWN_ATTRIBUTES: Mapping[str, Known] = {
-    "x": Known("node", (2,)),
-    "pos": Known("node", (2,)),
-    "normal": Known("node", (2,)),
-    "tangent": Known("node", (3,)),
-    "norm": Known("node", (2,)),  # PyG's name of the normals
-    "absolute": Known("node", (2,)),
-    "dropped": Known("node", (1,)),
-    "missing": Known("node", (1,)),
-    "segment_batch": Known("node", (1,)),
-    "random_walk_pe": Known("node", (2,)),
-    "laplacian_eigenvector_pe": Known("node", (2,)),
-    "edge_index": Known("edge", (2,)),
-    "adj": Known("edge", (2,)),
-    "adj_t": Known("edge", (2,)),
-    "edge_attr": Known("edge", (1, 2)),
-    "edge_weight": Known("edge", (1,)),
-    "edge_type": Known("edge", (1,)),
-    "edge_sector": Known("edge", (1,)),
-    "edge_is_within": Known("edge", (1,)),
-    "y": Known("sample"),
-    "joint": Known("sample"),
-    "time": Known("sample"),
-    "trial": Known("sample"),
-    "group": Known("sample"),
-    "session": Known("sample"),
-    "property": Known("sample"),
-    "phase": Known("sample"),
+KNOWN_ATTRIBUTES: Mapping[str, AttributeLevel] = {
+    "x": AttributeLevel("node", (2,)),
+    "pos": AttributeLevel("node", (2,)),
+    "normal": AttributeLevel("node", (2,)),
+    "tangent": AttributeLevel("node", (3,)),
+    "norm": AttributeLevel("node", (2,)),  # PyG's name of the normals
+    "absolute": AttributeLevel("node", (2,)),
+    "dropped": AttributeLevel("node", (1,)),
+    "missing": AttributeLevel("node", (1,)),
+    "segment_batch": AttributeLevel("node", (1,)),
+    "random_walk_pe": AttributeLevel("node", (2,)),
+    "laplacian_eigenvector_pe": AttributeLevel("node", (2,)),
+    "edge_index": AttributeLevel("edge", (2,)),
+    "adj": AttributeLevel("edge", (2,)),
+    "adj_t": AttributeLevel("edge", (2,)),
+    "edge_attr": AttributeLevel("edge", (1, 2)),
+    "edge_weight": AttributeLevel("edge", (1,)),
+    "edge_type": AttributeLevel("edge", (1,)),
+    "edge_sector": AttributeLevel("edge", (1,)),
+    "edge_is_within": AttributeLevel("edge", (1,)),
+    "y": AttributeLevel("sample"),
+    "joint": AttributeLevel("sample"),
+    "time": AttributeLevel("sample"),
+    "trial": AttributeLevel("sample"),
+    "group": AttributeLevel("sample"),
+    "session": AttributeLevel("sample"),
+    "property": AttributeLevel("sample"),
+    "phase": AttributeLevel("sample"),
 }
-#: The topology, never one for each sample.
+#: The attributes of the topology, which all samples share.
 TOPOLOGY = ("edge_index", "adj", "adj_t")
-#: What the numbers of an attribute have names for: those of :obj:`y` are `class_names`.
+#: Attributes whose numbers have names, and the kind of these names: the names of the numbers in
+#: :obj:`y` are the :obj:`class_names` of a data set.
 NAMED = {"y": "class", "group": "group", "session": "session"}
-_OF_A_BATCH = ("batch", "ptr")
+_BATCH_ATTRIBUTES = ("batch", "ptr")
 
 
 @dataclass(frozen=True)
 class Schema:
-    r"""The declared levels of a user's own attributes, in addition to :obj:`KNOWN_ATTRIBUTES`.
+    r"""The levels that a user declares for attributes, in addition to :obj:`KNOWN_ATTRIBUTES`.
 
-    A declaration takes precedence over what is known of a name.
+    A declaration takes precedence over :obj:`KNOWN_ATTRIBUTES`.
     """
 
     node: frozenset[str] = frozenset()
@@ -67,36 +70,48 @@ class Schema:
     shared: frozenset[str] = frozenset()
 
     @classmethod
-    def of(
+    def from_names(
         cls, node: Iterable[str] = (), edge: Iterable[str] = (), shared: Iterable[str] = ()
     ) -> "Schema":
-        r"""Checks the names and returns their schema."""
+        r"""Checks the names of attributes and returns their schema.
+
+        Args:
+            node (iterable of str): Names of attributes with a row for each taxel.
+            edge (iterable of str): Names of attributes with a row for each edge.
+            shared (iterable of str): Names of attributes with one value for all samples.
+
+        Raises:
+            ValueError: If an argument is no list of names, an attribute is declared twice, or its
+                level is fixed.
+        """
         names = {}
-        for argument, given in (("node", node), ("edge", edge), ("shared", shared)):
-            listed = None if isinstance(given, str) else list(given)
-            if listed is None or not all(isinstance(name, str) for name in listed):
-                raise ValueError(f"'{argument}' must be a list of names (got {given!r})")
-            names[argument] = frozenset(listed)
-        twice = sorted(names["node"] & names["edge"])
-        if twice:
-            raise ValueError(f"'{twice[0]}' must be named in 'node' or in 'edge' (got both)")
-        for argument, fixed in (
-            ("node", ("x", *TOPOLOGY, *_OF_A_BATCH)),
-            ("edge", ("x", *TOPOLOGY, *_OF_A_BATCH)),
-            ("shared", ("x", *_OF_A_BATCH)),
+        for argument, value in (("node", node), ("edge", edge), ("shared", shared)):
+            name_list = None if isinstance(value, str) else list(value)
+            if name_list is None or not all(isinstance(name, str) for name in name_list):
+                raise ValueError(f"'{argument}' must be a list of names (got {value!r})")
+            names[argument] = frozenset(name_list)
+        duplicates = sorted(names["node"] & names["edge"])
+        if duplicates:
+            raise ValueError(f"'{duplicates[0]}' must be named in 'node' or in 'edge' (got both)")
+        for argument, fixed_names in (
+            ("node", ("x", *TOPOLOGY, *_BATCH_ATTRIBUTES)),
+            ("edge", ("x", *TOPOLOGY, *_BATCH_ATTRIBUTES)),
+            ("shared", ("x", *_BATCH_ATTRIBUTES)),
         ):
-            for name in fixed:
+            for name in fixed_names:
                 if name in names[argument]:
-                    raise ValueError(f"'{argument}' must name other attributes (got '{name}')")
+                    raise ValueError(
+                        f"'{argument}' must not name attributes of a fixed level (got '{name}')"
+                    )
         return cls(**names)
 
-    def update(self, other: "Schema") -> "Schema":
-        r"""Returns the schema with the names in :obj:`other` declared as they are there."""
-        named = other.node | other.edge | other.shared
+    def update(self, schema: "Schema") -> "Schema":
+        r"""Returns this schema with the declarations of another one, which take precedence."""
+        names = schema.node | schema.edge | schema.shared
         return Schema(
-            (self.node - named) | other.node,
-            (self.edge - named) | other.edge,
-            (self.shared - named) | other.shared,
+            (self.node - names) | schema.node,
+            (self.edge - names) | schema.edge,
+            (self.shared - names) | schema.shared,
         )
 
     def to_dict(self) -> dict[str, list[str]]:
@@ -113,22 +128,22 @@ class Schema:
             return "node"
         if key in self.edge:
             return "edge"
-        known = KNOWN_ATTRIBUTES.get(key)
-        return "sample" if known is None else known.level
+        default = KNOWN_ATTRIBUTES.get(key)
+        return "sample" if default is None else default.level
 
     def is_shared(self, key: str, value: Any) -> bool:
-        r"""Tells whether all samples share one value of an attribute."""
+        r"""Returns whether all samples share one value of an attribute."""
         if key in self.shared or not isinstance(value, Tensor):
             return True
         if key == "x" or key in self.node or key in self.edge:
             return False
-        known = KNOWN_ATTRIBUTES.get(key)
-        if known is None or not known.ranks:
+        default = KNOWN_ATTRIBUTES.get(key)
+        if default is None or not default.ranks:
             return False
-        return key in TOPOLOGY or value.dim() in known.ranks
+        return key in TOPOLOGY or value.dim() in default.ranks
 
     def num_samples(self, attributes: Mapping[str, Any]) -> int | None:
-        r"""Returns the number of samples, or :obj:`None` if no attribute tells."""
+        r"""Returns the number of samples, or :obj:`None` if no attribute has a row for each."""
         x = attributes.get("x")
         if isinstance(x, Tensor):
             return x.size(0)
@@ -140,27 +155,38 @@ class Schema:
     def check(
         self, key: str, value: Any, attributes: Mapping[str, Any], num_samples: int | None = None
     ) -> None:
-        r"""Checks a value against its level and the other attributes, and a new one against the
-        number of samples, if that was stated.
+        r"""Checks the value of an attribute against its level and the other attributes.
+
+        Args:
+            key (str): Name of the attribute.
+            value (Any): The new value.
+            attributes (Mapping): All attributes, which may include the present value of this one.
+            num_samples (int, optional): The number of samples that a new attribute must have, where
+                no other attribute has a row for each sample.
+
+        Raises:
+            ValueError: If the type or the shape does not fit.
         """
-        if key in _OF_A_BATCH:
+        if key in _BATCH_ATTRIBUTES:
             raise ValueError(f"StaticData has no '{key}': call 'to_batch()' for a PyG batch")
         if not isinstance(value, Tensor):
-            self._check_plain(key, value)
+            self._check_plain_value(key, value)
             return
-        others = {name: other for name, other in attributes.items() if name != key}
+        other_attributes = {name: item for name, item in attributes.items() if name != key}
         self._check_dims(key, value)
         if not self.is_shared(key, value):
-            # What replaces the only attribute with rows may have another number of them.
-            self._check_rows(key, value, others, None if key in attributes else num_samples)
-        self._check_elements(key, value, others)
-        first = attributes.get(key) is None
-        if first and key in ("x", "edge_index"):
-            # A replaced one may be followed by the attributes that have to change with it.
-            for name, other in others.items():
-                self._check_elements(name, other, {key: value})
+            # A replacement of the only attribute with a row for each sample may have more or fewer.
+            self._check_rows(
+                key, value, other_attributes, None if key in attributes else num_samples
+            )
+        self._check_elements(key, value, other_attributes)
+        is_new = attributes.get(key) is None
+        if is_new and key in ("x", "edge_index"):
+            # Not for a replacement, after which the caller may replace the other attributes.
+            for name, item in other_attributes.items():
+                self._check_elements(name, item, {key: value})
 
-    def _check_plain(self, key: str, value: Any) -> None:
+    def _check_plain_value(self, key: str, value: Any) -> None:
         declared = key in self.node or key in self.edge
         if declared or (key in KNOWN_ATTRIBUTES and key not in (*self.shared, "adj", "adj_t")):
             raise ValueError(f"'{key}' must be a tensor (got {type(value).__name__})")
@@ -190,56 +216,60 @@ class Schema:
                     f"(got shape {shape})"
                 )
             return
-        known = KNOWN_ATTRIBUTES.get(key)
-        if known is None or not known.ranks or key in self.shared:
+        default = KNOWN_ATTRIBUTES.get(key)
+        if default is None or not default.ranks or key in self.shared:
             return
-        if value.dim() not in (*known.ranks, known.ranks[-1] + 1):
-            shared = " or ".join(map(str, known.ranks))
+        if value.dim() not in (*default.ranks, default.ranks[-1] + 1):
+            ranks = " or ".join(map(str, default.ranks))
             raise ValueError(
-                f"'{key}' must have {shared} dimensions if all samples share it, or "
-                f"{known.ranks[-1] + 1} if each has its own (got shape {shape}); name it in "
-                f"'{known.level}' to declare another shape"
+                f"'{key}' must have {ranks} dimensions if all samples share it, or "
+                f"{default.ranks[-1] + 1} if it has a row for each sample (got shape {shape}); "
+                f"name it in '{default.level}' to declare another shape"
             )
 
     def _check_rows(
-        self, key: str, value: Tensor, others: Mapping[str, Any], stored: int | None
+        self, key: str, value: Tensor, other_attributes: Mapping[str, Any], expected: int | None
     ) -> None:
-        if key == "x":  # all others have to agree with it
-            others = {k: v for k, v in others.items() if not self.is_shared(k, v)}
-        num_samples = self.num_samples(others)
-        num_samples = stored if num_samples is None else num_samples
+        # The rows of other attributes are compared first, `expected` only if there are none.
+        if key == "x":
+            other_attributes = {
+                k: v for k, v in other_attributes.items() if not self.is_shared(k, v)
+            }
+        num_samples = self.num_samples(other_attributes)
+        num_samples = expected if num_samples is None else num_samples
         if value.dim() > 0 and num_samples in (None, value.size(0)):
             return
         shape = tuple(value.shape)
         if key == "x":
-            source = f"'{next(iter(others))}' has" if others else "these data have"
+            source = f"'{next(iter(other_attributes))}' has" if other_attributes else "declared"
             raise ValueError(
                 f"'x' must have {num_samples} samples, as {source} (got shape {shape}); use "
-                "'index_select' to choose samples"
+                "'index_select' to select samples"
             )
         level = self.level(key)
         if level != "sample":
-            advice = f"if all share it, name it in '{level}' and in 'shared'"
+            advice = f"if all samples share it, name it in '{level}' and in 'shared'"
         elif key in KNOWN_ATTRIBUTES:
-            advice = "name it in 'shared' if it is one value for all"
+            advice = "name it in 'shared' if it is one value for all samples"
         else:
             advice = (
                 "name it in 'node' or 'edge' if it has a row for each taxel or edge, and in "
-                "'shared' if it is the same for all"
+                "'shared' if it is the same for all samples"
             )
         rows = "a row" if num_samples is None else f"{num_samples} rows, one"
         raise ValueError(f"'{key}' must have {rows} for each sample (got shape {shape}); {advice}")
 
-    def _check_elements(self, key: str, value: Any, others: Mapping[str, Any]) -> None:
+    def _check_elements(self, key: str, value: Any, attributes: Mapping[str, Any]) -> None:
+        # The number of taxels or edges, as other attributes determine it.
         level = self.level(key)
         if level == "sample" or not isinstance(value, Tensor) or key in ("x", *TOPOLOGY):
             return
-        wanted = self._num_nodes(others) if level == "node" else _num_edges(others)
+        num_elements = self._num_nodes(attributes) if level == "node" else _num_edges(attributes)
         dim = 0 if self.is_shared(key, value) else 1
-        if wanted is not None and value.size(dim) != wanted:
-            what = "taxels" if level == "node" else "edges"
+        if num_elements is not None and value.size(dim) != num_elements:
+            element = "taxels" if level == "node" else "edges"
             raise ValueError(
-                f"'{key}' must have {wanted} {what} in its dimension {dim} "
+                f"'{key}' must have {num_elements} {element} in its dimension {dim} "
                 f"(got shape {tuple(value.shape)}); name it in '{level}', or in '{level}' and "
                 "'shared', to declare another shape"
             )
@@ -259,15 +289,19 @@ def _num_edges(attributes: Mapping[str, Any]) -> int | None:
 
 
 def flat_index(index: Any) -> Tensor:
-    r"""Returns indices of samples in one dimension, also of a mask, as PyG reads them."""
+    r"""Returns indices or a mask of samples as indices in one dimension, as PyG's data sets do.
+
+    Raises:
+        IndexError: If :obj:`index` holds neither integers nor truth values.
+    """
     try:
-        found = torch.as_tensor(index).flatten()
+        flat = torch.as_tensor(index).flatten()
     except (RuntimeError, TypeError, ValueError) as error:
         raise IndexError(
             f"'index' must be a slice, integers or a mask (got {index!r:.80})"
         ) from error
-    if found.dtype == torch.bool:
-        return found.nonzero().view(-1)
-    if found.numel() and (found.is_floating_point() or found.is_complex()):
-        raise IndexError(f"'index' must hold integers or truth values (got {found.dtype})")
-    return found.long()
+    if flat.dtype == torch.bool:
+        return flat.nonzero().view(-1)
+    if flat.numel() and (flat.is_floating_point() or flat.is_complex()):
+        raise IndexError(f"'index' must hold integers or truth values (got {flat.dtype})")
+    return flat.long()

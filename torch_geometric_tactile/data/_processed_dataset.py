@@ -1,4 +1,4 @@
-r"""Processing raw files once, and again when something has changed."""
+r"""The base class of data sets that process raw files once, and again after a change."""
 
 import logging
 import re
@@ -7,15 +7,16 @@ from pathlib import Path
 from typing import Any, Self
 
 import torch
+from torch import Tensor
 from torch_geometric.data import Dataset
 from torch_geometric.data.dataset import files_exist
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile.data._fingerprint import (
-    changes,
     constructor_arguments,
     describe,
+    setting_changes,
     state_changes,
     without_code,
 )
@@ -25,7 +26,6 @@ from torch_geometric_tactile.data._processed_file import (
     read_processed,
     save_static,
 )
-from torch_geometric_tactile.data._trial_numbers import with_own_numbers
 from torch_geometric_tactile.data.apply_transform import apply_transform
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -33,41 +33,41 @@ from torch_geometric_tactile.sensors import TaxelLayout
 # Arguments of any data set that do not change the processed file, or are described apart.
 _OTHER_ARGS = ("root", "transform", "pre_transform", "pre_filter", "force_reload", "log", "layout")
 _logger = logging.getLogger(__name__)
-_NUM_CHANGES = 3  # that a message names
+_MAX_LISTED_CHANGES = 3  # in a message
 
 
 class ProcessedDataset(Dataset):
-    r"""A PyG data set with a processed file that records what it was made with: the class, the
-    arguments of its constructor, :obj:`layout`, :obj:`pre_transform`, :obj:`pre_filter` and
-    :meth:`raw_state`. If one of them differs, the raw files are processed again, and a warning is
-    logged that names it. So they are if the source code of the user's own class, transform or
-    filter, or of a module that it imports, was edited.
+    r"""The base class of :class:`~torch_geometric_tactile.data.StaticDataset`: a PyG data set whose
+    processed file records its settings.
 
-    It is the base of :class:`~torch_geometric_tactile.data.StaticDataset`.
+    The settings are the class, the arguments of its constructor, :obj:`layout`,
+    :obj:`pre_transform`, :obj:`pre_filter` and :meth:`raw_state`. If one of them differs, the raw
+    files are processed again, and a warning names the setting. An edit of the source code of a
+    user's class, transform or filter, or of a module that it imports, has the same effect.
     """
 
     layout: TaxelLayout
     force_reload: bool
 
-    #: Arguments of the constructor that choose from the processed samples: if they change, nothing
-    #: has to be processed again. An argument of one name in several classes is one.
+    #: Arguments of the constructor that select from the processed samples. If they change, the raw
+    #: files are not processed again.
     selection_args: Sequence[str] = ()
 
     _file: ProcessedFile | None = None
-    _described: dict[str, str] | None = None
+    _settings_cache: dict[str, str] | None = None
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
-        r"""Keeps the arguments until the processed file was compared with them."""
+        r"""Stores the arguments of the constructor, with which the processed file is compared."""
         self = super().__new__(cls)
-        if args or kwargs:  # neither is given where PyG copies a data set
-            self.__dict__["_given"] = (args, kwargs)
+        if args or kwargs:  # PyG copies a data set without arguments
+            self.__dict__["_constructor_call"] = (args, kwargs)
         return self
 
     def read(self) -> Any:
         r"""Returns all samples: :class:`~torch_geometric_tactile.data.StaticData`, or a list of
-        PyG's :class:`~torch_geometric.data.Data` with the same edges. With names, it returns a
-        tuple of the samples and a dictionary: the names of :obj:`y` (:obj:`"class"`),
-        :obj:`group` (:obj:`"group"`) and :obj:`session` (:obj:`"session"`), each a list.
+        PyG's :class:`~torch_geometric.data.Data` with the same edges. To name the numbers of
+        :obj:`y`, :obj:`group` and :obj:`session`, it returns a tuple of the samples and a
+        dictionary with lists of names: :obj:`"class"`, :obj:`"group"` and :obj:`"session"`.
         """
         raise NotImplementedError(
             f"'{type(self).__name__}' must define 'read', which returns StaticData or a list of "
@@ -77,14 +77,16 @@ class ProcessedDataset(Dataset):
 
     @property
     def raw_file_names(self) -> Any:
-        r"""The raw files, by default all in the folder :obj:`raw_dir`, which may be none."""
+        r"""The names of the raw files; by default, all files in the folder :obj:`raw_dir`."""
         folder = Path(self.raw_dir)
         paths = folder.iterdir() if folder.is_dir() else ()
         return sorted(path.name for path in paths if path.is_file() and path.name[0] != ".")
 
     @property
     def processed_file_names(self) -> Any:
-        r"""The processed file, by default named after the class: :obj:`"my_grasps.pt"`."""
+        r"""The name of the processed file; by default that of the class, such as
+        :obj:`"my_grasps.pt"`.
+        """
         return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", type(self).__name__).lower() + ".pt"
 
     def raw_state(self) -> list[str]:
@@ -94,127 +96,183 @@ class ProcessedDataset(Dataset):
         return []
 
     def _settings(self) -> dict[str, str]:
-        # What the processed file is made with, as text by name.
-        if self._described is not None:
-            return self._described
-        kind = type(self)
-        args, kwargs = self.__dict__.get("_given", ((), {}))
-        arguments = constructor_arguments(kind, args, kwargs)
-        skipped = {*_OTHER_ARGS, *self.selection_args}
-        settings = {"class": describe(kind)}
+        # The settings of the processed file as texts, described once since hashing is slow.
+        if self._settings_cache is not None:
+            return self._settings_cache
+        cls = type(self)
+        args, kwargs = self.__dict__.get("_constructor_call", ((), {}))
+        arguments = constructor_arguments(cls, args, kwargs)
+        ignored_args = {*_OTHER_ARGS, *self.selection_args}
+        settings = {"class": describe(cls)}
         for key, value in arguments.items():
-            if key not in skipped:
+            if key not in ignored_args:
                 settings[key] = describe(value)
         if hasattr(self, "layout") and "layout" not in self.selection_args:
             settings["layout"] = describe(self.layout)
         settings["pre_transform"] = describe(self.pre_transform)
         settings["pre_filter"] = describe(self.pre_filter)
-        self._described = settings
+        self._settings_cache = settings
         return settings
 
     @property
     def has_process(self) -> bool:
-        r"""Whether there are files to process: not so in memory."""
-        return self.root != "???"  # PyG's mark of a missing root
+        r"""Whether there are files to process; :obj:`False` for a data set in memory."""
+        return self.root != "???"  # PyG's placeholder for a missing root
 
     def _build(self) -> tuple[StaticData, dict[str, list[str]]]:
         data, names = self.__dict__.pop("_source", None) or self._read_samples()
-        data, names = with_own_numbers(data, names)
+        data, names = _with_unique_trials(data, names)
         if self.pre_filter is not None:
-            kept = [i for i in range(data.num_samples) if self.pre_filter(data.sample(i))]
-            need(kept, "'pre_filter' must keep at least one sample (kept none)")
-            data = data.index_select(torch.tensor(kept))
+            indices = [i for i in range(data.num_samples) if self.pre_filter(data.sample(i))]
+            need(indices, "'pre_filter' must keep at least one sample (kept none)")
+            data = data.index_select(torch.tensor(indices))
         return apply_transform(self.pre_transform, data), names
 
     def _read_samples(self) -> tuple[StaticData, dict[str, list[str]]]:
-        result = self.read()
-        samples: Any = result
+        content = self.read()
+        samples: Any = content
         names: Mapping[str, Sequence[str]] = {}
-        if isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], Mapping):
-            samples, names = result
+        if isinstance(content, tuple) and len(content) == 2 and isinstance(content[1], Mapping):
+            samples, names = content
         if isinstance(samples, list | tuple):
             samples = StaticData.from_data_list(samples)
         if not isinstance(samples, StaticData):
             raise TypeError(
                 f"'read' of '{type(self).__name__}' must return StaticData or a list of Data, or a "
-                f"tuple of these and a dictionary of names (got {type(result).__name__})"
+                f"tuple of these and a dictionary of names (got {type(content).__name__})"
             )
         return samples, {key: list(values) for key, values in names.items()}
 
     def process(self) -> None:
-        r"""Reads, filters and transforms the samples, and saves them whole or not at all."""
-        # Before reading: a file that changes from here on is processed again the next time.
+        r"""Reads, filters and transforms the samples, and saves them. If it is interrupted, there
+        is no processed file.
+        """
+        # Taken before reading, so that raw files which change meanwhile are processed again.
         settings, state = self._settings(), self.raw_state()
         data, names = self._build()
         save_static(data, names, self.processed_paths[0], settings, state)
 
-    # PyG calls the next two; its own `_process` compares the `repr` of the transforms only.
+    # PyG calls `_download` and `_process`. They are overridden, since PyG compares only the `repr`
+    # of the transforms, and only warns about a difference.
 
     def _download(self) -> None:
-        file, _ = self._compared()
+        file, _ = self._load_current_file()
         if file is None:  # otherwise the raw files are not needed
             super()._download()
 
     def _process(self) -> None:
-        self._file, why = self._compared()
+        self._file, reason = self._load_current_file()
         if self._file is not None:
             return
         path = Path(self.processed_paths[0])
-        if why and not self._has_raw():
+        if reason and not self._has_raw_files():
             hint = (
                 " ('raw_file_names' is empty: leave it out of the class if 'read' needs no files)"
             )
             raise ValueError(
-                f"processed file '{path}' cannot be used ({why}) and the raw files to process "
+                f"processed file '{path}' cannot be used ({reason}) and the raw files to process "
                 f"again are missing in '{self.raw_dir}'{'' if self.raw_paths else hint}"
             )
-        if why:
-            _logger.warning("processing '%s' again: %s", path, why)
+        if reason:
+            _logger.warning("processing '%s' again: %s", path, reason)
         path.parent.mkdir(parents=True, exist_ok=True)
         self.process()
-        written = read_processed(path)
-        other = changes(written.settings, self._settings())
-        if other:
+        new_file = read_processed(path)
+        differences = setting_changes(new_file.settings, self._settings())
+        if differences:
             raise RuntimeError(
                 f"another process has written '{path}' meanwhile, with other settings "
-                f"({short_list(other, _NUM_CHANGES)}); give each a 'root' of its own"
+                f"({short_list(differences, _MAX_LISTED_CHANGES)}); give each process its own "
+                "'root'"
             )
-        self._file = written
+        self._file = new_file
 
-    def _take_file(self) -> tuple[StaticData, dict[str, list[str]]]:
+    def _pop_file(self) -> tuple[StaticData, dict[str, list[str]]]:
         file, self._file = self._file, None
-        if file is None:  # a subclass has processed in its own way
+        if file is None:  # a subclass overrides `_process`
             file = read_processed(self.processed_paths[0])
         return file.data, file.names
 
-    def _compared(self) -> tuple[ProcessedFile | None, str]:
-        # The processed file, if it is there and up to date; or else why it is not.
+    def _load_current_file(self) -> tuple[ProcessedFile | None, str]:
+        # The processed file if it exists and is up to date; otherwise None, and the reason if it
+        # exists.
         path = Path(self.processed_paths[0])
         if self.force_reload or not path.is_file():
             return None, ""
         try:
             file = read_processed(path)
         except OtherFormatError:
-            return None, "it is not of this version of torch_geometric_tactile"
-        why = changes(file.settings, self._settings())
-        if self._has_raw():  # what is missing has not changed
-            why += state_changes(file.raw_state, self.raw_state())
-        elif why and not changes(without_code(file.settings), without_code(self._settings())):
+            return None, "it was written by another version of torch_geometric_tactile"
+        reasons = setting_changes(file.settings, self._settings())
+        if self._has_raw_files():  # missing files have no state to compare
+            reasons += state_changes(file.raw_state, self.raw_state())
+        elif reasons and not setting_changes(
+            without_code(file.settings), without_code(self._settings())
+        ):
+            # Only the user's source code differs. Without raw files an error would make the samples
+            # useless after the smallest edit.
             _logger.warning(
-                "'%s' was made by other code (%s) and cannot be made again, since the raw files "
-                "are missing in '%s': its samples are used as they are",
+                "'%s' was processed by different code (%s) and cannot be processed again, since "
+                "the raw files are missing in '%s': its samples are used unchanged",
                 path,
-                short_list(why, _NUM_CHANGES),
+                short_list(reasons, _MAX_LISTED_CHANGES),
                 self.raw_dir,
             )
-            why = []
-        return (None, short_list(why, _NUM_CHANGES)) if why else (file, "")
+            reasons = []
+        return (None, short_list(reasons, _MAX_LISTED_CHANGES)) if reasons else (file, "")
 
-    def _has_raw(self) -> bool:
-        if type(self).raw_file_names is _FOLDER_FILES:
-            return True  # `read` asks for its files
+    def _has_raw_files(self) -> bool:
+        if type(self).raw_file_names is _DEFAULT_RAW_FILE_NAMES:
+            return True  # `read` checks for the files that it needs
         paths = self.raw_paths
         return len(paths) > 0 and files_exist(paths)
 
 
-_FOLDER_FILES = ProcessedDataset.raw_file_names
+_DEFAULT_RAW_FILE_NAMES = ProcessedDataset.raw_file_names
+
+
+def _with_unique_trials(data: Any, names: dict[str, list[str]]) -> tuple[Any, dict[str, list[str]]]:
+    r"""Returns samples in which each trial has a unique number, and the names with those of the
+    trials in the new order.
+
+    Equal numbers in different sessions are different trials. Equal numbers in different groups are
+    different trials if the samples of the groups are not in one run.
+    """
+    trial = _column(data, "trial")
+    if trial is None or not len(trial):
+        return data, names
+    keys = [trial]
+    session, group = _column(data, "session"), _column(data, "group")
+    if session is not None:
+        keys.append(session)
+    if group is not None and _restarts_by_group(trial, group):
+        keys.append(group)
+    trial_keys, number = torch.stack(keys, dim=1).unique(dim=0, return_inverse=True)
+    if len(trial_keys) == len(trial.unique()):
+        return data, names
+    _logger.info(
+        "trial numbers begin again in each %s: %d trials are numbered from 0 on",
+        "group" if len(keys) == 3 or session is None else "session",
+        len(trial_keys),
+    )
+    data.trial = number.to(data["trial"].device)
+    trial_names = names.get("trial", [])
+    if trial_names:
+        names = {**names, "trial": [trial_names[i] for i in trial_keys[:, 0].tolist()]}
+    return data, names
+
+
+def _column(data: Any, key: str) -> Tensor | None:
+    value = data[key] if key in data else None  # noqa: SIM401 - Data is no mapping
+    if not isinstance(value, Tensor) or value.dim() != 1 or value.is_floating_point():
+        return None
+    return value.long().cpu() if len(value) == data.num_samples else None
+
+
+def _restarts_by_group(trial: Tensor, group: Tensor) -> bool:
+    # Whether the samples of a trial number are in several runs that belong to different groups.
+    changes = (trial[1:] != trial[:-1]).nonzero().view(-1) + 1
+    first = torch.cat([torch.zeros(1, dtype=torch.long), changes])
+    run_trial, run_group = trial[first], group[first]
+    pairs = torch.stack([run_trial, run_group], dim=1).unique(dim=0)
+    return len(pairs) > len(run_trial.unique())

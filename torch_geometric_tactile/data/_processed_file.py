@@ -1,4 +1,4 @@
-r"""The file in which processed samples are kept."""
+r"""Reads and writes files of processed samples."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from torch_geometric_tactile.data._torch_file import read_torch_file, write_torc
 from torch_geometric_tactile.data.static_data import StaticData
 
 FORMAT = 3
-_MEND = "delete it or pass 'force_reload=True' to process the raw files again"
+_ADVICE = "delete it or pass 'force_reload=True' to process the raw files again"
 
 
 class OtherFormatError(ValueError):
@@ -37,7 +37,15 @@ def save_static(
     settings: Mapping[str, str] | None = None,
     raw_state: Sequence[str] = (),
 ) -> None:
-    r"""Writes samples to a file, whole or not at all."""
+    r"""Writes samples to a processed file. If writing fails, no partial file is left.
+
+    Args:
+        data (StaticData): The samples.
+        names (Mapping of str to list of str): The names of classes, groups and others.
+        path (str or PathLike): The file.
+        settings (Mapping of str to str, optional): The settings of the data set.
+        raw_state (sequence of str): The state of the raw files.
+    """
     attributes: dict[str, Any] = {}
     for key, value in data.to_dict().items():
         attributes[key] = value.clone() if _is_view(value) else value
@@ -55,7 +63,8 @@ def save_static(
 
 
 def _is_view(value: Any) -> bool:
-    # It would drag its whole storage into the file. Others need no copy, which may not fit.
+    # torch.save writes the complete storage of a view, which is therefore copied. Other tensors are
+    # not copied, since the copy may not fit into memory.
     if not isinstance(value, Tensor):
         return False
     if type(value) is not Tensor or value.layout != torch.strided:
@@ -64,27 +73,32 @@ def _is_view(value: Any) -> bool:
 
 
 def read_processed(path: PathLike) -> ProcessedFile:
-    r"""Reads a processed file, memory-mapped, after its checksums were compared: those of a large
-    one only if it has changed since. Removes what killed processes left beside it.
+    r"""Reads a processed file, memory-mapped, and removes temporary files of killed processes
+    beside it. The checksums are verified first; those of a large file only if it changed since the
+    last time.
+
+    Raises:
+        OtherFormatError: If the file has another format.
+        ValueError: If the file is empty or damaged.
     """
     remove_leftovers(path)
-    need(Path(path).stat().st_size != 0, f"processed file '{path}' is empty; {_MEND}")
+    need(Path(path).stat().st_size != 0, f"processed file '{path}' is empty; {_ADVICE}")
     try:
         content = read_torch_file(path, mmap=True, once=True)
     except ValueError as error:
-        raise ValueError(f"processed file '{path}' cannot be read; {_MEND} ({error})") from error
+        raise ValueError(f"processed file '{path}' cannot be read; {_ADVICE} ({error})") from error
     if not isinstance(content, dict) or repr(content.get("format")) != repr(FORMAT):
-        raise OtherFormatError(f"processed file '{path}' is not in format {FORMAT}; {_MEND}")
+        raise OtherFormatError(f"processed file '{path}' is not in format {FORMAT}; {_ADVICE}")
     try:
-        return _from_content(content)
-    except Exception as error:  # whatever other types in place of these lead to
+        return _to_processed_file(content)
+    except Exception as error:  # values of unexpected types may raise any error
         raise ValueError(
-            f"processed file '{path}' holds no samples ({type(error).__name__}: {error}); {_MEND}"
+            f"processed file '{path}' holds no samples ({type(error).__name__}: {error}); {_ADVICE}"
         ) from error
 
 
-def _from_content(content: Mapping[str, Any]) -> ProcessedFile:
-    num_samples = content.get("num_samples")  # of samples without readings
+def _to_processed_file(content: Mapping[str, Any]) -> ProcessedFile:
+    num_samples = content.get("num_samples")  # only stored for samples without readings
     data = StaticData(**content["attributes"], **content["schema"], num_samples=num_samples)
     lacks_x = "x" not in data and num_samples is not None
     if not (lacks_x or (isinstance(data.x, Tensor) and data.x.is_floating_point())):

@@ -1,4 +1,4 @@
-r"""Signals of a recording at another rate."""
+r"""Resamples the signals of a recording."""
 
 import math
 from collections.abc import Mapping
@@ -14,13 +14,21 @@ _MAX_FRAMES = 10**8
 def resampled_values(
     time: np.ndarray, signals: Mapping[str, np.ndarray], rate: float
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    r"""Returns new times and the signals at them: floating-point ones averaged over each new frame
-    or joined by straight lines, others those of the nearest frame.
+    r"""Resamples signals to another rate. Each part between gaps is resampled separately.
+
+    Floating-point values are averaged over each new frame if the rate is lower, and interpolated
+    linearly otherwise. Other values are taken from the nearest frame.
+
+    Args:
+        time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
+        signals (Mapping of str to numpy.ndarray): Values by name :math:`(T, ...)`.
+        rate (float): Frames per second.
 
     Shapes:
-        - **time:** Increasing times in seconds :math:`(T,)`.
-        - **signals:** Values by name :math:`(T, ...)`.
         - **output:** times :math:`(K,)` and values :math:`(K, ...)`
+
+    Raises:
+        ValueError: If the rate is not positive, or would give too many frames.
     """
     if not (isinstance(rate, int | float) and 0 < rate < math.inf):
         raise ValueError(f"'rate' must be frames per second, above 0 (got {rate!r})")
@@ -35,72 +43,89 @@ def resampled_values(
         raise ValueError(
             f"'rate' must make at most {_MAX_FRAMES} frames (got {counts.sum()} at {rate:g} Hz)"
         )
-    is_slower = rate < measured.rate * (1 - ROUNDING)  # a resampled recording stays as it is
+    # With a tolerance, so that a recording that was resampled to this rate before is not averaged.
+    is_slower = rate < measured.rate * (1 - ROUNDING)
     width = 1 / rate if is_slower else 0.0
-    new_time = []
-    new: dict[str, list[np.ndarray]] = {name: [] for name in signals}
+    time_parts = []
+    value_parts: dict[str, list[np.ndarray]] = {name: [] for name in signals}
     for start, end, count in zip(starts, ends, counts, strict=True):
-        old = time[start:end]
-        times = old[0] + np.arange(count) / rate
-        new_time.append(times)
-        nearest = _nearest(old, times)
+        old_time = time[start:end]
+        new_time = old_time[0] + np.arange(count) / rate
+        time_parts.append(new_time)
+        nearest = _nearest_frames(old_time, new_time)
         for name, value in signals.items():
             values = value[start:end]
-            if value.dtype.kind == "f" and len(old) > 1:
-                new[name].append(_float_values(old, values, times, nearest, width))
+            if value.dtype.kind == "f" and len(old_time) > 1:
+                value_parts[name].append(
+                    _resample_floats(old_time, values, new_time, nearest, width)
+                )
             else:
-                new[name].append(values[nearest])
-    return np.concatenate(new_time), {name: np.concatenate(parts) for name, parts in new.items()}
+                value_parts[name].append(values[nearest])
+    return np.concatenate(time_parts), {
+        name: np.concatenate(parts) for name, parts in value_parts.items()
+    }
 
 
-def _nearest(old: np.ndarray, times: np.ndarray) -> np.ndarray:
-    after = np.searchsorted(old, times).clip(1, max(len(old) - 1, 1))
-    if len(old) == 1:
-        return np.zeros(len(times), np.int64)
-    return np.asarray(after - (times - old[after - 1] <= old[after] - times))
+def _nearest_frames(old_time: np.ndarray, new_time: np.ndarray) -> np.ndarray:
+    after = np.searchsorted(old_time, new_time).clip(1, max(len(old_time) - 1, 1))
+    if len(old_time) == 1:
+        return np.zeros(len(new_time), np.int64)
+    return np.asarray(after - (new_time - old_time[after - 1] <= old_time[after] - new_time))
 
 
-def _float_values(
-    old: np.ndarray, values: np.ndarray, times: np.ndarray, nearest: np.ndarray, width: float
+def _resample_floats(
+    old_time: np.ndarray,
+    values: np.ndarray,
+    new_time: np.ndarray,
+    nearest: np.ndarray,
+    width: float,
 ) -> np.ndarray:
-    flat = values.reshape(len(old), -1).astype(np.float64)
+    # Averages over `width` seconds around each new time, or the interpolated values if it is zero.
+    flat = values.reshape(len(old_time), -1).astype(np.float64)
     missing = np.isnan(flat)
     if missing.any():
-        flat = _bridged(old, flat, missing)
+        flat = _fill_missing(old_time, flat, missing)
     if width == 0:
-        out = _lines(old, flat, times)
-    else:  # the integral of the lines, over each new frame within the part
-        steps = np.diff(old)[:, None]
+        out = _interpolate(old_time, flat, new_time)
+    else:  # the mean of the interpolated signal, from its cumulative integral
+        steps = np.diff(old_time)[:, None]
         area = np.concatenate(
             [np.zeros((1, flat.shape[1])), np.cumsum(0.5 * steps * (flat[1:] + flat[:-1]), axis=0)]
         )
-        low = np.maximum(times - width / 2, old[0])
-        high = np.minimum(times + width / 2, old[-1])
-        out = _integral(old, flat, area, high) - _integral(old, flat, area, low)
+        low = np.maximum(new_time - width / 2, old_time[0])
+        high = np.minimum(new_time + width / 2, old_time[-1])
+        out = _integral(old_time, flat, area, high) - _integral(old_time, flat, area, low)
         out /= (high - low)[:, None]
     out[missing[nearest]] = np.nan
-    return out.reshape(len(times), *values.shape[1:]).astype(values.dtype)
+    return out.reshape(len(new_time), *values.shape[1:]).astype(values.dtype)
 
 
-def _lines(old: np.ndarray, flat: np.ndarray, times: np.ndarray) -> np.ndarray:
-    after = np.searchsorted(old, times, side="right").clip(1, len(old) - 1)
+def _interpolate(old_time: np.ndarray, flat: np.ndarray, new_time: np.ndarray) -> np.ndarray:
+    after = np.searchsorted(old_time, new_time, side="right").clip(1, len(old_time) - 1)
     before = after - 1
-    share = ((times - old[before]) / (old[after] - old[before])).clip(0, 1)[:, None]
-    return np.asarray(flat[before] + share * (flat[after] - flat[before]))
+    weight = ((new_time - old_time[before]) / (old_time[after] - old_time[before])).clip(0, 1)[
+        :, None
+    ]
+    return np.asarray(flat[before] + weight * (flat[after] - flat[before]))
 
 
-def _integral(old: np.ndarray, flat: np.ndarray, area: np.ndarray, times: np.ndarray) -> np.ndarray:
-    before = np.searchsorted(old, times, side="right").clip(1, len(old) - 1) - 1
-    value = _lines(old, flat, times)
-    part = 0.5 * (times - old[before])[:, None] * (flat[before] + value)
+def _integral(
+    old_time: np.ndarray, flat: np.ndarray, area: np.ndarray, new_time: np.ndarray
+) -> np.ndarray:
+    # The integral of the interpolated signal from the first frame to each new time. `area` holds it
+    # for the old times.
+    before = np.searchsorted(old_time, new_time, side="right").clip(1, len(old_time) - 1) - 1
+    value = _interpolate(old_time, flat, new_time)
+    part = 0.5 * (new_time - old_time[before])[:, None] * (flat[before] + value)
     return np.asarray(area[before] + part)
 
 
-def _bridged(old: np.ndarray, flat: np.ndarray, missing: np.ndarray) -> np.ndarray:
-    # Straight lines over missing values; zero where a signal has none.
+def _fill_missing(old_time: np.ndarray, flat: np.ndarray, missing: np.ndarray) -> np.ndarray:
+    # Missing values are interpolated, so that they do not spread to their neighbours. A signal
+    # without any value is zero here, and NaN again at the end.
     out = np.nan_to_num(flat)
     for column in np.flatnonzero(missing.any(axis=0)):
-        known = ~missing[:, column]
-        if known.any():
-            out[:, column] = np.interp(old, old[known], flat[known, column])
+        is_present = ~missing[:, column]
+        if is_present.any():
+            out[:, column] = np.interp(old_time, old_time[is_present], flat[is_present, column])
     return out

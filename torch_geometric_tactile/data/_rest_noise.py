@@ -1,27 +1,29 @@
-r"""Mean and noise of readings at rest."""
+r"""Mean and noise of readings at rest, when nothing touches the sensor."""
 
 import warnings
 
 import numpy as np
 
-#: The parts in which frames at rest are cut to tell movement from noise.
+#: The number of blocks into which frames at rest are divided to distinguish movement from noise.
 NUM_BLOCKS = 5
 
 
 def movement_and_noise(tactile: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    r"""Returns of each signal the range of the means of the parts in units of the noise, and the
-    noise: the standard deviation within the parts, without slow movement.
+    r"""Returns the movement and the noise of each signal. The noise is the standard deviation
+    within blocks of frames, which excludes slow movement. The movement is the range of the means of
+    the blocks, in units of the noise.
 
     Shapes:
         - **tactile:** readings :math:`(T, N, C)`
-        - **output:** :math:`(N, C)` each
+        - **output:** movement and noise :math:`(N, C)` each
     """
-    parts = np.array_split(tactile.astype(np.float64), NUM_BLOCKS)
-    means = np.stack([mean_reading(part) for part in parts])
-    deviations = np.stack([_deviation(part) for part in parts])
+    blocks = np.array_split(tactile.astype(np.float64), NUM_BLOCKS)
+    means = np.stack([mean_reading(block) for block in blocks])
+    deviations = np.stack([_standard_deviation(block) for block in blocks])
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of taxels that are missing throughout
-        # A touch in one part makes this part loud, not the others.
+        # Taxels that are missing in all frames give NaN, as they should.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        # The limit by the median keeps the noise low if a touch makes one block loud.
         noise = np.minimum(
             np.sqrt(np.nanmean(deviations**2, axis=0)), 2 * np.nanmedian(deviations, axis=0)
         )
@@ -30,7 +32,7 @@ def movement_and_noise(tactile: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def mean_reading(values: np.ndarray) -> np.ndarray:
-    r"""Returns the mean reading of some frames, NaN where there is none in any.
+    r"""Returns the mean reading over frames; NaN for a signal that is missing in all of them.
 
     Shapes:
         - **values:** :math:`(T, N, C)`
@@ -42,7 +44,7 @@ def mean_reading(values: np.ndarray) -> np.ndarray:
     return mean
 
 
-def _deviation(values: np.ndarray) -> np.ndarray:
+def _standard_deviation(values: np.ndarray) -> np.ndarray:
     count = np.maximum((~np.isnan(values)).sum(axis=0) - 1, 1)
     square = np.nansum((values - mean_reading(values)) ** 2, axis=0)
     deviation: np.ndarray = np.sqrt(square / count)
@@ -50,20 +52,27 @@ def _deviation(values: np.ndarray) -> np.ndarray:
 
 
 def trusted_noise(noise: np.ndarray) -> np.ndarray:
-    r"""Returns the noise of each signal, at least that of the signals of its channel together.
+    r"""Returns the noise of each signal, raised to at least the root mean square over the signals
+    of its channel.
 
     Shapes:
         - **noise:** :math:`(N, C)`
         - **output:** :math:`(N, C)`
     """
-    # Readings are whole numbers: a quiet signal may be one that just does not tip over. So none is
-    # taken to be quieter than the signals of its channel together.
-    usual = np.sqrt(mean_reading(noise**2))
-    return np.fmax(noise, usual)
+    # Readings are whole numbers. A signal in the middle between two of them shows no noise until it
+    # drifts, so that no signal is trusted to be quieter than its channel.
+    channel_noise = np.sqrt(mean_reading(noise**2))
+    return np.fmax(noise, channel_noise)
 
 
 def distance_ratio(distance: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    r"""Returns distances in units of the noise; zero stays zero without noise."""
+    r"""Returns distances in units of the noise. Without noise, a distance of zero is zero and any
+    other distance is infinite.
+
+    Shapes:
+        - **distance:** :math:`(\ldots, N, C)`
+        - **noise:** :math:`(N, C)`
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = distance / noise
     return np.where(distance == 0, 0.0, ratio)

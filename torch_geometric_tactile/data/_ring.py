@@ -1,14 +1,14 @@
-r"""The last rows of a stream of them."""
+r"""A ring buffer of rows."""
 
 from typing import Any
 
 
 class Ring:
-    r"""The last rows that were pushed, in an array or tensor that holds each of them twice: so they
-    always lie in one piece.
+    r"""A ring buffer of the last rows. Its array or tensor holds each row twice, so that the rows
+    are always in one slice and need no copy.
 
-    Shapes:
-        - **rows:** Room for them :math:`(2 T, \ldots)`.
+    Args:
+        rows (numpy.ndarray or torch.Tensor): The memory of the buffer :math:`(2 T, \ldots)`.
     """
 
     def __init__(self, rows: Any) -> None:
@@ -24,6 +24,6 @@ class Ring:
         self.count += 1
 
     def last(self) -> Any:
-        r"""Returns the last rows :math:`(T, \ldots)`, which the next push changes."""
+        r"""Returns a view of the last rows :math:`(T, \ldots)`, which the next push changes."""
         start = self.count % self._length
         return self._rows[start : start + self._length]

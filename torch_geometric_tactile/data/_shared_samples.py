@@ -1,4 +1,4 @@
-r"""Trials, groups, sessions and copies of recordings that are in several parts of a split."""
+r"""Finds trials, groups, sessions and copies of recordings that parts of a split share."""
 
 import hashlib
 import warnings
@@ -17,23 +17,30 @@ from torch_geometric_tactile.data._graph_samples import GraphSamples, as_samples
 from torch_geometric_tactile.data.static_data import StaticData
 
 _UNITS = ("trial", "group", "session")
-_NUM_PROBED_FRAMES = 8  # of a trial, and
-_NUM_PROBED_READINGS = 64  # of a frame, by which trials are compared first
-_MIN_VALUES = 8  # different readings, without which equal ones are no evidence
-_NUM_NAMED = 3  # trials in a message
+# Trials are first compared by a few readings; only equal ones are compared completely.
+_NUM_PROBE_FRAMES = 8  # of a trial
+_NUM_PROBE_READINGS = 64  # of a frame
+# Equal readings with fewer different values, such as all zeros, are no evidence of a copy.
+_MIN_VALUES = 8
+_MAX_LISTED_UNITS = 3  # in a message
 
 
 class SharedDataWarning(UserWarning):
-    r"""The parts of a split share a trial, or the same recording under two numbers."""
+    r"""Warns that parts of a split share a trial, or copies of a recording under different trial
+    numbers.
+    """
 
 
 class Copy(NamedTuple):
-    r"""Two trials (or samples, without trials) with the same readings: the number of the one that
-    is held out, and that of the one in an earlier part.
+    r"""Two trials (or samples, without trials) with the same readings.
+
+    Args:
+        held_out (int): Number of the trial that is held out.
+        original (int): Number of the trial in an earlier part of the split.
     """
 
     held_out: int
-    known: int
+    original: int
 
 
 _Groups = list[tuple[int, ...]]
@@ -42,31 +49,31 @@ _MAX_CACHED = 8
 
 
 def num_shared(values: Tensor, first: Tensor, second: Tensor) -> int:
-    r"""Returns how many different values two sets of samples have in common.
+    r"""Returns the number of different values that two sets of samples have in common.
 
     Args:
         values (torch.Tensor): An attribute of the samples :math:`(S,)`, such as :obj:`trial`.
-        first (torch.Tensor): Indices of samples.
-        second (torch.Tensor): Indices of others.
+        first (torch.Tensor): Indices of the samples in the first set.
+        second (torch.Tensor): Indices of the samples in the second set.
 
     Examples:
         >>> trial = torch.tensor([0, 0, 1, 1, 2])
         >>> num_shared(trial, torch.tensor([0, 2]), torch.tensor([1, 3, 4]))
         2
     """
-    return len(_shared(values, first, second))
+    return len(_shared_values(values, first, second))
 
 
 def shared_units(dataset: Samples, split: Sequence[Tensor]) -> dict[str, list[int]]:
-    r"""Returns which trials, groups and sessions are in more than one part of a split.
+    r"""Returns the trials, groups and sessions that are in more than one part of a split.
 
     Args:
         dataset (StaticDataset or StaticData): The samples.
-        split (Split): The indices of its parts.
+        split (Split): The indices of the samples of each part.
 
     Returns:
-        dict: The numbers of the members that are shared, for each of :obj:`"trial"`,
-        :obj:`"group"` and :obj:`"session"` that the samples have.
+        dict: The numbers that parts share, for each of :obj:`"trial"`, :obj:`"group"` and
+        :obj:`"session"` that the samples have.
 
     Examples:
         >>> data = StaticData(x=torch.zeros(4, 1, 1), trial=torch.tensor([0, 0, 1, 1]))
@@ -74,7 +81,7 @@ def shared_units(dataset: Samples, split: Sequence[Tensor]) -> dict[str, list[in
         >>> shared_units(data, parts)
         {'trial': [0, 1]}
     """
-    found = {}
+    unit_numbers = {}
     dataset = as_samples(dataset)
     for unit in _UNITS:
         values = sample_column(dataset, unit)
@@ -83,23 +90,23 @@ def shared_units(dataset: Samples, split: Sequence[Tensor]) -> dict[str, list[in
                 number
                 for i, second in enumerate(split)
                 for first in split[:i]
-                for number in _shared(values, first, second)
+                for number in _shared_values(values, first, second)
             }
-            found[unit] = sorted(shared)
-    return found
+            unit_numbers[unit] = sorted(shared)
+    return unit_numbers
 
 
 def shared_recordings(dataset: Samples, split: Sequence[Tensor]) -> list[Copy]:
-    r"""Returns which trials of a part have the same readings, frame by frame, as a trial of another
-    number in an earlier part; without trials, which samples.
+    r"""Returns the trials that have the same readings, frame by frame, as a trial of another number
+    in an earlier part of a split. Without trials, samples are compared.
 
-    Readings with fewer than eight different values, such as those of a sensor at rest, are no
-    evidence, and left out.
+    Trials with fewer than eight different readings, such as those of a sensor at rest, are ignored,
+    since equal readings are no evidence of a copy there.
 
     Args:
-        dataset (StaticDataset or StaticData): The samples. Of windows and whole trials, the frames
-            that they are cut from are compared.
-        split (Split): The indices of the parts.
+        dataset (StaticDataset or StaticData): The samples. For windows and complete trials, the
+            frames from which they are cut are compared.
+        split (Split): The indices of the samples of each part.
     """
     dataset = as_samples(dataset)
     groups = _equal_recordings(dataset)
@@ -112,107 +119,117 @@ def shared_recordings(dataset: Samples, split: Sequence[Tensor]) -> list[Copy]:
         numbers = torch.arange(size) if indices is None else torch.as_tensor(list(indices))
     parts = [set(numbers[part].unique().tolist()) for part in split]
     return [
-        Copy(held_out, known)
+        Copy(held_out, original)
         for group in groups
         for held_out in group
-        if (known := _known_copy(held_out, group, parts)) is not None
+        if (original := _find_original(held_out, group, parts)) is not None
     ]
 
 
 def describe_shared(
-    dataset: Samples, splits: Sequence[Sequence[Tensor]], *, given: bool
+    dataset: Samples, splits: Sequence[Sequence[Tensor]], *, with_units: bool
 ) -> list[str]:
-    r"""Returns what makes the scores of some splits too high, a sentence each.
+    r"""Returns the reasons why the scores of splits are too high, in one sentence each: units and
+    copies of recordings that are in several parts.
 
     Args:
         dataset (StaticDataset or StaticData): The samples.
-        splits (sequence of Split): The indices of the parts of each split.
-        given (bool): Whether the parts were given, not drawn: then trials in several parts are
-            told too; without trials groups, and without these sessions.
+        splits (sequence of Split): The indices of the samples of each part, for each split.
+        with_units (bool): Whether to report trials that are in several parts (or groups, if the
+            samples have no trials, or sessions), as given parts may share them.
     """
     sentences = []
-    units = [shared_units(dataset, split) for split in splits] if given else []
+    units = [shared_units(dataset, split) for split in splits] if with_units else []
     for unit in [unit for unit in _UNITS if units and unit in units[0]][:1]:
         numbers = sorted({number for shared in units for number in shared[unit]})
         if numbers:
-            listed = short_list([_name(dataset, number, unit) for number in numbers], _NUM_NAMED)
+            name_list = short_list(
+                [_unit_name(dataset, number, unit) for number in numbers], _MAX_LISTED_UNITS
+            )
             sentences.append(
-                f"{len(numbers)} {unit}s are in more than one part ({listed}): the scores tell how "
-                f"well models recognise these {unit}s, and are too high for new ones; give all "
-                f"samples of a {unit} the same 'part', or split by {unit}"
+                f"{len(numbers)} {unit}s are in more than one part ({name_list}): the scores "
+                f"measure how well models recognise these {unit}s and are too high for new ones; "
+                f"give all samples of a {unit} the same 'part', or split by {unit}"
             )
     copies = sorted({copy for split in splits for copy in shared_recordings(dataset, split)})
     if copies:
         unit = "sample" if sample_column(dataset, "trial") is None else "trial"
         pairs = [
-            f"{_name(dataset, copy.held_out, unit)} is {_name(dataset, copy.known, unit)}"
+            f"{_unit_name(dataset, copy.held_out, unit)} is "
+            f"{_unit_name(dataset, copy.original, unit)}"
             for copy in copies
         ]
         sentences.append(
             f"{len({copy.held_out for copy in copies})} {unit}s have the same readings as a {unit} "
-            f"in another part ({short_list(pairs, _NUM_NAMED)}), so that the scores are too high: "
-            "remove the copies"
+            f"in another part ({short_list(pairs, _MAX_LISTED_UNITS)}), so that the scores are too "
+            "high: remove the copies"
         )
     return sentences
 
 
-def warn_of_shared(dataset: Samples, split: Sequence[Tensor], *, given: bool) -> None:
-    r"""Warns of what :func:`describe_shared` returns."""
-    for sentence in describe_shared(dataset, [split], given=given):
+def warn_of_shared(dataset: Samples, split: Sequence[Tensor], *, with_units: bool) -> None:
+    r"""Issues a :class:`SharedDataWarning` for each sentence of :func:`describe_shared`."""
+    for sentence in describe_shared(dataset, [split], with_units=with_units):
         warnings.warn(sentence, SharedDataWarning, stacklevel=4)
 
 
 @contextmanager
 def sharing_ignored() -> Iterator[None]:
-    r"""Splits without warnings of what the parts share: a plan tells it once."""
+    r"""Suppresses each :class:`SharedDataWarning` within, where a caller reports shared data once
+    for all splits.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SharedDataWarning)
         yield
 
 
-def _known_copy(number: int, group: tuple[int, ...], parts: Sequence[set[int]]) -> int | None:
-    # A copy that is in an earlier part, and not in that of the number.
-    own = [number in part for part in parts]
-    if not any(own):
+def _find_original(number: int, group: tuple[int, ...], parts: Sequence[set[int]]) -> int | None:
+    # A trial of the group that is in an earlier part of the split than `number`.
+    is_member = [number in part for part in parts]
+    if not any(is_member):
         return None
-    earlier = set().union(*parts[: own.index(True)]) - {number}
-    return next((other for other in group if other in earlier), None)
+    earlier = set().union(*parts[: is_member.index(True)]) - {number}
+    return next((candidate for candidate in group if candidate in earlier), None)
 
 
-def _shared(values: Tensor, first: Tensor, second: Tensor) -> list[int]:
+def _shared_values(values: Tensor, first: Tensor, second: Tensor) -> list[int]:
     values = values.cpu()
-    one, other = (np.unique(values[part.cpu()].numpy()) for part in (first, second))
-    return [int(value) for value in np.intersect1d(one, other, assume_unique=True)]
+    first_values, second_values = (
+        np.unique(values[part.cpu()].numpy()) for part in (first, second)
+    )
+    return [int(value) for value in np.intersect1d(first_values, second_values, assume_unique=True)]
 
 
-def _name(dataset: Samples, number: int, unit: str) -> str:
+def _unit_name(dataset: Samples, number: int, unit: str) -> str:
     names = getattr(dataset, f"{unit}_names", None) or ()
     name = names[number] if 0 <= number < len(names) else str(number)
     return f"{unit} {number}" if name == str(number) else f"{unit} '{name}'"
 
 
 def _equal_recordings(dataset: Any) -> _Groups:
-    # Trials, or samples without trials, of all stored samples that have the same readings.
+    # Groups of stored trials with the same readings; without trials, groups of samples.
     if isinstance(dataset, GraphSamples):
-        return _equal_graphs(dataset)
+        return _equal_graph_recordings(dataset)
     while not isinstance(dataset, StaticData) and hasattr(dataset, "dataset"):
-        dataset = dataset.dataset  # the frames that a view cuts
+        dataset = dataset.dataset  # the frames of a view
     data = dataset if isinstance(dataset, StaticData) else dataset._data
     if not isinstance(data, StaticData):
         return []
-    known, groups = _cache.get(id(data), (None, []))
-    if known is None or known() is not data:  # it is compared once
+    # The comparison reads all readings, so that it is done once for each data set. The reference
+    # makes sure that the identity was not reused by another object.
+    reference, groups = _cache.get(id(data), (None, []))
+    if reference is None or reference() is not data:
         x, trial = sample_column(data, "x"), sample_column(data, "trial")
         is_usable = x is not None and not data.is_shared("x") and len(x) == data.num_samples
-        groups = _find_equal(x, trial) if is_usable and x is not None else []
+        groups = _group_equal_trials(x, trial) if is_usable and x is not None else []
         _cache[id(data)] = (ref(data), groups)
         for key in list(_cache)[:-_MAX_CACHED]:
             _cache.pop(key, None)
     return groups
 
 
-def _equal_graphs(dataset: GraphSamples) -> _Groups:
-    # Of samples that may have any number of taxels each.
+def _equal_graph_recordings(dataset: GraphSamples) -> _Groups:
+    # As `_equal_recordings`, for samples with different numbers of taxels.
     samples = dataset.stored()
     trial = sample_column(samples, "trial")
     numbers = range(len(samples)) if trial is None else trial.tolist()
@@ -235,19 +252,21 @@ def _equal_graphs(dataset: GraphSamples) -> _Groups:
     return [tuple(group) for group in groups.values() if len(group) > 1]
 
 
-def _find_equal(x: Tensor, trial: Tensor | None) -> _Groups:
+def _group_equal_trials(x: Tensor, trial: Tensor | None) -> _Groups:
+    # Compares a few readings of each trial first, and hashes the complete trials only if they
+    # agree.
     if len(x) < 2 or not x[0].numel():
         return []
-    number, order, start, count = _units(len(x), trial)
-    step = torch.linspace(0, 1, _NUM_PROBED_FRAMES if trial is not None else 1)
+    number, order, start, count = _unit_runs(len(x), trial)
+    step = torch.linspace(0, 1, _NUM_PROBE_FRAMES if trial is not None else 1)
     place = start[:, None] + (step * (count[:, None] - 1)).long()
-    columns = torch.linspace(0, x[0].numel() - 1, min(_NUM_PROBED_READINGS, x[0].numel())).long()
+    columns = torch.linspace(0, x[0].numel() - 1, min(_NUM_PROBE_READINGS, x[0].numel())).long()
     probe = x.reshape(len(x), -1)[order[place.view(-1)]][:, columns].reshape(len(number), -1)
-    _, of_unit, size = np.unique(
+    _, code_index, num_units = np.unique(
         _row_codes(_bytes(probe), count.numpy()), return_inverse=True, return_counts=True
     )
     groups: dict[bytes, list[int]] = {}
-    for i in np.flatnonzero(size[of_unit] > 1).tolist():  # the others differ already
+    for i in np.flatnonzero(num_units[code_index] > 1).tolist():
         readings = x[order[int(start[i]) : int(start[i] + count[i])]]
         if len(readings.unique()) >= _MIN_VALUES:
             code = hashlib.blake2b(_bytes(readings.reshape(1, -1)).tobytes()).digest()
@@ -255,8 +274,9 @@ def _find_equal(x: Tensor, trial: Tensor | None) -> _Groups:
     return [tuple(group) for group in groups.values() if len(group) > 1]
 
 
-def _units(num_samples: int, trial: Tensor | None) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    # Number, order of the samples, first place in this order and length of each unit.
+def _unit_runs(num_samples: int, trial: Tensor | None) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    # The numbers of the trials, the order that sorts the samples by trial, and the start and length
+    # of each trial in this order. Without trials each sample is one.
     samples = torch.arange(num_samples)
     if trial is None:
         return samples, samples, samples, torch.ones_like(samples)
@@ -266,7 +286,7 @@ def _units(num_samples: int, trial: Tensor | None) -> tuple[Tensor, Tensor, Tens
 
 
 def _row_codes(rows: np.ndarray, count: np.ndarray) -> np.ndarray:
-    # A number for each row of bytes: equal for equal rows, and rarely for others.
+    # A hash of each row of bytes, which is equal for equal rows and rarely for different ones.
     words = np.pad(rows, ((0, 0), (0, -rows.shape[1] % 8))).view(np.uint64)
     words = np.concatenate([words, count[:, None].astype(np.uint64)], axis=1)
     factors = np.random.default_rng(0).integers(1, 2**63, words.shape[1], dtype=np.uint64) | 1
@@ -275,7 +295,7 @@ def _row_codes(rows: np.ndarray, count: np.ndarray) -> np.ndarray:
 
 
 def _bytes(rows: Tensor) -> np.ndarray:
-    # Equal numbers have equal bytes: there are several kinds of NaN and zero.
+    # All NaNs and both zeros are replaced by one, so that equal readings have equal bytes.
     rows = rows.detach().cpu()
     if rows.is_floating_point():
         rows = torch.where(rows.isnan(), torch.nan, rows) + 0.0

@@ -1,4 +1,4 @@
-r"""Files of :func:`torch.save` that may be damaged, or anyone's."""
+r"""Reads and writes files of :func:`torch.save`, which may be damaged or untrusted."""
 
 import ctypes
 import io
@@ -23,42 +23,59 @@ from torch_geometric_tactile._typing import PathLike
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
-_SMALL = 2**24  # bytes, up to which a file is checked whenever it is opened
-_FRESH = 100_000_000  # nanoseconds within which a file may change without another time
+_ALWAYS_CHECKED_BYTES = 2**24  # smaller files are verified whenever they are opened
+# A file that was changed less than these nanoseconds ago may change again without a new time stamp.
+_TIMESTAMP_RESOLUTION = 100_000_000
 _MAX_VALUES = 1_000_000
 _logger = logging.getLogger(__name__)
 
 
 def write_torch_file(content: Any, path: PathLike, *, check: bool = False) -> None:
-    r"""Writes a file of :func:`torch.save`, whole or not at all."""
+    r"""Writes a file of :func:`torch.save`. If writing fails, no partial file is left.
+
+    Args:
+        content (Any): The object to save.
+        path (str or PathLike): The file.
+        check (bool): Whether to verify the checksums of the file after writing.
+    """
     with atomic_path(path) as temporary:
         with _Writer(io.FileIO(temporary, "w")) as file:
             try:
                 torch.save(content, file)
-            except RuntimeError:  # which torch makes of an error of the disk
-                if file.refused is not None:
-                    raise file.refused from None
+            except RuntimeError:  # torch replaces an OSError, such as a full disk, by this one
+                if file.write_error is not None:
+                    raise file.write_error from None
                 raise
         if check:
             check_zip(temporary)
 
 
 class _Writer(io.BufferedWriter):
-    refused: OSError | None = None
+    write_error: OSError | None = None
 
     def write(self, data: "ReadableBuffer", /) -> int:
         try:
             return super().write(data)
         except OSError as error:
-            self.refused = error
+            self.write_error = error
             raise
 
 
 def read_torch_file(
     path: PathLike, map_location: Any = "cpu", *, mmap: bool = False, once: bool = False
 ) -> Any:
-    r"""Reads plain data and tensors from a file of :func:`torch.save`, after its checksums were
-    compared. Nothing in the file runs, and no tensor is larger than what the file has for it.
+    r"""Reads plain data and tensors from a file of :func:`torch.save` after verifying its
+    checksums. No code in the file is run, and no tensor claims more memory than the file stores.
+
+    Args:
+        path (str or PathLike): The file.
+        map_location (Any): The device of the tensors, as in :func:`torch.load`.
+        mmap (bool): Whether to map the tensors into memory without reading them.
+        once (bool): Whether to verify a large file only if it changed, see :func:`check_once`.
+
+    Raises:
+        OSError: If the file cannot be opened.
+        ValueError: If it is damaged, or holds other objects than plain data and tensors.
     """
     if once:
         check_once(path)
@@ -71,22 +88,25 @@ def read_torch_file(
             content = torch.load(path, map_location=map_location, weights_only=True)
     except OSError:
         raise
-    except pickle.UnpicklingError as error:  # whose text advises to load it in an unsafe way
+    except pickle.UnpicklingError as error:  # its text advises to load the file without protection
         raise ValueError(f"'{path}' must hold plain data and tensors only") from error
-    except Exception as error:  # torch raises many kinds
+    except Exception as error:  # torch raises errors of many types for damaged files
         raise ValueError(f"'{path}' cannot be read: {type(error).__name__}: {error}") from error
     with zipfile.ZipFile(path) as archive:
-        stored = sum(e.file_size for e in archive.infolist() if "/data/" in e.filename)
-    _check_sizes(content, path, stored)
+        stored_bytes = sum(e.file_size for e in archive.infolist() if "/data/" in e.filename)
+    _check_sizes(content, path, stored_bytes)
     return content
 
 
 def check_once(path: PathLike) -> None:
-    r"""Compares a file of :func:`torch.save` with its checksums; if it is large, only if it changed
-    since the last time, for which its size, time and inode are kept beside it.
+    r"""Verifies the checksums of a file of :func:`torch.save`. A large file is verified only if it
+    changed since the last time: its size, time and inode are then stored in a file beside it.
+
+    Raises:
+        ValueError: If the file is damaged.
     """
     stat = os.stat(path)
-    if stat.st_size <= _SMALL:
+    if stat.st_size <= _ALWAYS_CHECKED_BYTES:
         check_zip(path)
         return
     state = {"size": stat.st_size, "mtime_ns": stat.st_mtime_ns, "inode": stat.st_ino}
@@ -94,30 +114,30 @@ def check_once(path: PathLike) -> None:
     try:
         if json.loads(mark.read_text(encoding="utf-8")) == state:
             return
-    except (OSError, ValueError, RecursionError):  # none, or none that can be trusted
+    except (OSError, ValueError, RecursionError):  # no mark, or a damaged one
         pass
     check_zip(path)
-    if time.time_ns() - stat.st_mtime_ns < _FRESH:
+    if time.time_ns() - stat.st_mtime_ns < _TIMESTAMP_RESOLUTION:
         return
     try:
         with atomic_path(mark) as temporary:
             temporary.write_text(json.dumps(state), encoding="utf-8")
-    except OSError:  # a folder that cannot be written to: it is checked again
+    except OSError:  # the folder is read-only: the file is verified again the next time
         pass
 
 
 def mark_path(path: PathLike) -> Path:
-    r"""Returns where :func:`check_once` keeps that a file was checked."""
+    r"""Returns the path of the file in which :func:`check_once` records a verified file."""
     return Path(f"{path}.checked")
 
 
 def load_mapped(path: PathLike, map_location: Any = "cpu") -> Any:
     r"""Loads a file of :func:`torch.save` memory-mapped, as :obj:`torch.load(path, mmap=True)`.
 
-    PyTorch maps it such that tensors may be written to, without a change of the file. The system
-    counts all of such a mapping as memory that may be needed, and refuses it where the file is
-    larger than memory, or than a limit of the process (:obj:`ulimit -d`). Then it is mapped to be
-    read only: writing to a tensor in place would end the process.
+    PyTorch maps a file so that tensors can be written to without changing the file. The operating
+    system reserves memory for such a mapping, and refuses it if the file is larger than memory or
+    than a limit of the process (:obj:`ulimit -d`). In this case the file is mapped read-only:
+    writing to a tensor in place would then end the process.
     """
     try:
         return torch.load(path, map_location=map_location, mmap=True, weights_only=True)
@@ -125,18 +145,20 @@ def load_mapped(path: PathLike, map_location: Any = "cpu") -> Any:
         if "unable to mmap" not in str(error) or not hasattr(maps, "MAP_SHARED"):
             raise
     content = _load_shared(path, map_location)
-    _logger.info("'%s' is larger than memory, and mapped to be read only", path)
+    _logger.info("'%s' is larger than memory and therefore mapped read-only", path)
     return content
 
 
 def _load_shared(path: PathLike, map_location: Any) -> Any:
-    before: Any = torch.serialization.get_default_mmap_options()
+    # A shared mapping needs no reserved memory. A write to it would change the file, so that it is
+    # protected.
+    default_options: Any = torch.serialization.get_default_mmap_options()
     torch.serialization.set_default_mmap_options(maps.MAP_SHARED)
     try:
         content = torch.load(path, map_location=map_location, mmap=True, weights_only=True)
     finally:
-        torch.serialization.set_default_mmap_options(before)
-    for value in _values(content):
+        torch.serialization.set_default_mmap_options(default_options)
+    for value in _nested_values(content):
         if _is_strided(value) and value.device.type == "cpu" and value.numel():
             storage = value.untyped_storage()
             _protect(storage.data_ptr(), storage.nbytes())
@@ -144,8 +166,7 @@ def _load_shared(path: PathLike, map_location: Any) -> Any:
 
 
 def _protect(address: int, size: int) -> None:
-    # Otherwise a tensor that is written to would change the file.
-    start = address - address % maps.PAGESIZE
+    start = address - address % maps.PAGESIZE  # mprotect accepts complete pages only
     libc = ctypes.CDLL(None, use_errno=True)
     pointer, length = ctypes.c_void_p(start), ctypes.c_size_t(address + size - start)
     if libc.mprotect(pointer, length, maps.PROT_READ):
@@ -153,8 +174,8 @@ def _protect(address: int, size: int) -> None:
 
 
 def tensor_form(value: Any) -> str:
-    r"""Returns the form of a value that should be an ordinary tensor: its type, what else than
-    dense numbers it is, and its shape, in words for an error.
+    r"""Describes a value that should be a dense tensor in words for an error message: its shape and
+    type, or the kind of tensor or object that it is.
 
     Examples:
         >>> tensor_form(torch.zeros(2, 3))
@@ -174,38 +195,43 @@ def tensor_form(value: Any) -> str:
     return f"shape {tuple(value.shape)} of {kind}"
 
 
-def _check_sizes(content: Any, path: PathLike, stored: int) -> None:
-    # A view of few numbers may claim to be large, and takes the memory where it is copied. A part
-    # of the file that is shorter than its tensors would be read on beyond its end.
+def _check_sizes(content: Any, path: PathLike, stored_bytes: int) -> None:
+    # A view with stride 0 can claim any size and would take this memory where it is copied. A
+    # storage that is longer than its part of the file would be read beyond the end of this part.
     storages: dict[int, int] = {}
-    for number, value in enumerate(_values(content), 1):
+    for number, value in enumerate(_nested_values(content), 1):
         if number > _MAX_VALUES:
             raise ValueError(f"'{path}' must hold at most {_MAX_VALUES} values")
         if not _is_strided(value):
             continue
         size = value.numel() * value.element_size()
-        held = 0 if value.is_meta else value.untyped_storage().nbytes()
-        if held:
-            storages[value.untyped_storage().data_ptr()] = held
-        if size > held:
+        storage_bytes = 0 if value.is_meta else value.untyped_storage().nbytes()
+        if storage_bytes:
+            storages[value.untyped_storage().data_ptr()] = storage_bytes
+        if size > storage_bytes:
             raise ValueError(
                 f"'{path}' must hold the {size} bytes of its tensor, {tensor_form(value)} (got "
-                f"{held})"
+                f"{storage_bytes})"
             )
-    held = sum(storages.values())
-    need(held <= stored, f"'{path}' must hold the {held} bytes of its tensors", stored)
+    storage_bytes = sum(storages.values())
+    need(
+        storage_bytes <= stored_bytes,
+        f"'{path}' must hold the {storage_bytes} bytes of its tensors",
+        stored_bytes,
+    )
 
 
-def _values(content: Any) -> Iterator[Any]:
-    # All values, those of dictionaries and lists behind these.
-    waiting = [content]
-    while waiting:
-        value = waiting.pop()
+def _nested_values(content: Any) -> Iterator[Any]:
+    # A value and all values within it. With a stack, since deep nesting would exceed the recursion
+    # limit.
+    stack = [content]
+    while stack:
+        value = stack.pop()
         yield value
         if isinstance(value, dict):
-            waiting.extend(value.values())
+            stack.extend(value.values())
         elif isinstance(value, list | tuple):
-            waiting.extend(value)
+            stack.extend(value)
 
 
 def _is_strided(value: Any) -> bool:

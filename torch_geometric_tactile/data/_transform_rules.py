@@ -1,4 +1,6 @@
-r"""What transforms declare, what is known of PyG's, and which of these are read from files."""
+r"""The rules of transforms: declarations of transforms, rules of PyG's transforms, and the names of
+those that may be read from files.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,27 +15,31 @@ _EDGES = ("edge_index", "edge_attr", "edge_weight")
 _Rule = Callable[[Any], StaticRule]
 
 
-def _features(*names: str) -> _Rule:
+def _edge_attr_rule(*names: str) -> _Rule:
+    # Sets 'edge_attr' from the named attributes and the edges.
     return lambda transform: StaticRule((*names, *_EDGES), writes=("edge_attr",))
 
 
-def _places(*names: str) -> _Rule:
+def _in_place_rule(*names: str) -> _Rule:
+    # Replaces the named attributes.
     return lambda transform: StaticRule(names, writes=names)
 
 
-def _columns(*names: str) -> _Rule:
+def _column_rule(*names: str) -> _Rule:
+    # Appends columns to 'x' that depend on the named attributes, or replaces 'x' by them.
     return lambda transform: StaticRule(
         names, x="append" if getattr(transform, "cat", True) else "replace", writes=()
     )
 
 
-def _named_edge_attr(transform: Any) -> StaticRule:
+def _self_loop_rule(transform: Any) -> StaticRule:
     name = transform.attr
-    added = () if name in _EDGES else (name,)
-    return StaticRule(("edge_index", name), edge=added, writes=("edge_index", name))
+    new_attributes = () if name in _EDGES else (name,)
+    return StaticRule(("edge_index", name), edge=new_attributes, writes=("edge_index", name))
 
 
-def _encoding(*names: str) -> _Rule:
+def _encoding_rule(*names: str) -> _Rule:
+    # Adds a node attribute, or columns of 'x'. Without names the encoding is random.
     def rule(transform: Any) -> StaticRule:
         name = transform.attr_name
         node = (name,) if name else ()
@@ -42,41 +48,42 @@ def _encoding(*names: str) -> _Rule:
     return rule
 
 
-def _rotation(transform: Any) -> StaticRule:
-    draws = transform.max_points > 0  # which points are used
-    return StaticRule(None if draws else ("pos", "normal"))
+def _rotation_rule(transform: Any) -> StaticRule:
+    is_random = transform.max_points > 0  # it draws the points that it uses
+    return StaticRule(None if is_random else ("pos", "normal"))
 
 
-# PyG's transforms whose result follows from the topology and the positions: these classes only,
-# since a subclass may do something else.
+# PyG's transforms whose results depend only on the topology and the positions. The rules hold for
+# exactly these classes, since a subclass may read other attributes.
 RULES: dict[type, _Rule] = {
-    T.AddLaplacianEigenvectorPE: _encoding(),  # draws signs
-    T.AddRandomWalkPE: _encoding("edge_index", "edge_weight"),
-    T.AddRemainingSelfLoops: _named_edge_attr,
-    T.AddSelfLoops: _named_edge_attr,
-    T.Cartesian: _features("pos"),
-    T.Center: _places("pos"),
-    T.Constant: _columns(),
-    T.Distance: _features("pos"),
-    T.GCNNorm: _places("edge_index", "edge_weight"),
-    T.LinearTransformation: _places("pos"),
-    T.LocalCartesian: _features("pos"),
-    T.LocalDegreeProfile: _columns("edge_index"),
-    T.NormalizeRotation: _rotation,
-    T.NormalizeScale: _places("pos"),
-    T.OneHotDegree: _columns("edge_index"),
-    T.PointPairFeatures: _features("pos", "norm"),
-    T.Polar: _features("pos"),
-    T.RemoveDuplicatedEdges: _places(*_EDGES),
-    T.Spherical: _features("pos"),
-    T.TargetIndegree: _features(),
-    T.ToUndirected: _places(*_EDGES),
-    T.TwoHop: _places(*_EDGES),
+    T.AddLaplacianEigenvectorPE: _encoding_rule(),  # draws signs
+    T.AddRandomWalkPE: _encoding_rule("edge_index", "edge_weight"),
+    T.AddRemainingSelfLoops: _self_loop_rule,
+    T.AddSelfLoops: _self_loop_rule,
+    T.Cartesian: _edge_attr_rule("pos"),
+    T.Center: _in_place_rule("pos"),
+    T.Constant: _column_rule(),
+    T.Distance: _edge_attr_rule("pos"),
+    T.GCNNorm: _in_place_rule("edge_index", "edge_weight"),
+    T.LinearTransformation: _in_place_rule("pos"),
+    T.LocalCartesian: _edge_attr_rule("pos"),
+    T.LocalDegreeProfile: _column_rule("edge_index"),
+    T.NormalizeRotation: _rotation_rule,
+    T.NormalizeScale: _in_place_rule("pos"),
+    T.OneHotDegree: _column_rule("edge_index"),
+    T.PointPairFeatures: _edge_attr_rule("pos", "norm"),
+    T.Polar: _edge_attr_rule("pos"),
+    T.RemoveDuplicatedEdges: _in_place_rule(*_EDGES),
+    T.Spherical: _edge_attr_rule("pos"),
+    T.TargetIndegree: _edge_attr_rule(),
+    T.ToUndirected: _in_place_rule(*_EDGES),
+    T.TwoHop: _in_place_rule(*_EDGES),
 }
 if hasattr(T, "RemoveSelfLoops"):  # not in every PyG that we support
-    RULES[T.RemoveSelfLoops] = _named_edge_attr
+    RULES[T.RemoveSelfLoops] = _self_loop_rule
 
-# Deterministic ones that need no compiled package and keep the number of taxels.
+# PyG's transforms that a file may name: deterministic, without compiled packages, and with the same
+# number of taxels afterwards.
 IN_FILES = (
     "AddRemainingSelfLoops",
     "AddSelfLoops",
@@ -96,25 +103,28 @@ IN_FILES = (
     "TargetIndegree",
     "ToUndirected",
 )
-# Arguments that they keep by another name.
-KEPT_AS = {"max_value": "max", "key": "keys"}
+# Arguments of these transforms that are stored in an attribute of another name.
+ATTRIBUTE_NAMES = {"max_value": "max", "key": "keys"}
 
 
 def static_rule(transform: Transform) -> StaticRule:
-    r"""Returns which attributes a transform reads and adds: its own :obj:`static_rule`, or what is
-    known of PyG's transforms.
+    r"""Returns the rule of the attributes that a transform reads and adds: its :obj:`static_rule`,
+    or the rule of a transform of PyG. An unknown transform has a rule by which it runs for each
+    sample.
     """
-    own = own_declaration(transform, "static_rule")
-    if isinstance(own, StaticRule):
-        return own
-    known = RULES.get(type(transform))
-    return _UNKNOWN if known is None else known(transform)
+    declaration = own_declaration(transform, "static_rule")
+    if isinstance(declaration, StaticRule):
+        return declaration
+    rule = RULES.get(type(transform))
+    return _UNKNOWN if rule is None else rule(transform)
 
 
 def own_declaration(transform: Transform, name: str) -> Any:
-    r"""Returns an attribute by which a transform declares what its :obj:`forward` does, or
-    :obj:`None`. What a parent class declares does not hold for a subclass with its own, unless that
-    says what it reads.
+    r"""Returns the attribute by which a transform declares a property of its :obj:`forward`, or
+    :obj:`None` if it declares none.
+
+    A declaration of a parent class is ignored if a subclass overrides :obj:`forward` without
+    declaring :obj:`reads`, since it may not apply to the new :obj:`forward`.
 
     Examples:
         >>> from torch_geometric_tactile.transforms import ZScore
@@ -124,19 +134,19 @@ def own_declaration(transform: Transform, name: str) -> Any:
         >>> [own_declaration(transform, "supports_static") for transform in (ZScore(), Clipped())]
         [True, None]
     """
-    declares = False
-    for space in (getattr(transform, "__dict__", {}), *map(vars, type(transform).__mro__)):
-        if name in space:
+    declares_reads = False
+    for namespace in (getattr(transform, "__dict__", {}), *map(vars, type(transform).__mro__)):
+        if name in namespace:
             return getattr(transform, name)
-        declares = declares or "reads" in space
-        if ("forward" in space or "__call__" in space) and not declares:
+        declares_reads = declares_reads or "reads" in namespace
+        if ("forward" in namespace or "__call__" in namespace) and not declares_reads:
             return None
     return None
 
 
 def flat(transform: Any) -> list[Any]:
-    r"""Returns the parts of a transform in their order. A subclass of PyG's :class:`Compose` is one
-    part, since it may do something else than to run its parts.
+    r"""Returns the parts of a transform in their order, also of nested compositions. A subclass of
+    PyG's :class:`Compose` is one part, since it may do more than apply its parts.
     """
     if transform is None:
         return []

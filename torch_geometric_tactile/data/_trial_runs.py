@@ -1,4 +1,4 @@
-r"""Where each trial of a data set begins and ends."""
+r"""The start and the length of each trial of a data set."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -10,12 +10,12 @@ from torch_geometric_tactile.data.static_dataset import StaticDataset
 
 
 class TrialRuns(NamedTuple):
-    r"""The trials of a data set, in the order of its samples.
+    r"""The trials of a data set, in the order of its samples, each a run of frames.
 
     Shapes:
         - **number:** The number of each trial :math:`(R,)`.
-        - **start:** The first frame of each :math:`(R,)`.
-        - **length:** The number of frames of each :math:`(R,)`.
+        - **start:** The first frame of each trial :math:`(R,)`.
+        - **length:** The number of frames of each trial :math:`(R,)`.
     """
 
     number: Tensor
@@ -24,10 +24,14 @@ class TrialRuns(NamedTuple):
     names: Sequence[str] = ()
 
     @classmethod
-    def of(cls, dataset: StaticDataset) -> "TrialRuns":
-        r"""Returns the trials of a data set, after its frames were checked: those of a trial
-        follow each other, in the order of their :obj:`time` or, without one, in that of the data
-        set that they are chosen from.
+    def from_dataset(cls, dataset: StaticDataset) -> "TrialRuns":
+        r"""Checks the order of the frames of a data set and returns its trials.
+
+        The frames of a trial must follow each other, in the order of their :obj:`time`. Without
+        :obj:`time`, they must be in the order of the data set from which they are selected.
+
+        Raises:
+            ValueError: If the frames have no trials, or are in another order.
         """
         trial = dataset.column("trial")
         if trial is None or trial.dim() != 1:
@@ -46,86 +50,92 @@ class TrialRuns(NamedTuple):
         return runs
 
     def cut(self, is_gap: Any) -> "TrialRuns":
-        r"""Returns the continuous parts of the trials, each as a trial of its own.
+        r"""Divides the trials at gaps and returns their continuous parts as trials.
 
         Shapes:
-            - **is_gap:** Whether something is missing after each frame but the last
+            - **is_gap:** Whether there is a gap between each frame and the next one
               :math:`(S - 1,)`.
         """
         end = self.start + self.length
-        gaps = torch.as_tensor(is_gap).nonzero().view(-1) + 1
-        start = torch.cat([self.start, gaps]).sort().values
-        of = torch.searchsorted(self.start, start, right=True) - 1
+        part_starts = torch.as_tensor(is_gap).nonzero().view(-1) + 1
+        start = torch.cat([self.start, part_starts]).sort().values
+        trial_index = torch.searchsorted(self.start, start, right=True) - 1
         end = torch.cat([start[1:], end[-1:]])
-        return TrialRuns(self.number[of], start, end - start, self.names)
+        return TrialRuns(self.number[trial_index], start, end - start, self.names)
 
     def name(self, i: int) -> str:
-        r"""Returns a text that names a trial."""
+        r"""Returns the number of a trial, and its name if it has one, as text for messages."""
         number = int(self.number[i])
-        known = 0 <= number < len(self.names)
-        return f"trial {number} ('{self.names[number]}')" if known else f"trial {number}"
+        has_name = 0 <= number < len(self.names)
+        return f"trial {number} ('{self.names[number]}')" if has_name else f"trial {number}"
 
     def require_constant(self, key: str, value: Tensor) -> None:
         r"""Checks that an attribute does not change within a trial.
 
-        Shapes:
-            - **value:** Its values :math:`(S, \ldots)`.
+        Args:
+            key (str): Name of the attribute.
+            value (torch.Tensor): Values of all frames :math:`(S, \ldots)`.
+
+        Raises:
+            ValueError: If it changes; the message names the first frame after a change.
         """
         before, after = value[:-1].cpu(), value[1:].cpu()
-        same = (before == after) | ((before != before) & (after != after))  # NaN equals NaN here
-        changed = self._first(~same.reshape(len(same), -1).all(dim=1))
-        if changed is not None:
-            i, frame = changed
-            at = int(self.start[i]) + frame
+        is_equal = (before == after) | ((before != before) & (after != after))  # NaN equals NaN
+        change = self._first_within(~is_equal.reshape(len(is_equal), -1).all(dim=1))
+        if change is not None:
+            i, frame = change
+            row = int(self.start[i]) + frame
             raise ValueError(
                 f"'{key}' must be the same in all frames of a trial to label the trial (got "
-                f"{value[at - 1].tolist()} and then {value[at].tolist()} in frame {frame} of "
+                f"{value[row - 1].tolist()} and then {value[row].tolist()} in frame {frame} of "
                 f"{self.name(i)}); use label='last'"
             )
 
     def _check_unbroken(self) -> None:
         order = self.number.sort(stable=True)
-        again = (order.values[1:] == order.values[:-1]).nonzero().view(-1)
-        if len(again):
-            first, second = (int(order.indices[int(again[0]) + k]) for k in (0, 1))
+        repeats = (order.values[1:] == order.values[:-1]).nonzero().view(-1)
+        if len(repeats):
+            first, second = (int(order.indices[int(repeats[0]) + k]) for k in (0, 1))
             end = int(self.start[first] + self.length[first])
             raise ValueError(
-                f"the frames of a trial must follow each other in 'dataset' (got those of "
-                f"{self.name(first)} up to sample {end - 1}, and further ones from sample "
+                f"the frames of a trial must follow each other in 'dataset' (got frames of "
+                f"{self.name(first)} up to sample {end - 1}, and again from sample "
                 f"{int(self.start[second])} on)"
             )
 
     def _check_time(self, time: Tensor) -> None:
-        found = self._first(~(time[1:] > time[:-1]))
-        if found is not None:
-            i, frame = found
-            at = int(self.start[i]) + frame
-            before, after = time[at - 1].item(), time[at].item()
-            what = "repeated" if before == after else "not increasing"
+        violation = self._first_within(~(time[1:] > time[:-1]))
+        if violation is not None:
+            i, frame = violation
+            row = int(self.start[i]) + frame
+            before, after = time[row - 1].item(), time[row].item()
+            problem = "repeated" if before == after else "not increasing"
             raise ValueError(
                 f"'time' must increase within a trial (got {before} s and then {after} s, "
-                f"{what}, in frame {frame} of {self.name(i)})"
+                f"{problem}, in frame {frame} of {self.name(i)})"
             )
 
-    def _check_rows(self, row: Tensor) -> None:
-        found = self._first(~(row[1:] > row[:-1]))
-        if found is not None:
-            i, frame = found
-            at = int(self.start[i]) + frame
+    def _check_rows(self, source_row: Tensor) -> None:
+        violation = self._first_within(~(source_row[1:] > source_row[:-1]))
+        if violation is not None:
+            i, frame = violation
+            row = int(self.start[i]) + frame
             raise ValueError(
-                "the frames of a trial must be in the order of the data set they are chosen from "
-                f"where they have no 'time' (got sample {int(row[at])} of it after sample "
-                f"{int(row[at - 1])}, in frame {frame} of {self.name(i)}): sort the selection, and "
-                "shuffle the windows instead"
+                "frames without 'time' must be in the order of the data set from which they are "
+                f"selected (got sample {int(source_row[row])} after sample "
+                f"{int(source_row[row - 1])}, in frame {frame} of {self.name(i)}): sort the "
+                "selection, and shuffle the windows instead"
             )
 
-    def _first(self, wrong: Tensor) -> tuple[int, int] | None:
-        # `wrong` tells of each frame but the first; between two trials anything is right.
+    def _first_within(self, is_violation: Tensor) -> tuple[int, int] | None:
+        # The trial and the frame in it of the first violation. `is_violation` has a row for each
+        # frame except the first, which compares it with the frame before. Comparisons between two
+        # trials are ignored.
         if len(self.start) > 1:
-            wrong[self.start[1:] - 1] = False
-        at = wrong.nonzero().view(-1)
-        if not len(at):
+            is_violation[self.start[1:] - 1] = False
+        rows = is_violation.nonzero().view(-1)
+        if not len(rows):
             return None
-        frame = int(at[0]) + 1
+        frame = int(rows[0]) + 1
         i = int(torch.searchsorted(self.start, frame, right=True)) - 1
         return i, frame - int(self.start[i])

@@ -1,4 +1,4 @@
-r"""Windows of frames in place of stored samples."""
+r"""Windows that are stored as indices of frames and cut at each access."""
 
 import copy
 from collections.abc import Sequence
@@ -16,16 +16,23 @@ from torch_geometric_tactile.data.static_data import StaticData
 
 
 class WindowData:
-    r"""What a :class:`~torch_geometric_tactile.data.StaticDataset` of windows stores in place of
-    :class:`~torch_geometric_tactile.data.StaticData`: the frames, where they are, and one index.
-    A window is cut from them when it is asked for.
+    r"""Windows of frames, which a :class:`~torch_geometric_tactile.data.StaticDataset` of windows
+    stores in place of :class:`~torch_geometric_tactile.data.StaticData`: the frames without a copy,
+    and the start of each window. A window is cut from the frames at each access.
 
-    Shapes:
-        - **starts:** The first frame of each window :math:`(W,)`: its row in
-          :obj:`frames`, or in :obj:`order` if given.
-        - **length:** Number of frames of a window :math:`T`.
-        - **valid:** The number of frames that each window has :math:`(W,)`;
-          after them there is NaN. All of :obj:`length` if left out.
+    Args:
+        frames (StaticData): The frames.
+        starts (torch.Tensor): The first frame of each window :math:`(W,)`: its row in
+            :obj:`frames`, or its index into :obj:`order`.
+        length (int): Number of frames of a window :math:`T`.
+        valid (torch.Tensor, optional): The number of frames before the padding of each window
+            :math:`(W,)`; :obj:`length` if left out. Readings after them are NaN.
+        order (torch.Tensor, optional): The rows of the selected frames in :obj:`frames`; all if
+            left out.
+        target (str, optional): The attribute of the frames that labels a window.
+        horizon (int): The distance of the frame with the label from the last frame of the window.
+        series (sequence of str): Names of attributes of which a window has all frames.
+        transform (callable, optional): Applied to the frames before a window is cut.
     """
 
     def __init__(
@@ -71,13 +78,13 @@ class WindowData:
         )
 
     def is_shared(self, key: str) -> bool:
-        r"""Tells whether all windows share one value of an attribute."""
+        r"""Returns whether all windows share one value of an attribute."""
         if key in ("y", "num_frames", "valid_frames"):
             return key == "num_frames"
         return self.frames.is_shared(key)
 
     def level(self, key: str) -> Level:
-        r"""Returns what an attribute has rows for: :obj:`y` those of the frames' target."""
+        r"""Returns the level of an attribute; :obj:`y` has the level of the frames' target."""
         return self.frames.level(self.target if key == "y" and self.target is not None else key)
 
     def __getitem__(self, key: str) -> Any:
@@ -87,13 +94,13 @@ class WindowData:
         if key == "valid_frames" and self.valid is not None:
             return self.valid
         if key in ("x", *self.series):
-            plain = self if self.transform is None else self._with(transform=None)
-            return plain.index_select(slice(None))[key]
+            windows = self if self.transform is None else self._with(transform=None)
+            return windows.index_select(slice(None))[key]
         if key == "y":
             assert self.target is not None
-            return self.frames[self.target][self._rows(self._last() + self.horizon)]
+            return self.frames[self.target][self._rows(self._last_index() + self.horizon)]
         value = self.frames[key]
-        return value if self.frames.is_shared(key) else value[self._rows(self._last())]
+        return value if self.frames.is_shared(key) else value[self._rows(self._last_index())]
 
     def sample(self, i: int) -> Data:
         r"""Returns one window as PyG's :class:`~torch_geometric.data.Data`."""
@@ -102,7 +109,7 @@ class WindowData:
         return self.index_select(torch.tensor([i % self.num_samples])).sample(0)
 
     def select(self, index: Any) -> Self:
-        r"""Returns some of the windows, which are not cut yet.
+        r"""Returns a selection of the windows without cutting them.
 
         Shapes:
             - **index:** Indices :math:`(B,)`.
@@ -111,7 +118,7 @@ class WindowData:
         return self._with(starts=self.starts[index], valid=valid)
 
     def index_select(self, index: Any) -> StaticData:
-        r"""Returns some of the windows, cut.
+        r"""Cuts a selection of the windows from the frames.
 
         Shapes:
             - **index:** Indices :math:`(B,)`.
@@ -119,13 +126,13 @@ class WindowData:
         return self.select(index)._cut()
 
     def clone(self) -> Self:
-        r"""Returns a copy that shares no memory, with the frames that the windows need."""
-        kept = self._kept()
-        frames = self.frames.index_select(kept)
-        place = torch.full((self.frames.num_samples,), -1)
-        place[kept] = torch.arange(len(kept))
-        order = None if self.order is None else place[self.order]
-        starts = self.starts.clone() if order is not None else place[self.starts]
+        r"""Returns a copy that shares no memory and has only the frames that the windows need."""
+        used_rows = self._used_rows()
+        frames = self.frames.index_select(used_rows)
+        new_row = torch.full((self.frames.num_samples,), -1)
+        new_row[used_rows] = torch.arange(len(used_rows))
+        order = None if self.order is None else new_row[self.order]
+        starts = self.starts.clone() if order is not None else new_row[self.starts]
         valid = None if self.valid is None else self.valid.clone()
         return self._with(frames=frames.clone(), starts=starts, order=order, valid=valid)
 
@@ -142,7 +149,7 @@ class WindowData:
         out.__dict__.update(changes)
         return out
 
-    def _last(self) -> Tensor:
+    def _last_index(self) -> Tensor:
         if self.valid is None:
             return self.starts + (self.length - 1)
         return self.starts + self.valid - 1
@@ -150,31 +157,33 @@ class WindowData:
     def _rows(self, index: Tensor) -> Tensor:
         return index if self.order is None else self.order[index]
 
-    def _steps(self) -> Tensor:
-        # The frame of each step of each window (B, T); after the end of one, its last frame.
+    def _step_indices(self) -> Tensor:
+        # The index of each frame of each window (B, T). Windows are padded with their last frame.
         steps = torch.arange(self.length, device=self.starts.device)
         if self.valid is None:
             return self.starts[:, None] + steps
         return self.starts[:, None] + torch.minimum(steps, self.valid[:, None] - 1)
 
-    def _kept(self) -> Tensor:
-        rows = self._rows(torch.cat([self._steps().view(-1), self._last() + self.horizon]))
+    def _used_rows(self) -> Tensor:
+        rows = self._rows(
+            torch.cat([self._step_indices().view(-1), self._last_index() + self.horizon])
+        )
         return rows.unique()
 
     def _cut(self) -> StaticData:
         if self.transform is not None:
-            return self._transformed()._cut()
-        frames, last = self.frames, self._rows(self._last())
+            return self._transform_frames()._cut()
+        frames, last = self.frames, self._rows(self._last_index())
         out = copy.copy(frames)
-        # Straight into the mapping: what was checked keeps its level.
+        # Written to the mapping directly, without new checks: all attributes keep their levels.
         mapping = out._store._mapping
         for key, value in list(mapping.items()):
             if frames.is_shared(key) or key == "y":
                 continue
             if key == "x":
-                mapping[key] = cut_windows(value, self._row_sets(), self.length)
+                mapping[key] = cut_windows(value, self._window_rows(), self.length)
             elif key in self.series:
-                mapping[key] = self._series(value)
+                mapping[key] = self._cut_series(value)
             else:
                 mapping[key] = value.index_select(0, last)
         if self.target is not None:
@@ -185,8 +194,8 @@ class WindowData:
             mapping["valid_frames"] = self.valid
         return out
 
-    def _row_sets(self) -> Any:
-        # The rows of the frames of each window, or the first of each.
+    def _window_rows(self) -> Any:
+        # The first row of each window, or all rows of each if they are not consecutive.
         if self.order is None and self.valid is None:
             return self.starts
         starts = self.starts.tolist()
@@ -197,8 +206,8 @@ class WindowData:
         rows = self.order.numpy(force=True)
         return [rows[span] for span in spans]
 
-    def _series(self, value: Tensor) -> Tensor:
-        out = value[self._rows(self._steps())]
+    def _cut_series(self, value: Tensor) -> Tensor:
+        out = value[self._rows(self._step_indices())]
         if self.valid is None:
             return out
         steps = torch.arange(self.length, device=self.valid.device)
@@ -207,13 +216,14 @@ class WindowData:
             return out
         return out.masked_fill_(is_after.view(*is_after.shape, *(1,) * (out.dim() - 2)), torch.nan)
 
-    def _transformed(self) -> Self:
-        # The frames of these windows after the transform, one window after the other.
-        rows = self._steps()
+    def _transform_frames(self) -> Self:
+        # Applies the transform to the frames of these windows, one window after the other. With a
+        # horizon each window has one more frame, that of the label.
+        indices = self._step_indices()
         if self.horizon:
-            rows = torch.cat([rows, (self._last() + self.horizon)[:, None]], dim=1)
-        chunk = self.frames.index_select(self._rows(rows.view(-1)))
-        starts = torch.arange(len(rows), device=rows.device) * rows.size(1)
+            indices = torch.cat([indices, (self._last_index() + self.horizon)[:, None]], dim=1)
+        chunk = self.frames.index_select(self._rows(indices.view(-1)))
+        starts = torch.arange(len(indices), device=indices.device) * indices.size(1)
         return self._with(
             frames=apply_transform(self.transform, chunk),
             starts=starts,

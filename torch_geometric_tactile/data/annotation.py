@@ -1,16 +1,16 @@
-r"""A label in time."""
+r"""A label of a span of time."""
 
 from typing import NamedTuple
 
 
 class Annotation(NamedTuple):
-    r"""A span of a recording that is an example of something.
+    r"""A span of a recording with a label, such as :obj:`"slip"`.
 
     Args:
-        start (float): Where it begins, in seconds on the clock of the recording.
-        end (float): Where it ends; not before its start.
-        label (str): What happens in it: 1 to 255 printable characters, without blanks at the ends.
-            :obj:`"gap"` is reserved for time without frames, and labels no frame.
+        start (float): Start in seconds on the clock of the recording.
+        end (float): End in seconds, not before the start.
+        label (str): The label: 1 to 255 printable characters, without blanks at the ends.
+            :obj:`"gap"` is reserved for time without frames and labels no frame.
 
     Examples:
         >>> import numpy as np

@@ -1,4 +1,4 @@
-r"""Transforms of many samples at once."""
+r"""Applies transforms to many samples at once."""
 
 import copy
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,10 +24,10 @@ _EDGES = ("edge_index", "edge_attr", "edge_weight")
 
 
 def apply_transform(transform: Transform | None, data: StaticData) -> StaticData:
-    r"""Applies a transform to many samples at once. The result is that of applying it to each.
+    r"""Applies a transform to many samples at once, with the same result as for each sample.
 
-    * A transform whose class declares :obj:`supports_static = True` gets all samples in one call; a
-      subclass with a :obj:`forward` of its own declares it again.
+    * A transform whose class declares :obj:`supports_static = True` is called once with all
+      samples. A subclass that overrides :obj:`forward` must declare it again.
     * PyG's deterministic transforms of edges and positions
       (:class:`~torch_geometric.transforms.Distance`,
       :class:`~torch_geometric.transforms.ToUndirected`, ...), and those declared with
@@ -42,8 +42,8 @@ def apply_transform(transform: Transform | None, data: StaticData) -> StaticData
 
     Raises:
         TypeError: If the transform does not return the sample.
-        ValueError: If the transform gives the samples different topologies, or writes into what
-            they share.
+        ValueError: If the transform gives the samples different topologies, or changes a shared
+            tensor in place.
 
     Examples:
         >>> from torch_geometric.transforms import ToUndirected
@@ -56,38 +56,42 @@ def apply_transform(transform: Transform | None, data: StaticData) -> StaticData
         schema: Schema = data._schema
         values = data._store._mapping.items()
         shared = {key: value for key, value in values if schema.is_shared(key, value)}
-        with unwritten(part, shared):
-            data = _applied(part, data)
+        with forbid_writes(part, shared):
+            data = _apply_part(part, data)
     return data
 
 
-def _applied(transform: Transform, data: StaticData) -> StaticData:
+def _apply_part(transform: Transform, data: StaticData) -> StaticData:
     if own_declaration(transform, "supports_static"):
-        out: StaticData = returned(transform, data)
+        out: StaticData = call_transform(transform, data)
         return out
     rule = static_rule(transform)
-    once = _applied_once(transform, rule, data)
-    if once is not None:
-        return once
+    transformed = _apply_once(transform, rule, data)
+    if transformed is not None:
+        return transformed
     if data.num_samples == 0:
         return data
-    samples = [returned(transform, sample) for sample in data.to_data_list()]
+    samples = [call_transform(transform, sample) for sample in data.to_data_list()]
     return stack_like(samples, data, rule)
 
 
 @contextmanager
-def unwritten(transform: Transform, stored: Mapping[str, Any]) -> Iterator[None]:
-    r"""Checks that a transform, which is called within, writes into none of the tensors that a data
-    set stores: they would change for all samples, and again at every access.
+def forbid_writes(transform: Transform, stored: Mapping[str, Any]) -> Iterator[None]:
+    r"""Checks that a transform, which is called within the context, changes none of the tensors
+    that a data set stores in place. Such a change would affect all samples, and add up at each
+    access.
+
+    Raises:
+        ValueError: If a tensor was changed.
     """
-    before = [(key, value, _version(value)) for key, value in stored.items()]
+    versions = [(key, value, _version(value)) for key, value in stored.items()]
     yield
-    for key, value, version in before:
+    for key, value, version in versions:
         if _version(value) != version:
             raise ValueError(
-                f"'transform' must leave the tensor of '{key}' as it is, which the data set keeps "
-                f"(got a write into it by {transform!r}): set a new one, as in data.{key} = "
-                f"data.{key} * 2, and make the data set again"
+                f"'transform' must not change the tensor of '{key}' in place, which the data set "
+                f"stores (got a write to it by {transform!r}): set a new one, as in data.{key} = "
+                f"data.{key} * 2, and build the data set again"
             )
 
 
@@ -95,50 +99,60 @@ def _version(value: Any) -> int:
     return value._version if isinstance(value, Tensor) and not value.is_inference() else 0
 
 
-def returned(transform: Transform, data: Data, kind: type = Data) -> Any:
-    r"""Returns what a transform makes of a sample."""
+def call_transform(transform: Transform, data: Data, return_type: type = Data) -> Any:
+    r"""Calls a transform and checks the type of its output.
+
+    Raises:
+        TypeError: If the transform does not return a :obj:`return_type`.
+    """
     out = transform(data)
-    if out is None or not isinstance(out, kind):
-        found = "None" if out is None else type(out).__name__
+    if out is None or not isinstance(out, return_type):
+        type_name = "None" if out is None else type(out).__name__
         raise TypeError(
-            f"'transform' must return the sample, a Data object (got {found} from {transform!r})"
+            f"'transform' must return the sample, a Data object (got {type_name} from "
+            f"{transform!r})"
         )
     return out
 
 
-def _applied_once(transform: Transform, rule: StaticRule, data: StaticData) -> StaticData | None:
+def _apply_once(transform: Transform, rule: StaticRule, data: StaticData) -> StaticData | None:
+    # Calls the transform for one sample, and shares the attributes that it sets. None if this is
+    # not possible: the samples differ in an attribute that it reads, or it sets an undeclared
+    # attribute.
     before = data.to_dict()
     if rule.reads is None or not all(data.is_shared(key) for key in rule.reads if key in before):
         return None
-    sample = (data if data.num_samples else _blank(data)).sample(0)
-    given = sample.to_dict()  # taken first, since a function may change `sample` itself
-    found = returned(transform, sample).to_dict()
-    # Transforms copy shallowly, so that an attribute that they leave alone is the same object.
-    changed = {key: value for key, value in found.items() if value is not given.get(key)}
+    sample = (data if data.num_samples else _zero_sample(data)).sample(0)
+    attributes = sample.to_dict()  # read before the call, which may change `sample` itself
+    new_attributes = call_transform(transform, sample).to_dict()
+    # Transforms copy shallowly, so that an unchanged attribute is the same object.
+    changed = {
+        key: value for key, value in new_attributes.items() if value is not attributes.get(key)
+    }
     if "x" in changed and rule.x is not None:
-        changed["x"] = _widened(data.x, changed["x"], rule)
+        changed["x"] = _repeat_columns(data.x, changed["x"], rule)
     allowed = {"x"} if rule.x is not None else set()
     allowed.update(rule.node, rule.edge, rule.shared, _EDGES)
     for key, value in changed.items():
         is_new = key == "x" or key not in before
         if not (key in allowed or not isinstance(value, Tensor) if is_new else data.is_shared(key)):
-            return None  # it has other results than those declared
-    out = _with_levels(copy.copy(data), rule)
-    for key in before.keys() - found.keys():
+            return None  # it sets an attribute that its rule does not declare
+    out = _declare_levels(copy.copy(data), rule)
+    for key in before.keys() - new_attributes.keys():
         del out[key]
-    # The numbers of taxels and edges first, with which the others have to agree.
+    # 'x' and 'edge_index' first, since other attributes are checked against their sizes.
     for key in sorted(changed, key=lambda key: key not in ("x", "edge_index")):
         out[key] = changed[key]
     return out
 
 
-def _with_levels(data: StaticData, rule: StaticRule) -> StaticData:
-    added = (*rule.node, *rule.edge, *rule.shared)
-    return data.declare(node=rule.node, edge=rule.edge, shared=added) if added else data
+def _declare_levels(data: StaticData, rule: StaticRule) -> StaticData:
+    names = (*rule.node, *rule.edge, *rule.shared)
+    return data.declare(node=rule.node, edge=rule.edge, shared=names) if names else data
 
 
-def _blank(data: StaticData) -> StaticData:
-    # One sample in place of none, so that an empty batch gets the same edges as any other.
+def _zero_sample(data: StaticData) -> StaticData:
+    # A sample of zeros, so that an empty batch gets the same edges as other batches.
     values = {
         key: value if data.is_shared(key) else value.new_zeros((1, *value.shape[1:]))
         for key, value in data.to_dict().items()
@@ -147,18 +161,25 @@ def _blank(data: StaticData) -> StaticData:
     return type(data)(**arguments, num_samples=1)
 
 
-def _widened(x: Tensor, after: Tensor, rule: StaticRule) -> Tensor:
-    columns = after if rule.x == "replace" else after[:, x.size(-1) :]
+def _repeat_columns(x: Tensor, sample_x: Tensor, rule: StaticRule) -> Tensor:
+    # The readings of all samples, with the columns that the transform added to one of them.
+    columns = sample_x if rule.x == "replace" else sample_x[:, x.size(-1) :]
     columns = columns.expand(x.size(0), *columns.shape)
     if rule.x == "replace":
         return columns.contiguous()
-    return torch.cat([x.to(after.dtype), columns], dim=-1)
+    return torch.cat([x.to(sample_x.dtype), columns], dim=-1)
 
 
 def stack_like(
-    samples: Sequence[Data], like: StaticData, rule: StaticRule = _UNKNOWN
+    samples: Sequence[Data], source: StaticData, rule: StaticRule = _UNKNOWN
 ) -> StaticData:
-    r"""Stacks samples after a transform."""
-    added = Schema.of(rule.node, rule.edge, rule.shared)
-    schema = Schema.of(**like.schema).update(added).to_dict()
-    return type(like).from_data_list(samples, **schema)
+    r"""Stacks samples after a transform.
+
+    Args:
+        samples (sequence of Data): The transformed samples.
+        source (StaticData): The samples before the transform, which have the class and the schema.
+        rule (StaticRule): The attributes that the transform adds.
+    """
+    new_attributes = Schema.from_names(rule.node, rule.edge, rule.shared)
+    schema = Schema.from_names(**source.schema).update(new_attributes).to_dict()
+    return type(source).from_data_list(samples, **schema)

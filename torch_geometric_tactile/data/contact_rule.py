@@ -1,4 +1,4 @@
-r"""Whether anything touches a sensor."""
+r"""A rule that decides whether anything touches a sensor."""
 
 import math
 from collections.abc import Mapping
@@ -16,16 +16,16 @@ from torch_geometric_tactile.data._rest_noise import (
 
 #: The label of a frame or window without contact.
 NO_CONTACT = "no contact"
-#: The standard deviation of what rounding to whole numbers takes away, for sensors that count.
+#: The standard deviation of the error that rounding to whole numbers makes.
 _ROUNDING_NOISE = 1 / math.sqrt(12)
 _MAX_TAXELS = 10**7
-_LARGEST = 1e30  # of numbers in a file, whose squares are finite
+_MAX_VALUE = 1e30  # of numbers in a file, so that their squares are finite
 
 
 @dataclass(frozen=True)
 class ContactRule:
-    r"""Tells whether anything touches the sensor, so that a model trained on touch is not asked
-    about frames without any: they are labelled :obj:`"no contact"`.
+    r"""Decides whether anything touches the sensor. Frames without contact are labelled
+    :obj:`"no contact"`, and a model that was trained on contacts does not classify them.
 
     A taxel is touched if one of its channels differs from its reading at rest by more than the
     threshold. There is contact if enough taxels are touched. The threshold is a number in the unit
@@ -34,31 +34,31 @@ class ContactRule:
     .. math::
         |x - x_\text{rest}| > k \, \max(\sigma, \sigma_\text{channel}, \sigma_\text{rounding})
 
-    with the deviation :math:`\sigma` of the signal, :math:`\sigma_\text{channel}` of all signals of
-    its channel together, since a second of frames tells little about one quiet signal, and
-    :math:`1/\sqrt{12}` for the rounding of readings that are whole numbers.
+    Here :math:`\sigma` is the standard deviation of the signal, :math:`\sigma_\text{channel}` that
+    of all signals of its channel together, since one second of frames says little about a quiet
+    signal, and :math:`\sigma_\text{rounding} = 1/\sqrt{12}` for readings that are whole numbers.
 
-    Normal noise passes :math:`6 \sigma` once in 500 million readings, or once an hour in a hand
-    with 1152 signals at 100 Hz; a touch is mostly a hundred times the noise. The second taxel
-    excludes a single one that jumps or drifts. A rest that drifts during minutes is passed sooner
-    or later: measure it anew, or give a larger threshold.
+    Normal noise exceeds :math:`6 \sigma` once in 500 million readings, which is once an hour in a
+    hand with 1152 signals at 100 Hz. A touch is usually a hundred times the noise. The second taxel
+    excludes a single taxel that jumps or drifts. If the readings at rest drift for minutes, they
+    exceed the threshold sooner or later: measure them again, or use a larger threshold.
 
-    A missing reading (NaN) is not touched, nor is a taxel without a reading at rest. A frame
-    without any reading has no contact and does not lack it: :meth:`lacks_contact` is :obj:`False`,
-    and the label remains empty.
+    A taxel is not touched if its reading is missing (NaN) or it has no reading at rest. A frame
+    without any reading neither has nor lacks contact: :meth:`is_contact` and :meth:`lacks_contact`
+    are :obj:`False`, and its label is empty.
 
     Args:
         threshold (float, optional): The largest difference from rest that is no touch, in the unit
             of the readings; derived from the noise at rest if left out.
-        min_taxels (int): The number of touched taxels that make a contact. Of a sensor with fewer
-            taxels, all of them.
+        min_taxels (int): The number of touched taxels that make a contact; at most the number of
+            taxels of the sensor.
         num_deviations (float): The factor :math:`k` of a derived threshold.
         rest (numpy.ndarray, optional): Readings at rest :math:`(N, C)`; see :meth:`measured`.
         noise (numpy.ndarray, optional): Standard deviations at rest :math:`(N, C)`.
 
     Raises:
-        ValueError: If an argument is out of range or of another shape; on a call, if there is no
-            rest, or no noise where the threshold is derived from it.
+        ValueError: If an argument is out of range or has another shape. The methods raise it if the
+            readings at rest are not known, or the noise, if the threshold is derived from it.
 
     Examples:
         >>> rng = np.random.default_rng(0)
@@ -83,9 +83,10 @@ class ContactRule:
             if name == "threshold" and value is None:
                 continue
             is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-            if not is_number or not 0 < value <= _LARGEST:
+            if not is_number or not 0 < value <= _MAX_VALUE:
                 raise ValueError(
-                    f"'{name}' must be a positive number up to {_LARGEST:g} (got {str(value)[:80]})"
+                    f"'{name}' must be a positive number up to {_MAX_VALUE:g} (got "
+                    f"{str(value)[:80]})"
                 )
             object.__setattr__(self, name, float(value))
         if type(self.min_taxels) is not int or not 1 <= self.min_taxels <= _MAX_TAXELS:
@@ -101,24 +102,24 @@ class ContactRule:
 
     @property
     def is_measured(self) -> bool:
-        r"""Whether the rule has all that it needs of the rest."""
+        r"""Whether the readings at rest are known, and the noise if the threshold needs it."""
         return self.rest is not None and (self.threshold is not None or self.noise is not None)
 
     def measured(self, tactile: np.ndarray) -> Self:
-        r"""Returns the rule with mean and noise of some frames at rest.
+        r"""Returns the rule with the mean and the noise of frames at rest.
 
         Args:
             tactile (numpy.ndarray): Readings while nothing touches the sensor :math:`(T, N, C)`.
 
         Raises:
-            ValueError: If there are too few frames, or the threshold is to be derived from readings
-                that never change.
+            ValueError: If there are too few frames, or the threshold is derived from the noise and
+                the readings never change.
         """
-        frames = _finite(tactile)
+        frames = _infinite_to_nan(tactile)
         if frames.ndim != 3 or len(frames) == 0:
             raise ValueError(
-                "frames at rest must have shape (num_frames, num_taxels, num_channels), at least "
-                f"one of them (got {frames.shape})"
+                "frames at rest must have shape (num_frames, num_taxels, num_channels), with at "
+                f"least one frame (got {frames.shape})"
             )
         rest = mean_reading(frames)
         if self.threshold is not None:
@@ -126,21 +127,23 @@ class ContactRule:
         if len(frames) < 2 * NUM_BLOCKS:
             raise ValueError(
                 f"the noise at rest must be measured on at least {2 * NUM_BLOCKS} frames (got "
-                f"{len(frames)}): give more of them, or a 'threshold' in the unit of the readings"
+                f"{len(frames)}): record more, or set a 'threshold' in the unit of the readings"
             )
         noise = trusted_noise(movement_and_noise(frames)[1])
-        changes = (np.abs(frames - rest) > 0).any()  # or they may be forces, zero at rest
-        if changes and (np.isnan(frames) | (frames == np.round(frames))).all():
+        # Whole numbers that never change may be forces, which are zero at rest and not rounded.
+        is_changing = (np.abs(frames - rest) > 0).any()
+        if is_changing and (np.isnan(frames) | (frames == np.round(frames))).all():
             noise = np.maximum(noise, _ROUNDING_NOISE)
         if not np.nanmax(noise, initial=0.0) > 0:
             raise ValueError(
-                "the readings at rest must have noise, for a threshold that is derived from it "
-                f"(got {len(frames)} frames without any): give a 'threshold' in their unit"
+                "the readings at rest must have noise to derive a threshold from it (got "
+                f"{len(frames)} frames without noise): set a 'threshold' in the unit of the "
+                "readings"
             )
         return replace(self, rest=rest, noise=noise)
 
     def with_rest(self, rest: np.ndarray) -> Self:
-        r"""Returns the rule with other readings at rest, and the noise that it has.
+        r"""Returns the rule with other readings at rest and the same noise.
 
         Args:
             rest (numpy.ndarray): Readings at rest :math:`(N, C)`.
@@ -155,9 +158,9 @@ class ContactRule:
                 :math:`(\ldots, N, C)`.
 
         Shapes:
-            - **output:** :math:`(\ldots, N)`
+            - **output:** booleans :math:`(\ldots, N)`
         """
-        return self._touched(self._difference(tactile))
+        return self._is_touched(self._difference(tactile))
 
     def is_contact(self, tactile: np.ndarray) -> np.ndarray:
         r"""Returns whether enough taxels are touched.
@@ -167,20 +170,20 @@ class ContactRule:
                 :math:`(\ldots, N, C)`.
 
         Shapes:
-            - **output:** :math:`(\ldots)`
+            - **output:** booleans :math:`(\ldots)`
         """
         return self._is_contact(self._difference(tactile))
 
     def lacks_contact(self, tactile: np.ndarray) -> np.ndarray:
-        r"""Returns whether there are readings, and too few taxels are touched. It is what labels
-        are decided by: a frame without any reading is not called free of contact.
+        r"""Returns whether a frame has readings, but too few taxels are touched. Such frames are
+        labelled :obj:`"no contact"`; frames without any reading are not.
 
         Args:
             tactile (numpy.ndarray): Readings :math:`(N, C)`, or of many frames
                 :math:`(\ldots, N, C)`.
 
         Shapes:
-            - **output:** :math:`(\ldots)`
+            - **output:** booleans :math:`(\ldots)`
         """
         difference = self._difference(tactile)
         has_readings = ~np.isnan(difference).all(axis=(-2, -1))
@@ -190,18 +193,18 @@ class ContactRule:
         if self.rest is None:
             raise ValueError(
                 "the contact rule must have the readings at rest (got none): call "
-                "'adapt_recording' with rest=SECONDS, or 'measured' of the rule with frames while "
-                "nothing touches the sensor"
+                "'adapt_recording' with rest=SECONDS, or 'measured' of the rule with frames in "
+                "which nothing touches the sensor"
             )
-        values = _finite(tactile)
+        values = _infinite_to_nan(tactile)
         if values.shape[-2:] != self.rest.shape:
             raise ValueError(
-                f"a frame must have shape {self.rest.shape}, as the rest of the contact "
-                f"rule (got {values.shape[-2:]})"
+                f"a frame must have shape {self.rest.shape}, as the readings at rest of the "
+                f"contact rule (got {values.shape[-2:]})"
             )
         return np.asarray(np.abs(values - self.rest))
 
-    def _touched(self, difference: np.ndarray) -> np.ndarray:
+    def _is_touched(self, difference: np.ndarray) -> np.ndarray:
         limit: float | np.ndarray
         if self.threshold is not None:
             limit = self.threshold
@@ -209,18 +212,18 @@ class ContactRule:
             limit = self.num_deviations * self.noise
         else:
             raise ValueError(
-                "'threshold' of the contact rule must be given: its readings at rest have no noise "
-                "(got None)"
+                "'threshold' of the contact rule must be set, since its readings at rest have no "
+                "noise (got None)"
             )
-        return np.asarray((difference > limit).any(axis=-1))  # NaN is not above
+        return np.asarray((difference > limit).any(axis=-1))  # NaN exceeds no limit
 
     def _is_contact(self, difference: np.ndarray) -> np.ndarray:
         min_taxels = min(self.min_taxels, difference.shape[-2])
-        return np.asarray(self._touched(difference).sum(axis=-1) >= min_taxels)
+        return np.asarray(self._is_touched(difference).sum(axis=-1) >= min_taxels)
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns the arguments as JSON values; missing readings as :obj:`None`."""
-        content: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
+        r"""Returns the arguments as JSON values, with :obj:`None` for missing readings."""
+        content: dict[str, Any] = {item.name: getattr(self, item.name) for item in fields(self)}
         for name in ("rest", "noise"):
             value = content[name]
             if value is not None:
@@ -230,7 +233,7 @@ class ContactRule:
 
     @classmethod
     def from_dict(cls, content: Any) -> Self:
-        r"""Builds it from what :meth:`to_dict` returns.
+        r"""Builds a rule from the output of :meth:`to_dict`.
 
         Args:
             content (Mapping): The arguments.
@@ -238,26 +241,27 @@ class ContactRule:
         Raises:
             ValueError: If an argument is missing, unknown or out of range.
         """
-        names = {each.name for each in fields(cls)}
+        names = {item.name for item in fields(cls)}
         if not isinstance(content, Mapping) or set(content) != names:
             raise ValueError(f"'contact' must have {sorted(names)} (got {str(content)[:80]})")
         arrays = {
-            name: None if content[name] is None else _array_of_rows(name, content[name])
+            name: None if content[name] is None else _rows_to_array(name, content[name])
             for name in ("rest", "noise")
         }
         return cls(**{**content, **arrays})
 
 
-def _finite(tactile: np.ndarray) -> np.ndarray:
-    # In single precision first, as recordings and live frames are, so that all agree.
+def _infinite_to_nan(tactile: np.ndarray) -> np.ndarray:
+    # Rounded to single precision first, which recordings and live frames have, so that the same
+    # readings give the same decision.
     values = np.asarray(tactile, np.float32).astype(np.float64)
     return np.where(np.isfinite(values), values, np.nan)
 
 
 def _checked_array(name: str, value: Any) -> np.ndarray:
     array = np.array(value, np.float64)
-    least = -_LARGEST if name == "rest" else 0.0
-    is_valid = np.isnan(array) | ((array >= least) & (array <= _LARGEST))
+    min_value = -_MAX_VALUE if name == "rest" else 0.0
+    is_valid = np.isnan(array) | ((array >= min_value) & (array <= _MAX_VALUE))
     if array.ndim != 2 or 0 in array.shape or not is_valid.all():
         numbers = "numbers" if name == "rest" else "numbers that are not negative"
         raise ValueError(
@@ -268,12 +272,12 @@ def _checked_array(name: str, value: Any) -> np.ndarray:
     return array
 
 
-def _array_of_rows(name: str, rows: Any) -> np.ndarray:
-    r"""Returns an array of lists from a file, in which :obj:`None` stands for NaN."""
+def _rows_to_array(name: str, rows: Any) -> np.ndarray:
+    # Converts lists from a file, in which None stands for NaN, to an array.
     is_valid = isinstance(rows, list) and all(
         isinstance(row, list)
         and len(row) == len(rows[0])
-        and all(x is None or (type(x) in (int, float) and abs(x) <= _LARGEST) for x in row)
+        and all(x is None or (type(x) in (int, float) and abs(x) <= _MAX_VALUE) for x in row)
         for row in rows
     )
     if not is_valid:

@@ -1,4 +1,4 @@
-r"""How frames were made: their rate, gaps, thinning, unit and order of columns."""
+r"""How frames were made: their rate, gaps, selection, unit and order of columns."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,38 +8,38 @@ from typing import Any, Self
 import numpy as np
 
 from torch_geometric_tactile.data._gaps import RATE_TOLERANCE, ROUNDING
-from torch_geometric_tactile.data._gaps import part_numbers as numbers_of_parts
+from torch_geometric_tactile.data._gaps import part_numbers as time_part_numbers
 
 _MAX_STRIDE = 10**7
-_MAX_NUMBER = 1e12  # frames per second, or seconds
+_MAX_VALUE = 1e12  # frames per second, or seconds
 
 
 @dataclass(frozen=True)
 class FrameInfo:
-    r"""How frames were made: what a recording, a data set, a predictor and a live stream must
-    agree on, as MNE's :class:`mne.Info`. A value that is not known is :obj:`None`, and is not
-    compared.
+    r"""Describes how frames were made. A recording, a data set, a predictor and a live stream must
+    agree on it to be used together, as on MNE's :class:`mne.Info`. A value that is not known is
+    :obj:`None` and is not compared.
 
     Args:
         rate (float, optional): Frames per second of the recordings, before :obj:`stride` and
             :obj:`selected_rate`.
         tolerance (float): Relative deviation from :obj:`rate` that is accepted: 0.05, or the spread
-            over the trials if that is larger.
+            over the trials if it is larger.
         max_gap (float, optional): The largest distance of two frames of a recording, in seconds,
             that is no gap; infinite for data of events.
-        resampled (bool): Whether all recordings were resampled to :obj:`rate` first, see
+        resampled (bool): Whether all recordings were resampled to :obj:`rate`, see
             :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`.
-        selected_rate (float, optional): Frames per second that were selected: those next to the
+        selected_rate (float, optional): Frames per second that were selected: those nearest to the
             ticks of a clock that starts with each recording.
-        stride (int): Only every :obj:`stride`-th of these frames was used.
+        stride (int): Only every :obj:`stride`-th of these frames is used.
         unit (str, optional): Unit of the readings, such as :obj:`"count"`.
-        columns (Mapping of str to sequence of str): Names of the columns of :obj:`"tactile"`,
-            taxel by taxel each with its channels, and of :obj:`"joint"`.
-        rest (float, optional): How long each recording is at rest before anything is touched, in
-            seconds, where a transform measures it.
+        columns (Mapping of str to sequence of str): Column names of :obj:`"tactile"`, with all
+            channels of a taxel in a row, and of :obj:`"joint"`.
+        rest (float, optional): Duration of the rest at the start of each recording in seconds, if a
+            transform measures the readings at rest.
 
     Raises:
-        ValueError: If a number is not positive, or a value is of another type.
+        ValueError: If a number is not positive, or a value has another type.
 
     Examples:
         >>> info = FrameInfo(rate=100.0, stride=2, unit="count")
@@ -65,14 +65,14 @@ class FrameInfo:
             if value is None and name != "tolerance":
                 continue
             if not is_number or (
-                not 0 < value < _MAX_NUMBER and not (value == math.inf and name == "max_gap")
+                not 0 < value < _MAX_VALUE and not (value == math.inf and name == "max_gap")
             ):
                 raise ValueError(f"'{name}' must be a positive number (got {str(value)[:80]})")
         if type(self.stride) is not int or not 1 <= self.stride <= _MAX_STRIDE:
             raise ValueError(f"'stride' must be at least 1 (got {str(self.stride)[:80]})")
         if not isinstance(self.resampled, bool) or (self.resampled and self.rate is None):
             raise ValueError(
-                f"'resampled' must be true or false, and come with a rate (got {self.resampled!r})"
+                f"'resampled' must be true or false, and requires a rate (got {self.resampled!r})"
             )
         if self.unit is not None and not isinstance(self.unit, str):
             raise ValueError(f"'unit' must be a text or None (got {str(self.unit)[:80]})")
@@ -88,25 +88,27 @@ class FrameInfo:
 
     @property
     def frame_rate(self) -> float | None:
-        r"""Frames per second that are used, after :obj:`selected_rate` and :obj:`stride`."""
+        r"""Frames per second after :obj:`selected_rate` and :obj:`stride`."""
         rate = self.rate if self.selected_rate is None else self.selected_rate
         return None if rate is None else rate / self.stride
 
     def changed(self, **changes: Any) -> Self:
-        r"""Returns a copy with other values.
+        r"""Returns a copy in which some values are replaced.
 
         Args:
-            **changes: The values by name.
+            **changes: The new values by name.
         """
         return replace(self, **changes)
 
     def rate_differs(self, rate: float | None, tolerance: float = 0.0) -> bool:
-        r"""Returns whether frames at another rate cannot be used: it is not :obj:`rate`, or it is
-        below :obj:`selected_rate`, at which frames of any faster recording are selected.
+        r"""Returns whether frames at another rate cannot be used. The rate must be that of
+        :obj:`rate`; with :obj:`selected_rate` it must be at least as high, since frames of faster
+        recordings are selected.
 
         Args:
             rate (float, optional): Frames per second; :obj:`None` if it is not known.
-            tolerance (float): Relative deviation that is accepted, if it is above the own one.
+            tolerance (float): Relative deviation that is accepted, if it is larger than that of
+                this object.
         """
         if rate is None or self.rate is None or not math.isfinite(rate):
             return False
@@ -116,16 +118,16 @@ class FrameInfo:
         return not abs(rate - self.rate) <= tolerance * self.rate
 
     def require(self, other: Self, where: str, *, with_rate: bool = True) -> None:
-        r"""Checks that other frames were made as these were. Their columns may be in another order,
-        which can be mended (:func:`in_column_order`).
+        r"""Checks that other frames have the same unit and rate. The order of their columns is not
+        compared, since it can be changed (:func:`in_column_order`).
 
         Args:
             other (FrameInfo): How the other frames were made.
-            where (str): What to call them in a message, such as the name of a file.
-            with_rate (bool): Whether the rate matters, as it does for windows.
+            where (str): Name of the other frames in messages, such as a file name.
+            with_rate (bool): Whether to compare the rate, which matters for windows.
 
         Raises:
-            ValueError: If they were not; the message has both values, and what to do.
+            ValueError: If unit or rate differ. The message has both values and advice.
         """
         if None not in (self.unit, other.unit) and self.unit != other.unit:
             raise ValueError(
@@ -133,24 +135,24 @@ class FrameInfo:
                 f"{other.unit}): convert them, or train on recordings in {other.unit}"
             )
         if with_rate and self.rate_differs(other.rate, other.tolerance):
-            least = "" if self.selected_rate is None else "at least "
+            at_least = "" if self.selected_rate is None else "at least "
             rate = self.rate if self.selected_rate is None else self.selected_rate
             raise ValueError(
-                f"{where} must have {least}{rate:.4g} frames per second, as the model was trained "
-                f"on (got {other.rate:.4g}): resample it, with --resample, resample=True or "
-                f"Recording.resample({rate:.4g})"
+                f"{where} must have {at_least}{rate:.4g} frames per second, as the model was "
+                f"trained on (got {other.rate:.4g}): resample it, with --resample, resample=True "
+                f"or Recording.resample({rate:.4g})"
             )
 
     def selected_frames(self, time: np.ndarray | None, count: int) -> np.ndarray:
-        r"""Returns the frames of a recording that are used, after :obj:`selected_rate` and
-        :obj:`stride`.
+        r"""Returns the indices of the frames of a recording that :obj:`selected_rate` and
+        :obj:`stride` select.
 
         Args:
             time (numpy.ndarray, optional): Times of the frames in seconds :math:`(T,)`.
             count (int): Number of frames :math:`T`.
 
         Returns:
-            numpy.ndarray: Their indices, increasing :math:`(K,)`.
+            numpy.ndarray: Increasing indices :math:`(K,)`.
 
         Examples:
             >>> FrameInfo(stride=3).selected_frames(None, 8)
@@ -163,19 +165,21 @@ class FrameInfo:
         return index[:: self.stride]
 
     def ticks(self, elapsed: Any) -> Any:
-        r"""Returns the number of the last tick of a clock of :obj:`selected_rate` that a frame is
-        not earlier than, half a frame apart. The first frame of each tick is the one selected: with
-        a regular clock the nearest one, and known as soon as it comes.
+        r"""Returns the number of the last tick of a clock with :obj:`selected_rate` ticks per
+        second before a frame, where a frame may be half a frame early.
+
+        The first frame of each tick is selected. If the frames are regular, it is the nearest one
+        to the tick, and a live stream can select it without waiting for the next frame.
 
         Args:
             elapsed (numpy.ndarray or float): Seconds since the first frame.
         """
         rate = self.selected_rate or 0.0
-        half = 0.5 if self.rate is None else min(0.5, 0.5 * rate / self.rate)
-        return np.floor(elapsed * rate + half + ROUNDING)
+        half_frame = 0.5 if self.rate is None else min(0.5, 0.5 * rate / self.rate)  # in ticks
+        return np.floor(elapsed * rate + half_frame + ROUNDING)
 
     def part_numbers(self, time: np.ndarray | None, count: int) -> np.ndarray:
-        r"""Returns the number of the continuous part of each frame of a recording.
+        r"""Returns the number of the continuous part to which each frame of a recording belongs.
 
         Args:
             time (numpy.ndarray, optional): Times of the frames in seconds :math:`(T,)`.
@@ -186,10 +190,10 @@ class FrameInfo:
         """
         if time is None or self.max_gap is None:
             return np.zeros(count, np.int64)
-        return numbers_of_parts(time, self.max_gap)
+        return time_part_numbers(time, self.max_gap)
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns the arguments as JSON values; an infinite :obj:`max_gap` as :obj:`"inf"`."""
+        r"""Returns the arguments as JSON values. An infinite :obj:`max_gap` is :obj:`"inf"`."""
         content = asdict(self)
         content["columns"] = {key: list(names) for key, names in self.columns.items()}
         if self.max_gap is not None and math.isinf(self.max_gap):
@@ -198,14 +202,19 @@ class FrameInfo:
 
     @classmethod
     def from_dict(cls, content: Any) -> Self:
-        r"""Builds it from what :meth:`to_dict` returns.
+        r"""Builds an object from the output of :meth:`to_dict`.
 
         Args:
             content (Mapping): The arguments.
+
+        Raises:
+            ValueError: If a key is no argument, or an argument is invalid.
         """
-        names = {each.name for each in fields(cls)}
+        names = {item.name for item in fields(cls)}
         if not isinstance(content, Mapping) or not names.issuperset(content):
-            raise ValueError(f"'frames' must be some of {sorted(names)} (got {str(content)[:80]})")
+            raise ValueError(
+                f"'frames' must have some of the keys {sorted(names)} (got {str(content)[:80]})"
+            )
         arguments = dict(content)
         if arguments.get("max_gap") == "inf":
             arguments["max_gap"] = math.inf

@@ -1,4 +1,4 @@
-r"""The rate of frames."""
+r"""Measures the rate of frames from their times."""
 
 import math
 from typing import NamedTuple
@@ -7,20 +7,21 @@ import numpy as np
 
 from torch_geometric_tactile.data._gaps import ROUNDING
 
-_GAP_ARRIVALS = 5  # the largest distance in a continuous part
-_SAME_READ = 1e-4  # seconds: frames that are closer were read together
-_MAX_FRAMES_A_READ = 64
-_BURST_SHARE = 0.2  # of long distances, from which on these are arrivals and not gaps
-_MIN_REGULAR = 0.9  # of distances that are whole numbers of periods, where frames were lost
+_MAX_GAP_ARRIVALS = 5  # the largest distance of two frames in a continuous part, in arrivals
+_MAX_BURST_SECONDS = 1e-4  # frames closer than this were read in one burst
+_MAX_BURST_FRAMES = 64
+_MIN_BURST_SHARE = 0.2  # if more distances than this share are long, they are arrivals, not gaps
+# If this share of the distances are whole numbers of periods, longer distances are lost frames.
+_MIN_REGULAR_SHARE = 0.9
 
 
 class Rate(NamedTuple):
-    r"""The rate of frames, as :func:`measure_rate` measures it.
+    r"""The rate of frames, the output of :func:`measure_rate`.
 
     Args:
         rate (float): Frames per second in the parts without gaps; NaN with fewer than two frames.
-        arrival (float): Usual seconds from one arrival to the next; frames that were read together
-            are one arrival.
+        arrival (float): Typical time between two arrivals in seconds. Frames that were read
+            together are one arrival.
     """
 
     rate: float
@@ -29,17 +30,17 @@ class Rate(NamedTuple):
     @property
     def max_gap(self) -> float:
         r"""The largest distance of two frames, in seconds, that is no gap."""
-        return _GAP_ARRIVALS * self.arrival
+        return _MAX_GAP_ARRIVALS * self.arrival
 
 
 def measure_rate(time: np.ndarray, max_gap: float | None = None) -> Rate:
-    r"""Measures the frames per second of a recording. Gaps count for nothing, frames that were
-    read together count as one arrival, and lost frames do not lower the rate of a regular clock.
+    r"""Measures the frames per second of a recording. Gaps are left out, frames that were read
+    together count as one arrival, and lost frames do not lower the rate of a regular clock.
 
     Args:
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
         max_gap (float, optional): The largest distance of two frames, in seconds, that is no gap;
-            five arrivals if left out.
+            five times the typical distance of arrivals if left out.
 
     Examples:
         >>> time = np.arange(100) / 50.0
@@ -50,38 +51,41 @@ def measure_rate(time: np.ndarray, max_gap: float | None = None) -> Rate:
     step = np.diff(time)
     if not len(step):
         return Rate(math.nan, math.nan)
-    arrival = _arrival(step)
-    limit = _GAP_ARRIVALS * arrival if max_gap is None else max_gap
-    within = step <= limit * (1 + ROUNDING)
-    if not within.any():  # a recording of gaps only
+    arrival = _arrival_interval(step)
+    limit = _MAX_GAP_ARRIVALS * arrival if max_gap is None else max_gap
+    is_within = step <= limit * (1 + ROUNDING)
+    if not is_within.any():  # there is a gap after each frame
         return Rate(1 / arrival, arrival)
-    duration = float(step[within].sum())
-    periods = step[within] / arrival
-    whole = np.rint(periods)
-    is_regular = (np.abs(periods - whole) <= 0.25) & (whole >= 1)
-    if is_regular.mean() >= _MIN_REGULAR:  # what is missing between was lost
-        return Rate(float(whole.sum()) / duration, arrival)
-    # Frames that came with the first arrival of a part took no time.
-    count = float(within.sum())
+    duration = float(step[is_within].sum())
+    periods = step[is_within] / arrival
+    num_periods = np.rint(periods)
+    is_regular = (np.abs(periods - num_periods) <= 0.25) & (num_periods >= 1)
+    if is_regular.mean() >= _MIN_REGULAR_SHARE:  # lost frames count as well
+        return Rate(float(num_periods.sum()) / duration, arrival)
+    # The frames of the first burst of a part are not counted, since the time in which they were
+    # measured is before the part.
+    count = float(is_within.sum())
     is_burst = arrival > 1.5 * duration / count
     if is_burst:
-        starts = np.flatnonzero(np.concatenate([[True], ~within]))
-        together = step < 0.1 * arrival
+        starts = np.flatnonzero(np.concatenate([[True], ~is_within]))
+        is_same_burst = step < 0.1 * arrival
         for start in starts[starts < len(step)]:
-            following = np.flatnonzero(~together[start:])
-            count -= int(following[0]) if len(following) else len(step) - start
+            next_arrivals = np.flatnonzero(~is_same_burst[start:])
+            count -= int(next_arrivals[0]) if len(next_arrivals) else len(step) - start
     return Rate(max(count, 1.0) / duration, arrival)
 
 
-def _arrival(step: np.ndarray) -> float:
-    # The usual distance of two arrivals: a median, since gaps are few, of the distances between
-    # reads, since frames of one read are almost at one time.
-    between = step[step > _SAME_READ]
-    if len(between) * _MAX_FRAMES_A_READ < len(step):  # faster than any host reads: no bursts
-        between = step
+def _arrival_interval(step: np.ndarray) -> float:
+    # The median distance of arrivals, to which gaps make no difference. Distances within a burst
+    # are left out first.
+    intervals = step[step > _MAX_BURST_SECONDS]
+    # If the bursts were longer than any real one, the sensor sends its frames at this distance.
+    if len(intervals) * _MAX_BURST_FRAMES < len(step):
+        intervals = step
     while True:
-        arrival = float(np.sort(between)[(len(between) - 1) // 2])  # of two, the one without a gap
-        longer = between[between > _GAP_ARRIVALS * arrival]
-        if len(longer) < 3 or len(longer) < _BURST_SHARE * len(between):
+        # The lower one of two medians, which is no gap if there are two distances.
+        arrival = float(np.sort(intervals)[(len(intervals) - 1) // 2])
+        long_intervals = intervals[intervals > _MAX_GAP_ARRIVALS * arrival]
+        if len(long_intervals) < 3 or len(long_intervals) < _MIN_BURST_SHARE * len(intervals):
             return arrival
-        between = longer
+        intervals = long_intervals

@@ -1,4 +1,4 @@
-r"""The last frames of a live sensor."""
+r"""A ring buffer of the last frames of a live sensor."""
 
 from typing import Any
 
@@ -10,10 +10,10 @@ from torch_geometric_tactile.data.frames import join_frames
 
 
 class FrameRing:
-    r"""Keeps the last :obj:`length` frames of a live sensor as a window.
+    r"""A ring buffer of the last :obj:`length` frames of a live sensor.
 
-    Once it is full, :meth:`window` is what :class:`~torch_geometric_tactile.data.Windows` cuts from
-    a recording of the same frames, bit for bit.
+    When it is full, :meth:`window` returns the same window, bit for bit, that
+    :class:`~torch_geometric_tactile.data.Windows` cuts from a recording of these frames.
 
     Args:
         length (int): Number of frames of a window :math:`T`.
@@ -22,7 +22,7 @@ class FrameRing:
         dtype (torch.dtype): Type of the readings.
 
     Raises:
-        ValueError: If a number is below one.
+        ValueError: If a size is below one.
 
     Examples:
         >>> ring = FrameRing(length=2, num_taxels=1, num_channels=2)
@@ -39,10 +39,10 @@ class FrameRing:
         num_channels: int,
         dtype: torch.dtype = torch.float,
     ) -> None:
-        numbers = {"length": length, "num_taxels": num_taxels, "num_channels": num_channels}
-        for name, number in numbers.items():
-            if number < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {number})")
+        sizes = {"length": length, "num_taxels": num_taxels, "num_channels": num_channels}
+        for name, size in sizes.items():
+            if size < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {size})")
         self.length = length
         self.num_taxels = num_taxels
         self.num_channels = num_channels
@@ -57,7 +57,7 @@ class FrameRing:
         return self._ring.count >= self.length
 
     def push(self, frame: Any) -> None:
-        r"""Adds a frame, and forgets the oldest if the ring is full.
+        r"""Adds a frame, and removes the oldest one if the ring is full.
 
         Args:
             frame (array-like): Readings :math:`(N, C)`. Missing ones are NaN.
@@ -83,12 +83,12 @@ class FrameRing:
         if not self.is_full:
             raise RuntimeError(
                 f"the ring must hold {self.length} frames for a window (got {len(self)}): push "
-                "more, and ask for 'is_full' before"
+                "more frames, and check 'is_full' first"
             )
         return join_frames(self._ring.last().transpose(0, 1)).clone()
 
     def clear(self) -> None:
-        r"""Forgets all frames, as at the start of another trial."""
+        r"""Removes all frames, as at the start of another trial."""
         self._ring.count = 0
 
     def __repr__(self) -> str:

@@ -7,14 +7,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-_SMALL = 256  # numbers of a frame, up to which all windows are gathered at once
+_MAX_GATHER_SIZE = 256  # readings of a frame, up to which all windows are gathered in one call
 
 
 def split_frames(x: Tensor, num_frames: int) -> Tensor:
-    r"""Reshapes a window of frames so that time and channels have a dimension each.
+    r"""Reshapes a window of frames so that frames and channels are separate dimensions.
 
-    In a window, each taxel has all frames of its first channel, then all of its second, and so on.
-    This function and :func:`join_frames` are the places that know this order.
+    In a window, each taxel has all frames of its first channel, then all frames of its second
+    channel, and so on. Only this function and :func:`join_frames` depend on this order.
 
     Args:
         x (torch.Tensor): The window :math:`(\ldots, N, C \cdot T)`.
@@ -44,7 +44,7 @@ def split_frames(x: Tensor, num_frames: int) -> Tensor:
 
 def join_frames(x: Tensor) -> Tensor:
     r"""Reshapes frames to a window, in which each taxel has all frames of its first channel, then
-    all of its second, and so on: the inverse of :func:`split_frames`.
+    all frames of its second channel, and so on: the inverse of :func:`split_frames`.
 
     Args:
         x (torch.Tensor): The frames :math:`(\ldots, N, T, C)`.
@@ -68,42 +68,47 @@ def join_frames(x: Tensor) -> Tensor:
 
 
 def cut_windows(x: Tensor, rows: Tensor | Sequence[slice | np.ndarray], num_frames: int) -> Tensor:
-    r"""Returns windows of frames, in one copy.
+    r"""Cuts windows from frames, with a single copy of the readings.
+
+    Args:
+        x (torch.Tensor): Frames :math:`(S, N, C)`.
+        rows (torch.Tensor or sequence of slice or numpy.ndarray): The first frame of each window
+            :math:`(B,)`; or the frames of each window, :obj:`num_frames` or fewer. Shorter windows
+            are padded with NaN.
+        num_frames (int): Number of frames of each window :math:`T`.
 
     Shapes:
-        - **x:** Frames :math:`(S, N, C)`.
-        - **rows:** The first frame of each window
-          :math:`(B,)`; or the frames of each, :obj:`num_frames` or fewer, after which there is
-          NaN.
-        - **num_frames:** Number of frames of each window :math:`T`.
         - **output:** :math:`(B, N, C \cdot T)`
     """
     shape = (len(rows), *x.shape[1:], num_frames)
     if x.device.type != "cpu" or x.requires_grad or x.dtype == torch.bfloat16:
-        cut = x.new_empty(shape)
-        for i, index in enumerate(_slices(rows, num_frames)):
-            _fill(cut[i], x[index].movedim(0, -1))
-        return cut.flatten(-2)
-    # NumPy transposes faster than PyTorch, most of all what was just read, and in order.
+        windows = x.new_empty(shape)
+        for i, index in enumerate(_window_slices(rows, num_frames)):
+            _fill_window(windows[i], x[index].movedim(0, -1))
+        return windows.flatten(-2)
+    # On a CPU, NumPy transposes faster than PyTorch.
     frames = x.numpy()
-    if isinstance(rows, Tensor) and x.is_contiguous() and x.shape[1:].numel() <= _SMALL:
+    if isinstance(rows, Tensor) and x.is_contiguous() and x.shape[1:].numel() <= _MAX_GATHER_SIZE:
+        # For small frames, the calls of a loop over the windows would take most of the time.
         index = rows.numpy(force=True)[:, None] + np.arange(num_frames)
         size = x.shape[1:].numel()
-        found = frames.reshape(len(frames), size).take(index.reshape(-1), axis=0)
-        found = found.reshape(len(rows), num_frames, size).transpose(0, 2, 1)
-        return torch.from_numpy(np.ascontiguousarray(found)).reshape(*shape).flatten(-2)
-    windows = np.empty(shape, frames.dtype)
-    near = np.empty((num_frames, *x.shape[1:]), frames.dtype)
-    times_last = near.transpose(1, 2, 0)
-    for window, index in zip(windows, _slices(rows, num_frames), strict=True):
-        chosen = frames[index]
-        size = len(chosen)
-        near[:size] = chosen
-        _fill(window, times_last if size == num_frames else times_last[..., :size])
-    return torch.from_numpy(windows).flatten(-2)
+        gathered = frames.reshape(len(frames), size).take(index.reshape(-1), axis=0)
+        gathered = gathered.reshape(len(rows), num_frames, size).transpose(0, 2, 1)
+        return torch.from_numpy(np.ascontiguousarray(gathered)).reshape(*shape).flatten(-2)
+    # Large frames are copied to a buffer in their order first: the transposition then reads from
+    # the cache of the processor.
+    array = np.empty(shape, frames.dtype)
+    buffer = np.empty((num_frames, *x.shape[1:]), frames.dtype)
+    transposed = buffer.transpose(1, 2, 0)
+    for window, index in zip(array, _window_slices(rows, num_frames), strict=True):
+        window_frames = frames[index]
+        size = len(window_frames)
+        buffer[:size] = window_frames
+        _fill_window(window, transposed if size == num_frames else transposed[..., :size])
+    return torch.from_numpy(array).flatten(-2)
 
 
-def _slices(
+def _window_slices(
     rows: Tensor | Sequence[slice | np.ndarray], num_frames: int
 ) -> Sequence[slice | np.ndarray]:
     if isinstance(rows, Tensor):
@@ -111,7 +116,7 @@ def _slices(
     return rows
 
 
-def _fill(window: Any, frames: Any) -> None:
+def _fill_window(window: Any, frames: Any) -> None:
     size = frames.shape[-1]
     if size < window.shape[-1]:
         window[..., size:] = np.nan

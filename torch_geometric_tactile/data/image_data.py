@@ -1,4 +1,4 @@
-r"""Samples whose readings are an image of 32 x 32 pixels."""
+r"""Samples whose readings are images of 32 x 32 pixels."""
 
 from torch import Tensor
 from torch_geometric.data import Data
@@ -9,19 +9,20 @@ ROWS = COLUMNS = 32
 
 
 def image_of(x: Tensor) -> Tensor:
-    r"""Returns the readings of a 32 x 32 grid, such as
-    :func:`~torch_geometric_tactile.sensors.letter_array`, as images, without a copy.
+    r"""Reshapes the readings of a 32 x 32 grid, such as
+    :func:`~torch_geometric_tactile.sensors.letter_array`, to images without a copy.
 
     Args:
         x (torch.Tensor): The readings, row by row.
 
     Shapes:
-        - **input:** readings :math:`(1024, F)`, :math:`(B, 1024, F)` or of a PyG batch :math:`(B
-          \cdot 1024, F)`
-        - **output:** a view of them :math:`(B, F, 32, 32)`, with :math:`B = 1` for a single sample
+        - **input:** readings :math:`(1024, F)`, :math:`(B, 1024, F)`, or :math:`(B \cdot 1024, F)`
+          of a PyG batch
+        - **output:** a view of the readings :math:`(B, F, 32, 32)`, with :math:`B = 1` for a single
+          sample
 
     Raises:
-        ValueError: If the readings are of another number of taxels.
+        ValueError: If the number of taxels is not 1024.
 
     Examples:
         >>> import torch
@@ -29,15 +30,17 @@ def image_of(x: Tensor) -> Tensor:
         >>> image_of(x).shape, image_of(x).data_ptr() == x.data_ptr()
         (torch.Size([5, 1, 32, 32]), True)
     """
-    taxels = ROWS * COLUMNS
-    count = x.size(-2) if x.dim() > 1 else 0
-    if x.dim() not in (2, 3) or count % taxels or (x.dim() == 3 and count != taxels):
-        raise ValueError(f"'x' must hold {taxels} taxels a sample (got shape {tuple(x.shape)})")
+    num_taxels = ROWS * COLUMNS
+    num_rows = x.size(-2) if x.dim() > 1 else 0
+    if x.dim() not in (2, 3) or num_rows % num_taxels or (x.dim() == 3 and num_rows != num_taxels):
+        raise ValueError(
+            f"'x' must have {num_taxels} taxels in each sample (got shape {tuple(x.shape)})"
+        )
     shape = (-1, ROWS, COLUMNS) if x.dim() == 2 else (ROWS, COLUMNS)
     return x.unflatten(-2, shape).movedim(-1, 1)
 
 
-class _HasImage:
+class _ImageMixin:
     x: Tensor
 
     @property
@@ -48,7 +51,7 @@ class _HasImage:
         return image_of(self.x)
 
 
-class ImageData(_HasImage, Data):
+class ImageData(_ImageMixin, Data):
     r"""A sample, or a PyG batch of samples, of a 32 x 32 pressure array, with its readings as
     :obj:`image`, a view of :obj:`x`.
 
@@ -60,10 +63,10 @@ class ImageData(_HasImage, Data):
     """
 
 
-class StaticImages(_HasImage, StaticData):
-    r"""Many samples on one topology, with their readings as :obj:`image`, a view of :obj:`x`. Its
-    samples are :class:`ImageData`. The image is not stored: it follows :obj:`x` through all
-    transforms and selections, and takes no space in files or batches.
+class StaticImages(_ImageMixin, StaticData):
+    r"""Many samples on one topology, with their readings as :obj:`image`, a view of :obj:`x`. Each
+    sample is an :class:`ImageData`. The image is not stored: it is always that of the present
+    :obj:`x`, also after transforms and selections, and takes no space in files or batches.
 
     Examples:
         >>> import torch

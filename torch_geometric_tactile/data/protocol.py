@@ -1,11 +1,13 @@
-r"""The splitting vocabulary: what is held out of a data set, as a value.
+r"""Protocols: which samples of a data set are held out for validation and test.
 
-A split by frame puts frames of one trial on both sides and recognises the trial; a split by trial
-does not; a split by group (by object) asks for what was never touched before.
+With a split by frame, frames of a trial are in the training and the test part, and a model can
+recognise the trial. A split by trial avoids this. A split by group tests on objects that the model
+was not trained on.
 """
 
 import warnings
-from collections.abc import Mapping
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, fields
 from typing import Any, Literal, NamedTuple, Self
 
@@ -15,20 +17,15 @@ from torch import Tensor
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile.data._frame_view import dataset_part
+from torch_geometric_tactile.data._graph_samples import AnySamples as Samples
 from torch_geometric_tactile.data._graph_samples import GraphSamples, as_samples, sample_column
+from torch_geometric_tactile.data._levels import NAMED
 from torch_geometric_tactile.data._shared_samples import warn_of_shared
-from torch_geometric_tactile.data._unit_draws import (
-    Classes,
-    Folds,
-    Fractions,
-    Samples,
-    label_classes,
-    numbers_of,
-)
+from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 from torch_geometric_tactile.data.windows import Windows
 
-#: What a split keeps together.
+#: The samples that a split keeps together.
 Unit = Literal["frame", "trial", "group", "session", "placement", "size"]
 _UNITS = ("frame", "trial", "group", "session", "placement", "size")
 _TRAIN, _VAL, _TEST, _NONE = range(4)
@@ -51,52 +48,55 @@ class Split(NamedTuple):
 
 @dataclass(frozen=True)
 class Protocol:
-    r"""Describes which samples of a data set are held out for validation and test. A frozen value,
-    equal to another with the same arguments; the :obj:`seed` of :meth:`split` chooses among the
-    random splits.
+    r"""Describes which samples of a data set are held out for validation and test. A protocol is
+    frozen, and equal to protocols with the same arguments. The :obj:`seed` of :meth:`split` selects
+    one of the random splits.
 
     * ``Protocol("trial")`` holds out random fractions, :obj:`val` and :obj:`test`;
     * ``Protocol("trial", folds=5)`` tests on each of five random folds in turn;
     * ``Protocol("group", leave_one_out=True)`` tests on each group (object) in turn;
-    * ``Protocol("given")`` takes the parts that the data set brings: its :obj:`part` :math:`(S,)`,
-      an attribute of the samples or a property of the data set, is 0 for training, 1 for
-      validation and 2 for the test.
+    * ``Protocol("given")`` uses the parts of the data set: its :obj:`part` :math:`(S,)`, an
+      attribute of the samples or a property of the data set, is 0 for training, 1 for validation
+      and 2 for the test.
 
     With :obj:`unseen`, such as ``Protocol("group", folds=5, unseen="session")``, each fold is
-    tested on session by session, trained without any sample of that session: what is tested on is
-    of other objects *and* another session. Every sample is still tested on once.
+    divided by session. For each session, the model is trained without the fold and without any
+    sample of the session, and tested on the samples of the fold in this session: these are of new
+    objects *and* of a new session. Every sample is still tested on once.
 
-    With :obj:`stratify`, an attribute of integers such as :obj:`"y"` or :obj:`"group"`, every part
-    has its share of every class:
+    With :obj:`stratify`, an attribute of integers such as :obj:`"y"` or :obj:`"group"`, all parts
+    have the same shares of the classes:
 
-    * *Fractions* are drawn class by class, each with at least one unit to train and one to test
-      on, and from three units on one to validate on. The draw of a class depends on the seed and
-      on its name only, so that other classes in the data set do not change it. A class with one
+    * *Fractions* are drawn class by class. Each class has at least one unit to train and one to
+      test on, and with three or more units one to validate on. The draw of a class depends only on
+      the seed and the name of the class, so that other classes do not change it. A class with one
       unit raises a :class:`ValueError`, as does a trial or group with several classes.
     * *Folds* are those of scikit-learn's :class:`~sklearn.model_selection.StratifiedKFold` over the
-      units, or of :class:`~sklearn.model_selection.StratifiedGroupKFold` where a unit has several
-      classes. A class with fewer units than folds cannot be in all of them: a :class:`UserWarning`
-      names it.
+      units, or of :class:`~sklearn.model_selection.StratifiedGroupKFold` if a unit has several
+      classes. A :class:`UserWarning` names classes with fewer units than folds, which cannot be in
+      all folds.
 
     Args:
-        by (str): What stays together: :obj:`"frame"` (nothing), :obj:`"trial"`, :obj:`"group"` (an
-            object), :obj:`"session"`, :obj:`"placement"` (of the hand) or :obj:`"size"` (of the
-            object), of which the samples have one each; or :obj:`"given"`.
-        val (float, optional): The part of the units held out for validation; of those that are not
-            tested on, where there are folds. If left out, 0.1 with fractions and 0 otherwise.
-        test (float, optional): The part of the units held out for the test, with fractions; 0.2 if
-            left out.
+        by (str): The unit that stays together: :obj:`"frame"` (a single sample), :obj:`"trial"`,
+            :obj:`"group"` (an object), :obj:`"session"`, :obj:`"placement"` (of the hand) or
+            :obj:`"size"` (of the object), which must be attributes of the samples; or
+            :obj:`"given"`.
+        val (float, optional): The fraction of the units held out for validation. With folds, it is
+            a fraction of the units outside of the tested fold. If left out, 0.1 without folds and 0
+            with folds.
+        test (float, optional): The fraction of the units held out for the test, without folds; 0.2
+            if left out.
         folds (int, optional): Number of random folds.
         leave_one_out (bool): Whether each unit is a fold.
-        stratify (str, optional): The attribute whose classes every part has its share of. With
-            :obj:`"auto"` it is :obj:`"y"` where its classes allow (each has enough units, each unit
-            one class), and nothing otherwise.
-        unseen (str, optional): With folds, an attribute of integers, each value of which is left
-            out of the training that is tested on it.
+        stratify (str, optional): The attribute by whose classes the split is stratified. With
+            :obj:`"auto"` it is :obj:`"y"` if each class has enough units and each unit one class;
+            otherwise the split is not stratified.
+        unseen (str, optional): With folds, an attribute of integers. Samples with the tested value
+            of it are left out of the training.
 
     Raises:
         ValueError: If :obj:`by` is unknown, a fraction is not within 0 and 1, there are fewer than
-            two folds, or an argument does not go with the others.
+            two folds, or arguments contradict each other.
 
     Examples:
         >>> from torch_geometric_tactile.data import StaticData
@@ -121,13 +121,13 @@ class Protocol:
 
     def __post_init__(self) -> None:
         if self.by not in (*_UNITS, "given"):
-            listed = ", ".join(f"'{unit}'" for unit in _UNITS)
-            raise ArgumentError(Argument("by"), f" must be {listed} or 'given' (got '{self.by}')")
+            options = ", ".join(f"'{unit}'" for unit in _UNITS)
+            raise ArgumentError(Argument("by"), f" must be {options} or 'given' (got '{self.by}')")
         if self.by == "given":
             for field in fields(self)[1:]:
                 if getattr(self, field.name) != field.default:
                     raise ValueError(
-                        f"'{field.name}' must be left out where the parts are given (got "
+                        f"'{field.name}' must be left out with by='given' (got "
                         f"{getattr(self, field.name)})"
                     )
             return
@@ -142,7 +142,7 @@ class Protocol:
         if self.unseen is not None and not self._has_folds:
             raise ValueError(f"'unseen' must be None without folds (got '{self.unseen}')")
         if self.test is not None and self._has_folds:
-            raise ValueError(f"'test' must be None where a fold is tested on (got {self.test})")
+            raise ValueError(f"'test' must be None with folds (got {self.test})")
         val = (0.0 if self._has_folds else 0.1) if self.val is None else self.val
         test = (0.0 if self._has_folds else 0.2) if self.test is None else self.test
         for name, part in (("val", val), ("test", test), ("val + test", val + test)):
@@ -164,21 +164,20 @@ class Protocol:
         r"""Returns the number of splits that test on different samples: 1 without folds.
 
         Args:
-            dataset (Dataset or StaticData or list of Data): The samples, as of :meth:`split`.
+            dataset (Dataset or StaticData or list of Data): The samples, as in :meth:`split`.
 
         Raises:
-            ValueError: If each of fewer than two units is to be left out, the samples do not
-                have the attribute that they are split by, or :obj:`unseen` has fewer than two
-                values.
+            ValueError: If there are fewer than two units to leave out, the samples do not have the
+                attribute by which they are split, or :obj:`unseen` has fewer than two values.
         """
         dataset = as_samples(dataset)
         count = self._num_unit_folds(dataset)
-        return count if self.unseen is None else count * len(_at_least_two(dataset, self.unseen))
+        return count if self.unseen is None else count * len(_unseen_values(dataset, self.unseen))
 
     def _num_unit_folds(self, dataset: Samples) -> int:
         if not self.leave_one_out:
             return self.folds or 1
-        units = numbers_of(dataset, self.by)
+        units = _split_column(dataset, self.by)
         count = len(np.unique(units))
         need(count >= 2, f"'dataset' must have at least 2 {self.by}s to leave one out", count)
         return count
@@ -187,37 +186,38 @@ class Protocol:
         r"""Returns the indices of the samples to train, validate and test on.
 
         Args:
-            dataset (Dataset or StaticData or list of Data): The samples, each with the attributes
-                that they are split by: a number, or a text. A data set of PyG, a
+            dataset (Dataset or StaticData or list of Data): The samples: a data set of PyG, a
                 :class:`~torch.utils.data.Subset`, a :class:`~torch.utils.data.ConcatDataset` or a
-                list, whose samples may have different sensors.
-            seed (int): Which of the random splits.
-            fold (int): Which of the :meth:`num_folds` folds is tested on.
+                list. They may be of different sensors. The attribute by which they are split must
+                be a number or a text in each sample.
+            seed (int): Selects one of the random splits.
+            fold (int): Index of the fold to test on, below :meth:`num_folds`.
 
         Raises:
-            TypeError: If these are no samples of PyG.
-            ValueError: If windows that overlap are split by frame, there is no such fold, the
-                samples do not have an attribute that they
-                are split or stratified by, there are fewer units than folds, a part above 0 would
-                be empty, or the classes do not allow to stratify.
+            TypeError: If :obj:`dataset` does not hold samples of PyG.
+            ValueError: If overlapping windows are split by frame, there is no such fold, the
+                samples do not have an attribute by which they are split or stratified, there are
+                fewer units than folds, a part with a fraction above 0 would be empty, or the split
+                cannot be stratified by the classes.
 
         Warns:
-            UserWarning: If given parts are asked for, and the data set was built as one of them.
-            SharedDataWarning: If given parts share a trial, or a recording is in the data set twice
-                and its copies are in different parts.
+            UserWarning: If the given parts are requested, but the data set was built with one of
+                them only.
+            SharedDataWarning: If given parts share a trial, or different parts have copies of a
+                recording.
         """
         dataset = as_samples(dataset)
         if self.by == "frame" and isinstance(dataset, Windows) and dataset.overlap:
             raise ValueError(
-                "windows that overlap must be split by trial, group or session, since those of a "
-                f"test part would share frames with those to train on (got 'frame', with windows "
-                f"of {dataset.length} frames, one every {dataset.hop}); or take hop="
+                "windows that overlap must be split by trial, group or session, since otherwise "
+                f"the training and the test part share frames (got 'frame', with windows "
+                f"of {dataset.length} frames, one every {dataset.hop}); or use hop="
                 f"{dataset.length}"
             )
         split = self._split(dataset, seed, fold)
-        # Frames of one trial are in several parts of a split by frame: that is what was asked for.
+        # A split by frame distributes the frames of a trial over the parts on purpose.
         if self.by != "frame" or sample_column(dataset, "trial") is None:
-            warn_of_shared(dataset, split, given=self.by == "given")
+            warn_of_shared(dataset, split, with_units=self.by == "given")
         return split
 
     def _split(self, dataset: Samples, seed: int, fold: int) -> Split:
@@ -228,46 +228,47 @@ class Protocol:
             selected = dataset_part(dataset)
             if selected is not None and len(np.unique(parts)) == 1:
                 warnings.warn(
-                    f"the data set holds its part '{selected}' alone, and no given part to compare "
-                    "it with: build it with split=None, which takes all samples",
+                    f"the data set holds its part '{selected}' only, so that there is nothing to "
+                    "split: build it with split=None, which uses all samples",
                     stacklevel=4,
                 )
-            return _split_of(parts)
+            return _parts_to_split(parts)
         if self.unseen is not None:
-            values = _at_least_two(dataset, self.unseen)
+            values = _unseen_values(dataset, self.unseen)
             fold, number = divmod(fold, len(values))
-            held = numbers_of(dataset, self.unseen) == values[number]
+            is_unseen = _split_column(dataset, self.unseen) == values[number]
             part = self._parts(dataset, seed, fold)
-            # Samples of the held-out units or of the held-out session, but not both, are left out.
-            part = np.where((part == _TEST) == held, part, _NONE)
+            # Samples of the tested units in other sessions, and of other units in the tested
+            # session, are in no part.
+            part = np.where((part == _TEST) == is_unseen, part, _NONE)
             if not (part == _TEST).any():
                 raise ValueError(
                     f"'dataset' must have samples of '{self.unseen}' {values[number]} in each "
                     f"fold (got none in fold {fold})"
                 )
-            return _split_of(part)
-        return _split_of(self._parts(dataset, seed, fold))
+            return _parts_to_split(part)
+        return _parts_to_split(self._parts(dataset, seed, fold))
 
     def _parts(self, dataset: Samples, seed: int, fold: int) -> np.ndarray:
-        names, unit = np.unique(numbers_of(dataset, self.by), return_inverse=True)
+        names, unit = np.unique(_split_column(dataset, self.by), return_inverse=True)
         units = np.arange(len(names))
         if self.stratify == "auto":
-            classes = label_classes(dataset, unit, self.by, self.folds or 2 + bool(self.val))
+            classes = _label_classes(dataset, unit, self.by, self.folds or 2 + bool(self.val))
         else:
             key = self.stratify
-            classes = None if key is None else Classes(dataset, key, unit, self.by)
+            classes = None if key is None else _Classes(dataset, key, unit, self.by)
         part = np.full(len(names), _TRAIN)
         seeds = [seed]
         if self._has_folds:
             if self.folds is None:
                 held_out = units[fold : fold + 1]
             else:
-                held_out = Folds(self.folds, self.by).draw(unit, classes, seed, fold)
+                held_out = _Folds(self.folds, self.by).draw(unit, classes, seed, fold)
             part[held_out] = _TEST
             units = np.setdiff1d(units, held_out)
             seeds = [seed, fold]
         if self.val or not self._has_folds:
-            fractions = Fractions(self.val or 0.0, self.test or 0.0, self.by)
+            fractions = _Fractions(self.val or 0.0, self.test or 0.0, self.by)
             val, test = fractions.draw(units, classes, seeds)
             part[val], part[test] = _VAL, _TEST
         parts: np.ndarray = part[unit]
@@ -301,32 +302,31 @@ class Protocol:
         return text if self.stratify is None else f"{text}, stratified by {self.stratify}"
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns the arguments as JSON values: equal protocols have equal ones."""
+        r"""Returns the arguments as JSON values, which are equal for equal protocols."""
         return asdict(self)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds a protocol from what :meth:`to_dict` returns.
+        r"""Builds a protocol from the output of :meth:`to_dict`.
 
         Args:
             content (Mapping): The arguments.
 
         Raises:
-            ValueError: If a key is no argument, or the arguments are wrong.
+            ValueError: If a key is no argument, or an argument is invalid.
         """
-        known = [field.name for field in fields(cls)]
-        unknown = [key for key in content if key not in known]
+        names = [field.name for field in fields(cls)]
+        unknown = [key for key in content if key not in names]
         if unknown:
-            raise ValueError(f"a protocol must have keys of {known} (got '{unknown[0]}')")
+            raise ValueError(f"a protocol must have keys of {names} (got '{unknown[0]}')")
         return cls(**content)
 
 
-def _at_least_two(dataset: Samples, key: str) -> np.ndarray:
-    values = np.unique(numbers_of(dataset, key))
+def _unseen_values(dataset: Samples, key: str) -> np.ndarray:
+    values = np.unique(_split_column(dataset, key))
     if len(values) < 2:
         raise ValueError(
-            f"'dataset' must have at least 2 values of '{key}' to train without one "
-            f"(got {len(values)})"
+            f"'dataset' must have at least 2 values of '{key}' to leave one out (got {len(values)})"
         )
     return values
 
@@ -337,8 +337,8 @@ def _given_parts(dataset: Samples) -> np.ndarray:
         part = dataset.column("part")
     if part is None:
         raise ValueError(
-            "'dataset' must bring its parts to be split as given: a 'part' of each sample, 0 to "
-            "train, 1 to validate and 2 to test on (got none)"
+            "'dataset' must have its parts for by='given': a 'part' of each sample, 0 to train, "
+            "1 to validate and 2 to test on (got none)"
         )
     parts: np.ndarray = torch.as_tensor(part).numpy(force=True)
     if not np.isin(parts, (_TRAIN, _VAL, _TEST)).all():
@@ -346,5 +346,235 @@ def _given_parts(dataset: Samples) -> np.ndarray:
     return parts
 
 
-def _split_of(part: np.ndarray) -> Split:
+def _parts_to_split(part: np.ndarray) -> Split:
     return Split(*(torch.from_numpy(np.flatnonzero(part == i)) for i in (_TRAIN, _VAL, _TEST)))
+
+
+class _Classes:
+    r"""The classes by which a split is stratified, of each sample and, where all samples of a unit
+    have one class, of each unit.
+
+    Args:
+        dataset (Dataset or StaticData): The samples.
+        key (str): The attribute whose values are the classes.
+        unit (numpy.ndarray): The index of the unit of each sample :math:`(S,)`.
+        by (str): Name of the units, such as :obj:`"trial"`.
+
+    Raises:
+        ValueError: If the samples do not have the attribute, or it does not hold integers.
+    """
+
+    def __init__(self, dataset: Samples, key: str, unit: np.ndarray, by: str) -> None:
+        value = _split_column(dataset, key, f"stratified by '{key}'")
+        if not np.array_equal(value, np.round(value)):
+            raise ValueError(f"'{key}' must hold integers to be stratified by (got {value.dtype})")
+        class_values, sample_class = np.unique(value.astype(np.int64), axis=0, return_inverse=True)
+        self.sample_class = sample_class.reshape(-1)
+        self.names = _class_names(dataset, key, class_values)
+        self.kind = {"y": "class", "group": "object"}.get(key, key)
+        self.key, self.by = key, by
+        _, first = np.unique(unit, return_index=True)
+        self._first_class = self.sample_class[first]
+        mixed = np.flatnonzero(self._first_class[unit] != self.sample_class)
+        self.unit_class = None if len(mixed) else self._first_class
+        pairs = np.unique(np.stack([self.sample_class, unit]), axis=1)
+        self.num_units = np.bincount(pairs[0], minlength=len(class_values))
+
+    def require_unit_classes(self) -> list[tuple[int, str]]:
+        r"""Checks that each unit has one class, and returns the number and name of each class.
+
+        Raises:
+            ValueError: If a unit has several classes.
+        """
+        if self.unit_class is None:
+            raise ValueError(
+                f"all samples of a {self.by} must have the same '{self.key}' to stratify fractions "
+                "by it (got several): use 'folds' without 'val', or no 'stratify'"
+            )
+        return list(enumerate(self.names))
+
+    def check_folds(self, folds: int) -> None:
+        r"""Checks the number of folds, and warns of classes that cannot be in every fold.
+
+        Raises:
+            ArgumentError: If there are more folds than units of the most frequent class.
+        """
+        if self.unit_class is not None and folds > self.num_units.max():
+            raise ArgumentError(
+                Argument("folds"),
+                f" must be at most {self.num_units.max()}, the {self.by}s of the most "
+                f"frequent {self.kind}, to be stratified by '{self.key}' (got {folds})",
+            )
+        rare_classes = [
+            f"'{name}' ({count})"
+            for name, count in zip(self.names, self.num_units, strict=True)
+            if count < folds
+        ]
+        if rare_classes:
+            warnings.warn(
+                f"some of the {folds} folds cannot have every {self.kind}, since some have fewer "
+                f"{self.by}s than folds: {', '.join(rare_classes)}",
+                UserWarning,
+                stacklevel=5,
+            )
+
+
+def _label_classes(dataset: Samples, unit: np.ndarray, by: str, min_units: int) -> _Classes | None:
+    r"""Returns the classes of :obj:`y`, or :obj:`None` if a split cannot be stratified by them: a
+    class has fewer than :obj:`min_units` units, or a unit has several classes.
+
+    Shapes:
+        - **unit:** The index of the unit of each sample :math:`(S,)`.
+    """
+    try:
+        classes = _Classes(dataset, "y", unit, by)
+    except ValueError:  # no labels, or real numbers as targets of a regression
+        return None
+    is_usable = (
+        classes.unit_class is not None and classes.num_units.min(initial=min_units) >= min_units
+    )
+    return classes if is_usable else None
+
+
+def _class_names(dataset: Samples, key: str, class_values: np.ndarray) -> list[str]:
+    is_named = key in NAMED and not isinstance(dataset, StaticData)
+    names = getattr(dataset, f"{NAMED[key]}_names") if is_named else ()
+    if class_values.ndim > 1 or (
+        len(class_values) and not 0 <= class_values.min() <= class_values.max() < len(names)
+    ):
+        return [str(value) for value in class_values.tolist()]
+    return [names[i] for i in class_values]
+
+
+def _split_column(dataset: Samples, key: str, purpose: str | None = None) -> np.ndarray:
+    r"""Returns the attribute by which samples are split, or their indices for :obj:`"frame"`.
+
+    Args:
+        dataset (Dataset or StaticData): The samples.
+        key (str): Name of the attribute.
+        purpose (str, optional): The use of the attribute, for the message.
+
+    Raises:
+        ValueError: If the samples do not have the attribute.
+    """
+    if key == "frame":
+        return np.arange(len(dataset))  # type: ignore[arg-type]  # checked by `as_samples`
+    column = sample_column(dataset, key)
+    if column is None:
+        raise ValueError(
+            f"'dataset' must have '{key}' to be {purpose or f'split by {key}'} (got none)"
+        )
+    values: np.ndarray = column.numpy(force=True)
+    return values
+
+
+@dataclass(frozen=True)
+class _Folds:
+    r"""Random folds of units."""
+
+    count: int
+    by: str
+
+    def draw(self, unit: np.ndarray, classes: _Classes | None, seed: int, fold: int) -> np.ndarray:
+        r"""Draws the folds and returns the units of one of them.
+
+        Args:
+            unit (numpy.ndarray): The index of the unit of each sample :math:`(S,)`.
+            classes (_Classes, optional): The classes by which the folds are stratified.
+            seed (int): Seed of the draw.
+            fold (int): Index of the fold.
+
+        Raises:
+            ArgumentError: If there are more folds than units.
+        """
+        # Imported here, since scikit-learn takes as long to import as the rest of the package.
+        from sklearn.model_selection import GroupKFold, KFold, StratifiedGroupKFold, StratifiedKFold
+
+        num_units = len(np.unique(unit))
+        if self.count > num_units:
+            raise ArgumentError(
+                Argument("folds"),
+                f" must be between 2 and the {num_units} {self.by}s of the data set (got "
+                f"{self.count})",
+            )
+        options = {"n_splits": self.count, "shuffle": True, "random_state": seed}
+        if classes is None:
+            splitter = KFold if self.by == "frame" else GroupKFold
+            parts = splitter(**options).split(unit, groups=None if self.by == "frame" else unit)
+            return np.unique(unit[list(parts)[fold][1]])
+        classes.check_folds(self.count)
+        with warnings.catch_warnings():
+            # `check_folds` has warned already, with the name of the class.
+            warnings.filterwarnings("ignore", "The least populated class")
+            if classes.unit_class is not None:
+                parts = StratifiedKFold(**options).split(classes.unit_class, classes.unit_class)
+                return list(parts)[fold][1]
+            parts = StratifiedGroupKFold(**options).split(unit, classes.sample_class, groups=unit)
+            return np.unique(unit[list(parts)[fold][1]])
+
+
+@dataclass(frozen=True)
+class _Fractions:
+    r"""Random fractions of units, held out for validation and for the test."""
+
+    val: float
+    test: float
+    by: str
+
+    def draw(
+        self, units: np.ndarray, classes: _Classes | None, seeds: Sequence[int]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        r"""Draws the units for validation and for the test.
+
+        Args:
+            units (numpy.ndarray): The indices of the units to draw from :math:`(U,)`.
+            classes (_Classes, optional): The classes by which the parts are stratified.
+            seeds (sequence of int): Seeds of the draw.
+
+        Raises:
+            ValueError: If a part would be empty.
+        """
+        if classes is not None:
+            return self._draw_by_class(units, classes, seeds)
+        count = len(units)
+        num_val, num_test = round(self.val * count), round(self.test * count)
+        for name, part, num in (("val", self.val, num_val), ("test", self.test, num_test)):
+            if part > 0 and num == 0:
+                raise ArgumentError(
+                    Argument(name), f" of {part} is less than one of {count} {self.by}s"
+                )
+        if num_val + num_test >= count:
+            raise ValueError(f"'val' and 'test' leave none of {count} {self.by}s to train on")
+        order = np.random.default_rng(seeds).permutation(units)
+        return order[num_test : num_test + num_val], order[:num_test]
+
+    def _draw_by_class(
+        self, units: np.ndarray, classes: _Classes, seeds: Sequence[int]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        val, test = [], []
+        for i, name in classes.require_unit_classes():
+            class_units = units[classes.unit_class[units] == i]  # type: ignore[index]  # checked
+            num_val, num_test = self._num_held_out(len(class_units), f"{classes.kind} '{name}'")
+            # Seeded by name, so that other classes in the data set do not change this draw.
+            rng = np.random.default_rng([*seeds, zlib.crc32(name.encode())])
+            order = rng.permutation(class_units)
+            test.append(order[:num_test])
+            val.append(order[num_test : num_test + num_val])
+        return np.concatenate(val), np.concatenate(test)
+
+    def _num_held_out(self, count: int, class_text: str) -> tuple[int, int]:
+        # Reduces the numbers until one unit is left to train on, those of validation first.
+        num_val, num_test = (
+            max(1, round(part * count)) if part else 0 for part in (self.val, self.test)
+        )
+        while num_val + num_test >= count and num_val + num_test > 0:
+            if num_val > num_test or (num_val and num_test == 1):
+                num_val -= 1
+            elif num_test > 1:
+                num_test -= 1
+            else:
+                raise ValueError(
+                    f"{class_text} must have at least 2 {self.by}s to train and to test on (got "
+                    f"{count})"
+                )
+        return num_val, num_test

@@ -1,4 +1,4 @@
-r"""One trial: what the taxels of a sensor read over time."""
+r"""The readings of one trial."""
 
 import json
 import math
@@ -26,17 +26,17 @@ from torch_geometric_tactile.data.frame_rate import measure_rate
 if TYPE_CHECKING:  # a live robot has recordings without torch
     from torch_geometric_tactile.sensors import TaxelLayout
 
-#: Units of readings, and how figures and pages name them.
+#: Units of readings, and their labels in figures and reports.
 UNITS = {"count": "counts", "newton": "N", "microtesla": "µT"}
-_FULL_TURN = 2 * math.pi * (1 + 1e-6)  # a full turn in float32 is a little more
+_FULL_TURN = 2 * math.pi * (1 + 1e-6)  # with the rounding of float32
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    r"""The readings of one trial on one sensor. Frozen, and checked at construction.
+    r"""The readings of one trial on one sensor. A recording is frozen, and checked at construction.
 
-    Missing and dead taxels are NaN, never invented numbers; so are masked readings and angles of
-    masked arrays. Arrays are taken as they are, without a copy, where their type fits.
+    Missing and dead taxels are NaN, never invented numbers, as are masked readings and angles of
+    masked arrays. Arrays of the right type are not copied.
 
     Args:
         time (numpy.ndarray): Time of each frame in seconds, increasing :math:`(T,)`; since the
@@ -44,33 +44,31 @@ class Recording:
             :class:`numpy.datetime64` or :class:`numpy.timedelta64`, which are converted.
         tactile (numpy.ndarray): Readings :math:`(T, N, C)`, in the unit that :obj:`meta` names.
         joint (numpy.ndarray, optional): Joint angles in radians :math:`(T, J)`.
-        label (str or int, optional): What the trial is an example of.
-        meta (Mapping): What is known about the trial, as JSON values. Keys with a meaning:
+        label (str or int, optional): The class of the trial.
+        meta (Mapping): Properties of the trial as JSON values. These keys have a meaning:
             :obj:`"unit"` (:obj:`"count"`, :obj:`"newton"` or :obj:`"microtesla"`),
             :obj:`"object"`, :obj:`"trial"`, :obj:`"sensor"`, :obj:`"rate"` (nominal, in frames per
-            second), :obj:`"tare"` and
-            :obj:`"calibration"` (what was done to the readings), :obj:`"synthetic"` (whether a
-            simulator made them), :obj:`"seed"`, :obj:`"joint_names"`, :obj:`"phase_names"` (names
-            of the integers in the privileged :obj:`"phase"`), :obj:`"column_names"` (of
-            :obj:`"tactile"` and :obj:`"joint"`, in the order of a file's own, see
-            :func:`~torch_geometric_tactile.io.read_named_csv`).
-        privileged (Mapping of str to numpy.ndarray): What a simulator knows and a robot does not,
-            such as clean forces, the pose of the object and the phase; numbers, truth values or
-            texts, with :math:`T` rows each and at least one value in a row. Names have 1 to 255
+            second), :obj:`"tare"` and :obj:`"calibration"` (which were applied to the readings),
+            :obj:`"synthetic"` (whether the readings are simulated), :obj:`"seed"`,
+            :obj:`"joint_names"`, :obj:`"phase_names"` (names of the integers in the privileged
+            :obj:`"phase"`), :obj:`"column_names"` (of :obj:`"tactile"` and :obj:`"joint"`, in the
+            order of their file, see :func:`~torch_geometric_tactile.io.read_named_csv`).
+        privileged (Mapping of str to numpy.ndarray): Signals that only a simulator has, such as
+            forces without noise, the pose of the object and the phase; numbers, truth values or
+            texts, with :math:`T` rows and at least one value in a row. Names have 1 to 255
             characters, no :obj:`"/"` and no NUL.
-        extra (Mapping of str to numpy.ndarray): Further signals that a robot does have, such as the
-            fluid pressure or vibration of a fingertip; of the same types, names and shapes.
-            Several values a frame, of a faster sensor, are further dimensions.
-        annotations (sequence of Annotation): Labelled spans, on the clock of :obj:`time`, as
-            :class:`Annotation` or as tuples of start, end and label; at most 10,000. They are kept
-            in the order of their starts, and may overlap.
+        extra (Mapping of str to numpy.ndarray): Further signals of a robot, such as the fluid
+            pressure or the vibration of a fingertip; with the same rules for types, names and
+            shapes. A faster sensor has its values of a frame in further dimensions.
+        annotations (sequence of Annotation): Labelled spans on the clock of :obj:`time`, as
+            :class:`Annotation` or as tuples of start, end and label; at most 10,000. They are
+            sorted by their starts and may overlap.
 
     Raises:
-        ValueError: If an array has another number of dimensions or of frames, the time does not
-            increase or is of integers, whose unit is not known, a time, reading or angle is
-            infinite, :obj:`meta` holds other than JSON values, an annotation ends before it
-            starts, or a name, a text or a shape is none
-            that HDF5, npz and MCAP files can hold.
+        ValueError: If the dimensions or the number of frames of an array do not fit, the time does
+            not increase or is an integer, whose unit is not known, a time, reading or angle is
+            infinite, :obj:`meta` holds other than JSON values, an annotation ends before it starts,
+            or HDF5, npz and MCAP files cannot store a name, a text or a shape.
 
     Examples:
         >>> Recording(time=[0.0, 0.01, 0.02], tactile=np.zeros((3, 4, 3)), label="cup")
@@ -162,7 +160,7 @@ class Recording:
 
     @property
     def duration(self) -> float:
-        r"""Time from the first to the last frame in seconds."""
+        r"""The time from the first to the last frame in seconds."""
         return float(self.time[-1] - self.time[0]) if self.num_frames else 0.0
 
     @property
@@ -174,54 +172,56 @@ class Recording:
 
     @property
     def gaps(self) -> np.ndarray:
-        r"""Start and end in seconds of each time without frames :math:`(G, 2)`: from the last frame
-        before it to the first after it, more than five arrivals apart.
+        r"""The start and the end of each gap in seconds :math:`(G, 2)`: the times of the last frame
+        before it and of the first frame after it. A gap is longer than five times the typical
+        distance of arrivals.
         """
         last = gaps_of(self.time, measure_rate(self.time).max_gap)
         return np.stack([self.time[last], self.time[last + 1]], axis=1)
 
     @property
     def info(self) -> FrameInfo:
-        r"""How the frames were made: rate, largest gap, unit and names of columns.
+        r"""How the frames were made: their rate, largest gap, unit and column names.
 
         Raises:
             ValueError: If :obj:`meta["column_names"]` does not name each column once.
         """
+        # Imported here, since that module imports this one.
         from torch_geometric_tactile.data._column_order import column_names
 
         measured = measure_rate(self.time)
-        known = math.isfinite(measured.rate)
+        is_measured = math.isfinite(measured.rate)
         return FrameInfo(
-            rate=measured.rate if known else None,
-            # Of few frames that jitter, a rate is less certain.
+            rate=measured.rate if is_measured else None,
+            # With few frames, jitter makes the rate less certain.
             tolerance=max(RATE_TOLERANCE, 0.5 / max(self.num_frames - 1, 1)),
-            max_gap=measured.max_gap if known else None,
+            max_gap=measured.max_gap if is_measured else None,
             unit=self.meta.get("unit"),
             columns=column_names(self),
         )
 
     @property
     def missing(self) -> np.ndarray:
-        r"""Where a taxel has no reading in one channel or more :math:`(T, N)`."""
+        r"""Whether a reading of a taxel is missing in at least one channel :math:`(T, N)`."""
         missing: np.ndarray = np.isnan(self.tactile).any(axis=2)
         return missing
 
     @property
     def dead_taxels(self) -> np.ndarray:
-        r"""Indices of the taxels that are missing in all frames; none without frames."""
+        r"""The indices of the taxels that are missing in all frames; empty without frames."""
         if self.num_frames == 0:
             return np.zeros(0, dtype=np.int64)
         return np.flatnonzero(self.missing.all(axis=0))
 
     def select(self, frames: slice) -> Self:
-        r"""Returns some of the frames, without a copy, and the annotations that overlap them, cut
-        to the time from the first to the last of them.
+        r"""Returns a selection of the frames without a copy. Annotations are cut to the time from
+        the first to the last selected frame.
 
         Args:
-            frames (slice): Which ones; the step must be positive.
+            frames (slice): The frames; the step must be positive.
 
         Raises:
-            ValueError: If :obj:`frames` is no slice, or runs backwards.
+            ValueError: If :obj:`frames` is no slice, or its step is not positive.
         """
         if not isinstance(frames, slice):
             raise ValueError(f"'frames' must be a slice (got {type(frames).__name__})")
@@ -239,19 +239,19 @@ class Recording:
         )
 
     def resample(self, rate: float) -> Self:
-        r"""Returns the recording at another rate. Parts between gaps are resampled each on its own,
-        from their first frame on.
+        r"""Returns the recording at another rate. Each part between gaps is resampled separately,
+        from its first frame on.
 
-        To a lower rate, readings, angles and other floating-point values are averaged over each new
-        frame, which keeps what is faster from coming back as something slow; to a higher rate they
-        are joined by straight lines. Integers, truth values and texts are those of the nearest
-        frame. A reading is missing (NaN) where that of the nearest frame is.
+        At a lower rate, readings, angles and other floating-point values are averaged over each new
+        frame, which avoids aliasing. At a higher rate they are interpolated linearly. Integers,
+        truth values and texts are those of the nearest frame. A reading is missing (NaN) if that of
+        the nearest frame is missing.
 
         Args:
             rate (float): Frames per second.
 
         Raises:
-            ValueError: If it is not positive, or would make more than 100 million frames.
+            ValueError: If the rate is not positive, or would give more than 100 million frames.
         """
         time, signals = resampled_values(
             self.time,
@@ -283,9 +283,9 @@ class Recording:
             ValueError: If the numbers of taxels differ.
         """
         if self.num_taxels != layout.num_taxels:
-            channels, rest = divmod(self.num_taxels, layout.num_taxels)
-            is_flat = self.num_channels == 1 and channels and not rest
-            hint = f": if each has {channels} channels, give num_channels={channels}"
+            channels, remainder = divmod(self.num_taxels, layout.num_taxels)
+            is_flat = self.num_channels == 1 and channels and not remainder
+            hint = f": if each taxel has {channels} channels, pass num_channels={channels}"
             raise ValueError(
                 f"a recording on layout '{layout.name}' must have {layout.num_taxels} taxels "
                 f"(got {self.num_taxels}){hint if is_flat else ''}"
@@ -328,7 +328,7 @@ def _checked_meta(meta: Any) -> dict[str, Any]:
         if not isinstance(key, str):
             raise ValueError(f"'meta' must have texts as keys (got {key!r})")
         try:
-            # Lists for tuples, as every file gives them back.
+            # Tuples become lists, as they do in files, so that a recording is equal to its copy.
             text = json.dumps({key: value}, allow_nan=False, ensure_ascii=False)
             out |= json.loads(text.encode())
         except (RecursionError, TypeError, ValueError) as error:

@@ -1,4 +1,6 @@
-r"""Short forms of :class:`~torch_geometric_tactile.data.Protocol`."""
+r"""Functions for common splits, which are short forms of
+:class:`~torch_geometric_tactile.data.Protocol`.
+"""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -31,7 +33,7 @@ __all__ = [
 
 
 class Fold(NamedTuple):
-    r"""The sorted sample indices of one fold: :obj:`train`, and :obj:`test` that is held out.
+    r"""The sorted sample indices of one fold: :obj:`train`, and the held-out :obj:`test`.
 
     Examples:
         >>> import torch
@@ -44,13 +46,13 @@ class Fold(NamedTuple):
 
 
 def by_frame(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 0) -> Split:
-    r"""Splits at random, sample by sample: short for ``Protocol("frame", val=val, test=test)``.
+    r"""Splits samples at random, as ``Protocol("frame", val=val, test=test)``.
 
     Args:
         dataset (Dataset or StaticData or list of Data): The samples.
-        val (float): The part held out for validation.
-        test (float): The part held out for the test.
-        seed (int): Which of the random splits.
+        val (float): The fraction of the samples held out for validation.
+        test (float): The fraction of the samples held out for the test.
+        seed (int): Selects one of the random splits.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -62,13 +64,13 @@ def by_frame(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 
 
 
 def by_trial(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 0) -> Split:
-    r"""Splits at random, trial by trial: short for ``Protocol("trial", val=val, test=test)``.
+    r"""Splits trials at random, as ``Protocol("trial", val=val, test=test)``.
 
     Args:
         dataset (Dataset or StaticData or list of Data): The samples, with :obj:`trial`.
-        val (float): The part of the trials held out for validation.
-        test (float): The part of the trials held out for the test.
-        seed (int): Which of the random splits.
+        val (float): The fraction of the trials held out for validation.
+        test (float): The fraction of the trials held out for the test.
+        seed (int): Selects one of the random splits.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -81,13 +83,13 @@ def by_trial(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 
 
 
 def by_group(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 0) -> Split:
-    r"""Splits at random, group by group: short for ``Protocol("group", val=val, test=test)``.
+    r"""Splits groups at random, as ``Protocol("group", val=val, test=test)``.
 
     Args:
         dataset (Dataset or StaticData or list of Data): The samples, with :obj:`group`.
-        val (float): The part of the groups held out for validation.
-        test (float): The part of the groups held out for the test.
-        seed (int): Which of the random splits.
+        val (float): The fraction of the groups held out for validation.
+        test (float): The fraction of the groups held out for the test.
+        seed (int): Selects one of the random splits.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -100,7 +102,7 @@ def by_group(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 
 
 
 def leave_one_group_out(dataset: Samples) -> Iterator[Fold]:
-    r"""Yields the folds of ``Protocol("group", leave_one_out=True)``, in order of the groups.
+    r"""Yields the folds of ``Protocol("group", leave_one_out=True)`` in the order of the groups.
 
     Args:
         dataset (Dataset or StaticData or list of Data): The samples, with :obj:`group`.
@@ -130,10 +132,10 @@ def k_fold(
     Args:
         dataset (Dataset or StaticData or list of Data): The samples.
         folds (int): Number of folds.
-        by (str): What stays together: :obj:`"frame"` (nothing), :obj:`"trial"` or
+        by (str): The unit that stays together: :obj:`"frame"` (a single sample), :obj:`"trial"` or
             :obj:`"group"`.
-        seed (int): Which of the random partitions.
-        stratify (str, optional): The attribute whose classes every fold has its share of.
+        seed (int): Selects one of the random partitions.
+        stratify (str, optional): The attribute by whose classes the folds are stratified.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset

@@ -1,7 +1,7 @@
-r"""The base class of data sets with one topology."""
+r"""The base class of data sets whose samples share one topology."""
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -10,18 +10,21 @@ from torch import Tensor
 from torch_geometric.data import Data
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
-from torch_geometric_tactile.data._arrays import layout_of
+from torch_geometric_tactile.data._arrays import layout_from_pos, static_data_from_arrays
 from torch_geometric_tactile.data._dataset_info import dataset_info
-from torch_geometric_tactile.data._from_arrays import FromArrays
 from torch_geometric_tactile.data._levels import flat_index
 from torch_geometric_tactile.data._processed_dataset import ProcessedDataset
-from torch_geometric_tactile.data.apply_transform import apply_transform, returned, unwritten
+from torch_geometric_tactile.data.apply_transform import (
+    apply_transform,
+    call_transform,
+    forbid_writes,
+)
 from torch_geometric_tactile.data.frame_info import FrameInfo
 from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
 
-class StaticDataset(FromArrays, ProcessedDataset):
+class StaticDataset(ProcessedDataset):
     r"""A PyG data set whose samples share one topology and are held in one tensor.
 
     :obj:`dataset[i]` is an ordinary :class:`~torch_geometric.data.Data` object, so that PyG's
@@ -30,22 +33,22 @@ class StaticDataset(FromArrays, ProcessedDataset):
     of all samples are attributes of the data set: :obj:`dataset.y`. The processed file is
     memory-mapped, so that a data set may be larger than memory.
 
-    For data of your own see :meth:`from_arrays` and :meth:`from_data_list`. A subclass defines
-    :meth:`read`, and sets :obj:`layout`, unless its samples share their :obj:`pos`. With a
-    :obj:`root` it may also define :obj:`raw_file_names` (all files in :obj:`root/raw` if left out),
-    :obj:`processed_file_names` (one named after the class) and :meth:`download`.
+    Data in memory become a data set by :meth:`from_arrays` and :meth:`from_data_list`. A subclass
+    defines :meth:`read`, and sets :obj:`layout` unless its samples share their :obj:`pos`. With a
+    :obj:`root` it may also define :obj:`raw_file_names` (by default all files in :obj:`root/raw`),
+    :obj:`processed_file_names` (by default a file named after the class) and :meth:`download`.
 
     The processed file records the class, the arguments of its constructor, :obj:`layout`,
     :obj:`pre_transform`, :obj:`pre_filter` and :meth:`raw_state`. If one of them differs, the raw
-    files are processed again and a warning is logged that names it.
+    files are processed again, and a warning names it.
 
     Args:
-        root (str or PathLike, optional): Folder of the raw and the processed files. Without one,
-            the data set lives in memory.
+        root (str or PathLike, optional): Folder of the raw and the processed files. If left out,
+            the data set is in memory.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
-        pre_filter (callable, optional): Tells whether a sample is kept.
-        force_reload (bool): Whether to process the raw files anew.
+        pre_filter (callable, optional): Returns whether to keep a sample.
+        force_reload (bool): Whether to process the raw files again.
 
     Raises:
         ValueError: If the processed file is damaged, holds samples of another layout, or was made
@@ -60,7 +63,7 @@ class StaticDataset(FromArrays, ProcessedDataset):
         (6, torch.Size([4, 3]))
     """
 
-    #: What one :obj:`group` is, in one word, such as :obj:`"object"` or :obj:`"person"`.
+    #: The meaning of :obj:`group` in one word, such as :obj:`"object"` or :obj:`"person"`.
     group_kind: str = "group"
     _indices: Sequence[int] | None
 
@@ -81,12 +84,12 @@ class StaticDataset(FromArrays, ProcessedDataset):
         )
         if root is None:
             self._data, self._names = self._build()
-            self._own_shared()
+            self._clone_shared()
         else:
-            self._data, self._names = self._take_file()
-        self.__dict__.pop("_given", None)
+            self._data, self._names = self._pop_file()
+        self.__dict__.pop("_constructor_call", None)
         if not hasattr(self, "layout"):
-            self.layout = layout_of(self._data)
+            self.layout = layout_from_pos(self._data)
         if self._data.num_nodes != self.layout.num_taxels:
             raise ValueError(
                 f"the samples of {type(self).__name__} must have {self.layout.num_taxels} taxels, "
@@ -94,7 +97,153 @@ class StaticDataset(FromArrays, ProcessedDataset):
             )
 
     @classmethod
-    def _of(
+    def from_arrays(
+        cls,
+        x: Any,
+        y: Any = None,
+        *,
+        layout: TaxelLayout | PathLike,
+        group: Any = None,
+        trial: Any = None,
+        session: Any = None,
+        joint: Any = None,
+        time: Any = None,
+        edge_index: Any = None,
+        adjacency: str | None = None,
+        class_names: Sequence[str] = (),
+        group_names: Sequence[str] = (),
+        session_names: Sequence[str] = (),
+        transform: Transform | None = None,
+        pre_transform: Transform | None = None,
+        pre_filter: Filter | None = None,
+        node: Iterable[str] = (),
+        edge: Iterable[str] = (),
+        shared: Iterable[str] = (),
+        **attributes: Any,
+    ) -> Self:
+        r"""Builds a data set from NumPy or PyTorch arrays in memory.
+
+        Numbers in double precision are converted to single precision, except :obj:`time`. Names in
+        :obj:`y`, :obj:`group` and :obj:`session` are numbered; names that differ only in
+        surrounding blanks or in case, or are equal as numbers, get the same number. If the layout
+        has one link, the samples share its positions and normals. Those of a hand depend on its
+        joint angles and are computed by :class:`~torch_geometric_tactile.transforms.TaxelPose`.
+
+        Args:
+            x (array-like): Readings :math:`(S, N, F)`, or :math:`(S, N)` for one channel. Missing
+                ones are NaN.
+            y (array-like, optional): Labels :math:`(S,)` or :math:`(S, C)`, or names :math:`(S,)`.
+            layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of a layout of
+                this package, or a layout file.
+            group (array-like, optional): The group (usually the object) of each sample, as numbers
+                or names :math:`(S,)`.
+            trial (array-like, optional): Number of the trial of each sample :math:`(S,)`.
+            session (array-like, optional): The recording session of each sample, as numbers or
+                names :math:`(S,)`.
+            joint (array-like, optional): Joint angles in radians :math:`(S, J)`.
+            time (array-like, optional): Times in seconds :math:`(S,)`.
+            edge_index (array-like, optional): The edges of every sample
+                :math:`(2, |\mathcal{E}|)`.
+            adjacency (str, optional): Name of the adjacency of the layout that has the edges. If
+                both :obj:`edge_index` and :obj:`adjacency` are left out, it is :obj:`"original"`,
+                or the only adjacency of the layout. A layout without adjacency gives no edges; a
+                :obj:`pre_transform` such as
+                :class:`~torch_geometric_tactile.transforms.KNNGraph` may add them.
+            class_names (sequence of str): The names of the classes, in the order of the numbers in
+                :obj:`y`.
+            group_names (sequence of str): The names of the groups (usually objects).
+            session_names (sequence of str): The names of the recording sessions.
+            transform (callable, optional): Applied at every access.
+            pre_transform (callable, optional): Applied once to all samples.
+            pre_filter (callable, optional): Returns whether to keep a sample.
+            node (iterable of str): Names of further attributes with a row for each taxel
+                :math:`(S, N, \ldots)`.
+            edge (iterable of str): Names of further attributes with a row for each edge
+                :math:`(S, |\mathcal{E}|, \ldots)`.
+            shared (iterable of str): Names of further attributes that all samples share, without
+                the dimension :math:`S`.
+            **attributes: Further attributes, with a row for each sample unless named in
+                :obj:`node`, :obj:`edge` or :obj:`shared`.
+
+        Raises:
+            ValueError: If the shape of an array does not fit the layout or the number of samples,
+                or there is no such layout or adjacency.
+
+        Examples:
+            >>> import torch
+            >>> from torch_geometric_tactile.data import StaticDataset
+            >>> from torch_geometric_tactile.sensors import grid
+            >>> x, y = torch.rand(20, 6, 3), ["rest", "touch"] * 10
+            >>> dataset = StaticDataset.from_arrays(x, y, layout=grid(2, 3, pitch=0.002))
+            >>> dataset, dataset.class_names
+            (StaticDataset(20), ['rest', 'touch'])
+            >>> dataset[0]
+            Data(x=[6, 3], edge_index=[2, 14], y=[1], pos=[6, 3], normal=[6, 3])
+        """
+        layout = as_layout(layout)
+        if edge_index is not None and adjacency is not None:
+            raise ValueError("only one of 'edge_index' and 'adjacency' may be given (got both)")
+        adjacency = layout.default_adjacency if adjacency is None else adjacency
+        if edge_index is None and adjacency is not None:
+            edge_index = layout.edge_index(adjacency)
+        columns = {"group": group, "trial": trial, "session": session, "joint": joint, "time": time}
+        source = static_data_from_arrays(
+            x,
+            layout,
+            edge_index,
+            {"y": y, **columns, **attributes},
+            {"class": class_names, "group": group_names, "session": session_names},
+            {"node": tuple(node), "edge": tuple(edge), "shared": tuple(shared)},
+        )
+        return cls._from_samples(source, layout, transform, pre_transform, pre_filter)
+
+    @classmethod
+    def from_data_list(
+        cls,
+        data_list: Iterable[Data],
+        *,
+        layout: TaxelLayout | PathLike | None = None,
+        class_names: Sequence[str] = (),
+        group_names: Sequence[str] = (),
+        session_names: Sequence[str] = (),
+        transform: Transform | None = None,
+        pre_transform: Transform | None = None,
+        pre_filter: Filter | None = None,
+        node: Iterable[str] = (),
+        edge: Iterable[str] = (),
+        shared: Iterable[str] = (),
+    ) -> Self:
+        r"""Builds a data set from PyG's :class:`~torch_geometric.data.Data` objects in memory.
+
+        Args:
+            data_list (iterable of torch_geometric.data.Data): The samples, such as a list or a PyG
+                data set. They must have the same edges.
+            layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
+                layout of this package, or a layout file. If left out, the taxels are at the
+                :obj:`pos` that the samples share.
+            class_names (sequence of str): The names of the classes, in the order of the numbers in
+                :obj:`y`.
+            group_names (sequence of str): The names of the groups (usually objects).
+            session_names (sequence of str): The names of the recording sessions.
+            transform (callable, optional): Applied at every access.
+            pre_transform (callable, optional): Applied once to all samples.
+            pre_filter (callable, optional): Returns whether to keep a sample.
+            node (iterable of str): Names of further attributes with a row for each taxel.
+            edge (iterable of str): Names of further attributes with a row for each edge.
+            shared (iterable of str): Names of further attributes that all samples share.
+
+        Raises:
+            ValueError: If there is no sample, the samples differ in their edges, their attributes
+                or their shapes, or there is neither a layout nor a shared :obj:`pos`.
+        """
+        data = StaticData.from_data_list(data_list, node=node, edge=edge, shared=shared)
+        names = {"class": class_names, "group": group_names, "session": session_names}
+        source = data, {key: list(value) for key, value in names.items() if value}
+        layout = layout_from_pos(data) if layout is None else as_layout(layout)
+        return cls._from_samples(source, layout, transform, pre_transform, pre_filter)
+
+    @classmethod
+    def _from_samples(
         cls,
         source: tuple[StaticData, dict[str, list[str]]],
         layout: TaxelLayout,
@@ -108,27 +257,28 @@ class StaticDataset(FromArrays, ProcessedDataset):
         StaticDataset.__init__(dataset, None, transform, pre_transform, pre_filter)
         return dataset
 
-    def _own_shared(self) -> None:
-        # Not the tensors of the layout, which a write would change for others.
+    def _clone_shared(self) -> None:
+        # Shared tensors may be those of the layout, which other data sets use as well: a write to
+        # the samples must not change them.
         if isinstance(self._data, StaticData):
             for key, value in self._data.to_dict().items():
                 if isinstance(value, Tensor) and self._data.is_shared(key):
                     self._data._store._mapping[key] = value.clone()
 
     def len(self) -> int:
-        r"""Returns the number of samples stored."""
+        r"""Returns the number of stored samples, selected or not."""
         return self._data.num_samples
 
     def get(self, idx: int) -> Data:
-        r"""Returns the sample at an index of the storage.
+        r"""Returns a stored sample, before :obj:`transform`.
 
         Args:
-            idx (int): The index.
+            idx (int): Index among all stored samples.
         """
         return self._data.sample(idx)
 
     def __getitem__(self, idx: Any) -> Any:
-        r"""Returns one sample after :obj:`transform`, or a selection of several, as PyG does."""
+        r"""Returns one sample after :obj:`transform`, or a selection of several."""
         if not isinstance(idx, (int, np.integer)) and not (
             isinstance(idx, (Tensor, np.ndarray)) and idx.ndim == 0
         ):
@@ -136,61 +286,62 @@ class StaticDataset(FromArrays, ProcessedDataset):
         sample = self.get(self.indices()[idx])
         if self.transform is None:
             return sample
-        with unwritten(self.transform, self._watched()):
-            return returned(self.transform, sample, object)
+        with forbid_writes(self.transform, self._stored_tensors()):
+            return call_transform(self.transform, sample, object)
 
     def index_select(self, idx: Any) -> Self:
         r"""Returns a selection of the samples.
 
         Args:
-            idx (slice or sequence of int or torch.Tensor or numpy.ndarray): Their indices, or a
-                mask, of any shape.
+            idx (slice or sequence of int or torch.Tensor or numpy.ndarray): Indices or a mask, of
+                any shape.
 
         Raises:
-            IndexError: If it is something else.
+            IndexError: If :obj:`idx` has another type.
         """
         idx = idx if isinstance(idx, slice) else flat_index(idx).tolist()
         selection: Self = super().index_select(idx)
         return selection
 
-    def _watched(self) -> Mapping[str, Any]:
+    def _stored_tensors(self) -> Mapping[str, Any]:
+        # The attributes that a transform must not change in place.
         return self._data._store._mapping
 
     @property
     def data(self) -> StaticData:
-        r"""All samples of this selection at once, before :obj:`transform`."""
+        r"""All samples of this selection, before :obj:`transform`."""
         stored: StaticData = self._selected()
         return stored
 
     @property
     def nbytes(self) -> int:
-        r"""The bytes of the attributes that are stored, of all samples. Those of a memory-mapped
-        file are in memory only while they are used.
+        r"""The size of all stored attributes in bytes. Attributes of a memory-mapped file are in
+        memory only while they are used.
         """
         values = [value for value in self._data.to_dict().values() if isinstance(value, Tensor)]
         return sum(value.numel() * value.element_size() for value in values)
 
     @property
     def transforms(self) -> list[Transform | None]:
-        r"""All transforms that run at every access, in their order."""
+        r"""All transforms that run at every access, in the order of their application."""
         return [self.transform]
 
     @property
     def info(self) -> FrameInfo:
         r"""How the frames of this selection were made: the rate of their recordings, the largest
-        gap, and how they were thinned, as far as :obj:`time` and :obj:`trial` tell it.
+        gap and the stride, as far as they can be determined from :obj:`time` and :obj:`trial`.
 
         Raises:
-            ValueError: If the recordings have several rates; the message names two of them.
+            ValueError: If the recordings have several rates. The message names two recordings.
         """
         return dataset_info(self, self._known_info())
 
     def _known_info(self) -> FrameInfo:
-        # What is known beside the times of the frames.
+        # The properties that are known without the times of the frames.
         return FrameInfo()
 
     def batch(self, index: Tensor | Sequence[int]) -> StaticData:
-        r"""Returns some samples at once, after :obj:`transform`: what :obj:`dataset[i]` is for one.
+        r"""Returns several samples as one object, after :obj:`transform`.
 
         Args:
             index (torch.Tensor or list of int): Indices into this selection :math:`(B,)`, or a
@@ -202,12 +353,12 @@ class StaticDataset(FromArrays, ProcessedDataset):
         return apply_transform(self.transform, self._data.index_select(index))
 
     def copy(self, idx: Any = None) -> Self:
-        r"""Returns a copy with the samples of this selection only, which shares no memory with this
-        data set.
+        r"""Returns a copy that has only the samples of this selection and shares no memory with
+        this data set.
 
         Args:
-            idx (optional): Which of them: a slice, a list, or a tensor or array of integers or
-                booleans. All if left out.
+            idx (slice or sequence of int or torch.Tensor or numpy.ndarray, optional): Indices or a
+                mask of the samples to copy; all samples of this selection if left out.
         """
         dataset = copy.copy(self if idx is None else self.index_select(idx))
         dataset._data = dataset._selected().clone()
@@ -237,11 +388,12 @@ class StaticDataset(FromArrays, ProcessedDataset):
         return self.to("cuda" if device is None else torch.device("cuda", device))
 
     def _selected(self) -> Any:
-        # What is stored of this selection: other than `data`, views do not cut it.
+        # The stored samples of this selection. In a view they are not cut, other than in `data`.
         return self._data if self._indices is None else self._data.index_select(self._index())
 
     def _index(self) -> Tensor:
-        # PyG keeps a selection as a list, and converting it costs more than cutting a batch.
+        # Cached, since PyG stores a selection as a list, whose conversion to a tensor takes longer
+        # than selecting a batch.
         indices, tensor = self.__dict__.get("_cached_index", (None, None))
         if tensor is None or indices is not self._indices:
             indices, tensor = self._indices, torch.as_tensor(self._indices, dtype=torch.long)
@@ -249,7 +401,8 @@ class StaticDataset(FromArrays, ProcessedDataset):
         return tensor
 
     def column(self, key: str) -> Tensor | None:
-        r"""Returns one attribute of the samples of this selection, without reading the others.
+        r"""Returns one attribute of the samples of this selection, without reading other
+        attributes.
 
         Args:
             key (str): Name of the attribute, such as :obj:`y`, :obj:`trial` or :obj:`group`.
@@ -265,26 +418,26 @@ class StaticDataset(FromArrays, ProcessedDataset):
         return value[self._index()]
 
     def __getattr__(self, key: str) -> Any:
-        data = self.__dict__.get("_data")  # not there while PyG's constructor runs
+        data = self.__dict__.get("_data")  # not yet set while PyG's constructor runs
         if data is not None and key in data:
             return self.column(key)
-        what = f"'{type(self).__name__}' object has no attribute '{key}'"
+        message = f"'{type(self).__name__}' object has no attribute '{key}'"
         if key in ("save", "load", "collate"):
-            what += (
-                ", which is of PyG's InMemoryDataset: define 'read' in place of 'process', and "
-                "return the samples from it (StaticData.from_data_list makes them of a list); they "
-                "are saved and loaded for you"
+            message += (
+                ", which belongs to PyG's InMemoryDataset: define 'read' in place of 'process', "
+                "and return the samples from it (StaticData.from_data_list builds them from a "
+                "list); they are saved and loaded automatically"
             )
-        raise AttributeError(what)
+        raise AttributeError(message)
 
     @property
     def num_classes(self) -> int:
-        r"""The number of classes, over all samples that are stored, also of a selection."""
+        r"""The number of classes over all stored samples, selected or not."""
         y = self._data["y"] if "y" in self._data else None  # noqa: SIM401 - Data is no mapping
         if y is None or y.numel() == 0:
             return 0
         if self._data.level("y") != "sample" and not self._data.is_shared("y"):
-            y = y.flatten(0, 1)  # as PyG joins the samples
+            y = y.flatten(0, 1)  # the shape of the labels in PyG's batches
         return int(self._infer_num_classes(y))
 
     @property
@@ -294,7 +447,7 @@ class StaticDataset(FromArrays, ProcessedDataset):
 
     @property
     def group_names(self) -> list[str]:
-        r"""The names of the groups (of the objects, usually) in :obj:`group`."""
+        r"""The names of the groups (usually objects) in :obj:`group`."""
         return list(self._names.get("group", ()))
 
     @property

@@ -1,4 +1,4 @@
-r"""What a transform reads and adds."""
+r"""A rule of the attributes that a transform reads and adds."""
 
 from typing import Literal, NamedTuple
 
@@ -7,16 +7,16 @@ class StaticRule(NamedTuple):
     r"""Describes which attributes a transform reads and adds.
 
     Args:
-        reads (tuple of str, optional): The attributes that its result follows from. If all samples
-            share them, they share the result, and the transform runs once for all samples. With
-            :obj:`None` it runs for each sample, as a random one must.
+        reads (tuple of str, optional): The attributes on which the output depends. If all samples
+            share them, they share the output, and the transform runs once for all samples. With
+            :obj:`None` it runs for each sample, as a random transform must.
         node (tuple of str): The attributes that it adds with a row for each taxel.
         edge (tuple of str): The attributes that it adds with a row for each edge.
         shared (tuple of str): The attributes that it adds with one value for all samples.
-        x (str, optional): Whether it appends columns that follow from :obj:`reads` to :obj:`x`
+        x (str, optional): Whether it appends columns that depend on :obj:`reads` to :obj:`x`
             (:obj:`"append"`), or replaces :obj:`x` by them (:obj:`"replace"`).
-        writes (tuple of str, optional): Which of the positions, normals and edges that were there
-            before it sets; all that it reads, and all of edges, if left out.
+        writes (tuple of str, optional): The existing positions, normals and edge attributes that it
+            replaces. If left out, all attributes in :obj:`reads` and all edge attributes.
 
     Examples:
         >>> StaticRule(reads=("pos", "edge_index"), edge=("edge_attr",)).edge

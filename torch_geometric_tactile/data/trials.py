@@ -1,4 +1,4 @@
-r"""Whole trials as samples."""
+r"""A data set whose samples are complete trials."""
 
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -16,30 +16,30 @@ _RAGGED = ("error", "pad", "crop_start", "crop_end")
 class Trials(FrameView):
     r"""The trials of a data set, each as one sample with all its frames.
 
-    It is a view, as :class:`~torch_geometric_tactile.data.Windows` is, with the same attributes.
-    :obj:`y` must be the same in all frames of a trial.
+    It is a view with the same attributes as :class:`~torch_geometric_tactile.data.Windows`. The
+    :obj:`target` must be the same in all frames of a trial.
 
     Args:
         dataset (StaticDataset): The frames, or a selection of them.
-        ragged (str): What to do if trials have different numbers of frames. :obj:`"error"` raises
-            one. :obj:`"pad"` fills up with NaN after the end of a trial (with the last value where
-            there is none, as of integers), and adds the attribute :obj:`valid_frames`
-            :math:`(S,)`. :obj:`"crop_end"` keeps the first :obj:`length` frames of each, and
-            :obj:`"crop_start"` the last.
+        ragged (str): The handling of trials with different numbers of frames. :obj:`"error"` raises
+            an error. :obj:`"pad"` pads trials at their end with NaN (integers with their last
+            value) and adds the attribute :obj:`valid_frames` :math:`(S,)`. :obj:`"crop_end"` keeps
+            the first :obj:`length` frames of each trial, and :obj:`"crop_start"` the last ones.
         length (int, optional): Number of frames of a sample :math:`T`. If left out, it is that of
-            the longest trial with :obj:`"pad"`, and of the shortest otherwise.
+            the longest trial with :obj:`"pad"`, and that of the shortest trial otherwise.
+        target (str): Name of the attribute that is the label.
         series (sequence of str): Names of attributes, such as :obj:`"joint"`, of which a sample has
             all frames :math:`(B, T, \ldots)`.
         transform (callable, optional): Applied at every access.
-        pre_transform (callable, optional): Applied to all trials once, a few at a time. What it
-            returns is held in memory.
+        pre_transform (callable, optional): Applied once to all trials, in chunks. Its output is
+            kept in memory.
 
     Raises:
-        TypeError: If :obj:`dataset` is of another kind.
-        ValueError: If trials have different numbers of frames and :obj:`ragged` does not tell what
-            to do, a number or a name is not one of these, frames belong to no trial, those of a
-            trial do not follow each other, or their :obj:`time` does not increase (or, without
-            one, they are a selection in another order).
+        TypeError: If :obj:`dataset` is no :class:`StaticDataset`.
+        ValueError: If trials have different numbers of frames with ``ragged="error"``, an argument
+            is invalid, frames belong to no trial, the frames of a trial do not follow each other,
+            or their :obj:`time` does not increase (without :obj:`time`: they are selected in
+            another order).
 
     Examples:
         >>> import torch
@@ -72,37 +72,37 @@ class Trials(FrameView):
         need_argument(length is None or length >= 1, "length", "must be at least 1", length)
         self.ragged = ragged
         self.length = length
-        #: Number of frames of a sample, before any transform.
+        #: The number of frames of a sample before any transform.
         self.num_cut = 0
         super().__init__(dataset, target, series, transform, pre_transform)
 
-    def _choose(self, runs: TrialRuns) -> dict[str, Any]:
+    def _window_arguments(self, runs: TrialRuns) -> dict[str, Any]:
         self._info = joined_info(self.dataset)
-        longest, shortest = int(runs.length.max()), int(runs.length.min())
-        if self.ragged == "error" and longest != shortest:
+        max_length, min_length = int(runs.length.max()), int(runs.length.min())
+        if self.ragged == "error" and max_length != min_length:
             names = [runs.name(int(i)) for i in (runs.length.argmin(), runs.length.argmax())]
             raise ValueError(
                 f"'ragged' must be 'pad', 'crop_start' or 'crop_end' where trials have different "
-                f"numbers of frames (got {shortest} in {names[0]} and {longest} in {names[1]})"
+                f"numbers of frames (got {min_length} in {names[0]} and {max_length} in {names[1]})"
             )
-        length = self.length or (longest if self.ragged == "pad" else shortest)
+        length = self.length or (max_length if self.ragged == "pad" else min_length)
         self.num_cut = length
-        chosen = {"length": length, "target": self._label(runs, constant=True)}
+        arguments = {"length": length, "target": self._label_key(runs, constant=True)}
         if self.ragged == "pad":
-            if longest > length:
+            if max_length > length:
                 raise ArgumentError(
                     Argument("length"),
-                    f" must be at least that of the longest trial, {longest} in "
+                    f" must be at least that of the longest trial, {max_length} in "
                     f"{runs.name(int(runs.length.argmax()))}, with ragged='pad' (got {length})",
                 )
             if not self.dataset._data["x"].is_floating_point():
                 raise ValueError(
                     "'ragged' must not be 'pad' where 'x' holds whole numbers, which have no NaN"
                 )
-            return {"starts": runs.start, "valid": runs.length, **chosen}
-        self._drop_short(runs, length)
-        kept = runs.length >= length
+            return {"starts": runs.start, "valid": runs.length, **arguments}
+        self._record_short_trials(runs, length)
+        is_long_enough = runs.length >= length
         starts = runs.start
         if self.ragged == "crop_start":
             starts = starts + runs.length - length
-        return {"starts": starts[kept], **chosen}
+        return {"starts": starts[is_long_enough], **arguments}

@@ -19,47 +19,48 @@ _logger = logging.getLogger(__name__)
 
 
 class Windows(FrameView):
-    r"""The windows of :obj:`length` consecutive frames of a data set, one every :obj:`hop` frames,
-    never across trials or gaps in time.
+    r"""The windows of :obj:`length` consecutive frames of a data set, one every :obj:`hop` frames.
+    No window extends over two trials or a gap in time.
 
-    It is a view: windows are cut from the frames when they are asked for, and a memory-mapped data
-    set stays where it is. :obj:`x` of a window is :math:`(N, C \cdot T)`, each taxel with all
-    frames of its first channel, then all of its second (see
-    :func:`~torch_geometric_tactile.data.split_frames`); beside it, :obj:`num_frames` is :math:`T`.
-    All other attributes are those of the last frame, except :obj:`y` and those in :obj:`series`.
-    What all frames share, the windows share.
+    It is a view: windows are cut from the frames at each access, and a memory-mapped data set is
+    not loaded. :obj:`x` of a window is :math:`(N, C \cdot T)`, each taxel with all frames of its
+    first channel, then all frames of its second (see
+    :func:`~torch_geometric_tactile.data.split_frames`), and :obj:`num_frames` is :math:`T`. All
+    other attributes are those of the last frame, except :obj:`y` and those in :obj:`series`.
+    Attributes that all frames share are shared by the windows.
 
     The transform of :obj:`dataset` is applied to each frame when a window is cut.
 
     Args:
-        dataset (StaticDataset): The frames, or a selection of them: consecutive ones of a trial in
-            the selection are consecutive in a window, unless more than five of them in a row are
-            left out.
+        dataset (StaticDataset): The frames, or a selection of them. Frames of a trial that follow
+            each other in the selection are consecutive in a window, unless the selection leaves out
+            more than five frames in a row between them.
         length (int): Number of frames of a window :math:`T`.
-        hop (int): Number of frames from the start of a window to that of the next.
-        label (str): Which frame labels a window: its last one (:obj:`"last"`), any of the trial,
-            all of which must have one label (:obj:`"trial"`), or the one :obj:`horizon` frames
-            after the last (:obj:`"ahead"`). Windows for which that is beyond the end of the trial
-            or a gap are left out and counted in :obj:`num_beyond`.
-        horizon (int): How far ahead the label is, in frames; at least 1 with :obj:`"ahead"`.
+        hop (int): Number of frames from the start of a window to the start of the next one.
+        label (str): The frame that labels a window: its last one (:obj:`"last"`), any frame of the
+            trial, if all have the same label (:obj:`"trial"`), or the frame :obj:`horizon` frames
+            after the last one (:obj:`"ahead"`). Windows for which this frame is beyond the end of
+            the trial or a gap are left out and counted in :obj:`num_beyond`.
+        horizon (int): Distance of the label from the last frame of the window, in frames; at least
+            1 with :obj:`"ahead"`.
         target (str): Name of the attribute that is the label, such as :obj:`"annotation"` of a
             :class:`~torch_geometric_tactile.datasets.RecordingFrames` with that target.
         series (sequence of str): Names of attributes, such as :obj:`"joint"`, of which a window has
             all frames :math:`(B, T, \ldots)`.
-        max_gap (float, optional): The largest distance of two frames of a recording, in seconds,
-            within a window: longer ones end it, as the end of a trial does. If left out, five
-            frames at the rate of the recordings; infinite for data of events, whose frames come
-            when something happens.
+        max_gap (float, optional): The largest distance of two frames of a recording in a window, in
+            seconds. A longer distance ends a window, as the end of a trial does. If left out, five
+            frames at the rate of the recordings; infinite for data of events, whose frames are
+            irregular.
         transform (callable, optional): Applied to windows at every access.
-        pre_transform (callable, optional): Applied to all windows once, a few at a time. What it
-            returns is held in memory.
+        pre_transform (callable, optional): Applied once to all windows, in chunks. Its output is
+            kept in memory.
 
     Raises:
-        TypeError: If :obj:`dataset` is of another kind.
-        ValueError: If a number or a name is not one of these, frames belong to no trial, those of a
-            trial do not follow each other, their :obj:`time` does not increase (or, without one,
-            they are a selection in another order), the recordings have several rates, the frames
-            are at no regular distances, or all trials are shorter than a window.
+        TypeError: If :obj:`dataset` is no :class:`StaticDataset`.
+        ValueError: If an argument is invalid, frames belong to no trial, the frames of a trial do
+            not follow each other, their :obj:`time` does not increase (without :obj:`time`: they
+            are selected in another order), the recordings have several rates, the frames are at
+            irregular distances, or all trials are shorter than a window.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -89,9 +90,9 @@ class Windows(FrameView):
             if number < 1:
                 raise ArgumentError(Argument(name), f" must be at least 1 (got {number})")
         if (horizon < 1) if label == "ahead" else (horizon != 0):
-            needed = "at least 1" if label == "ahead" else "0"
+            allowed = "at least 1" if label == "ahead" else "0"
             raise ArgumentError(
-                Argument("horizon"), f" must be {needed} with label='{label}' (got {horizon})"
+                Argument("horizon"), f" must be {allowed} with label='{label}' (got {horizon})"
             )
         need(max_gap is None or max_gap > 0, "'max_gap' must be positive, in seconds", max_gap)
         self.length = length
@@ -99,9 +100,9 @@ class Windows(FrameView):
         self.hop = hop
         self.label = label
         self.horizon = horizon
-        #: How many windows were left out, since their label is beyond the end of their trial.
+        #: The number of windows left out because their label is beyond the end of their trial.
         self.num_beyond = 0
-        #: How many gaps in time end a window, as the end of a trial does.
+        #: The number of gaps in time that end a window.
         self.num_gaps = 0
         super().__init__(dataset, target, series, transform, pre_transform)
 
@@ -114,31 +115,36 @@ class Windows(FrameView):
         starts = stored.starts.sort().values
         return bool((starts.diff() < self.length).any())
 
-    def _choose(self, runs: TrialRuns) -> dict[str, Any]:
-        target = self._label(runs, constant=self.label == "trial")
+    def _window_arguments(self, runs: TrialRuns) -> dict[str, Any]:
+        target = self._label_key(runs, constant=self.label == "trial")
         selected = selected_frames(self.dataset, self.dataset.info, self.max_gap)
         self._info, self.num_gaps = selected.info, int(selected.is_gap.sum())
         if self.num_gaps:
             _logger.info("%d gaps in time end windows", self.num_gaps)
             runs = runs.cut(selected.is_gap)
-        self._drop_short(runs, self.length)
-        last = (runs.length - self.length).clamp(min=-1)  # the last start within each trial
-        count = torch.div(last, self.hop, rounding_mode="floor") + 1
-        labelled = (last - self.horizon).clamp(min=-1)
-        kept = torch.div(labelled, self.hop, rounding_mode="floor") + 1
-        self.num_beyond = int((count - kept).sum())
-        if int(kept.sum()) == 0:
+        self._record_short_trials(runs, self.length)
+        # Numbers of windows in each trial, all and those whose label is within the trial. A start
+        # of -1 gives no window.
+        last_start = (runs.length - self.length).clamp(min=-1)
+        num_windows = torch.div(last_start, self.hop, rounding_mode="floor") + 1
+        last_labelled = (last_start - self.horizon).clamp(min=-1)
+        num_labelled = torch.div(last_labelled, self.hop, rounding_mode="floor") + 1
+        self.num_beyond = int((num_windows - num_labelled).sum())
+        if int(num_labelled.sum()) == 0:
             raise ArgumentError(
                 Argument("horizon"),
-                f" must leave a window its label (got {self.horizon} frames after windows "
-                f"of {self.length} in trials of at most {int(runs.length.max())})",
+                f" must be within the trial of at least one window (got {self.horizon} frames "
+                f"after windows of {self.length} in trials of at most {int(runs.length.max())})",
             )
         if self.num_beyond:
-            _logger.info("%d windows have their label beyond their trial", self.num_beyond)
-        first = (kept.cumsum(0) - kept).repeat_interleave(kept)
-        step = torch.arange(int(kept.sum())) - first
+            _logger.info(
+                "%d windows are left out because their label is beyond their trial",
+                self.num_beyond,
+            )
+        first = (num_labelled.cumsum(0) - num_labelled).repeat_interleave(num_labelled)
+        step = torch.arange(int(num_labelled.sum())) - first
         return {
-            "starts": runs.start.repeat_interleave(kept) + self.hop * step,
+            "starts": runs.start.repeat_interleave(num_labelled) + self.hop * step,
             "length": self.length,
             "target": target,
             "horizon": self.horizon,

@@ -54,7 +54,7 @@ class ImageDataset(RawFiles):
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         if not is_filtered:
             self._data.edge_index = edge_index
-            self._own_shared()
+            self._clone_shared()
         self._data = self._as_images(self._data)
         if self.split is not None:
             protocol = self._protocol if self.fold is not None else Protocol("given")

@@ -210,7 +210,7 @@ class RecordingFrames(TrialFrames):
         self._recordings = None
         if not self._is_filtered:
             self._data.edge_index = edge_index
-            self._own_shared()
+            self._clone_shared()
             self._data.y = self._labels.target(self._data, self._names, target, str(self.root))
         _warn_of_one_object(self)
         self._tare()

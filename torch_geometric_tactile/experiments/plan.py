@@ -88,7 +88,7 @@ class Plan:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of classes with few units, which were told before
                 parts = [protocol.split(dataset, seed, fold) for seed, fold in sorted(splits)]
-            found = describe_shared(dataset, parts, given=protocol.by == "given")
+            found = describe_shared(dataset, parts, with_units=protocol.by == "given")
             sentences.update(dict.fromkeys(found))
         return tuple(sentences)
 

@@ -14,7 +14,7 @@ from torch_geometric_tactile._limits import ARRAY_BYTES, EXPANSION, FRAME_BYTES
 from torch_geometric_tactile._texts import parse_json, printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Annotation, Recording
-from torch_geometric_tactile.data._annotations import MOST_ANNOTATIONS, checked_annotation
+from torch_geometric_tactile.data._annotations import MAX_ANNOTATIONS, checked_annotation
 from torch_geometric_tactile.io._mcap_records import (
     CHANNEL,
     MESSAGE,
@@ -317,7 +317,7 @@ class _Content:
 
     def _add_span(self, kind: str, event: Annotation) -> None:
         open_indices = self.open_spans.setdefault(event.label, [])
-        if kind == SPAN_START and len(self.spans) < MOST_ANNOTATIONS:
+        if kind == SPAN_START and len(self.spans) < MAX_ANNOTATIONS:
             open_indices.append(len(self.spans))
             self.spans.append(event)
         elif kind == SPAN_END and open_indices:

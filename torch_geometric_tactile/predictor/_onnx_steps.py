@@ -11,7 +11,7 @@ from torch_geometric_tactile.data import StaticData, apply_transform
 from torch_geometric_tactile.data._transform_rules import own_declaration, static_rule
 from torch_geometric_tactile.predictor._computed_once import access
 from torch_geometric_tactile.transforms import FittedTransform, TactileTransform
-from torch_geometric_tactile.transforms._windows import repeated
+from torch_geometric_tactile.transforms._windows import repeat_frames
 
 _ALL = ("x", "joint", "pos", "normal", "tangent", "edge_index", "edge_attr", "edge_weight")
 Step = Callable[[StaticData], StaticData]
@@ -44,8 +44,8 @@ class GivenRest:
         self.seen = x = data.x
         center, scale = self.center, self.scale
         if self.part.per == "signal":
-            center = repeated(center, data.num_frames)
-            scale = None if scale is None else repeated(scale, data.num_frames)
+            center = repeat_frames(center, data.num_frames)
+            scale = None if scale is None else repeat_frames(scale, data.num_frames)
         # Raw counts are large and vary little.
         x = (x.double() - center).to(x.dtype)
         data.x = x if scale is None else x / scale

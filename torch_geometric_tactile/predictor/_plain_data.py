@@ -22,7 +22,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._removed import ENCODER_CLASSES, LAST_READER
 from torch_geometric_tactile.data._allocation_limit import AllocationLimit
-from torch_geometric_tactile.data._transform_rules import KEPT_AS, flat
+from torch_geometric_tactile.data._transform_rules import ATTRIBUTE_NAMES, flat
 from torch_geometric_tactile.predictor.average_model import AverageModel
 from torch_geometric_tactile.predictor.classes import model_classes, transform_classes
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
@@ -176,7 +176,7 @@ class Builder:
     def tensor(self, name: Any) -> Tensor:
         r"""Returns a tensor by its name."""
         need(name in self.tensors, f"it must hold the tensor '{name}' (got none)")
-        return self._limit.name(self.tensors[name])
+        return self._limit.count_reference(self.tensors[name])
 
 
 _READERS: dict[str, Callable[[Builder, Any], Any]] = {
@@ -354,7 +354,7 @@ def _arguments_of(transform: Any) -> dict[str, Any]:
         return {}
     out = {}
     for name in list(inspect.signature(type(transform).__init__).parameters)[1:]:
-        kept = name if hasattr(transform, name) else KEPT_AS.get(name, name)
+        kept = name if hasattr(transform, name) else ATTRIBUTE_NAMES.get(name, name)
         if not hasattr(transform, kept):
             raise _NotPlainError(f"{type(transform).__name__} keeps no '{name}'")
         out[name] = getattr(transform, kept)

@@ -102,7 +102,7 @@ class WindowCut:
         frames = frames.index_select(slice(None) if len(kept) == count else kept)
         frames.trial = torch.zeros(len(kept), dtype=torch.long) if self.is_trial else part[kept]
         frames.step = kept
-        source = StaticDataset._of((frames, {}), layout, None, None, None)
+        source = StaticDataset._from_samples((frames, {}), layout, None, None, None)
         view: Windows | Trials
         if not self.is_trial:
             view = Windows(source, self.length, self.hop, max_gap=math.inf)

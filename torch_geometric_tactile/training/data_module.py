@@ -234,7 +234,7 @@ class TactileDataModule(L.LightningDataModule):
             if isinstance(split, Protocol):
                 split = split.split(self.dataset, self.seed, self.fold)
             else:
-                warn_of_shared(self.dataset, split, given=True)
+                warn_of_shared(self.dataset, split, with_units=True)
             names = ("train", "val", "test")
             parts = {name: self.dataset[getattr(split, name)] for name in names}
         held_out = {"val": self.val_dataset, "test": self.test_dataset}

@@ -1,4 +1,4 @@
-r"""What the transforms ask of the attributes that they read."""
+r"""Checks of the attributes that transforms read."""
 
 from typing import Any
 
@@ -7,26 +7,34 @@ from torch_geometric.data import Batch, Data
 
 EDGES = ("edge_index", "edge_attr", "edge_weight")
 FRAMES = ("num_frames", "valid_frames")  # of windows
-# What gives a sample the attributes that it may lack.
-_SOURCES = {
-    "pos": ": on a layout with several links samples have none, as these move against each other: "
-    "put TaxelPose before it, or use an 'adjacency' of the layout where edges are enough",
+# Advice for attributes that a sample may lack.
+_ADVICE = {
+    "pos": ": samples on a layout with several links have none, since the links move against each "
+    "other: put TaxelPose before it, or use an 'adjacency' of the layout if edges are enough",
     "edge_index": ": use an 'adjacency' of the layout, or put KNNGraph before it",
 }
 
 
 def require(transform: object, data: Data, key: str) -> Tensor:
-    r"""Returns an attribute that must be there."""
-    value: Any = getattr(data, key, None)  # PyG's empty slots (`pos=None`) are no attributes
+    r"""Returns an attribute of the samples.
+
+    Raises:
+        ValueError: If the samples do not have the attribute; the message names the transform.
+    """
+    value: Any = getattr(data, key, None)  # a default of PyG such as `pos=None` is no attribute
     if value is None:
         raise ValueError(
-            f"{type(transform).__name__} needs '{key}' (got none){_SOURCES.get(key, '')}"
+            f"{type(transform).__name__} needs '{key}' (got none){_ADVICE.get(key, '')}"
         )
     return value
 
 
 def require_pos(transform: object, data: Data) -> Tensor:
-    r"""Returns the positions :math:`(N, 3)` or :math:`(B, N, 3)`."""
+    r"""Returns the positions :math:`(N, 3)` or :math:`(B, N, 3)`.
+
+    Raises:
+        ValueError: If there are none, or they have another shape.
+    """
     pos = require(transform, data, "pos")
     dims = (2,) if isinstance(data, Batch) else (2, 3)
     if pos.dim() not in dims or pos.size(-1) != 3:
@@ -38,7 +46,11 @@ def require_pos(transform: object, data: Data) -> Tensor:
 
 
 def require_x(transform: object, data: Data) -> Tensor:
-    r"""Returns the readings :math:`(N, F)` or :math:`(B, N, F)`."""
+    r"""Returns the readings :math:`(N, F)` or :math:`(B, N, F)`.
+
+    Raises:
+        ValueError: If there are none, or they have another number of dimensions.
+    """
     x = require(transform, data, "x")
     dims = (2,) if isinstance(data, Batch) else (2, 3)
     if x.dim() not in dims:
@@ -50,13 +62,22 @@ def require_x(transform: object, data: Data) -> Tensor:
 
 
 def require_floats(transform: object, data: Data) -> Tensor:
-    r"""Returns the readings in floating point; counts may be integers."""
+    r"""Returns the readings as floating-point numbers, converted if they are integers."""
     x = require_x(transform, data)
     return x if x.is_floating_point() else x.float()
 
 
-def check_num_taxels(data: Data, num_taxels: int, model: str) -> None:
-    r"""Checks that each sample has as many taxels as something else."""
+def check_num_taxels(data: Data, num_taxels: int, source: str) -> None:
+    r"""Checks the number of taxels of each sample.
+
+    Args:
+        data (torch_geometric.data.Data): The samples.
+        num_taxels (int): The number of taxels that they must have.
+        source (str): The reason for this number in the message, such as :obj:`"layout 'a'"`.
+
+    Raises:
+        ValueError: If a sample has more or fewer taxels.
+    """
     x = getattr(data, "x", None)
     if isinstance(data, Batch) and "ptr" in data:
         counts = data.ptr.diff().unique().tolist()
@@ -66,21 +87,26 @@ def check_num_taxels(data: Data, num_taxels: int, model: str) -> None:
         counts = [data.num_nodes]
     for count in counts:
         if count != num_taxels:
-            raise ValueError(f"a sample must have {num_taxels} taxels, as {model} (got {count})")
+            raise ValueError(f"a sample must have {num_taxels} taxels, as {source} (got {count})")
 
 
 def add_mark(data: Data, key: str, mark: Tensor) -> None:
-    r"""Marks taxels, beside those that are marked already.
+    r"""Marks taxels in an attribute, in addition to the taxels that it marks already.
 
-    Shapes:
-        - **mark:** Booleans :math:`(N,)` or :math:`(B, N)`.
+    Args:
+        data (torch_geometric.data.Data): The samples, which are changed.
+        key (str): Name of the attribute.
+        mark (torch.Tensor): Booleans :math:`(N,)` or :math:`(B, N)`.
+
+    Raises:
+        ValueError: If the attribute exists with another shape.
     """
-    old: Any = getattr(data, key, None)
-    if old is not None:
-        if old.shape not in (mark.shape, mark.shape[-1:]):
+    old_mark: Any = getattr(data, key, None)
+    if old_mark is not None:
+        if old_mark.shape not in (mark.shape, mark.shape[-1:]):
             raise ValueError(
                 f"'{key}' must have shape {tuple(mark.shape)}, a mark for each taxel "
-                f"(got {tuple(old.shape)})"
+                f"(got {tuple(old_mark.shape)})"
             )
-        mark = mark | old.bool()
+        mark = mark | old_mark.bool()
     data[key] = mark

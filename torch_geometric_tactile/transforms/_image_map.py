@@ -1,4 +1,4 @@
-r"""Taxels on a two-dimensional map, and where a step on it leads."""
+r"""Finds taxels by their cells on the image map of a layout."""
 
 import torch
 from torch import Tensor
@@ -8,7 +8,11 @@ from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
 
 def require_map(transform: object, layout: TaxelLayout | PathLike) -> tuple[TaxelLayout, Tensor]:
-    r"""Returns a layout and its image map."""
+    r"""Returns a layout and its image map :math:`(N, 2)`: row and column of each taxel.
+
+    Raises:
+        ValueError: If the layout has no image map; the message names the transform.
+    """
     layout = as_layout(layout)
     if layout.image_map is None:
         raise ValueError(
@@ -19,16 +23,17 @@ def require_map(transform: object, layout: TaxelLayout | PathLike) -> tuple[Taxe
 
 
 def taxels_at(image_map: Tensor, cells: Tensor) -> Tensor:
-    r"""Returns the number of the taxel in each cell, -1 where there is none.
+    r"""Returns the number of the taxel in each cell; -1 for a cell without a taxel.
 
     Shapes:
         - **image_map:** Row and column of each taxel :math:`(N, 2)`.
-        - **cells:** Rows and columns :math:`(M, 2)`, also beyond the map.
-        - **output:** taxels :math:`(M,)`
+        - **cells:** Rows and columns :math:`(M, 2)`, which may be outside of the map.
+        - **output:** taxel numbers :math:`(M,)`
     """
     width = int(image_map.max()) + 1
-    codes, order = (image_map @ torch.tensor([width, 1])).sort()
-    wanted = cells @ torch.tensor([width, 1])
-    place = torch.searchsorted(codes, wanted).clamp(max=len(codes) - 1)
-    is_there = (codes[place] == wanted) & ((cells >= 0) & (cells < width)).all(dim=1)
-    return torch.where(is_there, order[place], -1)
+    taxel_codes, order = (image_map @ torch.tensor([width, 1])).sort()
+    cell_codes = cells @ torch.tensor([width, 1])
+    place = torch.searchsorted(taxel_codes, cell_codes).clamp(max=len(taxel_codes) - 1)
+    # A cell outside of the map may have the code of a cell in the next or the previous row.
+    is_taxel = (taxel_codes[place] == cell_codes) & ((cells >= 0) & (cells < width)).all(dim=1)
+    return torch.where(is_taxel, order[place], -1)

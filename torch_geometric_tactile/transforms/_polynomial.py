@@ -1,4 +1,4 @@
-r"""Polynomials of the channels of taxels, which beyond their range go on along their tangent."""
+r"""Polynomials of the channels of taxels, with linear extrapolation beyond their range."""
 
 from itertools import combinations_with_replacement
 from math import comb
@@ -8,8 +8,7 @@ from torch import Tensor
 
 
 def num_terms(num_inputs: int, degree: int) -> int:
-    r"""Returns how many products of up to :obj:`degree` readings there are, the constant one
-    included.
+    r"""Returns the number of products of up to :obj:`degree` readings, including the constant.
 
     Examples:
         >>> num_terms(3, 1), num_terms(3, 2)
@@ -19,27 +18,30 @@ def num_terms(num_inputs: int, degree: int) -> int:
 
 
 def scaled_readings(x: Tensor, low: Tensor | None, high: Tensor | None) -> tuple[Tensor, Tensor]:
-    r"""Returns readings as -1 to 1 within their range, and how far they are beyond it.
+    r"""Scales readings to -1 to 1 over their range. Returns the scaled readings, clamped to -1 to
+    1, and their distance beyond this range.
+
+    Without :obj:`low` and :obj:`high`, the readings are returned unchanged, with distances of zero.
 
     Shapes:
         - **x:** :math:`(\ldots, C)`
-        - **low, high:** the range :math:`(C,)` or with leading dimensions; without, readings stay
-          as they are, and none is beyond
-        - **output:** that of :obj:`x` each; the first is cut off at -1 and 1
+        - **low, high:** the range :math:`(C,)`, or with leading dimensions
+        - **output:** the shape of :obj:`x` each
     """
     if low is None or high is None:
         return x, torch.zeros_like(x)
-    half = (high - low) / 2
-    x = (x - ((low + high) / 2).to(x)) / torch.where(half > 0, half, 1.0).to(x)
+    half_range = (high - low) / 2
+    x = (x - ((low + high) / 2).to(x)) / torch.where(half_range > 0, half_range, 1.0).to(x)
     inside = x.clamp(-1, 1)
     return inside, x - inside
 
 
 def polynomial_terms(x: Tensor, low: Tensor | None, high: Tensor | None, degree: int = 1) -> Tensor:
-    r"""Returns one and all products of up to :obj:`degree` scaled readings, first those of one,
-    then those of two, and so on.
+    r"""Returns the constant 1 and all products of up to :obj:`degree` scaled readings: first the
+    readings, then the products of two readings, and so on.
 
-    Beyond the range they are what they are at its end, and their slope there times the distance.
+    Beyond the range of the readings, products are extrapolated linearly, along their slope at the
+    end of the range.
 
     Shapes:
         - **x:** :math:`(\ldots, C)`
@@ -47,32 +49,35 @@ def polynomial_terms(x: Tensor, low: Tensor | None, high: Tensor | None, degree:
     """
     inside, beyond = scaled_readings(x, low, high)
     num_inputs = x.size(-1)
-    one = torch.ones_like(inside[..., :1])
-    inside, beyond = torch.cat([inside, one], -1), torch.cat([beyond, torch.zeros_like(one)], -1)
+    ones = torch.ones_like(inside[..., :1])
+    inside, beyond = torch.cat([inside, ones], -1), torch.cat([beyond, torch.zeros_like(ones)], -1)
+    # Each product has `degree` factors; shorter ones are padded with the constant.
     products = torch.tensor(
         [
-            [*chosen, *[num_inputs] * (degree - size)]  # filled up with the constant
+            [*factors, *[num_inputs] * (degree - size)]
             for size in range(degree + 1)
-            for chosen in combinations_with_replacement(range(num_inputs), size)
+            for factors in combinations_with_replacement(range(num_inputs), size)
         ],
         device=x.device,
     )
-    value, slope = inside[..., products[:, 0]], beyond[..., products[:, 0]]
+    # `change` is the derivative of the product along the distance beyond the range, by the product
+    # rule.
+    value, change = inside[..., products[:, 0]], beyond[..., products[:, 0]]
     for factor in products.T[1:]:
-        slope = slope * inside[..., factor] + value * beyond[..., factor]
+        change = change * inside[..., factor] + value * beyond[..., factor]
         value = value * inside[..., factor]
-    return value + slope
+    return value + change
 
 
 def polynomial(
     x: Tensor, coefficients: Tensor, low: Tensor | None, high: Tensor | None, degree: int = 1
 ) -> Tensor:
-    r"""Returns the polynomials of the channels of each taxel.
+    r"""Evaluates polynomials of the channels of each taxel.
 
     Shapes:
         - **x:** :math:`(\ldots, N, T, C)`
-        - **coefficients:** :math:`(M, D)`, or of each taxel its own :math:`(N, M, D)`
-        - **low, high:** likewise :math:`(C,)` or :math:`(N, C)`
+        - **coefficients:** :math:`(M, D)`, or for each taxel :math:`(N, M, D)`
+        - **low, high:** the range :math:`(C,)`, or of each taxel :math:`(N, C)`
         - **output:** :math:`(\ldots, N, T, D)`
     """
     if low is not None and high is not None:

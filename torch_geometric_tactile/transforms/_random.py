@@ -1,4 +1,4 @@
-r"""What random transforms draw, and the base class of those that draw for each sample."""
+r"""Random draws and the base classes of random transforms."""
 
 import math
 from collections.abc import Sequence
@@ -13,12 +13,14 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import FRAMES, require_floats
 from torch_geometric_tactile.transforms._segments import Segments
-from torch_geometric_tactile.transforms._windows import num_channels_and_frames, repeated
+from torch_geometric_tactile.transforms._windows import num_channels_and_frames, repeat_frames
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 class RandomTransform(TactileTransform):
-    r"""Changes the readings by what it draws, of all frames of a window alike."""
+    r"""The base class of transforms that change the readings randomly. All frames of a window are
+    changed by the same draw.
+    """
 
     reads: tuple[str, ...] = ("x",)
     writes = ("x",)
@@ -32,12 +34,19 @@ class RandomTransform(TactileTransform):
         return data
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
-        r"""Returns other readings, of the same shape."""
+        r"""Returns the changed readings, of the same shape.
+
+        Args:
+            data (torch_geometric.data.Data): The samples.
+            x (torch.Tensor): Their readings :math:`(N, F)` or :math:`(B, N, F)`.
+        """
         raise NotImplementedError
 
 
 class SegmentDraws(RandomTransform):
-    r"""Changes the readings by normal numbers, one for each segment and channel of each sample."""
+    r"""The base class of transforms that draw a normal number for each segment and channel of each
+    sample.
+    """
 
     reads = ("x", *FRAMES)
 
@@ -53,19 +62,25 @@ class SegmentDraws(RandomTransform):
         self._segments = Segments(segments, layout)
 
     def arguments(self) -> dict[str, Any]:
-        r"""Returns the arguments of the constructor; segments that were given are numbered anew."""
-        rest = self._segments.arguments()
-        return {"std": self.std, **rest, "generator": self.generator}
+        r"""Returns the arguments of the constructor, in which segments are numbered from zero."""
+        segment_arguments = self._segments.arguments()
+        return {"std": self.std, **segment_arguments, "generator": self.generator}
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
-        r"""Returns the readings, changed by the numbers of their segments."""
-        segment, count = self._segments.of_rows(data, x)
+        r"""Returns the readings, changed by the draws for their segments."""
+        segment, count = self._segments.row_segments(data, x)
         num_channels, num_frames = num_channels_and_frames(data, x)
-        drawn = normal(count * num_channels, x, self.generator).view(count, num_channels)
-        return self.combined(x, segment, self.std * repeated(drawn, num_frames))
+        draws = normal(count * num_channels, x, self.generator).view(count, num_channels)
+        return self.combined(x, segment, self.std * repeat_frames(draws, num_frames))
 
-    def combined(self, x: Tensor, segment: Tensor, drawn: Tensor) -> Tensor:
-        r"""Returns readings, whose rows have segments, with the numbers of each segment."""
+    def combined(self, x: Tensor, segment: Tensor, draws: Tensor) -> Tensor:
+        r"""Applies the draws to the readings.
+
+        Args:
+            x (torch.Tensor): The readings :math:`(N, F)` or :math:`(B, N, F)`.
+            segment (torch.Tensor): The segment of each row of the readings.
+            draws (torch.Tensor): The draws for each segment, one for each feature.
+        """
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -74,8 +89,8 @@ class SegmentDraws(RandomTransform):
 
 
 def uniform(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
-    r"""Returns random numbers from 0 to 1, on the device of the readings: the same for one seed
-    however samples are arranged.
+    r"""Draws random numbers from 0 to 1, on the device of the readings. For the same seed they are
+    the same in one batch and in several.
 
     Shapes:
         - **output:** :math:`(count,)`
@@ -85,18 +100,20 @@ def uniform(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
 
 
 def normal(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
-    r"""Returns normal random numbers of deviation one, as of :func:`uniform`.
+    r"""Draws normal random numbers with standard deviation one, with the properties of
+    :func:`uniform`.
 
     Shapes:
         - **output:** :math:`(count,)`, none beyond 5.5 deviations
     """
-    # PyTorch draws many normal numbers at once in another order than one by one.
-    drawn = uniform(count, x, generator).double()
-    return torch.special.ndtri(drawn + 2.0**-25).float()  # the middles of the steps of `rand`
+    # Not `torch.randn`, which draws many numbers in another order than single ones.
+    draws = uniform(count, x, generator).double()
+    # `torch.rand` returns multiples of 2**-24; the shift by half a step avoids 0, and infinity.
+    return torch.special.ndtri(draws + 2.0**-25).float()
 
 
 def check_generator(generator: torch.Generator | None) -> torch.Generator | None:
-    r"""Returns a source of random numbers."""
+    r"""Checks a source of random numbers and returns it."""
     if generator is not None and not isinstance(generator, torch.Generator):
         raise ValueError(
             "'generator' must be a torch.Generator, such as torch.Generator().manual_seed(0), or "
@@ -106,19 +123,19 @@ def check_generator(generator: torch.Generator | None) -> torch.Generator | None
 
 
 def check_deviation(std: float, name: str = "std") -> float:
-    r"""Returns a standard deviation."""
+    r"""Checks a standard deviation and returns it."""
     need(0 <= std < math.inf, f"'{name}' must be at least 0 and finite", std)
     return float(std)
 
 
 def check_probability(p: float) -> float:
-    r"""Returns a probability."""
+    r"""Checks a probability and returns it."""
     need(0 <= p <= 1, "'p' must be a probability, 0 to 1", p)
     return float(p)
 
 
-def check_whole(name: str, number: int, least: int, most: int) -> int:
-    r"""Returns a whole number."""
-    if isinstance(number, bool) or not isinstance(number, int) or not least <= number <= most:
-        raise ValueError(f"'{name}' must be a whole number, {least} to {most} (got {number})")
+def check_integer(name: str, number: int, minimum: int, maximum: int) -> int:
+    r"""Checks that an argument is an integer within a range and returns it."""
+    if isinstance(number, bool) or not isinstance(number, int) or not minimum <= number <= maximum:
+        raise ValueError(f"'{name}' must be a whole number, {minimum} to {maximum} (got {number})")
     return number

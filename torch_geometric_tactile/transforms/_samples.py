@@ -1,4 +1,4 @@
-r"""The samples that a transform is fitted on, read a few at a time."""
+r"""Reads the samples on which a transform is fitted in chunks."""
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -14,13 +14,13 @@ from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transf
 from torch_geometric_tactile.data._batches import check_joinable, static_batch, static_parts
 from torch_geometric_tactile.data._graph_samples import GraphSamples, without_transform
 
-_BYTES = 2**22  # of the attributes of the samples that are transformed at a time
+_CHUNK_BYTES = 2**22  # of the attributes of the samples that are transformed at a time
 
 AnySamples = StaticData | Dataset | Sequence[Data]
 
 
 def as_static_data(data: AnySamples) -> StaticData:
-    r"""Returns all samples at once, before the :obj:`transform` of their data set."""
+    r"""Returns all samples as one object, before the :obj:`transform` of their data set."""
     if isinstance(data, StaticData):
         return data
     if isinstance(data, StaticDataset):
@@ -30,8 +30,14 @@ def as_static_data(data: AnySamples) -> StaticData:
 
 
 class Samples:
-    r"""Samples as a transform sees them that comes after others: these are applied to a few samples
-    at a time, so that neither their results nor a memory-mapped data set need to fit into memory.
+    r"""Samples on one topology, after earlier transforms. The samples are read and transformed in
+    chunks, so that neither a memory-mapped data set nor the transformed samples need to fit into
+    memory.
+
+    Args:
+        data (Dataset or StaticData or list of Data): The samples.
+        before (BaseTransform, optional): The earlier transforms.
+        max_samples (int): The largest number of samples in a chunk.
     """
 
     def __init__(
@@ -45,62 +51,69 @@ class Samples:
         self._is_static = len(parts) > 0
         if len(parts) > 1:
             check_joinable(parts)
-        # Of others, what some samples share the next ones need not.
-        self._is_one = isinstance(self._data, StaticData | StaticDataset)
+        # In other data, an attribute that the samples of one chunk share may differ in the next.
+        self._is_single_set = isinstance(self._data, StaticData | StaticDataset)
         self._first: StaticData | None = None
         self._columns: dict[str, Tensor] = {}
 
     @property
     def first(self) -> StaticData:
-        r"""The first sample, transformed; there must be one."""
+        r"""The first sample after the earlier transforms. There must be at least one sample."""
         if self._first is None:
             self._first = self.select(torch.tensor([0]))
         return self._first
 
     def is_shared(self, key: str) -> bool:
-        r"""Tells whether all samples share one value of an attribute."""
-        return self._is_one and self.first.is_shared(key)
+        r"""Returns whether all samples share one value of an attribute."""
+        return self._is_single_set and self.first.is_shared(key)
 
     def select(self, index: Tensor, key: str | None = None) -> StaticData:
-        r"""Returns some samples, transformed."""
+        r"""Returns a selection of the samples after the earlier transforms.
+
+        Args:
+            index (torch.Tensor): Increasing indices :math:`(B,)`.
+            key (str, optional): The only attribute that the caller needs.
+        """
         data = self._data
         if isinstance(data, StaticDataset):
             chunk = data.batch(index)
         elif isinstance(data, StaticData):
-            # A slice of what is read in order copies nothing.
+            # A slice needs no copy.
             start, stop = int(index[0]), int(index[-1]) + 1
-            in_order = stop - start == len(index)
-            chunk = data.index_select(slice(start, stop) if in_order else index)
+            is_consecutive = stop - start == len(index)
+            chunk = data.index_select(slice(start, stop) if is_consecutive else index)
         elif self._is_static:
             chunk = static_batch(data, index.tolist())
         else:
             samples = [data[i] for i in index.tolist()]
-            if key is not None and self._before is None:  # the others may have any shape
+            # Other attributes may have different shapes, which cannot be stacked.
+            if key is not None and self._before is None:
                 samples = [Data(**{key: sample[key]}) for sample in samples]
             chunk = StaticData.from_data_list(samples)
         return apply_transform(self._before, chunk)
 
-    def parts(self, index: Tensor) -> Sequence[Tensor]:
-        r"""Returns indices in parts, of as many samples as are read at a time."""
+    def chunks(self, index: Tensor) -> Sequence[Tensor]:
+        r"""Splits indices into those of the samples that are read at a time."""
         size = sum(
             value.numel() * value.element_size()
             for key, value in self.first.to_dict().items()
             if isinstance(value, Tensor) and not self.first.is_shared(key)
         )
-        most = max(1, min(self._max_samples, _BYTES // max(size, 1)))
-        return index.split(most)
+        chunk_size = max(1, min(self._max_samples, _CHUNK_BYTES // max(size, 1)))
+        return index.split(chunk_size)
 
     def __contains__(self, key: str) -> bool:
         return getattr(self.first, key, None) is not None
 
     def __getitem__(self, key: str) -> Tensor:
-        r"""One attribute of all samples, which should be small."""
+        r"""Returns an attribute of all samples, which should be small since it is cached."""
         if key not in self._columns:
             self._columns[key] = self._column(key)
         return self._columns[key]
 
     def _column(self, key: str) -> Tensor:
-        if self._before is None and self._is_one:
+        # Without earlier transforms, the other attributes need not be read.
+        if self._before is None and self._is_single_set:
             data = self._data
             value = data.column(key) if isinstance(data, StaticDataset) else data[key]
             assert value is not None
@@ -111,19 +124,19 @@ class Samples:
         return torch.cat(list(self.values(key, index)))
 
     def values(self, key: str, index: Tensor) -> Iterator[Tensor]:
-        r"""Yields an attribute of the samples, a few at a time, or once with one sample if they
-        all share it.
+        r"""Yields an attribute of the samples chunk by chunk. An attribute that all samples share
+        is yielded once, as that of one sample.
         """
-        for part in self.parts(index):
-            chunk = self.select(part, key)
+        for rows in self.chunks(index):
+            chunk = self.select(rows, key)
             value = chunk[key]
             if not chunk.is_shared(key):
                 yield value
-            elif self._is_one:
+            elif self._is_single_set:
                 yield value.unsqueeze(0)
                 return
             else:
-                yield value.expand(len(part), *value.shape)
+                yield value.expand(len(rows), *value.shape)
 
 
 def _static_parts(data: Any) -> list[StaticDataset]:
@@ -134,8 +147,12 @@ def _static_parts(data: Any) -> list[StaticDataset]:
 
 
 class FlatSamples:
-    r"""Samples that need not share their taxels, as a transform sees them that comes after others:
-    the rows of all of them, one after the other. Transforms are applied to each by itself.
+    r"""Samples whose taxels may differ, after earlier transforms, which are applied sample by
+    sample. Values are the rows of all samples, one after the other.
+
+    Args:
+        data (Dataset or list of Data): The samples.
+        before (BaseTransform, optional): The earlier transforms.
     """
 
     def __init__(self, data: AnySamples, before: BaseTransform | None = None) -> None:
@@ -150,18 +167,18 @@ class FlatSamples:
 
     @cached_property
     def first(self) -> Data:
-        r"""The first sample, transformed."""
+        r"""The first sample after the earlier transforms."""
         return self._sample(0)
 
     def is_shared(self, key: str) -> bool:
-        r"""Tells whether all samples share one value of an attribute: they do not."""
+        r"""Returns :obj:`False`, since the samples share no attributes."""
         return False
 
     def __contains__(self, key: str) -> bool:
         return self.first.to_dict().get(key) is not None
 
     def __getitem__(self, key: str) -> Tensor:
-        r"""One attribute of all samples, which should be small."""
+        r"""Returns an attribute of all samples, which should be small since it is cached."""
         if key not in self._columns:
             value = self._samples.column(key) if self._before is None else None
             if value is None:
@@ -171,14 +188,14 @@ class FlatSamples:
         return self._columns[key]
 
     def values(self, key: str, index: Tensor) -> Iterator[Tensor]:
-        r"""Yields the rows of an attribute, of a few samples at a time."""
+        r"""Yields the rows of an attribute, chunk by chunk."""
         size = self.first[key].numel() * self.first[key].element_size()
-        for part in index.split(max(1, _BYTES // max(size, 1))):
-            rows = torch.cat([self._sample(i)[key] for i in part.tolist()])
+        for chunk in index.split(max(1, _CHUNK_BYTES // max(size, 1))):
+            rows = torch.cat([self._sample(i)[key] for i in chunk.tolist()])
             if len(rows):
                 yield rows
 
 
 def is_static(data: AnySamples) -> bool:
-    r"""Tells whether all samples share one topology, by the kind of their data set."""
+    r"""Returns whether all samples share one topology, according to the class of their data set."""
     return isinstance(data, StaticData) or bool(_static_parts(data))

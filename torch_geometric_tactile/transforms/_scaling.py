@@ -1,4 +1,6 @@
-r"""The arithmetic of scaling: centre and scale, measured on samples and looked up for them."""
+r"""The computations of scaling transforms: measuring centre and scale, and finding those of each
+sample.
+"""
 
 from collections.abc import Iterable
 from math import prod
@@ -10,11 +12,13 @@ from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.data import StaticData, split_frames
 from torch_geometric_tactile.transforms._samples import FlatSamples, Samples
-from torch_geometric_tactile.transforms._windows import repeated, require_num_frames
+from torch_geometric_tactile.transforms._windows import repeat_frames, require_num_frames
 
 
 class Scaler(Protocol):
-    r"""What is asked of a :class:`~torch_geometric_tactile.transforms.FittedTransform`."""
+    r"""The part of :class:`~torch_geometric_tactile.transforms.FittedTransform` that this module
+    uses.
+    """
 
     attr: str
     per: str
@@ -30,13 +34,14 @@ def mean_and_deviation(parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
     r"""Returns mean and standard deviation over the first dimension, without missing readings.
 
     Shapes:
-        - **input:** at least one part :math:`(S_i, \ldots)`, with :math:`S_i \ge 1`
+        - **parts:** at least one part :math:`(S_i, \ldots)`, with :math:`S_i \ge 1`
         - **output:** :math:`(\ldots)` each
     """
     shift: Tensor | None = None
     for part in parts:
         if shift is None:
-            shift = part[0].nan_to_num()  # keeps the sum of squares small
+            # Without a shift, the squares of large offsets would hide small deviations.
+            shift = part[0].nan_to_num()
             count = torch.zeros_like(shift)
             total, square = torch.zeros_like(shift), torch.zeros_like(shift)
         value = part - shift
@@ -53,11 +58,16 @@ def mean_and_deviation(parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
 def center_and_scale(
     transform: Scaler, samples: Samples | FlatSamples, index: Tensor
 ) -> tuple[Tensor, Tensor]:
-    r"""Returns centre and scale of the samples with one value of a transform's key.
+    r"""Measures centre and scale on the samples with one value of a transform's key.
+
+    Args:
+        transform (Scaler): The transform.
+        samples (Samples or FlatSamples): All samples.
+        index (torch.Tensor): Indices of the samples with this value.
 
     Shapes:
-        - **output:** that of the attribute in a sample each, :math:`(1, F)` of channels, or
-          :math:`(N, C)` of signals
+        - **output:** the shape of the attribute in a sample each; :math:`(1, F)` for channels, and
+          :math:`(N, C)` for signals
     """
     parts = samples.values(transform.attr, transform.measured(samples, index))
     if transform.per == "taxel":
@@ -77,93 +87,123 @@ def center_and_scale(
 
 
 def check_size(transform: Scaler, x: Tensor, size: torch.Size) -> None:
-    r"""Checks that readings have the shape of those that a transform was fitted on."""
+    r"""Checks that the shape of readings is that of the samples on which a transform was fitted.
+
+    Args:
+        transform (Scaler): The transform.
+        x (torch.Tensor): The readings, or another attribute.
+        size (torch.Size): The shape of the attribute in one sample.
+
+    Raises:
+        ValueError: If it is another shape.
+    """
     num_dims = len(size)
     if transform.per == "channel":
         if x.dim() in (num_dims, num_dims + 1) and x.shape[-1:] == size[-1:]:
             return
-        what = f"{size[-1]} channels, in its last of {num_dims} or {num_dims + 1} dimensions"
+        expected = f"{size[-1]} channels, in its last of {num_dims} or {num_dims + 1} dimensions"
     else:
         if x.dim() == num_dims + 1 and x.shape[1:] == size:
             return
         is_joined = x.dim() == num_dims > 0 and x.shape[1:] == size[1:]
         if is_joined and x.size(0) % max(size[0], 1) == 0:
             return
-        what = f"shape {tuple(size)} a sample"
+        expected = f"shape {tuple(size)} in each sample"
         if transform.attr == "x":
-            what = f"{size[0]} taxels and {size[1]} features"
+            expected = f"{size[0]} taxels and {size[1]} features"
     raise ValueError(
-        f"'{transform.attr}' must have {what}, as {type(transform).__name__} was fitted on "
+        f"'{transform.attr}' must have {expected}, as {type(transform).__name__} was fitted on "
         f"(got shape {tuple(x.shape)})"
     )
 
 
-class KeptTables(NamedTuple):
-    r"""Centre and scale in the precision and on the device of some readings."""
+class CachedTables(NamedTuple):
+    r"""Centre and scale in the precision and on the device of the readings.
+
+    Args:
+        center (torch.Tensor): The centre from which the tables were computed.
+        scale (torch.Tensor): The scale from which the tables were computed.
+        placement (tuple): Type and device of the readings, and the number of frames.
+        tables (tuple of torch.Tensor): The centre, its rounding error and the scale.
+    """
 
     center: Tensor
     scale: Tensor
-    place: tuple[torch.dtype, torch.device, int | None]
+    placement: tuple[torch.dtype, torch.device, int | None]
     tables: tuple[Tensor, Tensor, Tensor]
 
 
-def tables_like(
-    kept: KeptTables | None,
+def convert_tables(
+    cache: CachedTables | None,
     center: Tensor,
     scale: Tensor,
     x: Tensor,
     num_frames: int | None = None,
-) -> KeptTables:
-    r"""Returns centre and scale in the precision and on the device of readings: those that were
-    kept if they are the same, since converting them costs as much as scaling a batch.
+) -> CachedTables:
+    r"""Converts centre and scale to the precision and the device of the readings. The cached tables
+    are returned if they fit, since the conversion takes as long as scaling a batch.
     """
-    place = (x.dtype, x.device, num_frames)
-    if kept is not None and kept.center is center and kept.scale is scale and kept.place == place:
-        return kept
-    near = center.to(x.dtype)  # and what that leaves over: together as good as double
-    tables = near.to(x.device), (center - near).to(x), scale.to(x)
+    placement = (x.dtype, x.device, num_frames)
+    if (
+        cache is not None
+        and cache.center is center
+        and cache.scale is scale
+        and cache.placement == placement
+    ):
+        return cache
+    # The rounded centre and its rounding error are subtracted one after the other, which is as
+    # exact as double precision.
+    rounded = center.to(x.dtype)
+    tables = rounded.to(x.device), (center - rounded).to(x), scale.to(x)
     if num_frames is not None:
-        near, rest, scaled = (repeated(table, num_frames) for table in tables)
-        tables = near, rest, scaled
-    return KeptTables(center, scale, place, tables)
+        rounded, remainder, window_scale = (repeat_frames(table, num_frames) for table in tables)
+        tables = rounded, remainder, window_scale
+    return CachedTables(center, scale, placement, tables)
 
 
 def expand_shared(transform: Scaler, data: Data, x: Tensor) -> Tensor:
-    r"""Returns an attribute with a value for each sample, also where all samples share one."""
+    r"""Expands an attribute that all samples share to one value for each sample.
+
+    Raises:
+        ValueError: If the attribute is declared as shared.
+    """
     if not isinstance(data, StaticData) or not data.is_shared(transform.attr):
         return x
     if transform.attr in data.schema["shared"]:
         raise ValueError(
             f"'{transform.attr}' must have a value for each sample, since "
-            f"{type(transform).__name__} scales them by '{transform.key}' (got one that is "
-            "declared in 'shared')"
+            f"{type(transform).__name__} scales it by '{transform.key}' (got one value, declared "
+            "in 'shared')"
         )
     return x.expand(data.num_samples, *x.shape)
 
 
-def by_sample(transform: Scaler, data: Data, x: Tensor, size: torch.Size) -> tuple[Tensor, Tensor]:
-    r"""Returns the readings of each sample, and the row of its centre and scale."""
+def sample_rows(
+    transform: Scaler, data: Data, x: Tensor, size: torch.Size
+) -> tuple[Tensor, Tensor]:
+    r"""Returns the readings sample by sample, and the row of the centre and scale of each."""
     if transform.per != "channel":
-        return x.reshape(-1, *size), _row(transform, data, x.numel() // prod(size))
+        return x.reshape(-1, *size), _key_rows(transform, data, x.numel() // prod(size))
     if isinstance(data, Batch):
-        row = _row(transform, data, data.num_graphs)
-        counts = data._slice_dict[transform.attr].diff()  # of rows; samples may differ in them
+        row = _key_rows(transform, data, data.num_graphs)
+        counts = data._slice_dict[transform.attr].diff()  # rows of each sample, which may differ
         return x.reshape(-1, *size), row.repeat_interleave(counts)
     num_samples = data.num_samples if isinstance(data, StaticData) else 1
-    row = _row(transform, data, num_samples)
+    row = _key_rows(transform, data, num_samples)
     return x.reshape(num_samples, *x.shape[-len(size) :]), row
 
 
-def _row(transform: Scaler, data: Data, num_samples: int) -> Tensor:
+def _key_rows(transform: Scaler, data: Data, num_samples: int) -> Tensor:
+    # The row of the value of the key of each sample in the tables of the transform.
     assert transform.key is not None
     assert transform.key_values is not None
-    wanted = transform.sample_values(data, transform.key, num_samples).long()
-    row = torch.searchsorted(transform.key_values, wanted)
+    values = transform.sample_values(data, transform.key, num_samples).long()
+    row = torch.searchsorted(transform.key_values, values)
     row = row.clamp(max=len(transform.key_values) - 1)
-    unknown = transform.key_values[row] != wanted
-    if unknown.any():
+    is_unknown = transform.key_values[row] != values
+    if is_unknown.any():
         raise ValueError(
-            f"{type(transform).__name__} has not seen {transform.key} {int(wanted[unknown][0])}: "
-            "call 'adapt' with its (unlabelled) samples first"
+            f"{type(transform).__name__} was not fitted on {transform.key} "
+            f"{int(values[is_unknown][0])}: call 'adapt' with its (unlabelled) samples first"
         )
     return row

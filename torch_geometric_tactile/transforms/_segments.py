@@ -1,4 +1,4 @@
-r"""The segments that a transform works on."""
+r"""Segments of taxels, such as fingers, and computations on them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,19 +15,29 @@ from torch_geometric_tactile.transforms._attributes import check_num_taxels
 def segment_numbers(
     by: str | Sequence[int] | Tensor, layout: TaxelLayout | PathLike | None, argument: str
 ) -> Tensor:
-    r"""Returns the segment of each taxel, numbered from zero without gaps, in ascending order.
+    r"""Returns the segment of each taxel. Segments are numbered from zero without gaps, in the
+    order of their original numbers.
+
+    Args:
+        by (str or sequence of int or torch.Tensor): :obj:`"digit"` or :obj:`"patch"` of the layout,
+            or an integer for each taxel.
+        layout (TaxelLayout or str or PathLike, optional): The taxels.
+        argument (str): Name of the argument in messages.
 
     Shapes:
         - **output:** segment numbers :math:`(N,)`
+
+    Raises:
+        ValueError: If a name is given without a layout, or the layout has other taxels.
     """
     layout = None if layout is None else as_layout(layout)
     if isinstance(by, str):
         if layout is None:
-            raise ValueError(f"'{argument}' must come with a layout if it is a name (got '{by}')")
+            raise ValueError(f"'{argument}' requires a 'layout' if it is a name (got '{by}')")
         numbers = layout.segments(by)  # type: ignore[arg-type]
     else:
-        what = f"'{argument}', if neither 'digit' nor 'patch',"
-        numbers = check_segment(torch.as_tensor(by).cpu(), what=what, gaps=True)
+        requirement = f"'{argument}', if neither 'digit' nor 'patch',"
+        numbers = check_segment(torch.as_tensor(by).cpu(), what=requirement, gaps=True)
         if layout is not None and len(numbers) != layout.num_taxels:
             raise ValueError(
                 f"'{argument}' must have {layout.num_taxels} numbers, as layout '{layout.name}' "
@@ -49,10 +59,10 @@ def samples_of_rows(data: Data, x: Tensor) -> tuple[Tensor, int]:
 
 
 def repeat_rows(rows: Tensor, times: int) -> Tensor:
-    r"""Returns each row :obj:`times` times, one after another.
+    r"""Repeats each row :obj:`times` times in a row.
 
-    ``rows.repeat_interleave(times, dim=0)`` is the same, but PyTorch 2.8 exports it to ONNX with
-    other numbers or another shape.
+    ``rows.repeat_interleave(times, dim=0)`` returns the same, but PyTorch 2.8 exports it to ONNX
+    with wrong numbers or a wrong shape.
 
     Shapes:
         - **rows:** :math:`(R, *)`
@@ -62,20 +72,31 @@ def repeat_rows(rows: Tensor, times: int) -> Tensor:
 
 
 def segment_means(rows: Tensor, segment: Tensor, count: int) -> Tensor:
-    r"""Returns the mean of each segment without missing readings, zero where there is none.
+    r"""Returns the mean of each segment without missing readings; zero for a segment without any.
+
+    Args:
+        rows (torch.Tensor): The readings in double precision :math:`(R, F)`.
+        segment (torch.Tensor): The segment of each row :math:`(R,)`.
+        count (int): Number of segments.
 
     Shapes:
-        - **rows:** The readings, in double :math:`(R, F)`.
         - **output:** :math:`(count, F)`
     """
-    valid, shape = ~rows.isnan(), (count, rows.size(1))
-    total = rows.new_zeros(shape).index_add_(0, segment, torch.where(valid, rows, 0.0))
-    num_valid = rows.new_zeros(shape).index_add_(0, segment, valid.double())
+    is_valid, shape = ~rows.isnan(), (count, rows.size(1))
+    total = rows.new_zeros(shape).index_add_(0, segment, torch.where(is_valid, rows, 0.0))
+    num_valid = rows.new_zeros(shape).index_add_(0, segment, is_valid.double())
     return total / num_valid.clamp(min=1)
 
 
 class Segments:
-    r"""The segments that a transform works on: some of each sample, or each sample whole."""
+    r"""The segments of each sample on which a transform works.
+
+    Args:
+        segments (str or sequence of int or torch.Tensor, optional): :obj:`"digit"` or
+            :obj:`"patch"` of the layout, or an integer for each taxel; if left out, each sample is
+            one segment.
+        layout (TaxelLayout or str or PathLike, optional): The taxels.
+    """
 
     def __init__(
         self,
@@ -91,18 +112,19 @@ class Segments:
             self.num_segments = int(self.segment.max()) + 1
 
     def arguments(self) -> dict[str, Any]:
-        r"""Returns what the segments were made with; numbers that were given are counted anew."""
+        r"""Returns the arguments of the constructor, in which segments are numbered from zero."""
         return {
             "segments": self.segment if self.by == "numbers" else self.by,
             "layout": self.layout,
         }
 
-    def of_rows(self, data: Data, x: Tensor) -> tuple[Tensor, int]:
-        r"""Returns the segment of each row of the readings, numbered on from sample to sample, and
-        the number of segments of all samples.
+    def row_segments(self, data: Data, x: Tensor) -> tuple[Tensor, int]:
+        r"""Returns the segment of each row of the readings, and the number of segments of all
+        samples. The segments of a sample have the numbers after those of the previous sample.
 
-        Shapes:
-            - **x:** Their readings :math:`(N, F)` or :math:`(B, N, F)`.
+        Args:
+            data (torch_geometric.data.Data): The samples.
+            x (torch.Tensor): Their readings :math:`(N, F)` or :math:`(B, N, F)`.
         """
         sample, num_samples = samples_of_rows(data, x)
         if self.segment is None:

@@ -1,4 +1,4 @@
-r"""What the transforms ask of windows of frames."""
+r"""Access to the frames of windows in transforms."""
 
 from typing import Any
 
@@ -11,22 +11,30 @@ from torch_geometric_tactile.data import StaticData, join_frames, split_frames
 from torch_geometric_tactile.transforms._attributes import require_x
 
 
-def given_num_frames(data: Data) -> int | None:
-    r"""Returns the number of frames :math:`T` of windows, or :obj:`None` of other samples."""
+def get_num_frames(data: Data) -> int | None:
+    r"""Returns the number of frames :math:`T` of windows, or :obj:`None` for other samples.
+
+    Raises:
+        ValueError: If it is no positive integer, or differs between samples.
+    """
     value: Any = getattr(data, "num_frames", None)
     if value is None:
         return None
     numbers = torch.as_tensor(value).unique()
     if len(numbers) != 1 or numbers.is_floating_point() or int(numbers[0]) < 1:
         raise ValueError(
-            f"'num_frames' must be one whole number, at least 1, for all samples (got {value})"
+            f"'num_frames' must be one integer, at least 1, for all samples (got {value})"
         )
     return int(numbers[0])
 
 
 def require_num_frames(transform: object, data: Data) -> int:
-    r"""Returns the number of frames :math:`T`, which must be there."""
-    num_frames = given_num_frames(data)
+    r"""Returns the number of frames :math:`T` of windows.
+
+    Raises:
+        ValueError: If the samples are no windows; the message names the transform.
+    """
+    num_frames = get_num_frames(data)
     if num_frames is None:
         raise ValueError(
             f"{type(transform).__name__} needs 'num_frames' (got none): samples must be windows of "
@@ -36,10 +44,10 @@ def require_num_frames(transform: object, data: Data) -> int:
 
 
 def require_signals(transform: object, data: Data) -> Tensor:
-    r"""Returns the readings of windows with time as the last dimension.
+    r"""Returns the readings of windows as signals, with time as the last dimension.
 
     Shapes:
-        - **output:** :math:`(S, N, C, T)`, in floating point
+        - **output:** floating-point numbers :math:`(S, N, C, T)`
     """
     x = require_x(transform, data)
     x = x if x.is_floating_point() else x.float()  # counts may be integers
@@ -51,23 +59,35 @@ def require_signals(transform: object, data: Data) -> Tensor:
     return frames if frames.dim() == 4 else frames.unsqueeze(0)
 
 
-def joined_signals(signals: Tensor, data: Data) -> Tensor:
-    r"""Returns signals in the form of the readings of windows.
+def signals_to_windows(signals: Tensor, data: Data) -> Tensor:
+    r"""Converts signals to the readings of windows.
+
+    Args:
+        signals (torch.Tensor): The signals :math:`(S, N, C, T)`.
+        data (torch_geometric.data.Data): The samples, which have the form of the output.
 
     Shapes:
-        - **signals:** The signals :math:`(S, N, C, T)`.
+        - **output:** :math:`(N, C \cdot T)`, :math:`(S, N, C \cdot T)`, or
+          :math:`(S \cdot N, C \cdot T)` for a PyG batch
     """
     x = join_frames(signals.transpose(-1, -2))
     return x if isinstance(data, StaticData) or data.x.dim() == 3 else x.flatten(0, 1)
 
 
 def valid_frames(data: Data, num_samples: int, num_frames: int, device: torch.device) -> Tensor:
-    r"""Returns how many frames of each window are its own: all, if the windows are not ragged.
+    r"""Returns the number of frames of each window without its padding.
+
+    Args:
+        data (torch_geometric.data.Data): The samples.
+        num_samples (int): Number of samples :math:`S`.
+        num_frames (int): Number of frames :math:`T` with the padding.
+        device (torch.device): The device of the output.
 
     Shapes:
-        - **num_samples:** Their number :math:`S`.
-        - **num_frames:** Number of frames :math:`T`, with the padding.
         - **output:** :math:`(S,)`
+
+    Raises:
+        ValueError: If :obj:`valid_frames` has another length, or a number is not 1 to :math:`T`.
     """
     value: Any = getattr(data, "valid_frames", None)
     if value is None:
@@ -75,7 +95,8 @@ def valid_frames(data: Data, num_samples: int, num_frames: int, device: torch.de
     valid = torch.as_tensor(value, device=device).reshape(-1).long()
     if len(valid) != num_samples:
         raise ValueError(
-            f"'valid_frames' must have {num_samples} numbers, one a sample (got {len(valid)})"
+            f"'valid_frames' must have {num_samples} numbers, one for each sample (got "
+            f"{len(valid)})"
         )
     if num_samples and (int(valid.min()) < 1 or int(valid.max()) > num_frames):
         raise ValueError(
@@ -86,20 +107,26 @@ def valid_frames(data: Data, num_samples: int, num_frames: int, device: torch.de
 
 
 def refuse_ragged(transform: object, data: Data) -> None:
-    r"""Checks that all frames of windows are their own."""
+    r"""Checks that windows are not padded.
+
+    Raises:
+        ValueError: If they are; the message names the transform.
+    """
     if getattr(data, "valid_frames", None) is not None:
         raise ValueError(
-            f"{type(transform).__name__} must get windows of one length (got padded ones, with "
+            f"{type(transform).__name__} needs windows of one length (got padded windows, with "
             "'valid_frames'): put Resample() before it, or cut trials to one length"
         )
 
 
-def repeated(values: Tensor, num_frames: int) -> Tensor:
-    r"""Returns the numbers of signals as those of all frames of a window.
+def repeat_frames(values: Tensor, num_frames: int) -> Tensor:
+    r"""Repeats a value of each channel for all frames of a window.
+
+    Args:
+        values (torch.Tensor): A value for each taxel and channel :math:`(\ldots, N, C)`.
+        num_frames (int): Number of frames :math:`T`.
 
     Shapes:
-        - **values:** A number for each channel :math:`(\ldots, N, C)`.
-        - **num_frames:** Number of frames :math:`T`.
         - **output:** :math:`(\ldots, N, C \cdot T)`
     """
     size = (*values.shape[:-1], num_frames, values.size(-1))
@@ -107,18 +134,19 @@ def repeated(values: Tensor, num_frames: int) -> Tensor:
 
 
 def num_channels_and_frames(data: Data, x: Tensor) -> tuple[int, int]:
-    r"""Returns the number of channels :math:`C` and of frames :math:`T` of windows, which is one of
-    other samples.
+    r"""Returns the number of channels :math:`C` and the number of frames :math:`T` of windows; one
+    frame for other samples.
 
-    Shapes:
-        - **x:** Their readings :math:`(\ldots, N, C \cdot T)`.
+    Args:
+        data (torch_geometric.data.Data): The samples.
+        x (torch.Tensor): Their readings :math:`(\ldots, N, C \cdot T)`.
     """
-    num_frames = given_num_frames(data) or 1
+    num_frames = get_num_frames(data) or 1
     return split_frames(x, num_frames).size(-1), num_frames
 
 
-def padded_frames(transform: object, data: Data) -> Tensor | None:
-    r"""Returns which numbers of ragged windows are padding, or :obj:`None` if there is none.
+def padding_mask(transform: object, data: Data) -> Tensor | None:
+    r"""Returns which readings of windows are padding, or :obj:`None` if the windows have none.
 
     Shapes:
         - **output:** booleans of the shape of :obj:`x`
@@ -130,4 +158,4 @@ def padded_frames(transform: object, data: Data) -> Tensor | None:
     valid = valid_frames(data, len(signals), num_frames, signals.device)
     frames = torch.arange(num_frames, device=signals.device)
     padding = (frames >= valid.unsqueeze(1))[:, None, None].expand_as(signals)
-    return joined_signals(padding, data)
+    return signals_to_windows(padding, data)

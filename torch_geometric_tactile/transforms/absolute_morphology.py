@@ -1,4 +1,4 @@
-r"""Positions of the taxels in the frame of the hand."""
+r"""Distances and directions of the taxels from a point."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 
 @functional_transform("absolute_morphology")
 class AbsoluteMorphology(TactileTransform):
-    r"""Describes each taxel by its distance and its vector from one point (functional name:
+    r"""Describes each taxel by its distance and its vector from a point (functional name:
     :obj:`absolute_morphology`).
 
     .. math::
@@ -23,8 +23,8 @@ class AbsoluteMorphology(TactileTransform):
     Args:
         origin (tuple of float): The point :math:`\mathbf{o}`, in metres in the frame of
             :obj:`pos`.
-        cat (bool): Whether to append to the readings :obj:`x`, in their precision. Otherwise it is
-            stored as :obj:`absolute`.
+        cat (bool): If :obj:`True`, appends the features to the readings :obj:`x`, in their
+            precision; otherwise stores them as :obj:`absolute`.
 
     Shapes:
         - **input:** positions in metres :math:`(N, 3)` or :math:`(B, N, 3)`, or a PyG batch of
@@ -43,17 +43,17 @@ class AbsoluteMorphology(TactileTransform):
 
     @property
     def reads(self) -> tuple[str, ...]:
-        r"""Positions, and the readings that they join."""
+        r"""Positions, and the readings if the features are appended to them."""
         return ("pos", "x") if self.cat else ("pos",)
 
     @property
     def writes(self) -> tuple[str, ...]:
-        r"""What it sets."""
+        r"""The attribute with the features."""
         return ("x",) if self.cat else ("absolute",)
 
     @property
     def per_frame(self) -> bool:
-        r"""Whether readings stay as they are: appended columns are there once in a window."""
+        r"""Whether the readings stay unchanged; appended columns occur once in a window."""
         return not self.cat
 
     def __init__(self, origin: Sequence[float] = (0.0, 0.0, 0.0), cat: bool = False) -> None:
@@ -75,7 +75,7 @@ class AbsoluteMorphology(TactileTransform):
         if x.size(-2) != pos.size(-2):
             raise ValueError(f"'x' must have {pos.size(-2)} taxels, as 'pos' (got {x.size(-2)})")
         x = x if x.is_floating_point() else x.to(pos.dtype)  # counts may be integers
-        lead = torch.broadcast_shapes(x.shape[:-1], absolute.shape[:-1])
-        parts = [x.expand(*lead, -1), absolute.to(x.dtype).expand(*lead, -1)]
+        shape = torch.broadcast_shapes(x.shape[:-1], absolute.shape[:-1])
+        parts = [x.expand(*shape, -1), absolute.to(x.dtype).expand(*shape, -1)]
         data.x = torch.cat(parts, dim=-1)
         return data

@@ -1,4 +1,4 @@
-r"""What the scaling transforms share."""
+r"""The base class of scaling transforms."""
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Set
@@ -15,20 +15,20 @@ from torch_geometric_tactile.data._graph_samples import GraphSamples, without_tr
 from torch_geometric_tactile.transforms._attributes import FRAMES, require
 from torch_geometric_tactile.transforms._samples import AnySamples, FlatSamples, Samples, is_static
 from torch_geometric_tactile.transforms._scaling import (
-    KeptTables,
-    by_sample,
+    CachedTables,
     center_and_scale,
     check_size,
+    convert_tables,
     expand_shared,
     mean_and_deviation,
-    tables_like,
+    sample_rows,
 )
-from torch_geometric_tactile.transforms._windows import repeated, require_num_frames
+from torch_geometric_tactile.transforms._windows import repeat_frames, require_num_frames
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
-_CHUNK = 8192  # samples read at a time, at most
+_MAX_CHUNK = 8192  # samples read at a time
 
-# Of a scale: what single precision leaves over of a centre, that does not count.
+# The largest rounding error of a centre in single precision that is ignored, relative to the scale.
 _NEGLIGIBLE = 1e-7
 _PER = ("taxel", "channel", "signal")
 
@@ -42,31 +42,33 @@ class _Attributes(Protocol):
 
 
 class FittedTransform(TactileTransform):
-    r"""Base class of transforms that subtract a centre from the readings, or from another
-    attribute, and divide by a scale, both fitted before: for each number of a sample (each taxel
-    and channel, for example) or for all numbers of a channel, and separately for each value of the
+    r"""The base class of transforms that subtract a centre from the readings or another attribute
+    and divide by a scale. Centre and scale are fitted before, for each number of a sample (such as
+    each taxel and channel) or for all numbers of a channel, and separately for each value of the
     sample attribute :obj:`key`.
 
-    A subclass says with :meth:`moments` what centre and scale are, and with :meth:`measured` on
-    which samples they are fitted.
+    A subclass defines by :meth:`moments` how centre and scale are computed, and by :meth:`measured`
+    on which samples they are fitted.
 
     An attribute that all samples share, such as edge features :math:`(|\mathcal{E}|, D)` in
-    :class:`~torch_geometric_tactile.data.StaticData`, stays shared. Number by number it never
-    changes, so that nothing but its distance from the centre is left of it, which is zero.
+    :class:`~torch_geometric_tactile.data.StaticData`, stays shared. Scaled number by number it
+    becomes zero, since each number is equal to its centre.
 
     Args:
-        key (str, optional): Integer attribute of the samples that chooses centre and scale.
-        unit_scale (bool): Whether to leave the scale at one.
-        first (int, optional): How many samples, in their order, of each value of :obj:`key` are
-            used to fit. All if left out.
-        attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers such
-            as :obj:`"edge_attr"`, :obj:`"joint"`, :obj:`"absolute"` or :obj:`"pos"`.
-        per (str): Of what centre and scale are: of each number by itself (:obj:`"taxel"`), one of
-            all taxels, or other rows, of a channel, the last dimension (:obj:`"channel"`), or one
-            of all frames of a taxel and channel in windows (:obj:`"signal"`).
+        key (str, optional): Integer attribute of the samples that selects centre and scale.
+        unit_scale (bool): If :obj:`True`, the scale is one.
+        first (int, optional): Number of samples of each value of :obj:`key`, in their order, on
+            which to fit; all if left out.
+        attr (str): The attribute to scale: :obj:`"x"`, or another attribute of floating-point
+            numbers such as :obj:`"edge_attr"`, :obj:`"joint"`, :obj:`"absolute"` or :obj:`"pos"`.
+        per (str): The numbers that share a centre and a scale. With :obj:`"taxel"`, each number has
+            its own; with :obj:`"channel"`, all taxels (or other rows) of a channel, the last
+            dimension, share them; with :obj:`"signal"`, all frames of a taxel and channel in
+            windows do.
 
     Raises:
-        ValueError: If :obj:`per` is none of these, or :obj:`"signal"` of other than :obj:`"x"`.
+        ValueError: If :obj:`per` is none of these, or it is :obj:`"signal"` and :obj:`attr` is not
+            :obj:`"x"`.
 
     Examples:
         >>> import torch
@@ -78,18 +80,18 @@ class FittedTransform(TactileTransform):
 
     @property
     def reads(self) -> tuple[str, ...]:
-        r"""What is scaled, the numbers of its samples, and the frames of windows."""
+        r"""The scaled attribute, the key, and the number of frames of windows."""
         key = (self.key, "x") if self.key else ()
         return (self.attr, *key, *(FRAMES if self.per == "signal" else ()))
 
     @property
     def writes(self) -> tuple[str, ...]:
-        r"""What is scaled."""
+        r"""The scaled attribute."""
         return (self.attr,)
 
     @property
     def per_frame(self) -> bool:
-        r"""Whether all frames of a window have one centre and scale."""
+        r"""Whether all frames of a window have the same centre and scale."""
         return self.attr != "x" or self.per == "signal"
 
     def __init__(
@@ -107,21 +109,22 @@ class FittedTransform(TactileTransform):
         self.first = first
         self.attr = attr
         self.per = per
-        # (K, N, F), or (K, ...) with the shape of the attribute in a sample; (K, 1, F) of channels,
-        # (K, N, C) of signals. Double: raw counts are large and vary little.
+        # (K, N, F), or (K, ...) with the shape of the attribute in a sample; (K, 1, F) for
+        # channels, (K, N, C) for signals. In double precision, since raw counts are large and vary
+        # little.
         self.center: Tensor | None = None
-        self.scale: Tensor | None = None  # of the same shape
+        self.scale: Tensor | None = None  # the shape of the centre
         self.key_values: Tensor | None = None  # (K,), sorted
-        self._kept: KeptTables | None = None
+        self._kept: CachedTables | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": None}  # a cache, which is no part of a copy
+        return {**self.__dict__, "_kept": None}  # a cache, which need not be copied or saved
 
     def fit(self, data: AnySamples, before: BaseTransform | None = None) -> Self:
-        r"""Measures centre and scale on the readings of :obj:`data`, which are read a few samples
-        at a time; labels are not used.
+        r"""Measures centre and scale on the readings of :obj:`data`, which are read in chunks.
+        Labels are not used.
 
-        Missing readings (NaN) do not count. A taxel that never changes keeps the scale one.
+        Missing readings (NaN) are ignored. A taxel that never changes gets the scale one.
 
         Args:
             data (Dataset or StaticData or list of Data): The samples, before the :obj:`transform`
@@ -138,9 +141,10 @@ class FittedTransform(TactileTransform):
         return self._measure(samples, self._keys(samples))
 
     def adapt(self, data: AnySamples, before: BaseTransform | None = None) -> Self:
-        r"""Measures only those values of :obj:`key` that were not measured before.
+        r"""Measures centre and scale only for values of :obj:`key` that were not measured before.
 
-        Does nothing where :obj:`key` is :obj:`None`: a scaler of the training part stays as it is.
+        Does nothing if :obj:`key` is :obj:`None`, so that a scaler of the training part is not
+        changed by other data.
 
         Args:
             data (Dataset or StaticData or list of Data): The samples, before the :obj:`transform`
@@ -155,10 +159,10 @@ class FittedTransform(TactileTransform):
 
     def _read(self, data: AnySamples, before: BaseTransform | None) -> Samples | FlatSamples:
         if is_static(data):
-            return Samples(data, before, _CHUNK)
-        if self.per == "channel" and len(data):  # type: ignore[arg-type]  # of any taxels
+            return Samples(data, before, _MAX_CHUNK)
+        if self.per == "channel" and len(data):  # type: ignore[arg-type]  # a data set or list
             return FlatSamples(data, before)
-        samples = Samples(data, before, _CHUNK)
+        samples = Samples(data, before, _MAX_CHUNK)
         if samples.num_samples:
             self._check_taxels(GraphSamples(without_transform(data)))
         return samples
@@ -167,7 +171,7 @@ class FittedTransform(TactileTransform):
         if self.attr == "x" and samples.is_mixed:
             raise ValueError(
                 f"{type(self).__name__} must be fitted on samples of the same taxels, unless with "
-                f"per='channel', one centre and scale of all taxels of a channel (got samples of "
+                f"per='channel', one centre and scale for all taxels of a channel (got samples of "
                 f"{samples.describe_taxels()})"
             )
 
@@ -179,7 +183,7 @@ class FittedTransform(TactileTransform):
         return self.sample_values(samples, self.key, samples.num_samples).long()
 
     def sample_values(self, data: _Attributes, key: str, num_samples: int) -> Tensor:
-        r"""Returns an attribute that must have one number a sample.
+        r"""Returns an attribute that has one number for each sample.
 
         Args:
             data (torch_geometric.data.Data or Samples): The samples.
@@ -196,7 +200,7 @@ class FittedTransform(TactileTransform):
         values = torch.as_tensor(data[key]).reshape(-1).cpu()
         if len(values) != num_samples:
             raise ValueError(
-                f"'{key}' must have {num_samples} values, one a sample (got {len(values)})"
+                f"'{key}' must have {num_samples} values, one for each sample (got {len(values)})"
             )
         return values
 
@@ -211,50 +215,54 @@ class FittedTransform(TactileTransform):
             _logger.warning("all samples share one '%s', which %r sets to zero", self.attr, self)
         parts = [center_and_scale(self, samples, (keys == v).nonzero().view(-1)) for v in values]
         center, scale = zip(*parts, strict=True)
-        new = [torch.stack(center), torch.stack(scale), values]
+        tables = [torch.stack(center), torch.stack(scale), values]
         if self.center is not None and self.scale is not None and self.key_values is not None:
-            known = [self.center, self.scale, self.key_values]
-            new = [torch.cat(pair) for pair in zip(known, new, strict=True)]
-        order = new[2].argsort()
-        self.center, self.scale, self.key_values = (value[order] for value in new)
+            fitted_tables = [self.center, self.scale, self.key_values]
+            tables = [torch.cat(pair) for pair in zip(fitted_tables, tables, strict=True)]
+        order = tables[2].argsort()
+        self.center, self.scale, self.key_values = (table[order] for table in tables)
         return self
 
     def measured(self, samples: Samples | FlatSamples, index: Tensor) -> Tensor:
-        r"""Returns which samples count, of those with one value of :obj:`key`.
+        r"""Returns the samples on which centre and scale are measured, among the samples with one
+        value of :obj:`key`.
 
         Args:
             samples (Samples): All samples; :obj:`samples[name]` is an attribute of them.
-            index (torch.Tensor): Indices of those with this value, ascending and at least one.
+            index (torch.Tensor): Indices of the samples with this value, increasing and not empty.
 
         Returns:
-            torch.Tensor: Some of these indices, ascending and at least one.
+            torch.Tensor: A selection of these indices, increasing and not empty.
         """
         return index[: self.first]
 
     def noise(self, center: Tensor) -> Tensor | float:
-        r"""Returns the largest change that may be rounding, and does not count as one.
+        r"""Returns the largest change that is regarded as rounding.
 
-        Readings come as they were measured, whereas other attributes are computed, in single
-        precision: the length of an edge within a rigid patch is the same in all samples but for
-        some nanometres.
+        It is zero for readings, which are measured. Other attributes are computed in single
+        precision: the length of an edge within a rigid patch, for example, differs between samples
+        by nanometres.
 
         Args:
             center (torch.Tensor): The centres.
         """
         if self.attr == "x" or center.numel() == 0:
             return 0.0
+        # Relative to the largest centre, since the rounding of a small number may come from large
+        # ones, as in a difference of positions.
         return 1e-5 * center.abs().max()
 
     def moments(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
         r"""Returns centre and scale: mean and standard deviation, without missing readings.
 
         Args:
-            parts (iterable of torch.Tensor): The readings in parts, double, each to be read once.
+            parts (iterable of torch.Tensor): The readings in parts, in double precision. They can
+                be iterated over once.
 
         Shapes:
-            - **input:** at least one part :math:`(S_i, N, F)`, with :math:`S_i \ge 1`; or
+            - **parts:** at least one part :math:`(S_i, N, F)`, with :math:`S_i \ge 1`; or
               :math:`(S_i, \ldots)` of another attribute
-            - **output:** :math:`(N, F)` each, or :math:`(\ldots)`; the centre double
+            - **output:** :math:`(N, F)` each, or :math:`(\ldots)`; the centre in double precision
         """
         center, deviation = mean_and_deviation(parts)
         if self.unit_scale:
@@ -262,61 +270,65 @@ class FittedTransform(TactileTransform):
         return center, self.usable(center, deviation)
 
     def usable(self, center: Tensor, deviation: Tensor) -> Tensor:
-        r"""Returns deviations as scales: one where nothing changes by more than rounding does.
+        r"""Returns deviations as scales, with one for deviations that are only rounding.
 
         Args:
             center (torch.Tensor): The centres.
             deviation (torch.Tensor): The deviations, of the same shape.
         """
-        changes = deviation > 1e-6 * center.abs().clamp(min=1e-6)
-        return torch.where(changes & (deviation > self.noise(center)), deviation, 1.0).float()
+        # Single precision has about seven digits, so that a smaller deviation is rounding, and a
+        # division by it would turn rounding into large numbers.
+        is_changing = deviation > 1e-6 * center.abs().clamp(min=1e-6)
+        return torch.where(is_changing & (deviation > self.noise(center)), deviation, 1.0).float()
 
     def forward(self, data: Data) -> Data:
-        r"""Scales the readings :math:`(N, F)`, :math:`(B, N, F)`, or those of a PyG batch; or
-        another attribute of them.
+        r"""Scales the readings :math:`(N, F)`, :math:`(B, N, F)` or of a PyG batch, or another
+        attribute.
         """
         if self.center is None or self.scale is None:
             raise RuntimeError(f"{type(self).__name__} must be fitted before it is applied")
         x = require(self, data, self.attr)
         x = x if x.is_floating_point() else x.float()  # counts may be integers
-        frames = require_num_frames(self, data) if self.per == "signal" else None
-        size = self.center.shape[1:]  # of one sample
-        if frames is not None:
-            size = torch.Size((*size[:-1], frames * size[-1]))
+        num_frames = require_num_frames(self, data) if self.per == "signal" else None
+        size = self.center.shape[1:]  # the shape of one sample
+        if num_frames is not None:
+            size = torch.Size((*size[:-1], num_frames * size[-1]))
         check_size(self, x, size)
         if x.numel() > 0:
-            self._kept = kept = tables_like(self._kept, self.center, self.scale, x, frames)
-            near, rest, scale = kept.tables
+            self._kept = cache = convert_tables(self._kept, self.center, self.scale, x, num_frames)
+            center, remainder, scale = cache.tables
             if self.key is None:
                 shape = x.shape
                 x = x.reshape(-1, *size)
-                near, rest, scale = near[0], rest[0], scale[0]
+                center, remainder, scale = center[0], remainder[0], scale[0]
             else:
                 x = expand_shared(self, data, x)
                 shape = x.shape
-                x, row = by_sample(self, data, x, size)
-                near, rest, scale = (table[row.to(x.device)] for table in (near, rest, scale))
-            x = ((x - near - rest) / scale).reshape(shape)
+                x, row = sample_rows(self, data, x, size)
+                center, remainder, scale = (
+                    table[row.to(x.device)] for table in (center, remainder, scale)
+                )
+            x = ((x - center - remainder) / scale).reshape(shape)
         data[self.attr] = x
         return data
 
     def graph_step(
-        self, known: StaticData, changing: Set[str]
+        self, constants: StaticData, changing: Set[str]
     ) -> Callable[[StaticData], StaticData]:
-        r"""Returns a product with tables of the size of what is scaled."""
-        return _Scaled(self)
+        r"""Returns a step that uses precomputed tables with the shape of the scaled attribute."""
+        return _ScaleStep(self)
 
     def state_dict(self) -> dict[str, Tensor]:
-        r"""Returns what was fitted, for a checkpoint."""
+        r"""Returns centre, scale and key values for a checkpoint."""
         if self.center is None or self.scale is None or self.key_values is None:
             return {}
         return {"center": self.center, "scale": self.scale, "key_values": self.key_values}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        r"""Takes over what :meth:`state_dict` returned.
+        r"""Loads the output of :meth:`state_dict`.
 
         Args:
-            state (Mapping): The state; an empty one is that of an unfitted transform.
+            state (Mapping): The state; the state of an unfitted transform is empty.
         """
         self.center = state.get("center")
         self.scale = state.get("scale")
@@ -330,33 +342,40 @@ class FittedTransform(TactileTransform):
         return f"{type(self).__name__}({self._attr_repr().removeprefix(', ')})"
 
 
-class _Scaled:
-    r"""A scaler with tables of the size of what is scaled, which a runtime takes in long loops."""
+class _ScaleStep:
+    r"""A scaler in an exported graph. Its tables have the shape of the scaled attribute, since
+    runtimes are fastest without broadcasting.
+    """
 
     def __init__(self, part: FittedTransform) -> None:
         self.part = part
-        self.kept: dict[torch.Size, tuple[Tensor, Tensor | None, Tensor]] = {}
+        self.tables: dict[torch.Size, tuple[Tensor, Tensor | None, Tensor]] = {}
 
     def __call__(self, data: StaticData) -> StaticData:
         x = data[self.part.attr]
-        if x.shape not in self.kept:
+        if x.shape not in self.tables:
             num_frames = data.num_frames if self.part.per == "signal" else 1
-            self.kept[x.shape] = self._tables(x.shape, num_frames)
-        near, rest, factor = self.kept[x.shape]
-        x = x - near
-        data[self.part.attr] = (x if rest is None else x - rest) * factor
+            self.tables[x.shape] = self._build_tables(x.shape, num_frames)
+        center, remainder, factor = self.tables[x.shape]
+        x = x - center
+        data[self.part.attr] = (x if remainder is None else x - remainder) * factor
         return data
 
-    def _tables(self, shape: torch.Size, num_frames: int) -> tuple[Tensor, Tensor | None, Tensor]:
+    def _build_tables(
+        self, shape: torch.Size, num_frames: int
+    ) -> tuple[Tensor, Tensor | None, Tensor]:
+        # The centre, its rounding error unless it is negligible, and the inverse of the scale.
         assert self.part.center is not None
         assert self.part.scale is not None
         center, scale = self.part.center[0].cpu(), self.part.scale[0].cpu().double()
         if self.part.per == "signal":
-            center, scale = repeated(center, num_frames), repeated(scale, num_frames)
-        near = center.float()
-        rest = center - near
-        is_small = bool((rest / scale).abs().max() < _NEGLIGIBLE) if rest.numel() else True
-        near, rest, factor = (
-            value.float().expand(shape).contiguous() for value in (near, rest, 1 / scale)
+            center, scale = repeat_frames(center, num_frames), repeat_frames(scale, num_frames)
+        rounded = center.float()
+        remainder = center - rounded
+        is_negligible = (
+            bool((remainder / scale).abs().max() < _NEGLIGIBLE) if remainder.numel() else True
         )
-        return near, None if is_small else rest, factor
+        rounded, remainder, factor = (
+            value.float().expand(shape).contiguous() for value in (rounded, remainder, 1 / scale)
+        )
+        return rounded, None if is_negligible else remainder, factor

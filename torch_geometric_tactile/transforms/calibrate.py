@@ -1,4 +1,4 @@
-r"""Readings as forces."""
+r"""Conversion of readings to forces."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -29,21 +29,21 @@ from torch_geometric_tactile.transforms._polynomial import (
     polynomial,
     scaled_readings,
 )
-from torch_geometric_tactile.transforms._windows import given_num_frames
+from torch_geometric_tactile.transforms._windows import get_num_frames
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _PER = ("taxel", "sensor")
-_MOST_DEGREE = 3
-_OWN_UNIT = "unit of the file"  # which the file does not name
-_UNITS = (*UNITS, _OWN_UNIT)
+_MAX_DEGREE = 3
+_UNNAMED_UNIT = "unit of the file"  # for a file that does not name its unit
+_UNITS = (*UNITS, _UNNAMED_UNIT)
 _TENSORS = ("coefficients", "low", "high")
 _KEYS = ("per", "degree", "reading_unit", "force_unit", "source", *_TENSORS)
 
 
 @functional_transform("calibrate")
 class Calibrate(TactileTransform):
-    r"""Turns readings into forces by a polynomial that was fitted before (functional name:
-    :obj:`calibrate`), by ``tactile calibrate`` or
+    r"""Converts readings to forces by a polynomial (functional name: :obj:`calibrate`), which is
+    fitted by ``tactile calibrate`` or
     :func:`~torch_geometric_tactile.analysis.fit_calibration`.
 
     .. math::
@@ -52,42 +52,42 @@ class Calibrate(TactileTransform):
         z_{ic} = \frac{2 x_{ic} - \mathrm{high}_{ic} - \mathrm{low}_{ic}}
         {\mathrm{high}_{ic} - \mathrm{low}_{ic}}
 
-    where :math:`J_m` are all choices of none (the constant), one, two, ... up to :obj:`degree` of
-    the channels of taxel :math:`i`: of three channels with degree two :math:`1, z_1, z_2, z_3,
-    z_1^2, z_1 z_2, z_1 z_3, z_2^2, z_2 z_3, z_3^2`. With degree one that is an offset and a
-    cross-axis matrix; a gain of each channel is a diagonal one. The force on the whole sensor is
-    :math:`\sum_i \mathbf{f}_i`.
+    where :math:`J_m` are all combinations of up to :obj:`degree` channels of taxel :math:`i`,
+    including the empty one (the constant). For three channels and degree two the products are
+    :math:`1, z_1, z_2, z_3, z_1^2, z_1 z_2, z_1 z_3, z_2^2, z_2 z_3, z_3^2`. With degree one the
+    polynomial is an offset and a cross-axis matrix, which is diagonal for a gain of each channel.
+    The force on the sensor is :math:`\sum_i \mathbf{f}_i`.
 
-    **The range** of the readings that it was fitted on is :obj:`low` to :obj:`high`. Beyond, the
-    force goes on in a straight line, along the slope at the end of the range, and nothing is said:
-    :meth:`beyond` tells which readings these are. There it is a guess.
+    The **range** of the readings on which it was fitted is :obj:`low` to :obj:`high`. Beyond this
+    range the force is extrapolated linearly, along the slope at the end of the range, without a
+    warning, and may be wrong. :meth:`beyond` returns the taxels for which this is so.
 
-    Where offsets differ from session to session, it is fitted behind a
-    :class:`~torch_geometric_tactile.transforms.Tare`, and applied behind one.
+    If offsets differ between sessions, fit and apply it after
+    :class:`~torch_geometric_tactile.transforms.Tare`.
 
     Args:
         coefficients (torch.Tensor or list): :math:`\mathbf{w}`, the same for all taxels
-            :math:`(M, D)`, or for each taxel its own :math:`(N, M, D)`.
-        low (torch.Tensor or list, optional): Least reading of each channel :math:`(C,)`, or of each
-            taxel :math:`(N, C)` if it has coefficients of its own. Without, :math:`z` are the
-            readings themselves, and the range is not known.
-        high (torch.Tensor or list, optional): Largest reading, likewise.
-        degree (int): Up to how many readings are multiplied: 1 to 3.
+            :math:`(M, D)`, or for each taxel :math:`(N, M, D)`.
+        low (torch.Tensor or list, optional): The lowest reading of each channel :math:`(C,)`; of
+            each taxel :math:`(N, C)` if each taxel has coefficients. If left out, :math:`z` are the
+            readings, and the range is not known.
+        high (torch.Tensor or list, optional): The highest reading, with the shape of :obj:`low`.
+        degree (int): The largest number of readings that are multiplied, 1 to 3.
         per (str): :obj:`"taxel"` for the forces of each taxel, or :obj:`"sensor"` for their sum.
-        units (tuple of str): Unit of readings and of forces: :obj:`"count"`, :obj:`"microtesla"`,
-            :obj:`"newton"`, or :obj:`"unit of the file"` of data that name none.
-        source (str): Which recordings it was fitted on, and how.
+        units (tuple of str): Units of readings and forces: :obj:`"count"`, :obj:`"microtesla"`,
+            :obj:`"newton"`, or :obj:`"unit of the file"` if the data do not name it.
+        source (str): A description of the recordings and the method of the fit.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
-          F)`; of windows :math:`F = C \cdot T`, whose frames are mapped one by one
-        - **output:** :obj:`x` :math:`(\ldots, N, D)` of taxels, or :obj:`force` :math:`(1, D)` or
-          :math:`(B, D)` of the sensor beside the readings; of windows :math:`D \cdot T`. With a
-          missing reading (NaN) the forces that follow from it are missing.
+          F)`; for windows :math:`F = C \cdot T`, whose frames are converted one by one
+        - **output:** :obj:`x` :math:`(\ldots, N, D)` for taxels, or :obj:`force` :math:`(1, D)` or
+          :math:`(B, D)` for the sensor, in addition to the readings; for windows :math:`D \cdot T`.
+          Forces that depend on a missing reading (NaN) are missing.
 
     Raises:
-        ValueError: If :obj:`degree`, :obj:`per` or a unit is unknown, the shapes do not fit one
-            another, a coefficient is not finite, or the readings have other taxels or channels.
+        ValueError: If :obj:`degree`, :obj:`per` or a unit is unknown, the shapes do not fit
+            together, a coefficient is not finite, or the readings have other taxels or channels.
 
     Examples:
         >>> mixed = torch.tensor([[0.0, 0.0], [0.02, 0.0], [0.001, 0.01]])  # offset, x, y
@@ -104,12 +104,12 @@ class Calibrate(TactileTransform):
 
     @property
     def writes(self) -> tuple[str, ...]:
-        r"""What takes the forces."""
+        r"""The attribute that holds the forces."""
         return ("x",) if self.per == "taxel" else ("force",)
 
     @property
     def per_frame(self) -> bool:
-        r"""Whether the forces take the place of the readings."""
+        r"""Whether the forces replace the readings."""
         return self.per == "taxel"
 
     def __init__(
@@ -122,41 +122,42 @@ class Calibrate(TactileTransform):
         units: tuple[str, str] = ("count", "newton"),
         source: str = "",
     ) -> None:
-        whole = isinstance(degree, int) and not isinstance(degree, bool)
-        need(whole and 1 <= degree <= _MOST_DEGREE, "'degree' must be 1, 2 or 3", degree)
+        is_integer = isinstance(degree, int) and not isinstance(degree, bool)
+        need(is_integer and 1 <= degree <= _MAX_DEGREE, "'degree' must be 1, 2 or 3", degree)
         need(is_one_of(per, _PER), f"'per' must be one of {list(_PER)} (got {short_repr(per)})")
         is_pair = isinstance(units, tuple | list) and len(units) == 2
         if not is_pair or not all(is_one_of(unit, _UNITS) for unit in units):
             raise ValueError(
-                f"'units' must be those of readings and of forces, of {list(_UNITS)} (got "
+                f"'units' must be the units of readings and forces, two of {list(_UNITS)} (got "
                 f"{short_repr(units)})"
             )
         need_text(source, "'source'")
-        self.coefficients = _finite("coefficients", coefficients)
-        self.low = None if low is None else _finite("low", low)
-        self.high = None if high is None else _finite("high", high)
+        self.coefficients = _finite_tensor("coefficients", coefficients)
+        self.low = None if low is None else _finite_tensor("low", low)
+        self.high = None if high is None else _finite_tensor("high", high)
         self.degree, self.per, self.source = degree, per, source
         self.units: tuple[str, str] = (units[0], units[1])
         self.num_channels = self._checked_channels()
 
     def _checked_channels(self) -> int:
-        # The number of channels.
+        # The number of channels, which the number of terms determines.
         shape = self.coefficients.shape
         if len(shape) not in (2, 3) or 0 in shape:
             raise ValueError(
                 "'coefficients' must have shape (num_terms, num_forces), or (num_taxels, "
-                f"num_terms, num_forces) with those of each taxel (got {tuple(shape)})"
+                f"num_terms, num_forces) for each taxel (got {tuple(shape)})"
             )
+        # The number of terms increases with the number of channels.
         counts = (n for n in range(1, shape[-2]) if num_terms(n, self.degree) >= shape[-2])
         channels = next(counts, 0)
         if num_terms(channels, self.degree) != shape[-2] or not channels:
             raise ValueError(
-                f"'coefficients' must have a row for one and for each product of up to "
-                f"{self.degree} channels, such as {num_terms(3, self.degree)} of three channels "
+                f"'coefficients' must have a row for the constant and for each product of up to "
+                f"{self.degree} channels, such as {num_terms(3, self.degree)} for three channels "
                 f"(got {shape[-2]})"
             )
         if (self.low is None) != (self.high is None):
-            raise ValueError("'low' and 'high' must be given both or not at all (got one)")
+            raise ValueError("'low' and 'high' must be given together (got one)")
         if self.low is not None and self.high is not None:
             size = (*shape[:-2], channels)
             for name, value in (("low", self.low), ("high", self.high)):
@@ -165,38 +166,38 @@ class Calibrate(TactileTransform):
                         f"'{name}' must have shape {size}, as the coefficients (got "
                         f"{tuple(value.shape)})"
                     )
-            need((self.low <= self.high).all(), "'low' must not be above 'high' (got one above)")
+            need((self.low <= self.high).all(), "'low' must not be above 'high' (got one that is)")
         return channels
 
     def forward(self, data: Data) -> Data:
         r"""Sets the forces."""
         force = polynomial(self._frames(data), self.coefficients, self.low, self.high, self.degree)
-        joined = join_frames(force)
+        windows = join_frames(force)
         if self.per == "sensor":
-            data.force = joined.sum(dim=-2)
+            data.force = windows.sum(dim=-2)
         else:
-            data.x = joined.reshape(*data.x.shape[:-1], joined.size(-1))
+            data.x = windows.reshape(*data.x.shape[:-1], windows.size(-1))
         return data
 
     def beyond(self, data: Data) -> Tensor:
         r"""Returns which taxels have a reading beyond the range, in any frame of a window.
 
         Args:
-            data (torch_geometric.data.Data): The samples, as for a call.
+            data (torch_geometric.data.Data): The samples, before the transform.
 
         Shapes:
-            - **output:** :math:`(B, N)`, with one sample :math:`B = 1`
+            - **output:** booleans :math:`(B, N)`, with :math:`B = 1` for a single sample
         """
         frames = self._frames(data)
         if self.low is None or self.high is None:
             return torch.zeros(frames.shape[:-2], dtype=torch.bool)
-        away = scaled_readings(frames, self.low.unsqueeze(-2), self.high.unsqueeze(-2))[1]
-        return (away != 0).flatten(-2).any(dim=-1)
+        distance = scaled_readings(frames, self.low.unsqueeze(-2), self.high.unsqueeze(-2))[1]
+        return (distance != 0).flatten(-2).any(dim=-1)
 
     def _frames(self, data: Data) -> Tensor:
         # The frames of the samples (B, N, T, C).
         x = require_floats(self, data)
-        frames = split_frames(x, given_num_frames(data) or 1)
+        frames = split_frames(x, get_num_frames(data) or 1)
         if frames.size(-1) != self.num_channels:
             raise ValueError(
                 f"'x' must have {self.num_channels} channels, as {type(self).__name__} was fitted "
@@ -222,11 +223,11 @@ class Calibrate(TactileTransform):
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds a calibration from what :meth:`to_dict` returns.
+        r"""Builds a calibration from the output of :meth:`to_dict`.
 
         Args:
             content (Mapping): The keys :obj:`"coefficients"`, :obj:`"reading_unit"` and
-                :obj:`"force_unit"`, and, if wanted, the other arguments.
+                :obj:`"force_unit"`, and optionally the other arguments.
 
         Raises:
             ValueError: If a key is missing or unknown, or the calibration is not consistent.
@@ -234,14 +235,14 @@ class Calibrate(TactileTransform):
         units = tuple(need_key(content, f"{k}_unit", "a calibration") for k in ("reading", "force"))
         need_only_keys(content, _KEYS, "a calibration")
         need_key(content, "coefficients", "a calibration")
-        given = {key: value for key, value in content.items() if not key.endswith("_unit")}
-        return cls(units=units, **given)
+        arguments = {key: value for key, value in content.items() if not key.endswith("_unit")}
+        return cls(units=units, **arguments)
 
     def save(self, path: PathLike) -> None:
         r"""Writes the calibration as a JSON file.
 
         Args:
-            path (str or PathLike): The file. It is written whole or not at all.
+            path (str or PathLike): The file. If writing fails, no partial file is left.
         """
         with atomic_path(path) as temporary:
             lines = [f" {json.dumps(key)}: {json.dumps(v)}" for key, v in self.to_dict().items()]
@@ -252,16 +253,16 @@ class Calibrate(TactileTransform):
         r"""Reads a calibration from a JSON file.
 
         Args:
-            path (str or PathLike): A file as :meth:`save` or ``tactile calibrate`` writes it.
+            path (str or PathLike): A file written by :meth:`save` or ``tactile calibrate``.
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If the file is no JSON or no consistent calibration; the message names it.
+            ValueError: If the file is no JSON or no consistent calibration. The message names it.
         """
         existing_file(path, "write one with 'tactile calibrate' or Calibrate.save")
         try:
             return cls.from_dict(read_json(path))
-        except ValueError as error:  # JSONDecodeError is one
+        except ValueError as error:  # includes JSONDecodeError
             raise ValueError(f"'{path}' is not a calibration: {error}") from error
 
     def __repr__(self) -> str:
@@ -273,12 +274,12 @@ class Calibrate(TactileTransform):
         )
 
 
-def _finite(name: str, value: Any) -> Tensor:
+def _finite_tensor(name: str, value: Any) -> Tensor:
     if not isinstance(value, Tensor | np.ndarray):
-        need(_are_numbers(value), f"'{name}' must be lists of finite numbers (got others)")
+        need(_are_numbers(value), f"'{name}' must be lists of finite numbers (got other values)")
         try:
             value = torch.tensor(value, dtype=torch.double)
-        except (TypeError, ValueError) as error:  # of several lengths
+        except (TypeError, ValueError) as error:  # lists of different lengths
             raise ValueError(f"'{name}' must be lists of one length ({error})") from None
     tensor = torch.as_tensor(value).detach().cpu().double()
     need(tensor.isfinite().all(), f"'{name}' must be finite (got NaN or infinity)")

@@ -1,4 +1,4 @@
-r"""Readings relative to those of their neighbours in the same moment."""
+r"""Subtraction of the mean reading of a segment."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,21 +23,19 @@ class CommonMode(TactileTransform):
         x'_i = x_i - \frac{1}{|S_i|} \sum_{j \in S_i} x_j
 
     with the taxels :math:`S_i` of the segment of taxel :math:`i` whose reading is not missing. It
-    needs no fit, no rest reading and no session: an offset of a whole finger, such as that of
-    temperature, of static fluid pressure, or of another day, is gone within the one reading. It
-    belongs in front of the scalers, on raw counts: taxels that were scaled one by one have no mean
-    in common any more.
+    removes an offset of a finger, such as that of temperature, of static fluid pressure or of
+    another day, without a fit, readings at rest or sessions. Apply it before scalers, to raw
+    counts: after scaling taxel by taxel, the taxels no longer share an offset.
 
-    It destroys what a segment feels as a whole: a pressure that is the same on all of its taxels,
-    and how strong the mean touch is. Where that is the answer (weight, grip force), subtract rest
-    readings instead (:class:`~torch_geometric_tactile.transforms.Tare`).
+    It also removes the mean pressure on a segment. If the label depends on it (weight, grip force),
+    subtract readings at rest instead (:class:`~torch_geometric_tactile.transforms.Tare`).
 
     Args:
-        segments (str or sequence of int, optional): What a segment is, :obj:`"digit"` or
-            :obj:`"patch"` of the layout, or a whole number for each taxel :math:`(N,)`; all taxels
-            of a sample if left out. Where each finger is a channel, that is each finger.
-        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of one
-            that comes with the package, or a layout file; needed for :obj:`"digit"` and
+        segments (str or sequence of int, optional): The segments: :obj:`"digit"` or :obj:`"patch"`
+            of the layout, or an integer for each taxel :math:`(N,)`. If left out, all taxels of a
+            sample are one segment; if each finger is a channel, this is each finger.
+        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
+            layout of this package, or a layout file; required for :obj:`"digit"` and
             :obj:`"patch"`.
 
     Shapes:
@@ -46,8 +44,8 @@ class CommonMode(TactileTransform):
         - **output:** the same shape, in the same unit. Missing readings (NaN) stay missing.
 
     Raises:
-        ValueError: If :obj:`segments` is none of these or comes without a layout that it needs, or
-            a sample has another number of taxels or no readings.
+        ValueError: If :obj:`segments` is invalid or requires a layout, or a sample has another
+            number of taxels or no readings.
 
     Examples:
         >>> import torch
@@ -67,14 +65,15 @@ class CommonMode(TactileTransform):
         self._segments = Segments(segments, layout)
 
     def arguments(self) -> dict[str, Any]:
-        r"""Returns the arguments of the constructor; segments that were given are numbered anew."""
+        r"""Returns the arguments of the constructor, in which segments are numbered from zero."""
         return self._segments.arguments()
 
     def forward(self, data: Data) -> Data:
         r"""Subtracts the means."""
         x = require_x(self, data)
-        rows = x.reshape(-1, x.size(-1)).double()  # sums of counts are exact, in any order
-        segment, count = self._segments.of_rows(data, x)
+        # In double precision sums of counts are exact, so that results do not depend on batching.
+        rows = x.reshape(-1, x.size(-1)).double()
+        segment, count = self._segments.row_segments(data, x)
         mean = segment_means(rows, segment, count)
         x = x if x.is_floating_point() else x.float()  # counts may be integers
         data.x = (rows - mean[segment]).to(x).reshape(x.shape)

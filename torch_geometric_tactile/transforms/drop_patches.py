@@ -1,4 +1,4 @@
-r"""Dead patches."""
+r"""Simulation of dead patches."""
 
 from collections.abc import Sequence
 
@@ -15,29 +15,30 @@ from torch_geometric_tactile.transforms._dead_taxels import DeadTaxels
 
 @functional_transform("drop_patches")
 class DropPatches(DeadTaxels):
-    r"""Simulates dead patches, as by a broken cable: sets the readings of all their taxels to a
-    value and marks them as :obj:`dropped` (functional name: :obj:`drop_patches`).
+    r"""Simulates dead patches, such as those behind a broken cable: sets the readings of all their
+    taxels to a value and marks the taxels as :obj:`dropped` (functional name:
+    :obj:`drop_patches`).
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels and their patches: a layout, the name of
-            one that comes with the package, or a layout file.
+            a layout of this package, or a layout file.
         p (float, optional): Probability with which each patch of each sample is dropped; 0.1 if
             neither :obj:`p` nor :obj:`patches` is given.
-        patches (sequence of int or str, optional): The patches, by number or name, that are
-            dropped in every sample, in place of :obj:`p`.
-        value (float): The reading of a dead taxel; NaN makes it a missing one.
-        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+        patches (sequence of int or str, optional): Numbers or names of the patches to drop in every
+            sample, in place of :obj:`p`.
+        value (float): The reading of a dead taxel; NaN for a missing reading.
+        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
             out.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
           F)`
         - **output:** the same shape, and booleans :obj:`dropped` :math:`(N,)`, :math:`(B, N)` or
-          :math:`(B \cdot N,)`, with those that are marked already
+          :math:`(B \cdot N,)`, which include taxels marked before
 
     Raises:
         ValueError: If :obj:`p` is no probability, both :obj:`p` and :obj:`patches` are given, the
-            layout has no such patch, or the readings are not of its taxels.
+            layout has no such patch, or the samples have another number of taxels.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import allegro_uskin
@@ -56,9 +57,9 @@ class DropPatches(DeadTaxels):
     ) -> None:
         super().__init__(p, patches, "patches", value, generator)
         self.layout = as_layout(layout)
-        self.patches = None if patches is None else self._numbers(patches)
+        self.patches = None if patches is None else self._patch_numbers(patches)
 
-    def _numbers(self, patches: Sequence[int | str] | Tensor) -> list[int]:
+    def _patch_numbers(self, patches: Sequence[int | str] | Tensor) -> list[int]:
         if isinstance(patches, str):
             raise ValueError(f"'patches' must be a list of numbers or names (got '{patches}')")
         names = self.layout.patch_names
@@ -83,15 +84,15 @@ class DropPatches(DeadTaxels):
         check_num_taxels(data, num_taxels, f"layout '{self.layout.name}'")
         num_samples = x.shape[:-1].numel() // num_taxels
         if self.patches is None:
-            dropped = self.draw(num_samples * num_patches, x).view(num_samples, num_patches)
+            is_dropped = self.draw(num_samples * num_patches, x).view(num_samples, num_patches)
         else:
-            dropped = torch.zeros(num_samples, num_patches, dtype=torch.bool, device=x.device)
-            dropped[:, self.patches] = True
+            is_dropped = torch.zeros(num_samples, num_patches, dtype=torch.bool, device=x.device)
+            is_dropped[:, self.patches] = True
         assert self.layout.patch is not None
-        return dropped[:, self.layout.patch.to(x.device)].reshape(x.shape[:-1])
+        return is_dropped[:, self.layout.patch.to(x.device)].reshape(x.shape[:-1])
 
     def __repr__(self) -> str:
-        what = f"p={self.p}"
+        selection = f"p={self.p}"
         if self.patches is not None:
-            what = f"patches={[self.layout.patch_names[number] for number in self.patches]}"
-        return f"{type(self).__name__}('{self.layout.name}', {what}, value={self.value})"
+            selection = f"patches={[self.layout.patch_names[number] for number in self.patches]}"
+        return f"{type(self).__name__}('{self.layout.name}', {selection}, value={self.value})"

@@ -1,4 +1,4 @@
-r"""Dead taxels."""
+r"""Simulation of dead taxels."""
 
 from collections.abc import Callable, Sequence, Set
 
@@ -20,17 +20,17 @@ class DropTaxels(DeadTaxels):
     Args:
         p (float, optional): Probability with which each taxel of each sample is dropped; 0.1 if
             neither :obj:`p` nor :obj:`taxels` is given.
-        taxels (sequence of int, optional): The taxels that are dropped in every sample, in place
-            of :obj:`p`.
-        value (float): The reading of a dead taxel; NaN makes it a missing one.
-        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+        taxels (sequence of int, optional): The taxels to drop in every sample, in place of
+            :obj:`p`.
+        value (float): The reading of a dead taxel; NaN for a missing reading.
+        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
             out.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
           F)`
         - **output:** the same shape, and booleans :obj:`dropped` :math:`(N,)`, :math:`(B, N)` or
-          :math:`(B \cdot N,)`, with those that are marked already
+          :math:`(B \cdot N,)`, which include taxels marked before
 
     Raises:
         ValueError: If :obj:`p` is no probability, both :obj:`p` and :obj:`taxels` are given, a
@@ -53,50 +53,53 @@ class DropTaxels(DeadTaxels):
         self.taxels: Tensor | None = None
         if taxels is not None:
             index = torch.as_tensor(taxels).cpu()
-            whole = not (index.is_floating_point() or index.is_complex())
-            if index.dim() != 1 or (len(index) and (not whole or index.dtype == torch.bool)):
+            is_integer = not (index.is_floating_point() or index.is_complex())
+            if index.dim() != 1 or (len(index) and (not is_integer or index.dtype == torch.bool)):
                 raise ValueError(f"'taxels' must be a list of indices (got {taxels})")
             self.taxels = index.long().unique()
             if len(index) and int(self.taxels[0]) < 0:
                 raise ValueError(f"'taxels' must be numbered from 0 (got {int(self.taxels[0])})")
 
-    def dead(self, data: Data, x: Tensor) -> Tensor:
+    def is_dead(self, data: Data, x: Tensor) -> Tensor:
         r"""Returns which taxels are dropped."""
         if self.taxels is None:
             return self.draw(x.shape[:-1].numel(), x).view(x.shape[:-1])
-        dead = torch.zeros(x.shape[:-1], dtype=torch.bool, device=x.device)
+        is_dead = torch.zeros(x.shape[:-1], dtype=torch.bool, device=x.device)
         taxels = self.taxels.to(x.device)
         if len(taxels) == 0:
-            return dead
+            return is_dead
         last = int(self.taxels[-1])
+        # The samples of a PyG batch may have different numbers of taxels.
         num_taxels = int(data.ptr.diff().min()) if isinstance(data, Batch) else x.size(-2)
         need(last < num_taxels, f"'taxels' must be below {num_taxels}", last)
         if isinstance(data, Batch):
-            dead[(data.ptr[:-1, None] + taxels).view(-1)] = True
+            is_dead[(data.ptr[:-1, None] + taxels).view(-1)] = True
         else:
-            dead[..., taxels] = True
-        return dead
+            is_dead[..., taxels] = True
+        return is_dead
 
     def graph_step(
-        self, known: StaticData, changing: Set[str]
+        self, constants: StaticData, changing: Set[str]
     ) -> Callable[[StaticData], StaticData]:
-        r"""Returns the dead taxels, or this transform if it draws them."""
-        return self if self.is_random else _Dropped(self, known)
+        r"""Returns a step with a fixed mask of the dead taxels, or this transform if they are
+        drawn.
+        """
+        return self if self.is_random else _DropStep(self, constants)
 
     def __repr__(self) -> str:
-        what = f"p={self.p}" if self.taxels is None else f"taxels={self.taxels.tolist()}"
-        return f"{type(self).__name__}({what}, value={self.value})"
+        selection = f"p={self.p}" if self.taxels is None else f"taxels={self.taxels.tolist()}"
+        return f"{type(self).__name__}({selection}, value={self.value})"
 
 
-class _Dropped:
-    r"""Dead taxels, the same in all frames."""
+class _DropStep:
+    r"""The step of :class:`DropTaxels` in an exported graph, with the same taxels in all frames."""
 
-    def __init__(self, part: DropTaxels, known: StaticData) -> None:
+    def __init__(self, part: DropTaxels, constants: StaticData) -> None:
         self.value = part.value
-        self.dead = part.dead(known, known.x)[0]
+        self.is_dead = part.dead(constants, constants.x)[0]
 
     def __call__(self, data: StaticData) -> StaticData:
-        data.x = data.x.masked_fill(self.dead.unsqueeze(-1), self.value)
-        old = getattr(data, "dropped", None)
-        data.dropped = self.dead if old is None else self.dead | old.bool()
+        data.x = data.x.masked_fill(self.is_dead.unsqueeze(-1), self.value)
+        old_mark = getattr(data, "dropped", None)
+        data.dropped = self.is_dead if old_mark is None else self.is_dead | old_mark.bool()
         return data

@@ -1,4 +1,4 @@
-r"""Numbers in place of readings that are missing."""
+r"""Replacement of missing readings."""
 
 import math
 
@@ -7,7 +7,7 @@ from torch_geometric.data.datapipes import functional_transform
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.transforms._attributes import FRAMES, add_mark, require_x
-from torch_geometric_tactile.transforms._windows import padded_frames
+from torch_geometric_tactile.transforms._windows import padding_mask
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
@@ -16,17 +16,18 @@ class FillMissing(TactileTransform):
     r"""Replaces missing readings (NaN) by a number, and marks their taxels as :obj:`missing`
     (functional name: :obj:`fill_missing`).
 
-    Behind a scaler, zero is the mean of the taxel. Infinite readings stay as they are. The padding
-    of ragged windows is filled, too, but makes no taxel missing.
+    After a scaler, zero is the mean of the taxel. Infinite readings are not changed. The padding of
+    windows is replaced as well, but does not mark a taxel as missing.
 
     Args:
-        value (float): The number.
+        value (float): The number that replaces missing readings.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
           F)`
         - **output:** the same shape, and booleans :obj:`missing` :math:`(N,)`, :math:`(B, N)` or
-          :math:`(B \cdot N,)`: whether a feature was missing now or is marked already
+          :math:`(B \cdot N,)`: whether a feature of the taxel was missing, or the taxel was marked
+          before
 
     Raises:
         ValueError: If :obj:`value` is not finite, or there are no readings.
@@ -52,9 +53,9 @@ class FillMissing(TactileTransform):
     def forward(self, data: Data) -> Data:
         r"""Sets :obj:`x` and :obj:`missing`."""
         x = require_x(self, data)
-        nan = x.isnan()
-        if x.is_floating_point():  # whole counts cannot be missing
-            data.x = x.masked_fill(nan, self.value)
-        padding = padded_frames(self, data)
-        add_mark(data, "missing", (nan if padding is None else nan & ~padding).any(dim=-1))
+        is_nan = x.isnan()
+        if x.is_floating_point():  # integers cannot be missing
+            data.x = x.masked_fill(is_nan, self.value)
+        padding = padding_mask(self, data)
+        add_mark(data, "missing", (is_nan if padding is None else is_nan & ~padding).any(dim=-1))
         return data

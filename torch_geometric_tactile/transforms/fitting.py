@@ -1,4 +1,4 @@
-r"""Fitting transforms that come one after the other."""
+r"""Fits compositions of transforms."""
 
 from torch_geometric.transforms import BaseTransform, Compose
 
@@ -9,7 +9,7 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 
 
 def fitted_parts(transform: BaseTransform | None) -> list[FittedTransform]:
-    r"""Returns the parts of a transform that have to be fitted, in their order.
+    r"""Returns the parts of a transform that must be fitted, in their order.
 
     Args:
         transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
@@ -28,19 +28,19 @@ def fit_parts(
     adapt: bool = False,
     before: BaseTransform | None = None,
 ) -> None:
-    r"""Fits every part of a transform on the output of the parts before it, a few samples at a
-    time: at no time are all samples transformed in memory, or those of a memory-mapped data set
-    copied.
+    r"""Fits each part of a transform on the output of the parts before it. Samples are processed in
+    chunks, so that the transformed samples, or those of a memory-mapped data set, need not fit into
+    memory.
 
-    The parts before a fitted part are applied to all samples once more for each of them.
+    For each fitted part, the parts before it are applied to all samples again.
 
     Args:
         transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
         data (Dataset or StaticData or list of Data): The samples, before the :obj:`transform` of
             their data set.
         adapt (bool): Whether to call :meth:`FittedTransform.adapt` instead of :obj:`fit`.
-        before (BaseTransform, optional): Applied to the samples first, and not fitted, such as the
-            :obj:`transform` of the data set.
+        before (BaseTransform, optional): A transform that is applied to the samples first and not
+            fitted, such as the :obj:`transform` of the data set.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -50,21 +50,21 @@ def fit_parts(
         >>> len(fitted_parts(transform))
         1
     """
-    earlier = flat(before)
+    earlier_parts = flat(before)
     for part in flat(transform):
         if isinstance(part, FittedTransform):
-            of_earlier = Compose(earlier) if earlier else None
-            part.adapt(data, of_earlier) if adapt else part.fit(data, of_earlier)
-        earlier = [*earlier, part]
+            earlier = Compose(earlier_parts) if earlier_parts else None
+            part.adapt(data, earlier) if adapt else part.fit(data, earlier)
+        earlier_parts = [*earlier_parts, part]
 
 
 def fit_transform(
     transform: BaseTransform | None, data: AnySamples, adapt: bool = False
 ) -> StaticData:
-    r"""Fits every part of a transform on the output of the parts before it, and applies the
-    transform.
+    r"""Fits each part of a transform on the output of the parts before it, and returns the
+    transformed samples.
 
-    All samples are transformed in memory, since they are returned; :func:`fit_parts` fits only.
+    All transformed samples are in memory. :func:`fit_parts` fits without returning samples.
 
     Args:
         transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.

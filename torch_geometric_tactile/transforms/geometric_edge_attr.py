@@ -1,4 +1,4 @@
-r"""Lengths and directions of the edges."""
+r"""Geometrical edge features: lengths and directions of the edges."""
 
 import math
 
@@ -23,31 +23,31 @@ class GeometricEdgeAttr(TactileTransform):
         \mathbf{e}_{ij} = [d, v_x, v_y, v_z], \qquad
         \mathbf{v} = \mathbf{p}_j - \mathbf{p}_i, \qquad d = \lVert \mathbf{v} \rVert
 
-    with the neighbour :math:`j`, the first row of :obj:`edge_index`, and the target :math:`i`, the
-    second.
+    with the neighbour :math:`j` in the first row of :obj:`edge_index`, and the target :math:`i` in
+    the second row.
 
-    The paper gives them to its network in metres, without scaling. Scaled to the size of the touch
-    (:class:`~torch_geometric_tactile.transforms.ZScore`), they seem to outweigh it: on a simulated
-    hand, the paper's GCN with touch and edge features in one thread then had 58 %, and in
-    metres 82 % (five splits; ``docs/results/hand_tables.md``).
+    The paper uses them in metres, without scaling. Scaled to the magnitude of the readings
+    (:class:`~torch_geometric_tactile.transforms.ZScore`), they seem to dominate the readings: on a
+    simulated hand, the paper's GCN with readings and edge features in one thread had an accuracy of
+    58 % with scaling, and of 82 % in metres (five splits; ``docs/results/hand_tables.md``).
 
     Args:
-        norm (bool): Whether to divide by the length of the longest edge, of each sample its own:
-            only so a sample gets the same numbers alone, in a batch and among many.
-        max_value (float, optional): Length in metres to divide by in place of the longest edge.
-        cat (bool): Whether to append to the :obj:`edge_attr` that is there. Otherwise it is
-            replaced.
+        norm (bool): If :obj:`True`, divides by the longest edge of the same sample, so that results
+            do not depend on batching.
+        max_value (float, optional): Length in metres by which to divide instead of the longest
+            edge.
+        cat (bool): If :obj:`True`, appends the features to an existing :obj:`edge_attr`; otherwise
+            replaces it.
 
     Shapes:
-        - **input:** positions in metres :math:`(N, 3)` or :math:`(B, N, 3)`, or a PyG batch of
-          them, and :obj:`edge_index` :math:`(2, |\mathcal{E}|)`
-        - **output:** :obj:`edge_attr` in metres, or without unit if :obj:`norm`,
-          :math:`(|\mathcal{E}|, 4)` or :math:`(B, |\mathcal{E}|, 4)`, behind the features that
-          were there
+        - **input:** positions in metres :math:`(N, 3)` or :math:`(B, N, 3)`, or a PyG batch, and
+          :obj:`edge_index` :math:`(2, |\mathcal{E}|)`
+        - **output:** :obj:`edge_attr` in metres, or without unit with :obj:`norm`,
+          :math:`(|\mathcal{E}|, 4)` or :math:`(B, |\mathcal{E}|, 4)`; existing features come first
 
     Raises:
-        ValueError: If there are no positions or edges, :obj:`edge_attr` has not one row an edge,
-            or :obj:`max_value` is not positive or comes without :obj:`norm`.
+        ValueError: If there are no positions or edges, :obj:`edge_attr` does not have one row for
+            each edge, or :obj:`max_value` is not positive or is given without :obj:`norm`.
 
     Examples:
         >>> pos = torch.tensor([[0.0, 0.0, 0.0], [0.03, 0.04, 0.0]])
@@ -64,9 +64,9 @@ class GeometricEdgeAttr(TactileTransform):
         self, norm: bool = False, max_value: float | None = None, cat: bool = True
     ) -> None:
         if max_value is not None and not norm:
-            raise ValueError(f"'max_value' must come with 'norm=True' (got {max_value} without)")
+            raise ValueError(f"'max_value' requires norm=True (got {max_value} without it)")
         if max_value is not None and not 0 < max_value < math.inf:
-            raise ValueError(f"'max_value' must be positive metres (got {max_value})")
+            raise ValueError(f"'max_value' must be a positive length in metres (got {max_value})")
         self.norm = norm
         self.max_value = max_value
         self.cat = cat
@@ -80,28 +80,31 @@ class GeometricEdgeAttr(TactileTransform):
         length = torch.linalg.vector_norm(vector, dim=-1, keepdim=True)
         edge_attr = torch.cat([length, vector], dim=-1)
         if self.norm:
-            edge_attr = edge_attr / self._unit(data, length, source)
-        old = getattr(data, "edge_attr", None)
-        if old is not None and self.cat:
-            old = old.view(-1, 1) if old.dim() == 1 else old
-            if old.size(-2) != edge_attr.size(-2):
+            edge_attr = edge_attr / self._norm_length(data, length, source)
+        old_edge_attr = getattr(data, "edge_attr", None)
+        if old_edge_attr is not None and self.cat:
+            old_edge_attr = old_edge_attr.view(-1, 1) if old_edge_attr.dim() == 1 else old_edge_attr
+            if old_edge_attr.size(-2) != edge_attr.size(-2):
                 raise ValueError(
-                    f"'edge_attr' must have {edge_attr.size(-2)} rows, one an edge "
-                    f"(got {old.size(-2)})"
+                    f"'edge_attr' must have {edge_attr.size(-2)} rows, one for each edge "
+                    f"(got {old_edge_attr.size(-2)})"
                 )
-            lead = torch.broadcast_shapes(old.shape[:-1], edge_attr.shape[:-1])
-            edge_attr = torch.cat([old.expand(*lead, -1), edge_attr.expand(*lead, -1)], dim=-1)
+            lead = torch.broadcast_shapes(old_edge_attr.shape[:-1], edge_attr.shape[:-1])
+            edge_attr = torch.cat(
+                [old_edge_attr.expand(*lead, -1), edge_attr.expand(*lead, -1)], dim=-1
+            )
         data.edge_attr = edge_attr
         return data
 
-    def _unit(self, data: Data, length: Tensor, source: Tensor) -> Tensor | float:
+    def _norm_length(self, data: Data, length: Tensor, source: Tensor) -> Tensor | float:
+        # The length by which the features of each edge are divided.
         if self.max_value is not None:
             return self.max_value
         if length.numel() == 0:
             return 1.0
         if isinstance(data, Batch):
             graph = data.batch[source]
-            unit = scatter(length, graph, dim_size=data.num_graphs, reduce="max")[graph]
+            longest = scatter(length, graph, dim_size=data.num_graphs, reduce="max")[graph]
         else:
-            unit = length.amax(dim=-2, keepdim=True)
-        return torch.where(unit > 0, unit, 1.0)  # loops only
+            longest = length.amax(dim=-2, keepdim=True)
+        return torch.where(longest > 0, longest, 1.0)  # zero if all edges are self-loops

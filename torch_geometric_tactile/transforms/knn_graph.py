@@ -1,4 +1,4 @@
-r"""Nearest-neighbour graphs without compiled extras."""
+r"""Nearest-neighbour graphs without compiled packages."""
 
 from itertools import pairwise
 
@@ -13,9 +13,9 @@ from torch_geometric_tactile.transforms._attributes import EDGES, require
 from torch_geometric_tactile.transforms._segments import repeat_rows
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
-# Rounding of single-precision positions, a few sensor lengths from the origin, stays below this
-# part of the sensor's size.
-_TIE = 1e-5
+# Distances are equal if they differ by less than this part of the largest distance. The rounding of
+# positions in single precision, a few sensor lengths from the origin, is smaller.
+_TIE_TOLERANCE = 1e-5
 
 
 @functional_transform("taxel_knn_graph")
@@ -25,16 +25,17 @@ class KNNGraph(TactileTransform):
     name: :obj:`taxel_knn_graph`, since PyG has a :obj:`knn_graph`).
 
     Unlike :class:`torch_geometric.transforms.KNNGraph` it needs no compiled package, and ties are
-    broken alike everywhere: distances that agree to a hundred thousandth of the sensor's size count
-    as equal, and of equally near taxels the one with the lower number comes first.
+    broken in the same way on all machines: distances that differ by less than a hundred thousandth
+    of the sensor's size are equal, and of equally distant taxels the one with the lower number
+    comes first.
 
     Args:
         k (int): Number of neighbours.
-        symmetric (bool): Whether each edge also runs in the other direction, as in the paper.
-            Otherwise edges run from the neighbour to the taxel.
+        symmetric (bool): Whether to add the reverse of each edge, as in the paper. Otherwise edges
+            run from the neighbour to the taxel only.
 
     Shapes:
-        - **input:** positions in metres :math:`(N, 3)`, or a PyG batch of them
+        - **input:** positions in metres :math:`(N, 3)`, or a PyG batch
         - **output:** :obj:`edge_index` :math:`(2, |\mathcal{E}|)`, sorted by source
 
     Raises:
@@ -58,11 +59,11 @@ class KNNGraph(TactileTransform):
         self.symmetric = symmetric
 
     def forward(self, data: Data) -> Data:
-        r"""Sets :obj:`edge_index` and drops the :obj:`edge_attr` of other edges."""
+        r"""Sets :obj:`edge_index`, and deletes :obj:`edge_attr` and :obj:`edge_weight`."""
         pos = require(self, data, "pos")
         if pos.dim() != 2 or pos.size(1) != 3:
             raise ValueError(
-                f"'pos' must have shape (num_taxels, 3), one for all samples "
+                f"'pos' must have shape (num_taxels, 3), the same for all samples "
                 f"(got {tuple(pos.shape)})"
             )
         ptr = data.ptr.tolist() if isinstance(data, Batch) else [0, pos.size(0)]
@@ -77,12 +78,13 @@ class KNNGraph(TactileTransform):
         num_taxels = pos.size(0)
         need(self.k < num_taxels, f"'k' must be below the number of taxels, {num_taxels}", self.k)
         pos = pos.double()
+        # Not by a matrix product, which loses digits of small distances.
         distance = torch.cdist(pos, pos, compute_mode="donot_use_mm_for_euclid_dist")
-        step = _TIE * distance.max()
+        tolerance = _TIE_TOLERANCE * distance.max()
         distance, order = distance.fill_diagonal_(torch.inf).sort(dim=1)
-        # Equal distances differ by rounding only; a wider step begins the next rank. Rounding them
-        # to a raster instead would part those that lie on both sides of one of its borders.
-        rank = (distance.diff(dim=1, prepend=distance[:, :1]) > step).cumsum(dim=1)
+        # A step above the tolerance begins the next rank. Rounding the distances to multiples of
+        # the tolerance would instead separate equal ones on both sides of a rounding boundary.
+        rank = (distance.diff(dim=1, prepend=distance[:, :1]) > tolerance).cumsum(dim=1)
         neighbour = (rank * num_taxels + order).sort(dim=1).values[:, : self.k] % num_taxels
         target = repeat_rows(torch.arange(num_taxels, device=pos.device), self.k)
         edge_index = torch.stack([neighbour.reshape(-1), target])

@@ -1,4 +1,4 @@
-r"""Scaling to a range."""
+r"""Scaling of readings to a range."""
 
 import math
 from collections.abc import Iterable
@@ -13,23 +13,24 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 
 @functional_transform("normalize_range")
 class Normalize(FittedTransform):
-    r"""Scales each taxel and channel so that its readings run from :obj:`low` to :obj:`high` over
-    the samples that it was fitted on, which should be the training part (functional name:
+    r"""Scales each taxel and channel so that its readings are between :obj:`low` and :obj:`high` in
+    the samples on which it is fitted, which should be the training part (functional name:
     :obj:`normalize_range`).
 
     .. math::
         x' = l + (h - l) \frac{x - x_{\min}}{x_{\max} - x_{\min}}
 
-    A taxel that never changes is shifted to the middle of the range. Readings beyond those it was
-    fitted on lie beyond the range.
+    A taxel that never changes is shifted to the middle of the range. Readings outside of the fitted
+    range are scaled to values outside of :obj:`low` to :obj:`high`.
 
     Args:
         low (float): The lower end :math:`l`.
         high (float): The upper end :math:`h`.
-        attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers.
-        per (str): :obj:`"taxel"` for a range of each taxel and channel, or
-            :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`,
-            or :obj:`"signal"` for one of all frames of a taxel and channel, in windows.
+        attr (str): The attribute to scale: :obj:`"x"`, or another attribute of floating-point
+            numbers.
+        per (str): :obj:`"taxel"` for a range of each taxel and channel, :obj:`"channel"` for a
+            range of all taxels of a channel (the last dimension of :obj:`attr`), or
+            :obj:`"signal"` for a range of all frames of a taxel and channel, in windows.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -39,7 +40,7 @@ class Normalize(FittedTransform):
     Raises:
         RuntimeError: If it was not fitted.
         ValueError: If :obj:`low` is not below :obj:`high`, :obj:`per` is unknown, or the readings
-            have other taxels (unless :obj:`per="channel"`) or channels than those it was fitted on.
+            have other taxels (unless :obj:`per="channel"`) or channels than in the fit.
 
     Examples:
         >>> from torch_geometric_tactile.data import StaticData
@@ -62,15 +63,21 @@ class Normalize(FittedTransform):
         self.high = float(high)
 
     def moments(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
-        r"""Returns which reading goes to zero, and which difference to one, both double."""
+        r"""Returns the reading that becomes zero and the difference that becomes one, both in
+        double precision.
+
+        Args:
+            parts (iterable of torch.Tensor): The readings in parts, as in
+                :meth:`FittedTransform.moments`.
+        """
         lows, highs = zip(*(_extremes(part) for part in parts), strict=True)
         lowest, highest = torch.stack(lows).amin(0), torch.stack(highs).amax(0)
-        never = lowest > highest  # only missing readings
-        lowest, highest = lowest.masked_fill(never, 0.0), highest.masked_fill(never, 0.0)
-        changes = highest - lowest > self.noise(torch.maximum(lowest.abs(), highest.abs()))
-        scale = torch.where(changes, (highest - lowest) / (self.high - self.low), 1.0)
+        is_missing = lowest > highest  # all readings are missing
+        lowest, highest = lowest.masked_fill(is_missing, 0.0), highest.masked_fill(is_missing, 0.0)
+        is_changing = highest - lowest > self.noise(torch.maximum(lowest.abs(), highest.abs()))
+        scale = torch.where(is_changing, (highest - lowest) / (self.high - self.low), 1.0)
         middle = (self.low + self.high) / 2
-        center = torch.where(changes, lowest - self.low * scale, lowest - middle)
+        center = torch.where(is_changing, lowest - self.low * scale, lowest - middle)
         return center, scale
 
     def __repr__(self) -> str:
@@ -78,6 +85,6 @@ class Normalize(FittedTransform):
 
 
 def _extremes(part: Tensor) -> tuple[Tensor, Tensor]:
-    missing = part.isnan()
-    lowest = part.masked_fill(missing, torch.inf).amin(0)
-    return lowest, part.masked_fill(missing, -torch.inf).amax(0)
+    is_missing = part.isnan()
+    lowest = part.masked_fill(is_missing, torch.inf).amin(0)
+    return lowest, part.masked_fill(is_missing, -torch.inf).amax(0)

@@ -1,4 +1,4 @@
-r"""Readings in units of how much is felt in the same moment."""
+r"""Division of readings by their root mean square."""
 
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
@@ -14,13 +14,13 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 
 @functional_transform("normalize_rms")
 class NormalizeRMS(TactileTransform):
-    r"""Divides the readings of each sample, all taxels and channels together, by their root mean
-    square (functional name: :obj:`normalize_rms`).
+    r"""Divides the readings of each sample by their root mean square over all taxels and channels
+    (functional name: :obj:`normalize_rms`).
 
-    What is left is the shape of a touch, whatever its strength: a light and a heavy person on a mat
-    look alike. It destroys how strong the touch is, and where nothing is felt, it makes noise as
-    large as a touch. Zero must be rest before: put a :class:`~torch_geometric_tactile.transforms.
-    Tare` in front where it is not. A window is one sample, and keeps the course of its strength.
+    The shape of a touch remains, without its strength: a light and a heavy person on a mat have the
+    same readings. Without a touch, noise becomes as large as a touch. Requires readings that are
+    zero at rest; otherwise apply :class:`~torch_geometric_tactile.transforms.Tare` first. A window
+    is one sample, so that changes of the strength within it remain.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -46,6 +46,7 @@ class NormalizeRMS(TactileTransform):
         sample, count = samples_of_rows(data, x)
         sample = repeat_rows(sample, x.size(-1))
         square = segment_means(rows.square().reshape(-1, 1), sample, count)
-        size = square.sqrt()[sample].reshape(rows.shape)
-        data.x = (rows / size.masked_fill(size == 0, 1.0)).to(x).reshape(x.shape)
+        rms = square.sqrt()[sample].reshape(rows.shape)
+        # A sample of zeros stays zero.
+        data.x = (rows / rms.masked_fill(rms == 0, 1.0)).to(x).reshape(x.shape)
         return data

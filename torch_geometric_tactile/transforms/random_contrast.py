@@ -1,4 +1,4 @@
-r"""Grey images of another contrast."""
+r"""Random changes of the contrast of grey images."""
 
 import math
 
@@ -19,21 +19,23 @@ class RandomContrast(RandomTransform):
     .. math::
         x'_i = \min(\max(c + g \, (x_i - c), 0), 1), \qquad g \sim \mathcal{U}(low, high)
 
-    The grey values are parts of full scale, 0 to 1, and stay within them. The paper of the
-    letters' array names contrast enhancement without a formula: this one is ours.
+    Grey values are between 0 and 1 before and after. The paper of the letter array mentions
+    contrast enhancement without a formula; this formula is ours.
 
     Args:
         low (float): The smallest factor :math:`g`.
         high (float): The largest factor; factors above one enhance the contrast.
-        center (float, optional): The grey value :math:`c` that stays; the mean of each sample and
-            channel if left out, where the dark ground of a small contact stays dark.
-        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+        center (float, optional): The grey value :math:`c` that does not change. If left out, it is
+            the mean of each sample and channel, with which the dark background of a small contact
+            stays dark.
+        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
             out.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
           F)`
-        - **output:** the same shape. Missing readings (NaN) stay missing, and out of the mean.
+        - **output:** the same shape. Missing readings (NaN) stay missing and are left out of the
+          mean.
 
     Raises:
         ValueError: If the factors are negative, not finite or in the wrong order, :obj:`center` is
@@ -64,7 +66,7 @@ class RandomContrast(RandomTransform):
         self.generator = check_generator(generator)
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
-        r"""Stretches the readings."""
+        r"""Returns the stretched readings."""
         sample, count = samples_of_rows(data, x)
         factor = self.low + (self.high - self.low) * uniform(count, x, self.generator)
         rows = x.reshape(-1, x.size(-1))

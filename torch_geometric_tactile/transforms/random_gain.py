@@ -1,4 +1,4 @@
-r"""Gains of fingers."""
+r"""Random gains of segments, such as fingers."""
 
 from torch import Tensor
 from torch_geometric.data.datapipes import functional_transform
@@ -15,19 +15,18 @@ class RandomGain(SegmentDraws):
     .. math::
         x'_i = x_i \, e^{\sigma g}, \qquad g \sim \mathcal{N}(0, 1)
 
-    A gain has a meaning where zero has: on readings that were tared, or scaled with their mean as
-    zero.
+    Requires readings whose zero has a meaning: tared readings, or readings scaled to mean zero.
 
     Args:
-        std (float): Standard deviation :math:`\sigma` of the logarithm of the gains: about their
-            relative deviation, while it is small.
-        segments (str or sequence of int, optional): What has one in common: :obj:`"digit"` or
-            :obj:`"patch"` of the layout, or a whole number for each taxel :math:`(N,)`; all taxels
-            of a sample if left out.
-        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of one
-            that comes with the package, or a layout file; needed for :obj:`"digit"` and
+        std (float): Standard deviation :math:`\sigma` of the logarithm of the gains, which is close
+            to their relative deviation if it is small.
+        segments (str or sequence of int, optional): The segments: :obj:`"digit"` or :obj:`"patch"`
+            of the layout, or an integer for each taxel :math:`(N,)`. If left out, all taxels of a
+            sample are one segment.
+        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
+            layout of this package, or a layout file; required for :obj:`"digit"` and
             :obj:`"patch"`.
-        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
             out.
 
     Shapes:
@@ -36,9 +35,8 @@ class RandomGain(SegmentDraws):
         - **output:** the same shape. Missing readings (NaN) stay missing.
 
     Raises:
-        ValueError: If :obj:`std` is negative or not finite, :obj:`segments` is none of these or
-            comes without a layout that it needs, or a sample has another number of taxels or no
-            readings.
+        ValueError: If :obj:`std` is negative or not finite, :obj:`segments` is invalid or requires
+            a layout, or a sample has another number of taxels or no readings.
 
     Examples:
         >>> import torch
@@ -47,6 +45,6 @@ class RandomGain(SegmentDraws):
         tensor([1., 1.])
     """
 
-    def combined(self, x: Tensor, segment: Tensor, drawn: Tensor) -> Tensor:
-        r"""Multiplies by the gains."""
-        return x * drawn.exp()[segment].view(x.shape).to(x)
+    def combined(self, x: Tensor, segment: Tensor, draws: Tensor) -> Tensor:
+        r"""Returns the readings multiplied by the gains of their segments."""
+        return x * draws.exp()[segment].view(x.shape).to(x)

@@ -1,4 +1,4 @@
-r"""Inverted grey images."""
+r"""Random inversion of grey images."""
 
 import math
 
@@ -18,22 +18,22 @@ from torch_geometric_tactile.transforms._segments import samples_of_rows
 
 @functional_transform("random_inversion")
 class RandomInversion(RandomTransform):
-    r"""Inverts the grey values of some samples (functional name: :obj:`random_inversion`), as an
-    augmentation: a :obj:`train_transform`. Black becomes white.
+    r"""Inverts the grey values of randomly drawn samples (functional name:
+    :obj:`random_inversion`), as an augmentation: a :obj:`train_transform`. Black becomes white.
 
     .. math::
         x'_i = low + high - x_i
 
-    It is our reading of the "random inversion" of the "A Novel Bilinear Feature and Multi-Layer
-    Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors 2020, 20,
-    5822), which does not define it; :class:`RandomMirror` is another one. A sensor at rest then
-    reads the full scale, which none does.
+    This is one interpretation of the "random inversion" of the "A Novel Bilinear Feature and
+    Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors
+    2020, 20, 5822), which does not define it; :class:`RandomMirror` is another one. Taxels at rest
+    then have the highest grey value, which does not occur on a real sensor.
 
     Args:
-        p (float): Probability with which each sample is inverted, all of its channels at once.
+        p (float): Probability with which each sample is inverted, in all channels.
         low (float): The lowest grey value.
         high (float): The highest grey value.
-        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
             out.
 
     Shapes:
@@ -65,8 +65,8 @@ class RandomInversion(RandomTransform):
         self.generator = check_generator(generator)
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
-        r"""Inverts the readings."""
+        r"""Returns the readings, with those of the drawn samples inverted."""
         sample, count = samples_of_rows(data, x)
-        chosen = (uniform(count, x, self.generator) < self.p)[sample]
+        is_inverted = (uniform(count, x, self.generator) < self.p)[sample]
         inverted = self.low + self.high - x
-        return torch.where(chosen.view(*x.shape[:-1], 1), inverted, x)
+        return torch.where(is_inverted.view(*x.shape[:-1], 1), inverted, x)

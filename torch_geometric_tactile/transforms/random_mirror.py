@@ -1,4 +1,4 @@
-r"""Mirrored images of taxels."""
+r"""Random mirroring of the images of taxels."""
 
 from typing import Literal
 
@@ -13,7 +13,7 @@ from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import FRAMES, check_num_taxels, require_x
 from torch_geometric_tactile.transforms._image_map import require_map, taxels_at
 from torch_geometric_tactile.transforms._random import check_generator, check_probability, uniform
-from torch_geometric_tactile.transforms._windows import num_channels_and_frames, repeated
+from torch_geometric_tactile.transforms._windows import num_channels_and_frames, repeat_frames
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _ALONG = ("columns", "rows")
@@ -21,21 +21,21 @@ _ALONG = ("columns", "rows")
 
 @functional_transform("random_mirror")
 class RandomMirror(TactileTransform):
-    r"""Mirrors the image of the taxels of some samples (functional name: :obj:`random_mirror`), as
-    an augmentation: a :obj:`train_transform`. Taxels that lie opposite one another on the image map
-    of the layout swap their readings.
+    r"""Mirrors the images of the taxels of randomly drawn samples (functional name:
+    :obj:`random_mirror`), as an augmentation: a :obj:`train_transform`. Opposite taxels on the
+    image map of the layout swap their readings.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels, with an image map: a layout, the name
-            of one that comes with the package, or a layout file.
+            of a layout of this package, or a layout file.
         p (float): Probability with which each sample is mirrored.
-        along (str): What is put in reverse order: the :obj:`"columns"` (left becomes right) or the
-            :obj:`"rows"` (up becomes down).
-        negate (int, optional): The channel whose sign changes with it: the shear along the axis
-            that is turned round, on :func:`~torch_geometric_tactile.sensors.grid` the first (0)
-            with columns and the second (1) with rows. The readings must be tared, and their scaler
-            must leave zero where it was. Of windows it is the channel with all its frames.
-        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+        along (str): The order to reverse: that of the :obj:`"columns"` (left becomes right) or of
+            the :obj:`"rows"` (up becomes down).
+        negate (int, optional): The channel whose sign changes: the shear along the mirrored axis,
+            on :func:`~torch_geometric_tactile.sensors.grid` channel 0 with columns and channel 1
+            with rows. Requires tared readings, and a scaler that keeps zero. In windows, all frames
+            of the channel change their sign.
+        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
             out.
 
     Shapes:
@@ -44,9 +44,9 @@ class RandomMirror(TactileTransform):
         - **output:** the same shape. Missing readings (NaN) stay missing.
 
     Raises:
-        ValueError: If the layout has no image map, or one that is not symmetric, :obj:`p` is no
-            probability, :obj:`along` is unknown, or a sample has another number of taxels, no
-            readings or no such channel.
+        ValueError: If the layout has no symmetric image map, :obj:`p` is no probability,
+            :obj:`along` is unknown, or a sample has another number of taxels, no readings or no
+            such channel.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -56,7 +56,7 @@ class RandomMirror(TactileTransform):
     """
 
     reads, writes = ("x", *FRAMES), ("x",)
-    per_frame = False  # all frames or none
+    per_frame = False  # all frames of a window are mirrored, or none
     is_random = True
 
     def __init__(
@@ -76,6 +76,7 @@ class RandomMirror(TactileTransform):
         self.negate = negate
         self.generator = check_generator(generator)
         dim = 1 if along == "columns" else 0
+        # The image map may begin at any row and column, so that its two ends are swapped.
         cells = image_map.clone()
         cells[:, dim] = image_map[:, dim].min() + image_map[:, dim].max() - image_map[:, dim]
         self._opposite: Tensor = taxels_at(image_map, cells)
@@ -87,7 +88,7 @@ class RandomMirror(TactileTransform):
             )
 
     def forward(self, data: Data) -> Data:
-        r"""Mirrors the readings."""
+        r"""Mirrors the readings of the drawn samples."""
         x = require_x(self, data)
         num_taxels = self.layout.num_taxels
         check_num_taxels(data, num_taxels, f"layout '{self.layout.name}'")
@@ -95,19 +96,19 @@ class RandomMirror(TactileTransform):
         mirrored = rows[:, self._opposite.to(x.device)]
         if self.negate is not None:
             mirrored = mirrored * self._signs(data, x)
-        chosen = uniform(len(rows), x, self.generator) < self.p
-        data.x = torch.where(chosen.view(-1, 1, 1), mirrored, rows).reshape(x.shape)
+        is_mirrored = uniform(len(rows), x, self.generator) < self.p
+        data.x = torch.where(is_mirrored.view(-1, 1, 1), mirrored, rows).reshape(x.shape)
         return data
 
     def _signs(self, data: Data, x: Tensor) -> Tensor:
         num_channels, num_frames = num_channels_and_frames(data, x)
         if self.negate is not None and self.negate >= num_channels:
             raise ValueError(
-                f"'negate' must be below {num_channels}, the channels (got {self.negate})"
+                f"'negate' must be below the number of channels, {num_channels} (got {self.negate})"
             )
         sign = torch.ones(1, num_channels, dtype=x.dtype, device=x.device)
         sign[0, self.negate] = -1
-        return repeated(sign, num_frames)
+        return repeat_frames(sign, num_frames)
 
     def __repr__(self) -> str:
         negate = "" if self.negate is None else f", negate={self.negate}"

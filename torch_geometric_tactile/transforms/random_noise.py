@@ -1,4 +1,4 @@
-r"""Noise on the readings."""
+r"""Random noise on the readings."""
 
 import torch
 from torch import Tensor
@@ -19,9 +19,9 @@ class RandomNoise(RandomTransform):
     augmentation: a :obj:`train_transform`.
 
     Args:
-        std (float): Its standard deviation, in the unit of the readings; behind a scaler, in
-            deviations.
-        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+        std (float): Standard deviation of the noise, in the unit of the readings; after a scaler,
+            in standard deviations.
+        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
             out.
 
     Shapes:
@@ -44,6 +44,6 @@ class RandomNoise(RandomTransform):
         self.generator = check_generator(generator)
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
-        r"""Adds the noise."""
+        r"""Returns the readings plus noise."""
         noise = normal(x.numel(), x, self.generator).view(x.shape)
         return x + self.std * noise.to(x)

@@ -1,4 +1,4 @@
-r"""Offsets of fingers."""
+r"""Random offsets of segments, such as fingers."""
 
 from torch import Tensor
 from torch_geometric.data.datapipes import functional_transform
@@ -12,19 +12,19 @@ class RandomOffset(SegmentDraws):
     sample and channel (functional name: :obj:`random_offset`), as an augmentation: a
     :obj:`train_transform`. All frames of a window share one offset.
 
-    What a network should not heed can also be taken out:
-    :class:`~torch_geometric_tactile.transforms.CommonMode` subtracts it.
+    An alternative is to subtract such offsets by
+    :class:`~torch_geometric_tactile.transforms.CommonMode`.
 
     Args:
-        std (float): Standard deviation of the offsets, in the unit of the readings; behind a
-            scaler, in deviations.
-        segments (str or sequence of int, optional): What has one in common: :obj:`"digit"` or
-            :obj:`"patch"` of the layout, or a whole number for each taxel :math:`(N,)`; all taxels
-            of a sample if left out.
-        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of one
-            that comes with the package, or a layout file; needed for :obj:`"digit"` and
+        std (float): Standard deviation of the offsets, in the unit of the readings; after a scaler,
+            in standard deviations.
+        segments (str or sequence of int, optional): The segments: :obj:`"digit"` or :obj:`"patch"`
+            of the layout, or an integer for each taxel :math:`(N,)`. If left out, all taxels of a
+            sample are one segment.
+        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
+            layout of this package, or a layout file; required for :obj:`"digit"` and
             :obj:`"patch"`.
-        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
             out.
 
     Shapes:
@@ -33,9 +33,8 @@ class RandomOffset(SegmentDraws):
         - **output:** the same shape. Missing readings (NaN) stay missing.
 
     Raises:
-        ValueError: If :obj:`std` is negative or not finite, :obj:`segments` is none of these or
-            comes without a layout that it needs, or a sample has another number of taxels or no
-            readings.
+        ValueError: If :obj:`std` is negative or not finite, :obj:`segments` is invalid or requires
+            a layout, or a sample has another number of taxels or no readings.
 
     Examples:
         >>> import torch
@@ -44,6 +43,6 @@ class RandomOffset(SegmentDraws):
         tensor([1., 1.])
     """
 
-    def combined(self, x: Tensor, segment: Tensor, drawn: Tensor) -> Tensor:
-        r"""Adds the offsets."""
-        return x + drawn[segment].view(x.shape).to(x)
+    def combined(self, x: Tensor, segment: Tensor, draws: Tensor) -> Tensor:
+        r"""Returns the readings plus the offsets of their segments."""
+        return x + draws[segment].view(x.shape).to(x)

@@ -1,4 +1,4 @@
-r"""Shifted images of taxels."""
+r"""Random shifts of the images of taxels."""
 
 import torch
 from torch import Tensor
@@ -12,30 +12,30 @@ from torch_geometric_tactile.transforms._image_map import require_map, taxels_at
 from torch_geometric_tactile.transforms._random import (
     RandomTransform,
     check_generator,
-    check_whole,
+    check_integer,
     uniform,
 )
 
-_MOST_STEPS = 100
+_MAX_STEPS = 100
 
 
 @functional_transform("random_shift")
 class RandomShift(RandomTransform):
     r"""Shifts the image of the taxels of each sample by a random number of cells (functional name:
-    :obj:`random_shift`), as an augmentation: a :obj:`train_transform`. Each taxel takes the reading
-    of the taxel that many rows and columns away on the image map of the layout.
+    :obj:`random_shift`), as an augmentation: a :obj:`train_transform`. Each taxel gets the reading
+    of the taxel that is this number of rows and columns away on the image map of the layout.
 
-    On a hand the cells of other patches are neighbours, too: it is meant for grids.
+    It is meant for grids: on the image map of a hand, cells of different patches are neighbours.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels, with an image map: a layout, the name
-            of one that comes with the package, or a layout file.
-        rows (int): By how many rows at most, in either direction; all from none to these are drawn
-            equally often.
-        columns (int): By how many columns at most, likewise.
-        value (float): What taxels read that nothing is shifted to: that of rest. Behind a scaler or
-            a tare, zero is the mean or rest of a taxel.
-        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+            of a layout of this package, or a layout file.
+        rows (int): The largest number of rows, in both directions; all numbers are drawn equally
+            often.
+        columns (int): The largest number of columns, in both directions.
+        value (float): The reading of taxels to which no reading is shifted, which should be that at
+            rest. After a scaler or a tare, zero is the mean or the rest of a taxel.
+        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
             out.
 
     Shapes:
@@ -62,26 +62,30 @@ class RandomShift(RandomTransform):
         value: float = 0.0,
         generator: torch.Generator | None = None,
     ) -> None:
-        self.rows = check_whole("rows", rows, 0, _MOST_STEPS)
-        self.columns = check_whole("columns", columns, 0, _MOST_STEPS)
+        self.rows = check_integer("rows", rows, 0, _MAX_STEPS)
+        self.columns = check_integer("columns", columns, 0, _MAX_STEPS)
         self.layout, self._map = require_map(self, layout)
         self.value = float(value)
         self.generator = check_generator(generator)
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
-        r"""Shifts the readings."""
+        r"""Returns the shifted readings."""
         num_taxels = self.layout.num_taxels
         check_num_taxels(data, num_taxels, f"layout '{self.layout.name}'")
         rows = x.reshape(-1, num_taxels, x.size(-1))
         counts = torch.tensor([2 * self.rows + 1, 2 * self.columns + 1])
-        drawn = uniform(2 * len(rows), x, self.generator).cpu().view(-1, 2)
-        steps = torch.minimum((drawn * counts).long(), counts - 1) - counts // 2
-        kinds, number = steps.unique(dim=0, return_inverse=True)
-        source = self._sources(kinds).to(x.device)[number.to(x.device)].unsqueeze(-1)
-        moved = rows.gather(1, source.clamp(min=0).expand_as(rows))
-        return moved.masked_fill(source < 0, self.value).reshape(x.shape)
+        draws = uniform(2 * len(rows), x, self.generator).cpu().view(-1, 2)
+        # The product may be rounded up to `counts`, which is no valid step.
+        steps = torch.minimum((draws * counts).long(), counts - 1) - counts // 2
+        # There are few different steps, so that the taxels are found once for each.
+        different_steps, number = steps.unique(dim=0, return_inverse=True)
+        source = (
+            self._source_taxels(different_steps).to(x.device)[number.to(x.device)].unsqueeze(-1)
+        )
+        shifted = rows.gather(1, source.clamp(min=0).expand_as(rows))
+        return shifted.masked_fill(source < 0, self.value).reshape(x.shape)
 
-    def _sources(self, steps: Tensor) -> Tensor:
-        # The taxel whose reading each one takes, for each of some steps; -1 where there is none.
+    def _source_taxels(self, steps: Tensor) -> Tensor:
+        # The taxel whose reading each taxel gets, for each step (K, N); -1 without one.
         cells = self._map - steps.unsqueeze(1)
         return taxels_at(self._map, cells.view(-1, 2)).view(len(steps), len(self._map))

@@ -1,4 +1,4 @@
-r"""Readings that are shifted in time."""
+r"""Random shifts of readings in time."""
 
 import torch
 from torch import Tensor
@@ -9,13 +9,13 @@ from torch_geometric_tactile.transforms._attributes import FRAMES
 from torch_geometric_tactile.transforms._random import (
     RandomTransform,
     check_generator,
-    check_whole,
+    check_integer,
     uniform,
 )
 from torch_geometric_tactile.transforms._segments import samples_of_rows
-from torch_geometric_tactile.transforms._windows import given_num_frames, refuse_ragged
+from torch_geometric_tactile.transforms._windows import get_num_frames, refuse_ragged
 
-_MOST_STEPS = 100_000
+_MAX_STEPS = 100_000
 
 
 @functional_transform("random_time_shift")
@@ -24,26 +24,27 @@ class RandomTimeShift(RandomTransform):
     name: :obj:`random_time_shift`), as an augmentation: a :obj:`train_transform`. The first or last
     frame is repeated to fill the gap.
 
-    The frames are the features of a taxel: those of its first channel, then those of the second.
+    The features of a taxel are the frames of its first channel, then those of its second channel,
+    and so on.
 
     Args:
-        steps (int): By how many frames at most, earlier or later; all from none to these are drawn
-            equally often.
-        num_frames (int, optional): Number of frames :math:`T`, of which the features are a
-            multiple. If left out, that of the samples, if these are windows; otherwise all features
-            are the frames of one channel.
-        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+        steps (int): The largest shift in frames, earlier or later; all shifts are drawn equally
+            often.
+        num_frames (int, optional): Number of frames :math:`T`, of which the number of features is a
+            multiple. If left out, it is that of the samples if they are windows; otherwise all
+            features are the frames of one channel.
+        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
             out.
 
     Shapes:
         - **input:** readings :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or a PyG batch
           :math:`(B \cdot N, C \cdot T)`
-        - **output:** the same shape. Missing readings (NaN) move along.
+        - **output:** the same shape. Missing readings (NaN) are shifted as well.
 
     Raises:
         ValueError: If :obj:`steps` is not 0 to 100,000, :obj:`num_frames` is below one or not that
-            of the windows, the features are no multiple of it, windows are padded, or there are no
-            readings.
+            of the windows, the number of features is no multiple of it, windows are padded, or
+            there are no readings.
 
     Examples:
         >>> RandomTimeShift(0)(Data(x=torch.tensor([[1.0, 2.0, 3.0]]))).x
@@ -60,38 +61,40 @@ class RandomTimeShift(RandomTransform):
         num_frames: int | None = None,
         generator: torch.Generator | None = None,
     ) -> None:
-        self.steps = check_whole("steps", steps, 0, _MOST_STEPS)
+        self.steps = check_integer("steps", steps, 0, _MAX_STEPS)
         if num_frames is not None:
-            num_frames = check_whole("num_frames", num_frames, 1, _MOST_STEPS)
+            num_frames = check_integer("num_frames", num_frames, 1, _MAX_STEPS)
         self.num_frames = num_frames
         self.generator = check_generator(generator)
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
-        r"""Shifts the readings."""
-        frames = self._frames(data, x)
-        if frames and x.size(-1) % frames:
+        r"""Returns the shifted readings."""
+        num_frames = self._num_frames(data, x)
+        if num_frames and x.size(-1) % num_frames:
             raise ValueError(
-                f"'x' must have a multiple of {frames} features, the frames (got {x.size(-1)})"
+                f"'x' must have a multiple of {num_frames} features, the number of frames (got "
+                f"{x.size(-1)})"
             )
         sample, count = samples_of_rows(data, x)
-        drawn = uniform(count, x, self.generator)
-        steps = (drawn * (2 * self.steps + 1)).long().clamp(max=2 * self.steps) - self.steps
+        draws = uniform(count, x, self.generator)
+        # The product may be rounded up to one step too many.
+        steps = (draws * (2 * self.steps + 1)).long().clamp(max=2 * self.steps) - self.steps
         if x.numel() == 0:
             return x
-        source = torch.arange(frames, device=x.device) - steps[sample].unsqueeze(1)
-        rows = x.reshape(len(sample), -1, frames)
-        source = source.clamp(0, frames - 1).unsqueeze(1).expand_as(rows)
+        source = torch.arange(num_frames, device=x.device) - steps[sample].unsqueeze(1)
+        rows = x.reshape(len(sample), -1, num_frames)
+        source = source.clamp(0, num_frames - 1).unsqueeze(1).expand_as(rows)
         return rows.gather(2, source).reshape(x.shape)
 
-    def _frames(self, data: Data, x: Tensor) -> int:
+    def _num_frames(self, data: Data, x: Tensor) -> int:
         refuse_ragged(self, data)
-        given = given_num_frames(data)
-        if None not in (given, self.num_frames) and given != self.num_frames:
+        window_frames = get_num_frames(data)
+        if None not in (window_frames, self.num_frames) and window_frames != self.num_frames:
             raise ValueError(
-                f"'num_frames' must be {given}, that of the windows (got {self.num_frames})"
+                f"'num_frames' must be {window_frames}, that of the windows (got {self.num_frames})"
             )
-        return self.num_frames or given or x.size(-1)
+        return self.num_frames or window_frames or x.size(-1)
 
     def __repr__(self) -> str:
-        frames = "" if self.num_frames is None else f", num_frames={self.num_frames}"
-        return f"{type(self).__name__}(steps={self.steps}{frames})"
+        num_frames = "" if self.num_frames is None else f", num_frames={self.num_frames}"
+        return f"{type(self).__name__}(steps={self.steps}{num_frames})"

@@ -1,4 +1,4 @@
-r"""Windows with another number of frames."""
+r"""Resampling of windows to another number of frames."""
 
 from collections.abc import Callable, Set
 from functools import lru_cache
@@ -12,16 +12,16 @@ from torch_geometric.data.datapipes import functional_transform
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms._attributes import FRAMES
-from torch_geometric_tactile.transforms._random import check_whole
+from torch_geometric_tactile.transforms._random import check_integer
 from torch_geometric_tactile.transforms._windows import (
-    joined_signals,
     require_signals,
+    signals_to_windows,
     valid_frames,
 )
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
-_MOST_FRAMES = 100_000
-# The filter of `scipy.signal.resample_poly`: a Kaiser window of ten new frames to each side.
+_MAX_FRAMES = 100_000
+# The filter of `scipy.signal.resample_poly`: a Kaiser window of ten new frames on each side.
 _HALF_WIDTH = 10
 _BETA = 5.0
 
@@ -34,30 +34,30 @@ class Resample(TactileTransform):
     60 in the "Tactile Grasp Stability Classification Based on Graph Convolutional Networks" paper.
     Windows of different lengths have the same length afterwards.
 
-    New frames are spaced evenly from the first to the last of a window, which both are kept as they
-    are. What is constant stays so, and a ramp stays a ramp.
+    New frames are spaced evenly from the first to the last frame of a window, which do not change.
+    Constant signals and ramps are preserved.
 
-    * **To fewer frames** the signals are filtered first, so that what is faster than half the new
-      rate does not come back as something slow: with a sinc and a Kaiser window
-      (:math:`\beta = 5`) of ten new frames to each side, as in
-      :func:`scipy.signal.resample_poly`, for any ratio. Beyond their ends signals go on turned
-      about the end point, as with :obj:`padtype="odd"` in :func:`scipy.signal.filtfilt`. A step
-      rings by a few percent.
-    * **To more frames** they are joined by straight lines: nothing goes beyond what was measured.
+    * **With fewer frames** the signals are filtered to avoid aliasing, by a sinc with a Kaiser
+      window (:math:`\beta = 5`) of ten new frames on each side, as in
+      :func:`scipy.signal.resample_poly`, for any ratio. Signals are extended by odd reflection at
+      their ends, as with :obj:`padtype="odd"` in :func:`scipy.signal.filtfilt`. A step overshoots
+      by a few percent.
+    * **With more frames** the signals are interpolated linearly, so that they stay within the
+      measured range.
 
-    Missing readings (NaN) do not spread: the signal of a taxel is bridged by straight lines, and a
-    new frame is missing where the old one nearest to it is. A taxel that is missing throughout
-    stays so.
+    Missing readings (NaN) do not spread: they are interpolated linearly before resampling, and a
+    new frame is missing if the nearest old frame is missing. A taxel that is missing in all frames
+    stays missing.
 
-    It needs the whole window: live, frames are collected until it is complete
-    (:obj:`causal = False`). Other time series of a sample are left alone.
+    It needs the complete window: live, frames are collected until the window is complete
+    (:obj:`causal = False`). Other time series of a sample are not resampled.
 
     Args:
-        num (int): Number of frames of each window after it, at least two.
+        num (int): Number of frames of each window afterwards, at least two.
 
     Shapes:
         - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or a PyG batch
-          :math:`(B \cdot N, C \cdot T)`, with :obj:`num_frames` :math:`T`; of padded ones
+          :math:`(B \cdot N, C \cdot T)`, with :obj:`num_frames` :math:`T`; padded windows with
           :obj:`valid_frames` :math:`(B,)`
         - **output:** the same leading shape, with :math:`C \cdot` :obj:`num` features and
           :obj:`num_frames` :obj:`num`, without :obj:`valid_frames`
@@ -79,37 +79,40 @@ class Resample(TactileTransform):
     causal = False
 
     def __init__(self, num: int = 60) -> None:
-        self.num = check_whole("num", num, 2, _MOST_FRAMES)
+        self.num = check_integer("num", num, 2, _MAX_FRAMES)
 
     def forward(self, data: Data) -> Data:
         r"""Sets :obj:`x` and :obj:`num_frames`."""
         signals = require_signals(self, data)
         valid = valid_frames(data, len(signals), signals.size(-1), signals.device)
         out = signals.new_empty((*signals.shape[:-1], self.num))
-        for length in valid.unique().tolist():  # windows of one length at once
-            chosen = (valid == length).nonzero().view(-1)
-            rows: Tensor = signals if len(chosen) == len(signals) else signals[chosen]
+        for length in valid.unique().tolist():  # all windows of a length share a matrix
+            index = (valid == length).nonzero().view(-1)
+            rows: Tensor = signals if len(index) == len(signals) else signals[index]
             rows = rows[..., :length].flatten(0, -2)
-            out[chosen] = _resampled(rows, self.num).view(-1, *out.shape[1:])
-        data.x = joined_signals(out, data)
-        old = data.num_frames
-        data.num_frames = torch.full_like(old, self.num) if isinstance(old, Tensor) else self.num
+            out[index] = _resample(rows, self.num).view(-1, *out.shape[1:])
+        data.x = signals_to_windows(out, data)
+        # A PyG batch has a tensor with a number for each sample.
+        old_num = data.num_frames
+        data.num_frames = (
+            torch.full_like(old_num, self.num) if isinstance(old_num, Tensor) else self.num
+        )
         if "valid_frames" in data:
             del data.valid_frames
         return data
 
     def graph_step(
-        self, known: StaticData, changing: Set[str]
+        self, constants: StaticData, changing: Set[str]
     ) -> Callable[[StaticData], StaticData]:
-        r"""Returns a product with a matrix, for windows of one length."""
-        return _Resampled(self)
+        r"""Returns a step that multiplies windows of one length by a matrix."""
+        return _ResampleStep(self)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.num})"
 
 
-class _Resampled:
-    r"""Windows of one length with another number of frames."""
+class _ResampleStep:
+    r"""The step of :class:`Resample` in an exported graph, for windows without padding."""
 
     def __init__(self, part: Resample) -> None:
         self.part = part
@@ -118,50 +121,58 @@ class _Resampled:
         if getattr(data, "valid_frames", None) is not None:
             raise NotImplementedError(f"{self.part!r} cannot be exported for padded windows")
         signals, num = require_signals(self.part, data), self.part.num
-        signals = _resampled(signals, num, _neighbours_in_steps)
-        data.x = joined_signals(signals, data)
+        signals = _resample(signals, num, _neighbours_by_doubling)
+        data.x = signals_to_windows(signals, data)
         data.num_frames = num
         return data
 
 
-def _resampled(signals: Tensor, num: int, neighbours: _Neighbours | None = None) -> Tensor:
-    r"""Returns signals with another number of frames.
+def _resample(signals: Tensor, num: int, neighbours: _Neighbours | None = None) -> Tensor:
+    r"""Resamples signals to another number of frames.
+
+    Args:
+        signals (torch.Tensor): The signals :math:`(\ldots, L)`.
+        num (int): Number of new frames :math:`T`, at least two.
+        neighbours (callable, optional): Finds the frames next to missing ones in an exported graph.
 
     Shapes:
-        - **signals:** The signals :math:`(\ldots, L)`.
-        - **num:** Number of new frames :math:`T`, at least two.
         - **output:** :math:`(\ldots, T)`
     """
     length = signals.size(-1)
     if length == num:
         return signals
     values, missing = signals.double(), signals.isnan()
-    has_gaps = neighbours is not None or bool(missing.any())  # of a graph: there may be some
-    if has_gaps:
-        values = _bridged(values, missing, *(neighbours or _neighbours)(missing))
-    level = values[..., :1]  # what is constant stays so to the last bit
+    # A graph cannot depend on values, so that it always allows for missing readings.
+    may_miss = neighbours is not None or bool(missing.any())
+    if may_miss:
+        values = _fill_missing(values, missing, *(neighbours or _neighbours)(missing))
+    # Without the first value, a constant signal is zero, and stays constant in spite of rounding.
+    level = values[..., :1]
     matrix = _resampling_matrix(length, num).to(signals.device)
     out = (level + (values - level) @ matrix.t()).to(signals.dtype)
     out = torch.cat([signals[..., :1], out[..., 1:-1], signals[..., -1:]], dim=-1)
-    if has_gaps:
+    if may_miss:
         nearest = (_new_times(length, num) + 0.5).floor().long().to(signals.device)
         out = out.masked_fill(missing[..., nearest], torch.nan)
     return out
 
 
-def _bridged(values: Tensor, missing: Tensor, left: Tensor, right: Tensor) -> Tensor:
-    # Straight lines over the gaps, the nearest reading beyond the ends, zero if there is none.
+def _fill_missing(values: Tensor, missing: Tensor, left: Tensor, right: Tensor) -> Tensor:
+    # Interpolates missing values linearly, and continues signals with their first and last value.
+    # A signal without any value becomes zero. `left` and `right` are the neighbouring frames with
+    # values.
     length = values.size(-1)
     first, last = left.clamp(min=0), right.clamp(max=length - 1)
     first, last = torch.where(left < 0, last, first), torch.where(right >= length, first, last)
     start, stop = values.gather(-1, first), values.gather(-1, last)
-    part = (torch.arange(length, device=values.device) - first) / (last - first).clamp(min=1)
-    line = start + part * (stop - start)
-    return torch.where(missing, line, values).nan_to_num(nan=0.0)
+    weight = (torch.arange(length, device=values.device) - first) / (last - first).clamp(min=1)
+    interpolated = start + weight * (stop - start)
+    return torch.where(missing, interpolated, values).nan_to_num(nan=0.0)
 
 
 def _neighbours(missing: Tensor) -> tuple[Tensor, Tensor]:
-    # The last frame up to each that is there, and the first from each on; -1 or L if there is none.
+    # The last frame with a value at or before each frame, and the first one at or after it; -1 or L
+    # if there is none.
     length = missing.size(-1)
     frames = torch.arange(length, device=missing.device).expand_as(missing)
     left = frames.masked_fill(missing, -1).cummax(dim=-1).values
@@ -169,8 +180,9 @@ def _neighbours(missing: Tensor) -> tuple[Tensor, Tensor]:
     return left, right
 
 
-def _neighbours_in_steps(missing: Tensor) -> tuple[Tensor, Tensor]:
-    # With running maxima in steps of 1, 2, 4 and so on frames: a graph has none in one operation.
+def _neighbours_by_doubling(missing: Tensor) -> tuple[Tensor, Tensor]:
+    # As `_neighbours`, for ONNX, which has no running maximum: it is computed over 1, 2, 4, ...
+    # frames.
     length = missing.size(-1)
     frames = torch.arange(length)
     left = torch.where(missing, -1, frames)
@@ -185,19 +197,21 @@ def _neighbours_in_steps(missing: Tensor) -> tuple[Tensor, Tensor]:
 
 @lru_cache(maxsize=128)
 def _resampling_matrix(length: int, num: int) -> Tensor:
-    r"""Returns the weights of old frames in each new one.
+    r"""Returns the weights of the old frames in each new frame. They preserve constant signals,
+    ramps, and the first and the last frame.
 
-    Constant signals and ramps stay what they are, and the first and the last frame are kept.
+    Args:
+        length (int): Number of old frames :math:`L`.
+        num (int): Number of new frames :math:`T`, at least two.
 
     Shapes:
-        - **length:** Number of old frames :math:`L`.
-        - **num:** Number of new frames :math:`T`, at least two.
-        - **output:** :math:`(T, L)`, double, not to be written to
+        - **output:** :math:`(T, L)`, in double precision; the matrix is cached and must not be
+          written to
     """
     if length == num:
         return torch.eye(num, dtype=torch.double)
     times = _new_times(length, num)
-    weight = _interpolated(times, length) if length < num else _filtered(times, length)
+    weight = _linear_weights(times, length) if length < num else _filter_weights(times, length)
     ends = torch.zeros(2, length, dtype=torch.double)
     ends[0, 0] = ends[1, -1] = 1.0
     weight[0], weight[-1] = ends
@@ -205,36 +219,43 @@ def _resampling_matrix(length: int, num: int) -> Tensor:
 
 
 def _new_times(length: int, num: int) -> Tensor:
-    r"""Returns where new frames are, counted in old ones: evenly from the first to the last.
+    r"""Returns the times of the new frames in units of old frames, spaced evenly from the first to
+    the last one.
+
+    Args:
+        length (int): Number of old frames :math:`L`.
+        num (int): Number of new frames :math:`T`, at least two.
 
     Shapes:
-        - **length:** Number of old frames :math:`L`.
-        - **num:** Number of new frames :math:`T`, at least two.
-        - **output:** :math:`(T,)`, double
+        - **output:** :math:`(T,)`, in double precision
     """
     return torch.arange(num, dtype=torch.double) * (length - 1) / (num - 1)
 
 
-def _interpolated(times: Tensor, length: int) -> Tensor:
+def _linear_weights(times: Tensor, length: int) -> Tensor:
     frames = torch.arange(length, dtype=torch.double)
     return (1 - (frames - times.unsqueeze(1)).abs()).clamp(min=0)
 
 
-def _filtered(times: Tensor, length: int) -> Tensor:
+def _filter_weights(times: Tensor, length: int) -> Tensor:
+    # The weights of a windowed sinc, which is evaluated on frames beyond both ends as well. Their
+    # weights are then moved to frames of the signal.
     num = len(times)
     step = (length - 1) / (num - 1)
-    half = min(_HALF_WIDTH, num - 1)
-    reach = min(ceil(half * step), length - 1)
-    frames = torch.arange(-reach, length + reach, dtype=torch.double)
+    half_width = min(_HALF_WIDTH, num - 1)
+    margin = min(ceil(half_width * step), length - 1)
+    frames = torch.arange(-margin, length + margin, dtype=torch.double)
     distance = frames - times.unsqueeze(1)
-    window = (1 - (distance / (half * step)).square()).clamp(min=0)
-    window = torch.special.i0(_BETA * window.sqrt()) * (distance.abs() <= half * step + 1e-9)
-    weight = _of_ramps(torch.sinc(distance / step) * window, window, distance)
-    return _folded(weight, frames, length)
+    window = (1 - (distance / (half_width * step)).square()).clamp(min=0)
+    window = torch.special.i0(_BETA * window.sqrt()) * (distance.abs() <= half_width * step + 1e-9)
+    weight = _preserve_ramps(torch.sinc(distance / step) * window, window, distance)
+    return _fold_ends(weight, frames, length)
 
 
-def _of_ramps(weight: Tensor, window: Tensor, distance: Tensor) -> Tensor:
-    # Sampled between frames, the weights sum to one and balance about their middle only nearly.
+def _preserve_ramps(weight: Tensor, window: Tensor, distance: Tensor) -> Tensor:
+    # A sampled filter preserves constants and ramps only approximately: its weights must sum to
+    # one, and their mean distance must be zero. A linear function times the window is added to
+    # make the distance zero.
     weight = weight / weight.sum(dim=1, keepdim=True)
     moments = [(window * distance**power).sum(dim=1) for power in (0, 1, 2)]
     excess = (weight * distance).sum(dim=1)
@@ -243,8 +264,9 @@ def _of_ramps(weight: Tensor, window: Tensor, distance: Tensor) -> Tensor:
     return weight + window * (level.unsqueeze(1) + slope.unsqueeze(1) * distance)
 
 
-def _folded(weight: Tensor, frames: Tensor, length: int) -> Tensor:
-    # Beyond its ends a signal goes on turned about its end point, as ramps do.
+def _fold_ends(weight: Tensor, frames: Tensor, length: int) -> Tensor:
+    # Moves the weights of frames beyond the ends to frames of the signal, which is extended by odd
+    # reflection about its end points: x[-i] = 2 x[0] - x[i].
     index = frames.long()
     before, after = index < 0, index >= length
     out = weight[:, ~(before | after)].clone()

@@ -1,4 +1,4 @@
-r"""Edges to the nearest taxel in each direction."""
+r"""A graph of the nearest taxels in each direction."""
 
 from typing import Literal
 
@@ -11,8 +11,8 @@ from torch_geometric_tactile.sensors import TaxelLayout, as_layout, layout_secto
 from torch_geometric_tactile.transforms._attributes import EDGES, check_num_taxels
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
-# What belonged to other edges.
-_OF_EDGES = ("edge_attr", "edge_weight", "edge_type", "edge_is_within")
+# Attributes of previous edges, which are deleted.
+_EDGE_ATTRIBUTES = ("edge_attr", "edge_weight", "edge_type", "edge_is_within")
 
 
 @functional_transform("sector_graph")
@@ -22,16 +22,16 @@ class SectorGraph(TactileTransform):
     :class:`~torch_geometric_tactile.nn.conv.SectorConv`. See
     :func:`~torch_geometric_tactile.sensors.sector_edges` for the directions.
 
-    The edges are those of the layout, whatever the pose: places and axes are in the frames of the
+    The edges do not depend on the pose of a hand, since positions and axes are in the frames of the
     links.
 
     Args:
-        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
-            with the package, or a layout file.
+        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of a layout of this
+            package, or a layout file.
         num_sectors (int): Number of sectors.
         radius (float, optional): Largest distance of a neighbour in metres; if left out, three
             times the distance of neighbouring taxels.
-        within (str): What neighbours share, :obj:`"patch"` or :obj:`"link"`.
+        within (str): Neighbours must be on the same :obj:`"patch"` or on the same :obj:`"link"`.
 
     Shapes:
         - **output:** :obj:`edge_index` :math:`(2, |\mathcal{E}|)` from the neighbour to the taxel,
@@ -39,7 +39,7 @@ class SectorGraph(TactileTransform):
 
     Raises:
         ValueError: If :obj:`num_sectors` is below one, :obj:`radius` is not positive,
-            :obj:`within` is unknown, or the data has other taxels.
+            :obj:`within` is unknown, or a sample has another number of taxels.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -63,20 +63,21 @@ class SectorGraph(TactileTransform):
         self.num_sectors = num_sectors
         self.radius = radius
         self.within = within
+        # Computed once, since the edges do not depend on the samples.
         self._edges = layout_sectors(self.layout, num_sectors, radius, within)
 
     def forward(self, data: Data) -> Data:
-        r"""Sets :obj:`edge_index` and :obj:`edge_sector`, and drops what other edges had."""
+        r"""Sets :obj:`edge_index` and :obj:`edge_sector`; deletes attributes of previous edges."""
         num_taxels = self.layout.num_taxels
         check_num_taxels(data, num_taxels, f"layout '{self.layout.name}'")
-        for key in _OF_EDGES:
+        for key in _EDGE_ATTRIBUTES:
             if key in data:
                 del data[key]
         edge_index, sector = self._edges
-        number = data.num_graphs if isinstance(data, Batch) else 1
-        start = num_taxels * torch.arange(number).view(-1, 1, 1)
+        num_samples = data.num_graphs if isinstance(data, Batch) else 1
+        start = num_taxels * torch.arange(num_samples).view(-1, 1, 1)
         edges = (edge_index + start).transpose(0, 1).flatten(1)
-        like = data.x if getattr(data, "x", None) is not None else edges
-        data.edge_index = edges.to(like.device)
-        data.edge_sector = sector.repeat(number).to(like.device)
+        reference = data.x if getattr(data, "x", None) is not None else edges
+        data.edge_index = edges.to(reference.device)
+        data.edge_sector = sector.repeat(num_samples).to(reference.device)
         return data

@@ -1,4 +1,4 @@
-r"""Some of the channels."""
+r"""Selection of channels."""
 
 from collections.abc import Sequence
 
@@ -9,30 +9,32 @@ from torch_geometric.data.datapipes import functional_transform
 
 from torch_geometric_tactile.data import join_frames, split_frames
 from torch_geometric_tactile.transforms._attributes import FRAMES, require_x
-from torch_geometric_tactile.transforms._windows import given_num_frames
+from torch_geometric_tactile.transforms._windows import get_num_frames
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 @functional_transform("select_channels")
 class SelectChannels(TactileTransform):
-    r"""Keeps some channels of the readings, in the given order (functional name:
-    :obj:`select_channels`): for example some of the fingers whose signals are the channels of
-    :class:`~torch_geometric_tactile.datasets.BioTacSP`, or the pressure of a skin that also reports
-    shear.
+    r"""Selects channels of the readings (functional name: :obj:`select_channels`): for example some
+    of the fingers whose signals are the channels of
+    :class:`~torch_geometric_tactile.datasets.BioTacSP`, or the pressure of a skin that also
+    measures shear.
 
-    Of windows, which have :obj:`num_frames`, a channel is kept with all its frames. Without it, all
-    numbers of a taxel count as channels.
+    In windows, which have :obj:`num_frames`, all frames of a channel are selected. In other samples
+    each feature of a taxel is a channel.
 
     Args:
-        channels (sequence of int): Their numbers, from 0.
+        channels (sequence of int): Numbers of the channels from 0, in the order that the output
+            has.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
-          F)`; of windows :math:`F = C \cdot T`
-        - **output:** the same leading shape, with as many channels as were named
+          F)`; for windows :math:`F = C \cdot T`
+        - **output:** the same leading shape, with the selected channels
 
     Raises:
-        ValueError: If none is named, one twice or below 0, or the readings do not have it.
+        ValueError: If there is no channel, a number is repeated or below 0, or the readings do not
+            have the channel.
 
     Examples:
         >>> data = Data(x=torch.tensor([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]))
@@ -46,8 +48,8 @@ class SelectChannels(TactileTransform):
 
     def __init__(self, channels: Sequence[int] | Tensor) -> None:
         index = torch.as_tensor(channels).cpu()
-        whole = index.dtype in (torch.int64, torch.int32, torch.int16, torch.uint8, torch.int8)
-        if index.dim() != 1 or len(index) == 0 or not whole:
+        is_integer = index.dtype in (torch.int64, torch.int32, torch.int16, torch.uint8, torch.int8)
+        if index.dim() != 1 or len(index) == 0 or not is_integer:
             raise ValueError(f"'channels' must be a list of numbers of channels (got {channels})")
         self.channels: list[int] = index.tolist()
         if min(self.channels) < 0 or len(set(self.channels)) < len(self.channels):
@@ -58,15 +60,15 @@ class SelectChannels(TactileTransform):
     def forward(self, data: Data) -> Data:
         r"""Sets :obj:`x`."""
         x = require_x(self, data)
-        num_frames = given_num_frames(data)
+        num_frames = get_num_frames(data)
         channels = x if num_frames is None else split_frames(x, num_frames)
         if max(self.channels) >= channels.size(-1):
             raise ValueError(
                 f"'x' must have channel {max(self.channels)} (got {channels.size(-1)} channels, "
                 "numbered from 0)"
             )
-        kept = channels[..., self.channels]
-        data.x = kept if num_frames is None else join_frames(kept)
+        selection = channels[..., self.channels]
+        data.x = selection if num_frames is None else join_frames(selection)
         return data
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-r"""Scaling by recording session."""
+r"""Scaling of readings within each recording session."""
 
 from typing import Literal
 
@@ -10,21 +10,24 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 @functional_transform("session_z_score")
 class SessionZScore(FittedTransform):
     r"""Scales each taxel and channel to mean zero and standard deviation one within each recording
-    session, without labels (functional name: :obj:`session_z_score`). It removes the offset and
-    gain of a sensor that differ from day to day.
+    session, without labels (functional name: :obj:`session_z_score`). It removes offsets and gains
+    of a sensor that differ from day to day.
 
-    It needs the readings of a session before the first of them can be scaled, and assumes that
-    sessions differ in their sensor and not in what was touched: a session of stable grasps only
-    would be scaled to look like any other. See the page on session scaling in the documentation.
+    It needs the readings of a session before the first one can be scaled. It assumes that sessions
+    differ in the sensor, not in the touched objects: a session of stable grasps only would be
+    scaled to the same distribution as other sessions. See the page on session scaling in the
+    documentation.
 
-    :meth:`fit` measures the sessions of the training part, :meth:`adapt` those that are new.
+    :meth:`fit` measures the sessions of the training part, and :meth:`adapt` new sessions.
 
     Args:
-        key (str): Integer attribute of the samples that numbers the session.
-        attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers.
-        per (str): :obj:`"taxel"` for a centre and a scale of each taxel and channel, or
-            :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`,
-            or :obj:`"signal"` for one of all frames of a taxel and channel, in windows.
+        key (str): Integer attribute of the samples with the number of the session.
+        attr (str): The attribute to scale: :obj:`"x"`, or another attribute of floating-point
+            numbers.
+        per (str): :obj:`"taxel"` for a centre and a scale of each taxel and channel,
+            :obj:`"channel"` for those of all taxels of a channel (the last dimension of
+            :obj:`attr`), or :obj:`"signal"` for those of all frames of a taxel and channel, in
+            windows.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,

@@ -1,4 +1,4 @@
-r"""Square roots of counts and pressures."""
+r"""Square roots of readings."""
 
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
@@ -9,12 +9,12 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 
 @functional_transform("square_root")
 class SquareRoot(TactileTransform):
-    r"""Takes the square root of the size of each reading and keeps its sign (functional name:
-    :obj:`square_root`).
+    r"""Replaces each reading by the square root of its absolute value, with the same sign
+    (functional name: :obj:`square_root`).
 
-    The spread of a count grows with its square root, which is then the same for small and large
-    ones; of pressures, light touch is heard beside a hard one. It comes before a scaler, and behind
-    a tare if zero is not rest already.
+    The standard deviation of a count grows with its square root; after this transform it is the
+    same for small and large counts. In pressures, a light touch remains visible beside a hard one.
+    Apply it before a scaler, and after a tare unless the readings are zero at rest.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,

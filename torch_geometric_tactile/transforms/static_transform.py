@@ -1,4 +1,4 @@
-r"""Declaring what a transform reads and adds."""
+r"""Declares the attributes that a transform reads and adds."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -12,7 +12,9 @@ _TOPOLOGY = ("pos", "normal", "edge_index", "edge_attr", "edge_weight")
 
 
 class StaticTransform(BaseTransform):
-    r"""A transform together with what it reads and adds; see :func:`static_transform`."""
+    r"""A transform with a rule of the attributes that it reads and adds, see
+    :func:`static_transform`.
+    """
 
     def __init__(self, transform: Transform, static_rule: StaticRule) -> None:
         self.transform = transform
@@ -35,19 +37,19 @@ def static_transform(
     edge: Iterable[str] = (),
     shared: Iterable[str] = (),
 ) -> StaticTransform:
-    r"""Declares which attributes your own PyG transform reads and adds, so that it runs once per
-    batch instead of once per sample.
+    r"""Declares the attributes that a PyG transform reads and adds, so that it runs once for a
+    batch instead of once for each sample.
 
-    If all samples of a batch share the attributes that the transform reads, they share its result
-    as well, and it is called for one of them. Otherwise, and always with :obj:`reads=None`, it is
-    called for each sample. A transform class may declare the same in a class attribute
+    If all samples of a batch share the attributes that the transform reads, they share its output
+    as well, and it is called for one sample. Otherwise, and always with :obj:`reads=None`, it is
+    called for each sample. A transform class can declare the same in a class attribute
     :obj:`static_rule`, a :class:`~torch_geometric_tactile.data.StaticRule`.
 
     Args:
         transform (callable): From :class:`~torch_geometric.data.Data` to
             :class:`~torch_geometric.data.Data`.
-        reads (iterable of str, optional): The attributes that its result follows from;
-            :obj:`None` for a random transform.
+        reads (iterable of str, optional): The attributes on which the output depends; :obj:`None`
+            for a random transform.
         node (iterable of str): The attributes that it adds with a row for each taxel.
         edge (iterable of str): The attributes that it adds with a row for each edge, in addition
             to :obj:`edge_index`, :obj:`edge_attr` and :obj:`edge_weight`.
@@ -68,9 +70,9 @@ def static_transform(
         >>> apply_transform(transform, data).height.shape
         torch.Size([6, 1])
     """
-    given = {"reads": reads, "node": node, "edge": edge, "shared": shared}
+    arguments = {"reads": reads, "node": node, "edge": edge, "shared": shared}
     names: dict[str, tuple[str, ...] | None] = {}
-    for argument, value in given.items():
+    for argument, value in arguments.items():
         if isinstance(value, str):
             raise ValueError(f"'{argument}' must be a list of names (got '{value}')")
         names[argument] = None if value is None else tuple(value)

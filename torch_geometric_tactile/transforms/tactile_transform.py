@@ -1,4 +1,4 @@
-r"""What a transform says about itself."""
+r"""The base class of transforms, with the declarations that each transform makes."""
 
 from collections.abc import Callable, Set
 from inspect import signature
@@ -13,24 +13,25 @@ _DECLARED = ("reads", "writes", "per_frame")
 
 
 class TactileTransform(BaseTransform):
-    r"""The base class of transforms that say what they do, in one place. Data sets, predictors and
-    the ONNX export ask them, so that a new transform is one class and its test.
+    r"""The base class of transforms that declare their properties. Data sets, predictors and the
+    ONNX export read these declarations, so that a new transform needs only one class and its test.
 
     A subclass declares, as class attributes, or as properties if they depend on arguments:
 
-    * :obj:`reads`, :obj:`writes`: names of the attributes that its result follows from, and of
-      those that it sets. If all samples share what it reads, a predictor computes it once.
-    * :obj:`per_frame`: whether it does the same to each frame of a window by itself.
-    * :obj:`is_random`: whether it draws random numbers (not, by default).
-    * :obj:`causal`: whether it uses no frames to come (so it is, by default).
-    * :obj:`supports_static`: whether it takes many samples :math:`(B, N, F)` at once (so it does,
-      by default).
+    * :obj:`reads`, :obj:`writes`: names of the attributes on which the output depends, and of the
+      attributes that it sets. If all samples share the attributes in :obj:`reads`, a predictor
+      computes the output once.
+    * :obj:`per_frame`: whether it changes each frame of a window independently of other frames.
+    * :obj:`is_random`: whether it draws random numbers; by default :obj:`False`.
+    * :obj:`causal`: whether it uses no later frames; by default :obj:`True`.
+    * :obj:`supports_static`: whether it accepts many samples :math:`(B, N, F)` at once; by default
+      :obj:`True`.
 
-    What a class declares does not hold for a subclass with a :obj:`forward` of its own, unless that
-    declares :obj:`reads` again; without, it is called for each sample by itself.
+    The declarations of a class do not apply to a subclass that overrides :obj:`forward`, unless the
+    subclass declares :obj:`reads` again. Otherwise the subclass is called for each sample.
 
     Raises:
-        TypeError: If a class with a :obj:`forward` lacks a declaration.
+        TypeError: If a class that defines :obj:`forward` lacks a declaration.
 
     Examples:
         >>> class Rectify(TactileTransform):
@@ -45,7 +46,7 @@ class TactileTransform(BaseTransform):
     causal: bool = True
     supports_static: bool = True
 
-    if TYPE_CHECKING:  # properties, which class attributes and properties may take the place of
+    if TYPE_CHECKING:  # for mypy, subclasses can replace properties by attributes or properties
 
         @property
         def reads(self) -> tuple[str, ...]: ...  # noqa: D102
@@ -69,14 +70,14 @@ class TactileTransform(BaseTransform):
             )
 
     def graph_step(
-        self, known: StaticData, changing: Set[str]
+        self, constants: StaticData, changing: Set[str]
     ) -> Callable[[StaticData], StaticData]:
-        r"""Returns what does the same to one frame or window in an exported graph, in which no
-        shape and no choice may depend on values: the transform itself, unless a class says
-        otherwise.
+        r"""Returns a function that has the same effect on a frame or window in an exported graph,
+        in which shapes and branches must not depend on values. By default it is the transform.
 
         Args:
-            known (StaticData): What is the same for all frames, before the transform.
+            constants (StaticData): The attributes that are the same for all frames, before the
+                transform.
             changing (set of str): The attributes that differ from frame to frame.
 
         Raises:
@@ -85,11 +86,11 @@ class TactileTransform(BaseTransform):
         return self
 
     def __repr__(self) -> str:
-        shown = []
+        arguments = []
         for name in signature(type(self)).parameters:
             value = getattr(self, name, None)
             if isinstance(value, TaxelLayout):
-                shown.append(repr(value.name))
+                arguments.append(repr(value.name))
             elif name != "generator" and hasattr(self, name):
-                shown.append(f"{name}={value!r}")
-        return f"{type(self).__name__}({', '.join(shown)})"
+                arguments.append(f"{name}={value!r}")
+        return f"{type(self).__name__}({', '.join(arguments)})"

@@ -1,4 +1,4 @@
-r"""Readings relative to rest."""
+r"""Subtraction of the readings at rest."""
 
 import math
 
@@ -12,27 +12,28 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 
 @functional_transform("tare")
 class Tare(FittedTransform):
-    r"""Subtracts the rest reading of each taxel and channel: the mean over the first samples of its
-    session (or trial), before anything is touched (functional name: :obj:`tare`).
+    r"""Subtracts the reading at rest of each taxel and channel: the mean over the first samples of
+    its session (or trial), before anything is touched (functional name: :obj:`tare`).
 
     .. math::
         x' = x - \frac{1}{|R|} \sum_{r \in R} x_r
 
-    with the samples at rest :math:`R` the :obj:`first` ones, or those with :math:`t - t_0` below
-    :obj:`seconds`, where :math:`t_0` is the earliest time of the session.
+    The samples at rest :math:`R` are the :obj:`first` samples of the session, or those with
+    :math:`t - t_0` below :obj:`seconds`, where :math:`t_0` is the earliest time of the session.
 
-    Where nothing was recorded at rest, the mean over the whole session stands in for it (neither
-    :obj:`first` nor :obj:`seconds`); it takes out the sensor's offset, and the mean touch with it.
+    Without samples at rest, leave out both :obj:`first` and :obj:`seconds`: the mean over the
+    session is subtracted, which removes the offset of the sensor together with the mean touch.
 
     Args:
-        key (str): Integer attribute of the samples within which the rest reading holds, such as
-            :obj:`"session"` or :obj:`"trial"`.
-        first (int, optional): Number of samples at rest that each session begins with. All samples
+        key (str): Integer attribute of the samples whose values have separate readings at rest,
+            such as :obj:`"session"` or :obj:`"trial"`.
+        first (int, optional): Number of samples at rest at the start of each session; all samples
             if left out.
-        seconds (float, optional): How long each session is at rest, in seconds of the sample
-            attribute :obj:`time` (best kept in double), in place of :obj:`first`; a sample just
-            so late is past it.
-        attr (str): What is shifted: :obj:`"x"`, or another attribute of floating-point numbers.
+        seconds (float, optional): Duration of the rest at the start of each session, in seconds of
+            the sample attribute :obj:`time` (preferably in double precision), in place of
+            :obj:`first`. Samples at exactly this time are not included.
+        attr (str): The attribute to shift: :obj:`"x"`, or another attribute of floating-point
+            numbers.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -43,8 +44,8 @@ class Tare(FittedTransform):
     Raises:
         RuntimeError: If it was not fitted.
         ValueError: If :obj:`first` is below one, :obj:`seconds` is not positive, both are given, a
-            session was not measured, the samples to fit on lack finite times that :obj:`seconds`
-            needs, or the readings have other taxels or channels.
+            session was not measured, samples lack the finite times that :obj:`seconds` requires, or
+            the readings have other taxels or channels.
 
     Examples:
         >>> import torch
@@ -73,7 +74,7 @@ class Tare(FittedTransform):
         self.seconds = seconds
 
     def measured(self, samples: Samples | FlatSamples, index: Tensor) -> Tensor:
-        r"""Returns which samples are at rest, of those of one session."""
+        r"""Returns the indices of the samples at rest, among the samples of one session."""
         if self.seconds is None:
             return super().measured(samples, index)
         time = self.sample_values(samples, "time", samples.num_samples)[index].double()

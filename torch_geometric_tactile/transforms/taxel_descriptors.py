@@ -1,4 +1,4 @@
-r"""A fixed list of numbers that describes what each channel feels."""
+r"""Descriptors of the readings of each channel."""
 
 import torch
 from torch import Tensor
@@ -20,41 +20,42 @@ from torch_geometric_tactile.transforms._attributes import (
     require_pos,
 )
 from torch_geometric_tactile.transforms._segments import repeat_rows
-from torch_geometric_tactile.transforms._windows import given_num_frames, refuse_ragged
+from torch_geometric_tactile.transforms._windows import get_num_frames, refuse_ragged
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
-_OF_WINDOWS = ("last", "change", "time_mean", "time_deviation")
+_WINDOW_PREFIXES = ("last", "change", "time_mean", "time_deviation")
 
 
 @functional_transform("taxel_descriptors")
 class TaxelDescriptors(TactileTransform):
-    r"""Describes what each channel feels by the fixed list of numbers of
+    r"""Describes the readings of each channel by the descriptors of
     :func:`~torch_geometric_tactile.sensors.taxel_descriptors` (functional name:
     :obj:`taxel_descriptors`): statistics, centroid, contact area and oriented slopes, for any
     layout and without training.
 
-    Readings should be scaled before, by one scale a channel (see
+    Readings should be scaled first, by one scale for each channel (see
     :class:`~torch_geometric_tactile.transforms.ZScore`).
 
-    Of windows (:class:`~torch_geometric_tactile.data.Windows`) it describes the last frame, the
-    change from the first to the last, and gives mean and deviation of the descriptors of all
-    frames.
+    For windows (:class:`~torch_geometric_tactile.data.Windows`) it returns the descriptors of the
+    last frame and of the change from the first to the last frame, and the mean and the standard
+    deviation of the descriptors of all frames.
 
     Args:
-        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
-            with the package, or a layout file.
-        posed (bool): Whether centroid and moments are of the places :obj:`pos` of each sample, as
-            :class:`TaxelPose` sets them from joint angles, instead of the layout's.
+        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of a layout of this
+            package, or a layout file.
+        posed (bool): If :obj:`True`, centroid and moments are computed from the positions
+            :obj:`pos` of each sample, which :class:`TaxelPose` sets; otherwise from those of the
+            layout.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
-          F)`; of windows :math:`F = C \cdot T`
+          F)`; for windows :math:`F = C \cdot T`
         - **output:** :obj:`descriptors` :math:`(1, K)` or :math:`(B, K)`, named by :meth:`names`.
-          A missing reading (NaN) counts as the mean of its neighbours.
+          A missing reading (NaN) is replaced by the mean of its neighbours.
 
     Raises:
-        ValueError: If a sample has other taxels, no readings, windows of several lengths, or, with
-            :obj:`posed`, no positions.
+        ValueError: If a sample has another number of taxels, no readings, windows of several
+            lengths, or, with :obj:`posed`, no positions.
 
     Examples:
         >>> transform = TaxelDescriptors("biotac_sp")
@@ -67,7 +68,7 @@ class TaxelDescriptors(TactileTransform):
 
     @property
     def reads(self) -> tuple[str, ...]:
-        r"""Readings, and positions if they are posed."""
+        r"""Readings, and positions with :obj:`posed`."""
         return ("x", *FRAMES, "pos") if self.posed else ("x", *FRAMES)
 
     def __init__(self, layout: TaxelLayout | PathLike, posed: bool = False) -> None:
@@ -75,17 +76,17 @@ class TaxelDescriptors(TactileTransform):
         self.posed = posed
 
     def names(self, num_channels: int = 1, of_windows: bool = False) -> list[str]:
-        r"""Returns the names of the numbers, in their order.
+        r"""Returns the names of the descriptors, in their order.
 
         Args:
             num_channels (int): Number of channels of a taxel.
             of_windows (bool): Whether samples are windows of frames.
         """
         names = descriptor_names(self.layout)
-        found = [f"{name}_channel_{i}" for i in range(num_channels) for name in names]
+        channel_names = [f"{name}_channel_{i}" for i in range(num_channels) for name in names]
         if not of_windows:
-            return found
-        return [f"{when}_{name}" for when in _OF_WINDOWS for name in found]
+            return channel_names
+        return [f"{prefix}_{name}" for prefix in _WINDOW_PREFIXES for name in channel_names]
 
     def forward(self, data: Data) -> Data:
         r"""Sets :obj:`descriptors`."""
@@ -93,30 +94,32 @@ class TaxelDescriptors(TactileTransform):
         num_taxels = self.layout.num_taxels
         check_num_taxels(data, num_taxels, f"layout '{self.layout.name}'")
         rows = x.reshape(-1, num_taxels, x.size(-1))
-        pos = self._places(data)
-        num_frames = given_num_frames(data)
+        pos = self._sample_pos(data)
+        num_frames = get_num_frames(data)
         if num_frames is None:
             data.descriptors = taxel_descriptors(rows, self.layout, pos)
         else:
             refuse_ragged(self, data)
-            data.descriptors = self._of_windows(split_frames(rows, num_frames).transpose(1, 2), pos)
+            data.descriptors = self._window_descriptors(
+                split_frames(rows, num_frames).transpose(1, 2), pos
+            )
         return data
 
-    def _places(self, data: Data) -> Tensor | None:
+    def _sample_pos(self, data: Data) -> Tensor | None:
         if not self.posed:
             return None
         pos = require_pos(self, data)
         return pos.view(-1, self.layout.num_taxels, 3) if isinstance(data, Batch) else pos
 
-    def _of_windows(self, frames: Tensor, pos: Tensor | None) -> Tensor:
-        # Frames (B, T, N, C).
+    def _window_descriptors(self, frames: Tensor, pos: Tensor | None) -> Tensor:
+        # The descriptors of windows (B, K) from their frames (B, T, N, C).
         size = frames.shape[:2]
         if pos is not None and pos.dim() == 3:
             pos = repeat_rows(pos, size[1])
-        each = taxel_descriptors(frames.flatten(0, 1), self.layout, pos).unflatten(0, size)
+        descriptors = taxel_descriptors(frames.flatten(0, 1), self.layout, pos).unflatten(0, size)
         change = frames[:, -1] - frames[:, 0]
         last_pos = None if pos is None else pos if pos.dim() == 2 else pos[size[1] - 1 :: size[1]]
-        mean = each.mean(dim=1)
-        deviation = (each - mean.unsqueeze(1)).square().mean(dim=1).sqrt()
-        changed = taxel_descriptors(change, self.layout, last_pos)
-        return torch.cat([each[:, -1], changed, mean, deviation], dim=1)
+        mean = descriptors.mean(dim=1)
+        deviation = (descriptors - mean.unsqueeze(1)).square().mean(dim=1).sqrt()
+        change_descriptors = taxel_descriptors(change, self.layout, last_pos)
+        return torch.cat([descriptors[:, -1], change_descriptors, mean, deviation], dim=1)

@@ -1,4 +1,4 @@
-r"""Readings of three axes as forces in the frame of the hand."""
+r"""Rotation of three-axis readings into the frame of the hand."""
 
 from torch import Tensor
 from torch_geometric.data import Batch, Data
@@ -18,27 +18,27 @@ class TaxelForce(TactileTransform):
     .. math::
         \mathbf{f}_i = x_i \, \mathbf{t}^x_i + y_i \, \mathbf{t}^y_i - p_i \, \mathbf{n}_i
 
-    It is the force that the touched object exerts on the skin. Readings are left-handed: pressure
+    This is the force that the touched object exerts on the skin. Readings are left-handed: pressure
     is positive *into* the skin, against the outward normal :math:`\mathbf{n}`. The axes are
-    :obj:`tangent` and :obj:`normal` of the samples, as
-    :obj:`TaxelPose(tangent=True)` computes them from the joint angles.
+    :obj:`tangent` and :obj:`normal` of the samples, which :obj:`TaxelPose(tangent=True)` computes
+    from the joint angles.
 
-    The unit stays. Readings should be tared, and have one gain in all three channels; scalers
-    that were fitted channel by channel turn directions.
+    The unit does not change. Readings should be tared and have the same gain in all three channels;
+    scalers that are fitted channel by channel change directions.
 
     Args:
-        out (str): The attribute that takes the result: :obj:`"x"`, in place of the readings, or
-            one beside them such as :obj:`"force"`.
+        out (str): The attribute for the forces: :obj:`"x"` to replace the readings, or a new
+            attribute such as :obj:`"force"`.
 
     Shapes:
         - **input:** readings :math:`(N, 3)`, :math:`(B, N, 3)` or a PyG batch :math:`(B \cdot N,
           3)`; :obj:`tangent` :math:`(N, 2, 3)`, :math:`(B, N, 2, 3)` or :math:`(B \cdot N, 2, 3)`
-          and :obj:`normal` of the shape of the readings or :math:`(N, 3)`
-        - **output:** :math:`\mathbf{f}`, of the shape of the readings. Of a taxel with a missing
-          reading (NaN) all three are missing.
+          and :obj:`normal`, with the shape of the readings or :math:`(N, 3)`
+        - **output:** :math:`\mathbf{f}`, with the shape of the readings. If a reading of a taxel is
+          missing (NaN), all components of its force are missing.
 
     Raises:
-        ValueError: If there are no readings, other than three channels, or no axes.
+        ValueError: If there are no readings, not three channels, or no axes.
 
     Examples:
         >>> import torch
@@ -55,7 +55,7 @@ class TaxelForce(TactileTransform):
 
     @property
     def writes(self) -> tuple[str, ...]:
-        r"""What takes the forces."""
+        r"""The attribute that holds the forces."""
         return (self.out,)
 
     def __init__(self, out: str = "x") -> None:
@@ -85,13 +85,13 @@ class TaxelForce(TactileTransform):
         shapes = [(*x.shape[:-1], 2, 3), (*x.shape[-2:-1], 2, 3)]
         if isinstance(data, Batch):
             shapes = shapes[:1]
-        for name, value, allowed in (
+        for name, value, allowed_shapes in (
             ("tangent", tangent, shapes),
             ("normal", normal, [(*shape[:-2], 3) for shape in shapes]),
         ):
-            if tuple(value.shape) not in allowed:
+            if tuple(value.shape) not in allowed_shapes:
                 raise ValueError(
-                    f"'{name}' must have shape {allowed[0]}, for each of its readings "
+                    f"'{name}' must have shape {allowed_shapes[0]}, one for each reading "
                     f"(got {tuple(value.shape)})"
                 )
         return tangent, normal

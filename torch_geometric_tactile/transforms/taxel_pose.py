@@ -20,8 +20,8 @@ class TaxelPose(TactileTransform):
     r"""Computes the positions of the taxels of a hand from its joint angles :obj:`joint`
     (functional name: :obj:`taxel_pose`), differentiably.
 
-    A taxel at :math:`\mathbf{p}_i` with the normal :math:`\mathbf{n}_i` on link :math:`l`, whose
-    rotation and translation follow from the angles :math:`\mathbf{q}`, gets
+    For a taxel at :math:`\mathbf{p}_i` with the normal :math:`\mathbf{n}_i` on link :math:`l`,
+    whose rotation and translation depend on the angles :math:`\mathbf{q}`:
 
     .. math::
         \mathbf{p}'_i = \mathbf{R}_l(\mathbf{q}) \, \mathbf{p}_i + \mathbf{t}_l(\mathbf{q}), \qquad
@@ -29,26 +29,26 @@ class TaxelPose(TactileTransform):
 
     Args:
         layout (TaxelLayout or str or PathLike, optional): The taxels, in the frames of their links:
-            a layout, the name of one that comes with the package, or a layout file;
+            a layout, the name of a layout of this package, or a layout file;
             :func:`~torch_geometric_tactile.sensors.allegro_uskin` if left out.
-        kinematics (HandKinematics, optional): The hand that these links belong to; the Allegro
-            hand if left out.
-        normal (bool): Whether to set :obj:`normal` as well, which costs as much as :obj:`pos`.
-        tangent (bool): Whether to set :obj:`tangent` as well: the taxels' :math:`x` and :math:`y`
-            axes (:meth:`~torch_geometric_tactile.sensors.TaxelLayout.axes`), which
+        kinematics (HandKinematics, optional): The hand with these links; the Allegro hand if left
+            out.
+        normal (bool): Whether to set :obj:`normal` as well, which takes as long as :obj:`pos`.
+        tangent (bool): Whether to set :obj:`tangent` as well: the :math:`x` and :math:`y` axes of
+            the taxels (:meth:`~torch_geometric_tactile.sensors.TaxelLayout.axes`), which
             :class:`~torch_geometric_tactile.transforms.TaxelForce` needs.
 
     Shapes:
         - **input:** joint angles in radians :math:`(J,)` or :math:`(1, J)`, :math:`(B, J)` for many
           samples, or those of a PyG batch
         - **output:** :obj:`pos` in metres and unit :obj:`normal` (if the layout has normals) in the
-          hand's root frame :math:`(N, 3)`, :math:`(B, N, 3)` or :math:`(B \cdot N, 3)`, and unit
-          :obj:`tangent` :math:`(N, 2, 3)`, likewise. Angles that many samples share (declared as
-          :obj:`shared=["joint"]`) give one :math:`(N, 3)`.
+          root frame of the hand :math:`(N, 3)`, :math:`(B, N, 3)` or :math:`(B \cdot N, 3)`, and
+          unit :obj:`tangent` with two axes, :math:`(N, 2, 3)` and so on. Angles that many samples
+          share (declared as :obj:`shared=["joint"]`) give shared positions :math:`(N, 3)`.
 
     Raises:
-        ValueError: If a link of the layout is not one of the hand, there are no angles, their
-            number is not that of the hand's joints, or their rows are not those of the samples.
+        ValueError: If the hand does not have a link of the layout, there are no angles, or their
+            number does not fit the joints of the hand or the number of samples.
 
     Examples:
         >>> import torch
@@ -76,38 +76,40 @@ class TaxelPose(TactileTransform):
         self.tangent = tangent
 
     def forward(self, data: Data) -> Data:
-        r"""Sets :obj:`pos`, and :obj:`normal` and :obj:`tangent` if wanted."""
+        r"""Sets :obj:`pos`, and :obj:`normal` and :obj:`tangent` if they are selected."""
         joint = require(self, data, "joint")
         if getattr(data, "x", None) is not None:
             name = f"layout '{self.layout.name}'"
             check_num_taxels(data, self.layout.num_taxels, name)
-        rows = self._rows(data, joint)
-        posed = self.kinematics.taxel_pose(self.layout, rows, self.normal)
-        values = {"pos": posed.pos, "normal": posed.normal}
+        rows = self._joint_rows(data, joint)
+        pose = self.kinematics.taxel_pose(self.layout, rows, self.normal)
+        values = {"pos": pose.pos, "normal": pose.normal}
         if self.tangent:
             values["tangent"] = self.kinematics.taxel_axes(self.layout, rows)[..., :2, :]
-        one_for_all = not isinstance(data, StaticData) or data.is_shared("joint")
+        is_single = not isinstance(data, StaticData) or data.is_shared("joint")
         for key, value in values.items():
             if value is not None:
                 if isinstance(data, Batch):
                     value = value.flatten(0, 1)
-                elif one_for_all:
+                elif is_single:
                     value = value[0]
                 data[key] = value
         return data
 
-    def _rows(self, data: Data, joint: Tensor) -> Tensor:
+    def _joint_rows(self, data: Data, joint: Tensor) -> Tensor:
+        # The joint angles with a row for each sample (B, J).
         num_joints = self.kinematics.num_joints
         rows = joint
         if joint.dim() == 1 and (
             joint.numel() == num_joints
-            or (isinstance(data, Batch) and joint.numel() % num_joints == 0)  # PyG joined (J,)
+            # A PyG batch of samples with angles (J,) has them in one row.
+            or (isinstance(data, Batch) and joint.numel() % num_joints == 0)
         ):
             rows = joint.view(-1, num_joints)
         if rows.dim() != 2 or rows.size(1) != num_joints:
             raise ValueError(
-                f"'joint' must have {num_joints} angles a sample, as '{self.kinematics.name}' has "
-                f"joints (got shape {tuple(joint.shape)})"
+                f"'joint' must have {num_joints} angles in each sample, as "
+                f"'{self.kinematics.name}' has joints (got shape {tuple(joint.shape)})"
             )
         num_samples = 1
         if isinstance(data, Batch):
@@ -116,24 +118,24 @@ class TaxelPose(TactileTransform):
             num_samples = 1 if data.is_shared("joint") else data.num_samples
         if len(rows) != num_samples:
             raise ValueError(
-                f"'joint' must have {num_samples} rows, one a sample (got shape "
+                f"'joint' must have {num_samples} rows, one for each sample (got shape "
                 f"{tuple(joint.shape)})"
             )
         return rows
 
     def graph_step(
-        self, known: StaticData, changing: Set[str]
+        self, constants: StaticData, changing: Set[str]
     ) -> Callable[[StaticData], StaticData]:
-        r"""Returns one product with the poses of the links."""
-        return _LinearPose(self)
+        r"""Returns a step that multiplies the poses of the links by a matrix."""
+        return _PoseStep(self)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}('{self.layout.name}', '{self.kinematics.name}')"
 
 
-class _LinearPose:
-    r"""Taxels placed by joint angles. Positions and normals are linear in the poses of the links:
-    one product serves all taxels.
+class _PoseStep:
+    r"""The step of :class:`TaxelPose` in an exported graph. Positions and normals are linear in the
+    poses of the links, so that one product computes those of all taxels.
     """
 
     def __init__(self, part: TaxelPose) -> None:
@@ -143,19 +145,20 @@ class _LinearPose:
             part.layout, joint, small=True
         )
         self.links = self.tables.link.unique()
-        self.pos = self._table(self.tables.pos)
+        self.pos = self._matrix(self.tables.pos)
         self.normal = None
         if part.normal and part.layout.normal is not None:
-            self.normal = self._table(self.tables.normal)
+            self.normal = self._matrix(self.tables.normal)
 
-    def _table(self, places: Tensor) -> Tensor:
-        # (12 L, 3 N): of each link three rows of four numbers.
-        count = len(places)
+    def _matrix(self, vectors: Tensor) -> Tensor:
+        # The matrix (12 L, 3 N) from the three rows of four numbers of the pose of each link to the
+        # vectors of all taxels.
+        count = len(vectors)
         row = torch.searchsorted(self.links, self.tables.link)
-        table = torch.zeros(len(self.links), 3, 4, count, 3)
+        matrix = torch.zeros(len(self.links), 3, 4, count, 3)
         for axis in range(3):
-            table[row, axis, :, torch.arange(count), axis] = places[:, 0]
-        return table.view(12 * len(self.links), 3 * count)
+            matrix[row, axis, :, torch.arange(count), axis] = vectors[:, 0]
+        return matrix.view(12 * len(self.links), 3 * count)
 
     def __call__(self, data: StaticData) -> StaticData:
         joint = data.joint

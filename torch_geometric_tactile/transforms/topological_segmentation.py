@@ -1,4 +1,4 @@
-r"""The segments of a hand as parts of the graph."""
+r"""Segmentation of a graph, such as by the digits of a hand."""
 
 import copy
 from collections.abc import Callable, Sequence, Set
@@ -16,7 +16,7 @@ from torch_geometric_tactile.transforms._attributes import EDGES, check_num_taxe
 from torch_geometric_tactile.transforms._segments import repeat_rows, segment_numbers
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
-_SET_HERE = ("segment_batch", "edge_is_within")
+_NEW_ATTRIBUTES = ("segment_batch", "edge_is_within")
 
 
 @functional_transform("topological_segmentation")
@@ -29,20 +29,21 @@ class TopologicalSegmentation(TactileTransform):
     .. math::
         \mathcal{E}' = \{ (j, i) \in \mathcal{E} : s_j = s_i \}
 
-    The segments :math:`s` are stored as :obj:`segment_batch`, which PyG's
-    :class:`~torch_geometric.loader.DataLoader` numbers on from sample to sample, so that it serves
-    as the :obj:`batch` of a pooling layer. :meth:`split` returns the segments one by one.
+    The segments :math:`s` are stored as :obj:`segment_batch`. In a batch of PyG's
+    :class:`~torch_geometric.loader.DataLoader`, the segments of all samples have different numbers,
+    so that it can be used as the :obj:`batch` of a pooling layer. :meth:`split` returns the
+    segments one by one.
 
     Args:
-        by (str or sequence of int): What a segment is, :obj:`"digit"` or :obj:`"patch"` of the
-            layout, or a whole number for each taxel :math:`(N,)`. Segments are numbered from zero
-            without gaps, in ascending order.
-        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of one
-            that comes with the package, or a layout file; needed for :obj:`"digit"` and
+        by (str or sequence of int): The segments: :obj:`"digit"` or :obj:`"patch"` of the layout,
+            or an integer for each taxel :math:`(N,)`. Segments are numbered from zero without gaps,
+            in the order of these integers.
+        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
+            layout of this package, or a layout file; required for :obj:`"digit"` and
             :obj:`"patch"`.
-        drop (bool): Whether to drop the edges between segments, with their :obj:`edge_attr` and
-            :obj:`edge_weight`. Otherwise all edges stay, and :obj:`edge_is_within` tells which do
-            not leave their segment.
+        drop (bool): If :obj:`True`, drops the edges between segments, with their :obj:`edge_attr`
+            and :obj:`edge_weight`; otherwise keeps all edges and sets :obj:`edge_is_within`, which
+            is true for edges within a segment.
 
     Shapes:
         - **input:** :obj:`edge_index` :math:`(2, |\mathcal{E}|)`, :obj:`edge_attr`
@@ -53,8 +54,8 @@ class TopologicalSegmentation(TactileTransform):
           :math:`(|\mathcal{E}|,)`
 
     Raises:
-        ValueError: If :obj:`by` is none of these or comes without a layout that it needs, there
-            are no edges, or a sample has another number of taxels.
+        ValueError: If :obj:`by` is invalid or requires a layout, there are no edges, or a sample
+            has another number of taxels.
 
     Examples:
         >>> edge_index = torch.tensor([[0, 1, 1, 2], [1, 0, 2, 1]])
@@ -83,7 +84,7 @@ class TopologicalSegmentation(TactileTransform):
         self.num_segments = int(self.segment.max()) + 1
 
     def arguments(self) -> dict[str, Any]:
-        r"""Returns the arguments of the constructor; segments that were given are numbered anew."""
+        r"""Returns the arguments of the constructor, in which segments are numbered from zero."""
         by = self.segment if self.by == "numbers" else self.by
         return {"by": by, "layout": self.layout, "drop": self.drop}
 
@@ -93,34 +94,34 @@ class TopologicalSegmentation(TactileTransform):
         num_samples = data.num_graphs if isinstance(data, Batch) else 1
         shift = self.num_segments * torch.arange(num_samples, device=segment.device)
         source, target = edge_index
-        within = segment[source] == segment[target]
+        is_within = segment[source] == segment[target]
         if self.drop:
             if "edge_is_within" in data:
                 del data["edge_is_within"]
-            edges = within.nonzero().view(-1)
-            counts = _edges_of_graphs(data, source[edges])
+            edges = is_within.nonzero().view(-1)
+            counts = _count_edges(data, source[edges])
             dims = _row_dims(data, "edge", edge_index.size(1))
             data.edge_index = edge_index[:, edges]
-            _reslice(data, "edge_index", counts)
+            _update_slices(data, "edge_index", counts)
             for key, dim in dims.items():
                 data[key] = data[key].index_select(dim, edges)
-                _reslice(data, key, counts)
+                _update_slices(data, key, counts)
         else:
-            data.edge_is_within = within
-            _reslice(data, "edge_is_within", _edges_of_graphs(data, source))
+            data.edge_is_within = is_within
+            _update_slices(data, "edge_is_within", _count_edges(data, source))
         data.segment_batch = segment + repeat_rows(shift, len(self.segment))
         taxels = torch.full((num_samples,), len(self.segment))
-        _reslice(data, "segment_batch", taxels, self.num_segments)
+        _update_slices(data, "segment_batch", taxels, self.num_segments)
         return data
 
     def split(self, data: Data) -> list[Data]:
-        r"""Returns the segments as data of their own, of the kind of :obj:`data`, with taxels
-        numbered from zero and the edges within the segment.
+        r"""Returns each segment as a separate object of the class of :obj:`data`, with its taxels,
+        numbered from zero, and the edges within the segment.
 
-        What has a row for each taxel or each edge is cut; everything else goes to every segment
-        whole. :class:`~torch_geometric_tactile.data.StaticData` knows the levels of its
-        attributes. Of other data, attributes with as many rows as there are taxels (or edges, if
-        the name contains :obj:`edge`) are cut, but for the angles :obj:`joint`.
+        Attributes with a row for each taxel or edge are divided; each segment gets all other
+        attributes unchanged. :class:`~torch_geometric_tactile.data.StaticData` has the levels of
+        its attributes. In other data, attributes are divided if their number of rows is that of the
+        taxels (or of the edges, if the name contains :obj:`edge`), except the angles :obj:`joint`.
 
         Args:
             data (torch_geometric.data.Data): The data, before or after the transform.
@@ -129,7 +130,7 @@ class TopologicalSegmentation(TactileTransform):
             ValueError: If there are no edges, or a sample has another number of taxels.
         """
         edge_index, segment = self._checked(data)
-        return [self._part(data, edge_index, segment == k) for k in range(self.num_segments)]
+        return [self._cut(data, edge_index, segment == k) for k in range(self.num_segments)]
 
     def _checked(self, data: Data) -> tuple[Tensor, Tensor]:
         edge_index = require(self, data, "edge_index")
@@ -137,29 +138,31 @@ class TopologicalSegmentation(TactileTransform):
         segment = self.segment.to(edge_index.device)
         return edge_index, segment.repeat(data.num_graphs) if isinstance(data, Batch) else segment
 
-    def _part(self, data: Data, edge_index: Tensor, mask: Tensor) -> Data:
+    def _cut(self, data: Data, edge_index: Tensor, mask: Tensor) -> Data:
+        # The taxels in the mask and the edges between them.
         part = copy.copy(data)
-        for key in _SET_HERE:
+        for key in _NEW_ATTRIBUTES:
             if key in part:
                 del part[key]
         taxels = mask.nonzero().view(-1)
         source, target = edge_index
-        # Both ends of an edge of a batch are in one graph.
+        # Both ends of an edge are in the same graph of a batch, so that edges within a segment stay
+        # within a sample.
         edges = (mask[source] & mask[target]).nonzero().view(-1)
         num_graphs = data.num_graphs if isinstance(data, Batch) else 1
         num_taxels = len(taxels) // max(1, num_graphs)
         counts = torch.full((num_graphs,), num_taxels)
         for key, dim in _row_dims(part, "node", len(mask)).items():
             part[key] = part[key].index_select(dim, taxels)
-            _reslice(part, key, counts)
-        edge_counts = _edges_of_graphs(data, source[edges])
+            _update_slices(part, key, counts)
+        edge_counts = _count_edges(data, source[edges])
         dims = _row_dims(part, "edge", edge_index.size(1))
-        number = mask.long().cumsum(0) - 1
-        part.edge_index = number[edge_index[:, edges]]
-        _reslice(part, "edge_index", edge_counts, num_taxels)
+        new_number = mask.long().cumsum(0) - 1
+        part.edge_index = new_number[edge_index[:, edges]]
+        _update_slices(part, "edge_index", edge_counts, num_taxels)
         for key, dim in dims.items():
             part[key] = part[key].index_select(dim, edges)
-            _reslice(part, key, edge_counts)
+            _update_slices(part, key, edge_counts)
         if "num_nodes" in part:
             part.num_nodes = len(taxels)
             if isinstance(part, Batch):
@@ -170,10 +173,10 @@ class TopologicalSegmentation(TactileTransform):
         return part
 
     def graph_step(
-        self, known: StaticData, changing: Set[str]
+        self, constants: StaticData, changing: Set[str]
     ) -> Callable[[StaticData], StaticData]:
-        r"""Returns the edges that are kept, if edges are the same for all frames."""
-        return self if "edge_index" in changing else _Segmented(self, known)
+        r"""Returns a step with a fixed selection of edges, if all frames have the same edges."""
+        return self if "edge_index" in changing else _SegmentationStep(self, constants)
 
     def __repr__(self) -> str:
         by = self.by if self.by == "numbers" else f"'{self.by}'"
@@ -181,30 +184,32 @@ class TopologicalSegmentation(TactileTransform):
 
 
 def _row_dims(data: Data, level: str, num_rows: int) -> dict[str, int]:
-    # The dimension in which each attribute of a level, "node" or "edge", has its rows.
+    # The dimension of the rows of each attribute of a level, "node" or "edge".
     dims = {}
     for key, value in data.to_dict().items():
-        if not isinstance(value, Tensor) or key in ("edge_index", "adj", "adj_t", *_SET_HERE):
+        if not isinstance(value, Tensor) or key in ("edge_index", "adj", "adj_t", *_NEW_ATTRIBUTES):
             continue
         if isinstance(data, StaticData):
             if data.level(key) == level:
                 dims[key] = 0 if data.is_shared(key) else 1
+        # In PyG, the names of attributes with indices contain 'index' or 'face'.
         elif key not in ("joint", "batch", "ptr") and "index" not in key and "face" not in key:
-            rows = value.size(0) if value.dim() else None
-            if rows == num_rows and ("edge" in key) == (level == "edge"):
+            size = value.size(0) if value.dim() else None
+            if size == num_rows and ("edge" in key) == (level == "edge"):
                 dims[key] = 0
     return dims
 
 
-def _edges_of_graphs(data: Data, source: Tensor) -> Tensor:
+def _count_edges(data: Data, source: Tensor) -> Tensor:
     if not isinstance(data, Batch):
         return torch.tensor([len(source)])
     counts: Tensor = data.batch[source].bincount(minlength=data.num_graphs).cpu()
     return counts
 
 
-def _reslice(data: Data, key: str, counts: Tensor, increment: int | None = None) -> None:
-    # A batch remembers where its samples begin, from which PyG takes them apart again.
+def _update_slices(data: Data, key: str, counts: Tensor, increment: int | None = None) -> None:
+    # PyG separates the samples of a batch by the first row of each attribute of each sample. It
+    # must be updated when the number of rows changes.
     if not isinstance(data, Batch) or not hasattr(data, "_slice_dict"):
         return
     start = torch.nn.functional.pad(counts.cumsum(0), (1, 0))
@@ -214,33 +219,35 @@ def _reslice(data: Data, key: str, counts: Tensor, increment: int | None = None)
         data._inc_dict = {**data._inc_dict, key: shift}
 
 
-class _Segmented:
-    r"""Edges within segments, chosen beforehand: their number must not depend on values."""
+class _SegmentationStep:
+    r"""The step of :class:`TopologicalSegmentation` in an exported graph. The edges are selected in
+    advance, since their number must not depend on values.
+    """
 
-    is_same_for_all = True  # what it sets is the same for all frames
+    is_same_for_all = True  # it sets the same values for all frames
 
-    def __init__(self, part: TopologicalSegmentation, known: StaticData) -> None:
-        source, target = known.edge_index
-        within = part.segment[source] == part.segment[target]
-        self.kept = within.nonzero().view(-1)
-        self.count = known.edge_index.size(1)
+    def __init__(self, part: TopologicalSegmentation, constants: StaticData) -> None:
+        source, target = constants.edge_index
+        is_within = part.segment[source] == part.segment[target]
+        self.edges = is_within.nonzero().view(-1)
+        self.num_edges = constants.edge_index.size(1)
         self.segment = part.segment
-        self.within = None if part.drop else within
-        self.edge_index = known.edge_index[:, self.kept] if part.drop else known.edge_index
+        self.is_within = None if part.drop else is_within
+        self.edge_index = constants.edge_index[:, self.edges] if part.drop else constants.edge_index
 
     def __call__(self, data: StaticData) -> StaticData:
         rows = {}
-        if self.within is None:
+        if self.is_within is None:
             for key, value in data.to_dict().items():
                 if key != "edge_index" and isinstance(value, Tensor) and data.level(key) == "edge":
-                    rows[key] = value.index_select(0 if data.is_shared(key) else 1, self.kept)
+                    rows[key] = value.index_select(0 if data.is_shared(key) else 1, self.edges)
         for key in ("edge_is_within", *rows):
             if key in data:
                 del data[key]
         data.edge_index = self.edge_index
         for key, value in rows.items():
             data[key] = value
-        if self.within is not None:
-            data.edge_is_within = self.within
+        if self.is_within is not None:
+            data.edge_is_within = self.is_within
         data.segment_batch = self.segment
         return data

@@ -1,4 +1,4 @@
-r"""Scaling by the training part."""
+r"""Scaling of readings to mean zero and standard deviation one."""
 
 from collections.abc import Iterable
 from typing import Literal
@@ -13,35 +13,35 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 
 @functional_transform("z_score")
 class ZScore(FittedTransform):
-    r"""Scales each taxel and channel to mean zero and standard deviation one over the samples that
-    it was fitted on, which should be the training part (functional name: :obj:`z_score`).
+    r"""Scales each taxel and channel to mean zero and standard deviation one over the samples on
+    which it is fitted, which should be the training part (functional name: :obj:`z_score`).
 
     .. math::
         x' = \frac{x - \mu}{\sigma}
 
-    With :obj:`attr` it scales another attribute in place of the readings, each of its numbers by
-    itself: the features of each edge, the angle of each joint. What changes by less than rounding
-    does, such as the length of an edge within a rigid patch, keeps its scale.
+    With :obj:`attr` it scales each number of another attribute instead of the readings, such as the
+    features of each edge or the angle of each joint. Numbers that change only by rounding, such as
+    the length of an edge within a rigid patch, are divided by one.
 
-    On a hand most taxels are hardly ever pressed. By itself each of them is scaled up until its
-    noise is as large as the touch on others; with :obj:`per="channel"` all keep one scale. Subtract
-    their rest readings before (:class:`~torch_geometric_tactile.transforms.Tare`). What was fitted
-    so can be applied to any number of taxels. Where there are no rest readings, and each taxel has
-    an offset of its own, :obj:`scale_per="channel"` subtracts the mean of each taxel, and divides
-    all by one scale, the root mean square of their deviations.
+    On a hand most taxels are rarely pressed. Scaled taxel by taxel, their noise becomes as large as
+    a touch on other taxels; with :obj:`per="channel"` all taxels have the same scale. Subtract the
+    readings at rest first (:class:`~torch_geometric_tactile.transforms.Tare`). A scaler that is
+    fitted per channel can be applied to any number of taxels. Without readings at rest, if each
+    taxel has a different offset, :obj:`scale_per="channel"` subtracts the mean of each taxel and
+    divides all taxels by one scale, the root mean square of their standard deviations.
 
     Args:
-        attr (str): What is scaled, such as :obj:`"x"`, :obj:`"edge_attr"`, :obj:`"joint"`,
+        attr (str): The attribute to scale, such as :obj:`"x"`, :obj:`"edge_attr"`, :obj:`"joint"`,
             :obj:`"absolute"` or :obj:`"pos"`.
-        per (str): :obj:`"taxel"` for a centre and a scale of each taxel and channel, or
-            :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`.
-            In windows of frames, :obj:`"signal"` for one of all frames of a taxel and channel; with
-            the other two, each frame has its own.
-        scale_per (str, optional): The same for the scale alone; as :obj:`per` if left out. Also
-            :obj:`"all"` for one scale of all numbers, which keeps the directions of forces and of
-            other vectors.
-        with_mean (bool): Whether the mean is subtracted. Without, zero stays zero, which is right
-            where that is rest, and what looks at the place of a touch comes behind.
+        per (str): :obj:`"taxel"` for a centre and a scale of each taxel and channel,
+            :obj:`"channel"` for those of all taxels of a channel (the last dimension of
+            :obj:`attr`), or :obj:`"signal"` for those of all frames of a taxel and channel, in
+            windows. With :obj:`"taxel"` and :obj:`"channel"`, each frame of a window has its own.
+        scale_per (str, optional): The same for the scale only; :obj:`per` if left out. With
+            :obj:`"all"` all numbers share one scale, which keeps the directions of forces and other
+            vectors.
+        with_mean (bool): Whether to subtract the mean. Without it, zero stays zero, which is
+            suitable for readings that are zero at rest, if later steps locate a touch.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -53,10 +53,9 @@ class ZScore(FittedTransform):
 
     Raises:
         RuntimeError: If it was not fitted.
-        ValueError: If :obj:`per` or :obj:`scale_per` is unknown, or the scale should be of taxels
-            and the centre of channels; or the readings have other taxels (unless
-            :obj:`per="channel"`) or channels than those it was fitted on, or no :obj:`num_frames`
-            with :obj:`per="signal"`.
+        ValueError: If :obj:`per` or :obj:`scale_per` is unknown, or they cannot be combined; or the
+            readings have other taxels (unless :obj:`per="channel"`) or channels than in the fit, or
+            no :obj:`num_frames` with :obj:`per="signal"`.
 
     Examples:
         >>> import torch
@@ -81,8 +80,8 @@ class ZScore(FittedTransform):
         scale_per = per if scale_per is None else scale_per
         if scale_per not in ("channel", "all", per):
             raise ValueError(
-                "'scale_per' must be 'channel' or 'all', or 'taxel' if 'per' is, or 'signal' "
-                f"likewise (got {scale_per!r} and per={per!r})"
+                "'scale_per' must be 'channel', 'all' or the same as 'per' "
+                f"(got {scale_per!r} and per={per!r})"
             )
         self.scale_per = scale_per
         self.with_mean = with_mean
@@ -94,16 +93,20 @@ class ZScore(FittedTransform):
             parts (iterable of torch.Tensor): The readings in parts, as in
                 :meth:`FittedTransform.moments`.
         """
-        center, scale = super().moments(parts) if self.scale_per == self.per else self._one(parts)
+        center, scale = (
+            super().moments(parts)
+            if self.scale_per == self.per
+            else self._moments_with_common_scale(parts)
+        )
         return (center if self.with_mean else torch.zeros_like(center)), scale
 
-    def _one(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
-        # A centre for each taxel, a scale for all, of each channel or of all.
+    def _moments_with_common_scale(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
+        # A centre for each taxel, and a scale for all taxels, of each channel or of all channels.
         center, deviation = mean_and_deviation(parts)
         width = 1 if self.scale_per == "all" else center.size(-1)
         rows = (value.reshape(-1, width) for value in (center.abs(), deviation.square()))
-        size, variance = (value.mean(dim=0) for value in rows)
-        scale = self.usable(size, variance.sqrt())
+        mean_center, variance = (value.mean(dim=0) for value in rows)
+        scale = self.usable(mean_center, variance.sqrt())
         return center, scale.expand_as(center).clone()
 
     def _attr_repr(self) -> str:
