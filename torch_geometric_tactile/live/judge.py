@@ -349,7 +349,7 @@ class _PredictorModel:
         else:
             predictor = _opened(predictor)
         self._predictor = predictor
-        facts = {**predictor.network.facts(), **predictor.preparation.facts()}
+        facts = {**predictor.network.metadata(), **predictor.preparation.metadata()}
         self.info: dict[str, Any] = {**facts, "unit": None}
         self._ring: Any = None
         self._contacts = ContactWindow(self.length)
@@ -391,7 +391,7 @@ class _PredictorModel:
         session = self._predictor.preparation.session
         session.measure_rest(Recording(time=time, tactile=frames, joint=joint))
         missing = np.isnan(frames).all(axis=0)
-        for part in session.parts:
+        for part in session.transforms:
             if part.center[-1].shape == missing.shape:
                 part.center[-1][missing] = np.nan  # not zero: what was never there has no rest
 
@@ -400,8 +400,8 @@ class _PredictorModel:
         import torch
 
         session = self._predictor.preparation.session
-        if session.parts:
-            session.give(torch.tensor(center), None if scale is None else torch.tensor(scale))
+        if session.transforms:
+            session.set_rest(torch.tensor(center), None if scale is None else torch.tensor(scale))
         if self.contact is not None and center.shape[-1:] == (self.info["num_channels"],):
             self.contact = self.contact.with_rest(center)
 

@@ -1,4 +1,4 @@
-r"""Which step of a graph a transform becomes, without what depends on values."""
+r"""Steps of an ONNX graph for transforms, without operations that depend on values."""
 
 import copy
 from collections.abc import Callable, Sequence
@@ -9,51 +9,75 @@ from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData, apply_transform
 from torch_geometric_tactile.data._transform_rules import own_declaration, static_rule
-from torch_geometric_tactile.predictor._computed_once import access
+from torch_geometric_tactile.predictor._constant_transforms import attribute_access
 from torch_geometric_tactile.transforms import FittedTransform, TactileTransform
 from torch_geometric_tactile.transforms._windows import repeated
 
-_ALL = ("x", "joint", "pos", "normal", "tangent", "edge_index", "edge_attr", "edge_weight")
+_ALL_ATTRIBUTES = (
+    "x",
+    "joint",
+    "pos",
+    "normal",
+    "tangent",
+    "edge_index",
+    "edge_attr",
+    "edge_weight",
+)
 Step = Callable[[StaticData], StaticData]
 
 
-class GivenRest:
-    r"""A transform that measures sessions, with what it measured as an input of the graph."""
+class RestInput:
+    r"""Step of a transform that measures sessions. The centre and scale of the session are inputs
+    of the graph.
 
-    def __init__(self, part: FittedTransform, of_windows: bool) -> None:
-        if part.attr != "x":
+    Args:
+        transform (FittedTransform): The transform.
+        measures_windows (bool): Whether it measures windows, not single frames.
+
+    Raises:
+        NotImplementedError: If it measures another attribute than the readings.
+    """
+
+    def __init__(self, transform: FittedTransform, measures_windows: bool) -> None:
+        if transform.attr != "x":
             raise NotImplementedError(
-                f"{part!r} cannot be exported: only readings may be measured by session (got "
-                f"attr='{part.attr}')"
+                f"{transform!r} cannot be exported: only readings may be measured by session (got "
+                f"attr='{transform.attr}')"
             )
-        self.part = part
-        self.of_windows = of_windows
-        self.reads_changed = False  # whether steps before it change the readings
+        self.part = transform
+        self.measures_windows = measures_windows
+        self.reads_changed_readings = False  # whether steps before it change the readings
         self.center: Tensor | None = None
         self.scale: Tensor | None = None
-        self.seen: Tensor | None = None
+        self.readings: Tensor | None = None
 
     @property
     def has_scale(self) -> bool:
-        r"""Whether it divides by a scale as well."""
+        r"""Whether the transform also divides by a scale."""
         return not self.part.unit_scale
 
     def __call__(self, data: StaticData) -> StaticData:
-        r"""Subtracts and divides."""
+        r"""Returns data with the centre subtracted and divided by the scale."""
         assert self.center is not None
-        self.seen = x = data.x
+        self.readings = x = data.x
         center, scale = self.center, self.scale
         if self.part.per == "signal":
             center = repeated(center, data.num_frames)
             scale = None if scale is None else repeated(scale, data.num_frames)
-        # Raw counts are large and vary little.
+        # Raw counts are large and vary little: the difference of single precisions loses digits.
         x = (x.double() - center).to(x.dtype)
         data.x = x if scale is None else x / scale
         return data
 
 
-class GivenAttributes:
-    r"""Attributes that are the same for all frames, and columns of the readings."""
+class SetAttributes:
+    r"""Step that sets attributes and columns of readings that are the same for all frames.
+
+    Args:
+        before (StaticData): Shared attributes before the transform.
+        after (StaticData): Shared attributes after it; its readings hold the new columns.
+        replaces (bool): Whether the columns replace the readings, and are not appended to them.
+    """
 
     def __init__(self, before: StaticData, after: StaticData, replaces: bool) -> None:
         self.replaces = replaces
@@ -67,7 +91,7 @@ class GivenAttributes:
         self.columns = after.x if columns else None
 
     def __call__(self, data: StaticData) -> StaticData:
-        r"""Applies it."""
+        r"""Returns data with the attributes and columns."""
         schema: Any = self.schema.schema
         data = data.declare(**schema)
         for key in self.removed:
@@ -81,80 +105,85 @@ class GivenAttributes:
         return data
 
 
-def is_framewise(part: Any) -> bool:
-    r"""Tells whether a transform of windows does the same to each frame by itself."""
-    return isinstance(part, TactileTransform) and bool(own_declaration(part, "per_frame"))
+def is_framewise(transform: Any) -> bool:
+    r"""Returns whether a transform of windows treats each frame separately and equally."""
+    return isinstance(transform, TactileTransform) and bool(own_declaration(transform, "per_frame"))
 
 
-def lowered(
-    parts: Sequence[Any], known: StaticData, changing: set[str], of_windows: bool
+def transforms_to_steps(
+    transforms: Sequence[Any], constant: StaticData, varying: set[str], is_windowed: bool
 ) -> tuple[list[tuple[str, Step]], StaticData]:
-    r"""Returns steps with the names of their transforms, and what is known after them."""
+    r"""Returns the steps of transforms with their names, and the attributes that all frames share
+    afterwards. Adds the attributes that differ between frames to :obj:`varying`.
+    """
     steps: list[tuple[str, Step]] = []
-    for part in parts:
-        step, known = _lowered(part, known, changing, of_windows)
+    for transform in transforms:
+        step, constant = _transform_to_step(transform, constant, varying, is_windowed)
         if step is not None:
-            steps.append((repr(part), step))
-    return steps, known
+            steps.append((repr(transform), step))
+    return steps, constant
 
 
-def _lowered(
-    part: Any, known: StaticData, changing: set[str], of_windows: bool
+def _transform_to_step(
+    transform: Any, constant: StaticData, varying: set[str], is_windowed: bool
 ) -> tuple[Step | None, StaticData]:
-    if isinstance(part, FittedTransform) and part.key is not None:
-        if own_declaration(part, "reads") is None:
+    if isinstance(transform, FittedTransform) and transform.key is not None:
+        if own_declaration(transform, "reads") is None:
             raise NotImplementedError(
-                f"{part!r} cannot be exported: it measures sessions and has a 'forward' of its own"
+                f"{transform!r} cannot be exported: it measures sessions and overrides 'forward'"
             )
-        rest = GivenRest(part, of_windows)
-        rest.reads_changed = "$x" in changing
-        changing.add("$x")
-        return rest, known
-    is_ours = isinstance(part, TactileTransform)
-    if is_ours and own_declaration(part, "is_random"):
-        if _is_identity(part, known):
-            return None, known
+        rest = RestInput(transform, is_windowed)
+        rest.reads_changed_readings = "$x" in varying
+        varying.add("$x")
+        return rest, constant
+    is_ours = isinstance(transform, TactileTransform)
+    if is_ours and own_declaration(transform, "is_random"):
+        if _is_identity(transform, constant):
+            return None, constant
         raise NotImplementedError(
-            f"{part!r} cannot be exported: it draws random numbers; leave it out of the predictor"
+            f"{transform!r} cannot be exported: it draws random numbers; leave it out of the "
+            "predictor"
         )
-    reads, writes = access(part)
-    columns = static_rule(part).x
+    reads, writes = attribute_access(transform)
+    columns = static_rule(transform).x
     if columns is not None and reads is not None and writes is not None and "x" not in reads:
-        writes = tuple(key for key in writes if key != "x")  # columns of readings are set apart
-    if reads is not None and writes is not None and changing.isdisjoint((*reads, *writes)):
-        after = apply_transform(part, known)
-        given = GivenAttributes(known, after, columns == "replace")
-        if after.x.size(-1):
-            changing.add("$x")
-            after = copy.copy(after)
-            after.x = known.x
-        return given, after
-    step: Step = part.graph_step(known, changing) if is_ours and writes else _per_sample(part)
+        writes = tuple(key for key in writes if key != "x")  # "$x": see below
+    if reads is not None and writes is not None and varying.isdisjoint((*reads, *writes)):
+        transformed = apply_transform(transform, constant)
+        attributes = SetAttributes(constant, transformed, columns == "replace")
+        if transformed.x.size(-1):  # "$x" says that a step has changed the raw readings
+            varying.add("$x")
+            transformed = copy.copy(transformed)
+            transformed.x = constant.x
+        return attributes, transformed
+    step: Step = (
+        transform.graph_step(constant, varying) if is_ours and writes else _sample_step(transform)
+    )
     if getattr(step, "is_same_for_all", False):
-        return step, step(copy.copy(known))
-    changing.update(_ALL if writes is None else writes)
+        return step, step(copy.copy(constant))
+    varying.update(_ALL_ATTRIBUTES if writes is None else writes)
     if writes is None or "x" in writes:
-        changing.add("$x")
-    return step, known
+        varying.add("$x")
+    return step, constant
 
 
-def _per_sample(part: Any) -> Step:
-    if own_declaration(part, "supports_static"):
-        step: Step = part
+def _sample_step(transform: Any) -> Step:
+    if own_declaration(transform, "supports_static"):
+        step: Step = transform
         return step
-    return lambda data: apply_transform(part, data)
+    return lambda data: apply_transform(transform, data)
 
 
-def _is_identity(part: Any, known: StaticData) -> bool:
-    # Some are kept from training with nothing left to draw, such as noise of zero.
+def _is_identity(transform: Any, constant: StaticData) -> bool:
+    # A predictor may hold a random transform of training without effect, such as noise of zero.
     for seed in range(3):
-        data = copy.copy(known)
+        data = copy.copy(constant)
         draw = torch.Generator().manual_seed(seed)
-        data.x = torch.randn(4, known.num_nodes, 6, generator=draw)
+        data.x = torch.randn(4, constant.num_nodes, 6, generator=draw)
         data.num_frames = 2
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            after = copy.deepcopy(part)(copy.copy(data))
-        if not torch.allclose(after.x, data.x, rtol=1e-6, atol=1e-6):
+            noisy = copy.deepcopy(transform)(copy.copy(data))
+        if not torch.allclose(noisy.x, data.x, rtol=1e-6, atol=1e-6):
             return False
     return True

@@ -1,4 +1,4 @@
-r"""From a reading to the input of a model."""
+r"""Preparation of readings: from a raw reading to the input of a model."""
 
 import copy
 from collections.abc import Mapping, Sequence
@@ -25,24 +25,44 @@ from torch_geometric_tactile.data._contact_windows import windows_lacking_contac
 from torch_geometric_tactile.data._dataset_info import joined_info
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._transform_rules import flat
-from torch_geometric_tactile.predictor._computed_once import access, apply_once, is_computed_once
+from torch_geometric_tactile.predictor._constant_transforms import (
+    apply_constant_transforms,
+    attribute_access,
+    is_precomputed,
+)
 from torch_geometric_tactile.predictor._readings import (
     ArrayLike,
-    as_numbers,
-    checked_options,
+    array_shape,
+    check_read_options,
     joint_rows,
-    shape_of,
-    stored_options,
+    select_read_options,
+    to_float_tensor,
 )
-from torch_geometric_tactile.predictor._session import Session, keyed
-from torch_geometric_tactile.predictor._window_cut import WindowCut, frame_by_frame
+from torch_geometric_tactile.predictor._session import Session, session_transforms
+from torch_geometric_tactile.predictor._window_cut import WindowCut, apply_to_frames
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.transforms import Tare, fitted_parts
 
 
 class Preparation:
-    r"""What turns a reading into the input of a model: the layout, what all frames share, and the
-    transforms.
+    r"""The layout, the attributes that all frames share, and the transforms, which turn a raw
+    reading into the input of a model.
+
+    Args:
+        layout (TaxelLayout): The taxels.
+        shared (StaticData): Attributes that all frames share, such as positions and edges.
+        pre_transform (callable, optional): Transform that is applied to each reading first.
+        transform (callable, optional): Transform that is applied after :obj:`pre_transform`.
+        num_channels (int, optional): Channels of a taxel; not checked if left out.
+        num_joints (int, optional): Joint angles of a frame; not checked if left out.
+        window (WindowCut, optional): Settings of windows, for a model of windows.
+        frame_transform (callable, optional): Transform of single frames, before windows are cut.
+        read_options (Mapping, optional): Options with which recordings are read.
+        info (FrameInfo, optional): Unit, columns, rate and thinning of the training frames.
+        contact (ContactRule, optional): The rule that detects frames without contact.
+
+    Raises:
+        ValueError: If a transform is not fitted.
     """
 
     def __init__(
@@ -61,9 +81,9 @@ class Preparation:
         contact: ContactRule | None = None,
     ) -> None:
         self.info = FrameInfo() if info is None else info
-        self.read_options = checked_options(read_options or {})
+        self.read_options = check_read_options(read_options or {})
         self.layout = layout
-        self.shared = _only_shared(shared)
+        self.shared = _select_shared(shared)
         self.pre_transform = copy.deepcopy(pre_transform)
         self.transform = copy.deepcopy(transform)
         self.num_channels = num_channels
@@ -73,57 +93,61 @@ class Preparation:
         self.frame_transform = copy.deepcopy(frame_transform)
         self.dtype = torch.float
         self.device: torch.device | None = None
-        of_frames = flat(self.frame_transform)
-        parts = [*of_frames, *flat(self.pre_transform), *flat(self.transform)]
+        frame_steps = flat(self.frame_transform)
+        parts = [*frame_steps, *flat(self.pre_transform), *flat(self.transform)]
         self.fitted = fitted_parts(Compose(parts))
         for part in self.fitted:
-            if part.center is None and part.key is None:  # one with a key can be adapted
+            if part.center is None and part.key is None:  # with a key, `adapt` fits it
                 raise ValueError(
-                    f"'{part}' must be fitted before it is part of a predictor (got none of its "
-                    "numbers): call its fit, or train with TactileDataModule"
+                    f"'{part}' must be fitted before it is part of a predictor (got no fitted "
+                    "values): call its method 'fit', or train with TactileDataModule"
                 )
         self.session = Session(self)
-        reads = {name for part in parts for name in access(part)[0] or ()}
+        reads = {name for part in parts for name in attribute_access(part)[0] or ()}
         self.needs_joint = "joint" in reads
-        self.constant, self.frame_parts = apply_once(self.shared, of_frames)
-        self.last_parts = parts[len(of_frames) :]
-        if not self.frame_parts:  # what they change may be what later parts read
-            self.constant, self.last_parts = apply_once(self.constant, self.last_parts)
+        self.constant, self.frame_transforms = apply_constant_transforms(self.shared, frame_steps)
+        self.sample_transforms = parts[len(frame_steps) :]
+        # Per-frame transforms may change attributes that the transforms of samples read.
+        if not self.frame_transforms:
+            self.constant, self.sample_transforms = apply_constant_transforms(
+                self.constant, self.sample_transforms
+            )
 
     @property
     def contact(self) -> ContactRule | None:
-        r"""The rule that tells frames and windows without contact, :obj:`None` if there is none."""
+        r"""The rule that detects frames and windows without contact, or :obj:`None`."""
         return self._contact
 
     @contact.setter
     def contact(self, rule: ContactRule | None) -> None:
         if rule is not None:
             need(isinstance(rule, ContactRule), "'contact' must be a ContactRule or None", rule)
-            given = None if rule.rest is None else rule.rest.shape
-            channels = self.num_channels or "num_channels"
-            if given is not None and (
-                given[0] != self.layout.num_taxels or self.num_channels not in (None, given[1])
+            rest_shape = None if rule.rest is None else rule.rest.shape
+            expected_channels = self.num_channels or "num_channels"
+            if rest_shape is not None and (
+                rest_shape[0] != self.layout.num_taxels
+                or self.num_channels not in (None, rest_shape[1])
             ):
                 raise ValueError(
                     f"'rest' of the contact rule must have shape ({self.layout.num_taxels}, "
-                    f"{channels}), as the readings (got {given})"
+                    f"{expected_channels}), as the readings (got {rest_shape})"
                 )
         self._contact = rule
 
     def lacks_contact(self, reading: ArrayLike) -> Tensor:
-        r"""Returns which frames or windows lack contact, by the rule :obj:`contact`; none of them
-        without one.
+        r"""Returns for each frame or window whether it lacks contact, by the rule :obj:`contact`.
+        Without a rule, all of them have contact.
 
         Args:
-            reading (torch.Tensor or numpy.ndarray): As for a call.
+            reading (torch.Tensor or numpy.ndarray): Readings, as for :meth:`prepare`.
 
         Shapes:
             - **output:** :math:`(B,)`
 
         Raises:
-            ValueError: If the rule has no readings at rest, or those have another shape.
+            ValueError: If the rule has no readings at rest, or their shape differs.
         """
-        x = as_numbers("reading", reading, torch.float, None)
+        x = to_float_tensor("reading", reading, torch.float, None)
         x = x.unsqueeze(0) if x.dim() == 2 else x
         if self.contact is None:
             return torch.zeros(len(x), dtype=torch.bool)
@@ -135,11 +159,11 @@ class Preparation:
         return torch.from_numpy(out)
 
     def windows_lacking_contact(self, recording: Recording, last: Tensor) -> Tensor:
-        r"""Returns which windows of a recording lack contact, by the rule :obj:`contact`.
+        r"""Returns for each window of a recording whether it lacks contact.
 
         Args:
-            recording (Recording): What :meth:`matched` returned.
-            last (torch.Tensor): The last frame of each window :math:`(W,)`.
+            recording (Recording): A recording from :meth:`match_recording`.
+            last (torch.Tensor): Index of the last frame of each window :math:`(W,)`.
 
         Shapes:
             - **output:** :math:`(W,)`
@@ -150,59 +174,75 @@ class Preparation:
         index = self.info.selected_frames(recording.time, recording.num_frames)
         stop = np.searchsorted(index, last.cpu().numpy()) + 1
         start = np.maximum(stop - self.window.length, 0)
-        if self.window.ragged == "pad":  # one window of all frames, however many
+        if self.window.ragged == "pad":  # a single window, which holds all frames
             start = np.zeros_like(stop)
         tactile = recording.tactile[index]
         return torch.from_numpy(windows_lacking_contact(self.contact, tactile, start, stop))
 
     @property
-    def parts(self) -> list[Any]:
-        r"""The transforms of each reading: those of frames, then those of windows."""
-        return [*self.frame_parts, *self.last_parts]
+    def transforms(self) -> list[Any]:
+        r"""The transforms of each reading: those of single frames, then those of samples."""
+        return [*self.frame_transforms, *self.sample_transforms]
 
     @property
     def hand(self) -> HandKinematics | None:
-        r"""The hand whose joints pose the taxels, if a transform does so."""
-        hands = [getattr(part, "kinematics", None) for part in self.parts]
+        r"""The hand kinematics of the transform that poses the taxels, or :obj:`None`."""
+        hands = [getattr(part, "kinematics", None) for part in self.transforms]
         return next((hand for hand in hands if hand is not None), None)
 
     @property
     def causal(self) -> bool:
-        r"""Whether no transform looks at frames to come."""
-        return all(getattr(part, "causal", True) for part in self.parts)
+        r"""Whether no transform uses later frames."""
+        return all(getattr(part, "causal", True) for part in self.transforms)
 
     @property
     def measures_frames(self) -> bool:
-        r"""Whether a transform measures the sessions on frames, before windows are cut."""
-        return bool(keyed(self.frame_parts))
+        r"""Whether a transform measures sessions on single frames, before windows are cut."""
+        return bool(session_transforms(self.frame_transforms))
 
     @classmethod
-    def of_dataset(cls, dataset: StaticDataset, transform: Transform | None = None) -> Self:
-        r"""Returns what a data set does to its readings, and a transform after it."""
-        window, frames = WindowCut.of_dataset(dataset), dataset
-        while isinstance(frames, FrameView):
-            frames = frames.dataset
-        sample, frame = (_first_stored(part) for part in (dataset, frames))
-        # Results that depend on the layout only are among what the samples share.
-        steps = [part for part in flat(frames.pre_transform) if not is_computed_once(part, frame)]
-        joint = frame.joint if "joint" in frame else None
-        known: dict[str, Any] = {
-            "num_channels": None if steps else frame.num_features,
+    def from_dataset(cls, dataset: StaticDataset, transform: Transform | None = None) -> Self:
+        r"""Returns the preparation that a data set applies to its readings.
+
+        Args:
+            dataset (StaticDataset): The data set.
+            transform (callable, optional): Transform that is applied after those of the data set.
+        """
+        window, frame_dataset = WindowCut.from_dataset(dataset), dataset
+        while isinstance(frame_dataset, FrameView):
+            frame_dataset = frame_dataset.dataset
+        stored_sample, stored_frame = (
+            _first_stored_sample(part) for part in (dataset, frame_dataset)
+        )
+        # Transforms that depend on the layout only need not run again: samples share their output.
+        steps = [
+            part
+            for part in flat(frame_dataset.pre_transform)
+            if not is_precomputed(part, stored_frame)
+        ]
+        joint = stored_frame.joint if "joint" in stored_frame else None
+        arguments: dict[str, Any] = {
+            "num_channels": None if steps else stored_frame.num_features,
             "num_joints": 0 if joint is None else joint.size(-1),
-            "read_options": stored_options(getattr(frames, "file_options", {})),
+            "read_options": select_read_options(getattr(frame_dataset, "file_options", {})),
         }
         if window is not None:
-            known |= {"window": window, "frame_transform": _joined([*steps, frames.transform])}
+            arguments |= {
+                "window": window,
+                "frame_transform": _compose([*steps, frame_dataset.transform]),
+            }
             steps = [
-                part for part in flat(dataset.pre_transform) if not is_computed_once(part, sample)
+                part
+                for part in flat(dataset.pre_transform)
+                if not is_precomputed(part, stored_sample)
             ]
-        last = Compose([*flat(dataset.transform), *flat(transform)])
-        known["info"] = joined_info(dataset)
-        preparation = cls(dataset.layout, sample, _joined(steps), last, **known)
+        transforms = Compose([*flat(dataset.transform), *flat(transform)])
+        arguments["info"] = joined_info(dataset)
+        preparation = cls(dataset.layout, stored_sample, _compose(steps), transforms, **arguments)
         preparation.info = preparation.info.changed(rest=preparation.session.rest_seconds())
         return preparation
 
-    def data(
+    def readings_to_data(
         self,
         reading: ArrayLike,
         joint: ArrayLike | None = None,
@@ -213,85 +253,94 @@ class Preparation:
         r"""Returns readings as data, before any transform.
 
         Shapes:
-            - **reading:** One frame :math:`(N, F)` or many
-              :math:`(B, N, F)`; for a model of windows, windows :math:`(B, N, C \cdot T)`.
-            - **joint:** Angles in radians :math:`(J,)`, for
-              all frames, or :math:`(B, J)`.
+            - **reading:** One frame :math:`(N, F)` or several frames :math:`(B, N, F)`; for a model
+              of windows, windows :math:`(B, N, C \cdot T)`.
+            - **joint:** Angles in radians, one row for all frames :math:`(J,)` or one row for each
+              :math:`(B, J)`.
         """
-        x = as_numbers("reading", reading, self.dtype, self.device)
+        x = to_float_tensor("reading", reading, self.dtype, self.device)
         num_taxels = self.layout.num_taxels
         if x.dim() == 2:
             x = x.unsqueeze(0)
         num_frames = self._num_frames(x) if num_frames is None else num_frames
-        given = x.size(-1) / num_frames
-        if x.dim() != 3 or x.size(1) != num_taxels or self.num_channels not in (None, given):
+        reading_channels = x.size(-1) / num_frames
+        if (
+            x.dim() != 3
+            or x.size(1) != num_taxels
+            or self.num_channels not in (None, reading_channels)
+        ):
             channels = self.num_channels or "num_channels"
             channels = channels if self.window is None else f"{channels} * num_frames"
             raise ValueError(
                 f"'reading' must have shape ({num_taxels}, {channels}), a frame of layout "
                 f"'{self.layout.name}', or (num_frames, {num_taxels}, {channels}) "
-                f"(got {shape_of(reading)})"
+                f"(got {array_shape(reading)})"
             )
         data = copy.copy(self.constant)
         data.x = x
         if self.window is not None:
             data.num_frames = num_frames
         if joint is not None and self.num_joints != 0:
-            angles = as_numbers("joint", joint, self.dtype, self.device)
+            angles = to_float_tensor("joint", joint, self.dtype, self.device)
             data.joint = joint_rows(angles, len(x), self.num_joints)
         elif self.needs_joint:
             raise ValueError(
-                f"'joint' must be given: {self.num_joints or 'the'} joint angles in radians, which "
-                "the transform or the model needs (got None)"
+                f"'joint' must be given: {self.num_joints or 'the'} joint angles in radians, since "
+                "the transform or the model reads them (got None)"
             )
-        self.session.mark(data, session)
+        self.session.set_session_number(data, session)
         return data
 
-    def frames(
+    def frames_to_data(
         self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
     ) -> StaticData:
-        r"""Returns frames as data, before any transform, also where the model takes windows."""
-        data = self.data(reading, joint, session, num_frames=1)
+        r"""Returns single frames as data, before any transform, for models of frames and of
+        windows.
+        """
+        data = self.readings_to_data(reading, joint, session, num_frames=1)
         if self.window is not None:
             del data.num_frames
         return data
 
     @property
     def columns(self) -> dict[str, list[str]]:
-        r"""The names of the columns of readings and angles in their order, if they are known."""
-        known = {**self.info.columns, **self.read_options}
-        return {key: list(known[key]) for key in ("tactile", "joint") if key in known}
+        r"""The column names of readings and joint angles in their order, as far as known."""
+        stored_columns = {**self.info.columns, **self.read_options}
+        return {
+            key: list(stored_columns[key]) for key in ("tactile", "joint") if key in stored_columns
+        }
 
     @property
     def needs_rate(self) -> bool:
-        r"""Whether the rate of a recording matters: for windows, and for whole trials that are not
-        resampled to one length.
+        r"""Whether a recording must have the rate of the training. This holds for windows, and for
+        trials unless a transform resamples them to one length.
         """
         return self.window is not None and not (self.window.is_trial and not self.causal)
 
-    def matched(self, recording: Recording, *, resample: bool = False) -> Recording:
-        r"""Returns a recording with frames as those of the training: its columns in their order, if
-        the names are known.
+    def match_recording(self, recording: Recording, *, resample: bool = False) -> Recording:
+        r"""Returns a recording with its columns in the order of the training, if their names are
+        known. It is resampled if the training data were, or if :obj:`resample` is set and the
+        rate matters.
 
         Args:
             recording (Recording): The recording.
-            resample (bool): Whether to resample it, if it has another rate.
+            resample (bool): Whether to resample a recording of another rate.
 
         Raises:
-            ValueError: If it has other taxels, another unit or other names of columns, or another
-                rate where that matters.
+            ValueError: If its taxels, unit or column names differ from those of the training, or
+                its rate if :attr:`needs_rate`.
         """
         recording.check(self.layout)
-        info, known = recording.info, self.info
-        differs = resample and known.rate_differs(info.rate, info.tolerance)
-        if known.resampled or (differs and self.needs_rate):
-            recording = recording.resample(known.selected_rate or known.rate or 0.0)
+        info, expected = recording.info, self.info
+        must_resample = resample and expected.rate_differs(info.rate, info.tolerance)
+        if expected.resampled or (must_resample and self.needs_rate):
+            recording = recording.resample(expected.selected_rate or expected.rate or 0.0)
             info = recording.info
-        known.require(info, "a recording", with_rate=self.needs_rate)
+        expected.require(info, "a recording", with_rate=self.needs_rate)
         return in_column_order(recording, self.columns)
 
     def _num_frames(self, x: Tensor) -> int:
-        # Of a window, by the number of its channels, which is known from training.
+        # Number of frames of a window, from its width and the number of channels in training.
         if self.window is None:
             return 1
         if not self.num_channels:
@@ -301,20 +350,20 @@ class Preparation:
     def prepare(
         self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
     ) -> StaticData:
-        r"""Returns readings as the model takes them, after all transforms.
+        r"""Returns readings after all transforms, as input of the model.
 
         Args:
-            reading (torch.Tensor or numpy.ndarray): As for a call.
-            joint (torch.Tensor or numpy.ndarray, optional): As for a call.
-            session (int, optional): As for a call.
+            reading (torch.Tensor or numpy.ndarray): Raw readings, as for a call.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles, as for a call.
+            session (int, optional): Number of the session, as for a call.
         """
-        data = self.data(reading, joint, session)
-        if self.frame_parts:
-            data = frame_by_frame(self.frame_parts, data)
-        return self.prepared_windows(data)
+        data = self.readings_to_data(reading, joint, session)
+        if self.frame_transforms:
+            data = apply_to_frames(self.frame_transforms, data)
+        return self.apply_sample_transforms(data)
 
     def prepare_samples(self, data: StaticData) -> StaticData:
-        r"""Returns samples of a data set as the model takes them.
+        r"""Returns samples of a data set after its :obj:`transform`, as input of the model.
 
         Args:
             data (StaticData): The samples, after the :obj:`pre_transform` of the data set and
@@ -328,97 +377,102 @@ class Preparation:
         return apply_transform(self.transform, data)
 
     def prepare_frame(self, reading: ArrayLike, joint: ArrayLike | None = None) -> StaticData:
-        r"""Returns one frame of a stream as the model takes it, or for a model of windows as these
-        are cut from: after the transforms of frames only.
+        r"""Returns one frame of a stream as input of the model. For a model of windows, only the
+        transforms of frames are applied; see :meth:`prepare_window`.
 
         Args:
             reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(N, C)`.
             joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
         """
-        frame = self.prepared_frames(self.frames(reading, joint))
-        return self.prepared_windows(frame) if self.window is None else frame
+        frame = self.apply_frame_transforms(self.frames_to_data(reading, joint))
+        return self.apply_sample_transforms(frame) if self.window is None else frame
 
     def prepare_window(self, frame: StaticData, window: Tensor) -> StaticData:
-        r"""Returns a window of a stream as the model takes it.
+        r"""Returns a window of a stream as input of the model.
 
         Args:
-            frame (StaticData): What :meth:`prepare_frame` returned for its last frame.
-            window (torch.Tensor): The readings of such frames :math:`(N, C \cdot T)`, in the order
-                of :func:`~torch_geometric_tactile.data.join_frames`.
+            frame (StaticData): The last frame of the window, from :meth:`prepare_frame`.
+            window (torch.Tensor): Readings of the prepared frames :math:`(N, C \cdot T)`, in the
+                order of :func:`~torch_geometric_tactile.data.join_frames`.
         """
         assert self.window is not None
         data = copy.copy(frame)
         data.x = window.unsqueeze(0)
         data.num_frames = self.window.length
-        return self.prepared_windows(data)
+        return self.apply_sample_transforms(data)
 
-    def prepared_windows(self, data: StaticData) -> StaticData:
-        r"""Applies the transforms of windows to those that :meth:`windows` returned."""
-        for part in self.last_parts:
+    def apply_sample_transforms(self, data: StaticData) -> StaticData:
+        r"""Returns samples after the transforms of windows, or of frames for a model of frames."""
+        for part in self.sample_transforms:
             data = apply_transform(part, data)
         return data
 
-    def prepared_frames(self, frames: StaticData) -> StaticData:
-        r"""Applies the transforms of frames to those that windows are cut from."""
-        for part in self.frame_parts:
+    def apply_frame_transforms(self, frames: StaticData) -> StaticData:
+        r"""Returns frames after the transforms that come before windows are cut."""
+        for part in self.frame_transforms:
             frames = apply_transform(part, frames)
         return frames
 
     def windows(self, recording: Recording, *, resample: bool = False) -> tuple[StaticData, Tensor]:
-        r"""Returns the windows of a recording, thinned and cut as in training and before the
-        transforms of windows, and the last frame of each :math:`(W,)`.
+        r"""Returns the windows of a recording, selected and cut as in training, before the
+        transforms of windows, and the index of the last frame of each window :math:`(W,)`.
 
         Args:
             recording (Recording): The recording.
-            resample (bool): Whether to resample a recording of another rate, of which the frames
-                are then those of
+            resample (bool): Whether to resample a recording of another rate. The indices then
+                count the frames of
                 :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`.
 
         Raises:
-            ValueError: If the model takes single frames, or as of a call.
+            ValueError: If the model takes single frames, or for the reasons of
+                :meth:`Predictor.recording`.
         """
         if self.window is None:
             raise ValueError("this predictor takes single frames, not windows: call 'recording'")
-        return self.matched_windows(self.matched(recording, resample=resample))
+        return self.cut_recording(self.match_recording(recording, resample=resample))
 
-    def matched_windows(self, recording: Recording) -> tuple[StaticData, Tensor]:
-        r"""Returns the windows of a recording that :meth:`matched` returned, as of
-        :meth:`windows`.
+    def cut_recording(self, recording: Recording) -> tuple[StaticData, Tensor]:
+        r"""Returns the windows of a recording from :meth:`match_recording`, as :meth:`windows`
+        does.
         """
-        # A session is the same for all frames, and may be adapted to with these windows, unless it
-        # is measured on the frames.
-        unknown = self.session.number is None and not self.measures_frames
-        frames = self.frames(recording.tactile, recording.joint, -1 if unknown else None)
+        # The session need not be measured yet: these windows may be meant for `adapt_windows`.
+        # If it is measured on frames, it must be known before they are cut.
+        is_unmeasured = self.session.number is None and not self.measures_frames
+        frames = self.frames_to_data(
+            recording.tactile, recording.joint, -1 if is_unmeasured else None
+        )
         frames.time = torch.as_tensor(recording.time.copy())
-        return self.cut(frames)
+        return self.cut_frames(frames)
 
-    def cut(self, frames: StaticData) -> tuple[StaticData, Tensor]:
+    def cut_frames(self, frames: StaticData) -> tuple[StaticData, Tensor]:
         r"""Returns the windows of the frames of one recording, before the transforms of windows,
-        and the last frame of each :math:`(W,)`.
+        and the index of the last frame of each window :math:`(W,)`.
         """
         assert self.window is not None
-        frames, index, part = self.thinned(frames)
-        windows, last = self.window.cut(self.prepared_frames(frames), self.layout, part)
+        frames, index, part = self.thin_frames(frames)
+        windows, last = self.window.cut(self.apply_frame_transforms(frames), self.layout, part)
         return windows, index[last]
 
-    def thinned(self, frames: StaticData) -> tuple[StaticData, Tensor, Tensor]:
-        r"""Returns those frames of one recording that training used of each, their indices, and the
-        number of the continuous part of each.
+    def thin_frames(self, frames: StaticData) -> tuple[StaticData, Tensor, Tensor]:
+        r"""Returns the frames of one recording that are selected as in training, their indices, and
+        the number of the continuous part that each belongs to.
 
         Shapes:
-            - **output:** indices and numbers :math:`(K,)`
+            - **output:** frames :math:`(K, N, C)`, indices and part numbers :math:`(K,)`
         """
-        count, value = frames.num_samples, frames.get("time")
-        time = None if value is None else value.cpu().double().numpy()
-        index = self.info.selected_frames(time, count)
-        part = torch.from_numpy(self.info.part_numbers(time, count)[index])
-        if len(index) == count:
-            return frames, torch.arange(count), part
+        num_frames, times = frames.num_samples, frames.get("time")
+        time = None if times is None else times.cpu().double().numpy()
+        index = self.info.selected_frames(time, num_frames)
+        part = torch.from_numpy(self.info.part_numbers(time, num_frames)[index])
+        if len(index) == num_frames:
+            return frames, torch.arange(num_frames), part
         return frames.index_select(torch.from_numpy(index)), torch.from_numpy(index), part
 
-    def facts(self) -> dict[str, Any]:
-        r"""Returns what live use must know of the readings, as JSON values."""
-        parts = self.session.parts
+    def metadata(self) -> dict[str, Any]:
+        r"""Returns the layout, shapes and settings of the readings as JSON values, for exported
+        models.
+        """
+        session_parts = self.session.transforms
         return {
             "layout": self.layout.name,
             "layout_content": self.layout.to_dict(),
@@ -428,25 +482,27 @@ class Preparation:
             "window": None if self.window is None else self.window.to_dict(),
             "frames": self.info.changed(columns=self.columns).to_dict(),
             "needs_rate": self.needs_rate,
-            "rest": {"transform": repr(parts[0])} if parts else None,
+            "rest": {"transform": repr(session_parts[0])} if session_parts else None,
             "contact": None if self.contact is None else self.contact.to_dict(),
         }
 
     def to(self, device: torch.device, dtype: torch.dtype) -> None:
-        r"""Moves what all frames share to a device, and takes readings in a precision."""
+        r"""Moves the shared attributes to a device, and sets the precision of readings."""
         self.device, self.dtype = device, dtype
         self.constant = self.constant.to(device)
 
 
-def tared(preparation: Preparation) -> Preparation:
-    r"""Returns a preparation that subtracts the rest before all that another one does."""
-    measuring = preparation.session.parts
-    if measuring:
-        raise ValueError(f"the predictor measures the rest already, by {measuring[0]!r}")
+def add_tare(preparation: Preparation) -> Preparation:
+    r"""Returns a copy of a preparation with :class:`~torch_geometric_tactile.transforms.Tare` as
+    its first transform.
+    """
+    session_parts = preparation.session.transforms
+    if session_parts:
+        raise ValueError(f"the predictor measures the rest already, by {session_parts[0]!r}")
     if flat(preparation.frame_transform):
         raise ValueError(
-            "the rest must be subtracted before all other transforms, and frames go through "
-            f"{preparation.frame_transform!r} before they are cut to windows"
+            "the rest must be subtracted before all other transforms (got "
+            f"{preparation.frame_transform!r}, which is applied before windows are cut)"
         )
     return Preparation(
         preparation.layout,
@@ -462,19 +518,20 @@ def tared(preparation: Preparation) -> Preparation:
     )
 
 
-def with_shared(preparation: Preparation, **shared: Tensor) -> Preparation:
-    r"""Returns a preparation whose frames share further attributes, unless they have them.
+def add_shared_attributes(preparation: Preparation, **shared: Tensor) -> Preparation:
+    r"""Returns a copy of a preparation with further attributes that all frames share. Attributes
+    that exist are not replaced.
 
     Shapes:
-        - **shared:** The same for all frames, such as edges :math:`(2, |\mathcal{E}|)`.
+        - **shared:** Any shape, such as edges :math:`(2, |\mathcal{E}|)`.
     """
-    known = copy.copy(preparation.shared)
+    all_shared = copy.copy(preparation.shared)
     for key, value in shared.items():
-        if known.get(key) is None:
-            known[key] = value
+        if all_shared.get(key) is None:
+            all_shared[key] = value
     return Preparation(
         preparation.layout,
-        known,
+        all_shared,
         preparation.pre_transform,
         preparation.transform,
         preparation.num_channels,
@@ -487,12 +544,12 @@ def with_shared(preparation: Preparation, **shared: Tensor) -> Preparation:
     )
 
 
-def shared_by_frames(layout: TaxelLayout, adjacency: str | Tensor | None) -> StaticData:
-    r"""Returns what all frames of a sensor have in common, without a frame: positions, normals and
-    edges, as far as there are some.
+def shared_attributes(layout: TaxelLayout, adjacency: str | Tensor | None) -> StaticData:
+    r"""Returns the attributes that all frames of a sensor share: positions, and normals and edges
+    if there are any. Readings have no channels.
 
     Shapes:
-        - **adjacency:** An adjacency of the layout by its name, or edges
+        - **adjacency:** The name of an adjacency of the layout, or edges
           :math:`(2, |\mathcal{E}|)`.
     """
     edges = layout.edge_index(adjacency) if isinstance(adjacency, str) else adjacency
@@ -503,24 +560,24 @@ def shared_by_frames(layout: TaxelLayout, adjacency: str | Tensor | None) -> Sta
     return shared
 
 
-def _first_stored(dataset: StaticDataset) -> StaticData:
-    # The first sample before the transform of its data set.
+def _first_stored_sample(dataset: StaticDataset) -> StaticData:
+    # Without the transform of the data set, as the sample is stored.
     stored = copy.copy(dataset)
     stored.transform = None
     return stored.batch([0])
 
 
-def _joined(parts: Sequence[Any]) -> Compose | None:
-    steps = [step for part in parts for step in flat(part)]
+def _compose(transforms: Sequence[Any]) -> Compose | None:
+    steps = [step for transform in transforms for step in flat(transform)]
     return Compose(steps) if steps else None
 
 
-def _only_shared(data: StaticData) -> StaticData:
-    # One empty frame with what all share; edges first, by which their features are checked.
+def _select_shared(data: StaticData) -> StaticData:
+    # Edges come first, because the number of edge features is checked against them.
     schema: dict[str, Any] = data.schema
     out = StaticData(x=torch.zeros(1, data.num_nodes, 0), **schema)
-    plain = Tensor | bool | int | float | str  # numbers, such as `num_frames`, are shared
-    keys = [key for key, value in data.to_dict().items() if isinstance(value, plain)]
+    plain_types = Tensor | bool | int | float | str
+    keys = [key for key, value in data.to_dict().items() if isinstance(value, plain_types)]
     for key in sorted(keys, key=lambda key: key != "edge_index"):
         if key != "x" and data.is_shared(key):
             out[key] = data[key]
