@@ -264,7 +264,7 @@ def test_the_rule_of_a_predictor_is_checked_and_stays():
         predictor.contact = ContactRule(5.0, rest=np.zeros((11, 2)))
     predictor.contact = ContactRule(5.0)
     assert predictor.with_tare().contact == ContactRule(5.0)
-    with pytest.raises(ValueError, match="'rest' must be the number of seconds .* the contact rule"):
+    with pytest.raises(ValueError, match=r"'rest' must be the number of .* the contact rule"):
         predictor.adapt_recording(recording(0))
     with pytest.raises(ValueError, match="must have the readings at rest"):
         predictor.recording(recording(0))

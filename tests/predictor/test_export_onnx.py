@@ -331,7 +331,10 @@ def doubled(parent):
 
 REFUSED = {
     "TwiceDropTaxels": (doubled(T.DropTaxels)(taxels=[1]), r"^TwiceDrop.*its operations have"),
-    "TwiceTare": (doubled(T.Tare)(), r"^TwiceTare\(.* it measures sessions and overrides 'forward'"),
+    "TwiceTare": (
+        doubled(T.Tare)(),
+        r"^TwiceTare\(.* it measures sessions and overrides 'forward'",
+    ),
     "ContactCrop": (T.ContactCrop(3, missing="keep"), r"^ContactCrop\(.* cannot be exported: the "),
     "RandomNoise": (T.RandomNoise(0.5), r"^RandomNoise\(std=0.5\) cannot be exported: it draws"),
     "RandomContrast": (T.RandomContrast(1.0, 1.0), r"^RandomContrast\(.* cannot be exported: it"),

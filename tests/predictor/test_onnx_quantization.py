@@ -103,7 +103,7 @@ def test_readers_show_it(path):
         "OnnxModel(TactileFNN, 'grid_8x8', classes=['ball', 'cube', 'pen'], "
     )
     assert "weights of 8 bits: " in repr(model)
-    assert "on 60 frames of recordings" in repr(model)
+    assert "on 60 recorded frames" in repr(model)
     assert repr(Judge(path, np.zeros((64, 3)))).startswith("Judge(ONNX, 8 bits, ")
 
 

@@ -1,4 +1,4 @@
-r"""All that a recorder needs before its first frame."""
+r"""Imports and preparations that a recorder needs before its first frame."""
 
 from typing import TYPE_CHECKING
 
@@ -9,18 +9,19 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.live._posed_points import PosedPoints
     from torch_geometric_tactile.sensors import TaxelLayout
 
-#: How long after the end of its seconds a recording waits for frames that are on the way.
+#: Seconds that a recording of limited length waits for frames that are still on their way.
 LATE_SECONDS = 0.5
 
 
-def load_recorder(layout: "TaxelLayout | PathLike | None") -> "PosedPoints | None":
-    r"""Loads all that a recorder needs, and returns the taxels of its layout in space. No frame of
-    a stream then waits for a library."""
-    from torch_geometric_tactile.io import recording_mcap  # noqa: F401 - as the libraries
+def preload_recorder(layout: "TaxelLayout | PathLike | None") -> "PosedPoints | None":
+    r"""Imports the libraries of a recorder, so that no frame of a stream waits for them. Returns
+    the object that poses the taxels of a layout, or :obj:`None` without a layout.
+    """
+    from torch_geometric_tactile.io import recording_mcap  # noqa: F401 - imports the libraries
     from torch_geometric_tactile.io._mcap_output import require_mcap
 
     require_mcap()
-    for topic in TOPICS:  # the first message of each topic takes long
+    for topic in TOPICS:  # encoding the first message of a topic is slow
         encode(topic, {})
     if layout is None:
         return None

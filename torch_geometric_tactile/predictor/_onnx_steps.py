@@ -81,10 +81,12 @@ class SetAttributes:
 
     def __init__(self, before: StaticData, after: StaticData, replaces: bool) -> None:
         self.replaces = replaces
-        old, new = before.to_dict(), after.to_dict()
-        self.removed = [key for key in old if key not in new]
+        old_values, new_values = before.to_dict(), after.to_dict()
+        self.removed = [key for key in old_values if key not in new_values]
         self.values = {
-            key: value for key, value in new.items() if key != "x" and value is not old.get(key)
+            key: value
+            for key, value in new_values.items()
+            if key != "x" and value is not old_values.get(key)
         }
         self.schema = after
         columns = after.x.size(-1)

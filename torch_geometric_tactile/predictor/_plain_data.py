@@ -36,8 +36,8 @@ def _describe_user_object(value: Any) -> dict[str, Any]:
     class_name = type(value).__name__
     if inspect.isroutine(value):
         return {"own": class_name, "text": value.__qualname__}
-    has_own_repr = type(value).__repr__ is not object.__repr__  # which prints a memory address
-    return {"own": class_name, "text": repr(value) if has_own_repr else class_name}
+    has_custom_repr = type(value).__repr__ is not object.__repr__  # which prints a memory address
+    return {"own": class_name, "text": repr(value) if has_custom_repr else class_name}
 
 
 def _check_not_removed(name: Any) -> None:
@@ -153,12 +153,12 @@ class Builder:
             ):
                 return self._user_transforms.pop(i)
         _check_not_removed(described["own"])
-        given_texts = [
+        user_texts = [
             _describe_user_object(transform)["text"] for transform in self._user_transforms
         ]
         raise MissingOwnError(
             f"'transforms' must hold your transform '{described.get('text')}', which cannot be "
-            f"built from the file (got {given_texts})",
+            f"built from the file (got {user_texts})",
             "transforms",
         )
 

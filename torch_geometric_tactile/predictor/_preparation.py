@@ -525,13 +525,13 @@ def add_shared_attributes(preparation: Preparation, **shared: Tensor) -> Prepara
     Shapes:
         - **shared:** Any shape, such as edges :math:`(2, |\mathcal{E}|)`.
     """
-    all_shared = copy.copy(preparation.shared)
+    attributes = copy.copy(preparation.shared)
     for key, value in shared.items():
-        if all_shared.get(key) is None:
-            all_shared[key] = value
+        if attributes.get(key) is None:
+            attributes[key] = value
     return Preparation(
         preparation.layout,
-        all_shared,
+        attributes,
         preparation.pre_transform,
         preparation.transform,
         preparation.num_channels,

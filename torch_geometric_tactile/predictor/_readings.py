@@ -88,7 +88,7 @@ def joint_rows(angles: Tensor, num_frames: int, num_joints: int | None) -> Tenso
     Shapes:
         - **output:** :math:`(B, J)`
     """
-    given_shape = tuple(angles.shape)
+    angles_shape = tuple(angles.shape)
     if angles.dim() == 1:
         angles = angles.expand(num_frames, -1)
     has_row_per_frame = angles.dim() == 2 and len(angles) == num_frames
@@ -96,6 +96,6 @@ def joint_rows(angles: Tensor, num_frames: int, num_joints: int | None) -> Tenso
         expected_size = num_joints or "num_joints"
         raise ValueError(
             f"'joint' must have shape ({expected_size},) or ({num_frames}, {expected_size}), "
-            f"angles in radians (got {given_shape})"
+            f"angles in radians (got {angles_shape})"
         )
     return angles

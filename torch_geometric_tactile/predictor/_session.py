@@ -216,10 +216,10 @@ class Session:
         return self._measure(windows)
 
     def _measure(self, data: StaticData) -> int:
-        known_numbers = [
+        session_numbers = [
             int(part.key_values.max()) for part in self.transforms if part.key_values is not None
         ]
-        number, preparation = 1 + max(known_numbers, default=-1), self._preparation
+        number, preparation = 1 + max(session_numbers, default=-1), self._preparation
         self.set_session_number(data, number)
         if preparation.window is None or preparation.measures_frames:
             data = preparation.thin_frames(data)[0]
