@@ -1,10 +1,8 @@
 r"""Predictors: from raw readings to probabilities."""
 
 import copy
-import functools
-from collections.abc import Callable, Sequence
-from operator import attrgetter
-from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
+from collections.abc import Sequence
+from typing import Any, Self
 
 import torch
 from torch import Tensor
@@ -24,43 +22,9 @@ from torch_geometric_tactile.predictor._hub import predictor_file, push_predicto
 from torch_geometric_tactile.predictor._network import Network, Task
 from torch_geometric_tactile.predictor._preparation import Preparation, add_tare, shared_attributes
 from torch_geometric_tactile.predictor._readings import ArrayLike, array_shape
-from torch_geometric_tactile.predictor._session import Session
 from torch_geometric_tactile.predictor._window_cut import WindowCut
 from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 from torch_geometric_tactile.sensors import TaxelLayout
-
-_P = ParamSpec("_P")
-_R = TypeVar("_R")
-
-
-def _method_of(
-    part: str, method: Callable[Concatenate[Any, _P], _R]
-) -> Callable[Concatenate[Any, _P], _R]:
-    r"""Returns a method that calls that of a part, with its documentation."""
-    owner = attrgetter(part)
-
-    @functools.wraps(method)
-    def call(self: Any, /, *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        return method(owner(self), *args, **kwargs)
-
-    return call
-
-
-class _Attribute(Generic[_R]):
-    r"""An attribute that a part keeps."""
-
-    def __init__(self, part: str) -> None:
-        self._part = part
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-
-    def __get__(self, owner: Any, kind: type | None = None) -> _R:
-        value: _R = getattr(getattr(owner, self._part), self._name)
-        return value
-
-    def __set__(self, owner: Any, value: _R) -> None:
-        setattr(getattr(owner, self._part), self._name, value)
 
 
 class Predictor:
@@ -400,25 +364,219 @@ class Predictor:
         self.preparation.to(self.network.device, self.network.dtype)
         return self
 
-    model = _Attribute[Module]("network")
-    class_names = _Attribute[tuple[str, ...]]("network")
-    task = _Attribute[Task]("network")
-    threshold = _Attribute[float | None]("network")
-    score = _Attribute[MeasuredScore | None]("network")
-    contact = _Attribute[ContactRule | None]("preparation")
+    @property
+    def model(self) -> Module:
+        r"""The model, in evaluation mode."""
+        return self.network.model
 
-    logits = _method_of("network", Network.logits)
-    probability = _method_of("network", Network.probability)
-    names = _method_of("network", Network.names)
-    labels = _method_of("network", Network.labels)
-    prepare = _method_of("preparation", Preparation.prepare)
-    prepare_samples = _method_of("preparation", Preparation.prepare_samples)
-    prepare_frame = _method_of("preparation", Preparation.prepare_frame)
-    prepare_window = _method_of("preparation", Preparation.prepare_window)
-    windows = _method_of("preparation", Preparation.windows)
-    adapt = _method_of("preparation.session", Session.adapt)
-    adapt_recording = _method_of("preparation.session", Session.adapt_recording)
-    adapt_windows = _method_of("preparation.session", Session.adapt_windows)
+    @model.setter
+    def model(self, model: Module) -> None:
+        self.network.model = model
+
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        r"""Names of the classes or labels; empty if they have numbers only."""
+        return self.network.class_names
+
+    @class_names.setter
+    def class_names(self, names: tuple[str, ...]) -> None:
+        self.network.class_names = names
+
+    @property
+    def task(self) -> Task:
+        r"""The task: :obj:`"multiclass"`, :obj:`"multilabel"` or :obj:`"regression"`."""
+        return self.network.task
+
+    @task.setter
+    def task(self, task: Task) -> None:
+        self.network.task = task
+
+    @property
+    def threshold(self) -> float | None:
+        r"""For two classes, the probability of class 1 above which :meth:`labels` returns class 1;
+        one half if :obj:`None`.
+        """
+        return self.network.threshold
+
+    @threshold.setter
+    def threshold(self, threshold: float | None) -> None:
+        self.network.threshold = threshold
+
+    @property
+    def score(self) -> MeasuredScore | None:
+        r"""The score of the model on held-out samples, if it was measured."""
+        return self.network.score
+
+    @score.setter
+    def score(self, score: MeasuredScore | None) -> None:
+        self.network.score = score
+
+    @property
+    def contact(self) -> ContactRule | None:
+        r"""The rule that detects frames and windows without contact, or :obj:`None`."""
+        return self.preparation.contact
+
+    @contact.setter
+    def contact(self, rule: ContactRule | None) -> None:
+        self.preparation.contact = rule
+
+    def logits(self, data: StaticData) -> Tensor:
+        r"""Returns the output of the model for prepared data :math:`(B, C)`, with gradients.
+
+        Args:
+            data (StaticData): Samples from :meth:`prepare` or :meth:`prepare_samples`.
+        """
+        return self.network.logits(data)
+
+    def probability(self, logits: Tensor) -> Tensor:
+        r"""Returns the probabilities of the classes or labels. For a regression, returns the
+        numbers unchanged.
+
+        Args:
+            logits (torch.Tensor): Output of the model :math:`(B, C)`.
+        """
+        return self.network.probability(logits)
+
+    def names(self, num_outputs: int) -> list[str]:
+        r"""Returns the names of the outputs: the names of the classes or labels, or else their
+        numbers.
+
+        Args:
+            num_outputs (int): Number of outputs :math:`C`.
+
+        Raises:
+            ValueError: If the number of names is not :obj:`num_outputs`.
+        """
+        return self.network.names(num_outputs)
+
+    def labels(self, probability: Tensor, lacks_contact: Tensor | None = None) -> list[list[str]]:
+        r"""Returns the predicted labels of each frame: the most probable class, the class that the
+        :obj:`threshold` selects, or for a multilabel task all labels with a probability above one
+        half. Frames with NaN probabilities have no label. Frames without contact have the label
+        :obj:`"no contact"`.
+
+        Args:
+            probability (torch.Tensor): The probabilities :math:`(C,)` or :math:`(B, C)`.
+            lacks_contact (torch.Tensor, optional): For each frame, whether it lacks contact, from
+                :meth:`lacks_contact` :math:`(B,)`. If left out, all frames are taken to have
+                contact.
+
+        Raises:
+            ValueError: If :obj:`task` is :obj:`"regression"` and :obj:`lacks_contact` is left out,
+                or if there is a :obj:`threshold` and the number of classes is not two.
+        """
+        return self.network.labels(probability, lacks_contact)
+
+    def prepare(
+        self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
+    ) -> StaticData:
+        r"""Returns readings after all transforms, as input of the model.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): Raw readings, as for a call.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles, as for a call.
+            session (int, optional): Number of the session, as for a call.
+        """
+        return self.preparation.prepare(reading, joint, session)
+
+    def prepare_samples(self, data: StaticData) -> StaticData:
+        r"""Returns samples of a data set after its :obj:`transform`, as input of the model.
+
+        Args:
+            data (StaticData): The samples, after the :obj:`pre_transform` of the data set and
+                before its :obj:`transform`.
+        """
+        return self.preparation.prepare_samples(data)
+
+    def prepare_frame(self, reading: ArrayLike, joint: ArrayLike | None = None) -> StaticData:
+        r"""Returns one frame of a stream as input of the model. For a model of windows, only the
+        transforms of frames are applied; see :meth:`prepare_window`.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(N, C)`.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
+        """
+        return self.preparation.prepare_frame(reading, joint)
+
+    def prepare_window(self, frame: StaticData, window: Tensor) -> StaticData:
+        r"""Returns a window of a stream as input of the model.
+
+        Args:
+            frame (StaticData): The last frame of the window, from :meth:`prepare_frame`.
+            window (torch.Tensor): Readings of the prepared frames :math:`(N, C \cdot T)`, in the
+                order of :func:`~torch_geometric_tactile.data.join_frames`.
+        """
+        return self.preparation.prepare_window(frame, window)
+
+    def windows(self, recording: Recording, *, resample: bool = False) -> tuple[StaticData, Tensor]:
+        r"""Returns the windows of a recording, selected and cut as in training, before the
+        transforms of windows, and the index of the last frame of each window :math:`(W,)`.
+
+        Args:
+            recording (Recording): The recording.
+            resample (bool): Whether to resample a recording of another rate. The indices then
+                count the frames of
+                :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`.
+
+        Raises:
+            ValueError: If the model takes single frames, or for the reasons of :meth:`recording`.
+        """
+        return self.preparation.windows(recording, resample=resample)
+
+    def adapt(
+        self,
+        reading: ArrayLike,
+        joint: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> int:
+        r"""Measures a new recording session from some of its readings, which need no labels.
+        Returns the number of the session, which later calls use by default. See
+        :class:`~torch_geometric_tactile.transforms.SessionZScore` and
+        :class:`~torch_geometric_tactile.transforms.Tare`.
+
+        If no transform measures sessions, or a tare measures all readings, the same readings are
+        also the rest of :attr:`contact`.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(B, N, F)`. A model of
+                windows takes windows, or frames if a transform of frames measures the session.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians.
+            time (torch.Tensor or numpy.ndarray, optional): Time of each reading in seconds
+                :math:`(B,)`, if :class:`~torch_geometric_tactile.transforms.Tare` needs it.
+
+        Raises:
+            ValueError: If nothing measures sessions, or for the reasons of a call.
+        """
+        return self.preparation.session.adapt(reading, joint, time)
+
+    def adapt_recording(
+        self, recording: Recording, *, rest: float | None = None, resample: bool = False
+    ) -> int:
+        r"""Measures a new recording session from a recording, and returns its number. Works for
+        models of frames and of windows. The frames are selected as in training.
+
+        Args:
+            recording (Recording): The recording, or its first seconds.
+            rest (float, optional): Seconds at the beginning in which nothing touches the sensor.
+                :class:`~torch_geometric_tactile.transforms.Tare` and :attr:`contact` measure all of
+                these frames. If left out, they measure as many as in training.
+            resample (bool): Whether to resample a recording of another rate.
+
+        Raises:
+            ValueError: If nothing measures sessions, or for the reasons of :meth:`recording`.
+        """
+        return self.preparation.session.adapt_recording(recording, rest=rest, resample=resample)
+
+    def adapt_windows(self, windows: StaticData) -> int:
+        r"""Measures a new recording session from windows, and returns its number.
+
+        Args:
+            windows (StaticData): Windows from :meth:`windows`.
+
+        Raises:
+            ValueError: If nothing measures sessions, or a transform measures them on frames.
+        """
+        return self.preparation.session.adapt_windows(windows)
 
     def __call__(
         self,
@@ -426,7 +584,16 @@ class Predictor:
         joint: ArrayLike | None = None,
         session: int | None = None,
     ) -> Tensor:
-        r"""Returns the probabilities of the classes or labels."""
+        r"""Returns the probabilities of the classes or labels.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): One reading :math:`(N, F)` or several readings
+                :math:`(B, N, F)`; windows for a model of windows.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians, one row for
+                all readings :math:`(J,)` or one row for each :math:`(B, J)`.
+            session (int, optional): Number of the session from :meth:`adapt`; the last one if left
+                out.
+        """
         with torch.inference_mode():
             out = self.probability(self.logits(self.prepare(reading, joint, session)))
         if self.contact is not None:
