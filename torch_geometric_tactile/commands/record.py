@@ -121,7 +121,7 @@ def _wait(recorder: "Recorder", seconds: float | None, labels: list[str] | None)
 
     from torch_geometric_tactile.commands._keys import keys_heeded, label_keys, mark
     from torch_geometric_tactile.commands._status_line import StatusLine
-    from torch_geometric_tactile.live._recorder_parts import LATE_SECONDS
+    from torch_geometric_tactile.live.recorder import LATE_SECONDS
 
     stream, over, line = recorder.stream, threading.Event(), StatusLine()
     keys = {

@@ -17,8 +17,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._annotations import GAP, checked_annotation
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.data.recording import Recording
-from torch_geometric_tactile.io._mcap_schemas import SPAN_END, SPAN_START
-from torch_geometric_tactile.live._recorder_parts import preload_recorder
+from torch_geometric_tactile.io._mcap_schemas import SPAN_END, SPAN_START, TOPICS, encode
 from torch_geometric_tactile.live.subscription import StreamEnded
 
 if TYPE_CHECKING:
@@ -27,12 +26,14 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.live.stream import Stream
     from torch_geometric_tactile.sensors import TaxelLayout
 
+#: Seconds that a recording of limited length waits for frames that are still on their way.
+LATE_SECONDS = 0.5
 _log = logging.getLogger(__name__)
 _SUFFIXES = (".mcap", ".h5", ".hdf5")
 _POLL_SECONDS = 0.1
 _POINTS_SECONDS = 0.1
 _HEALTH_SECONDS = 1.0
-_MIN_OUTAGE_SECONDS = 0.05  # seconds
+_MIN_OUTAGE_SECONDS = 0.05  # the shortest outage of a stream
 
 
 class Recorder:
@@ -361,6 +362,23 @@ class Recorder:
             self._has_warned = True
             _log.warning("'%s': infinite readings are written as missing", self.path)
         return finite_frame
+
+
+def preload_recorder(layout: "TaxelLayout | PathLike | None") -> "PosedPoints | None":
+    r"""Imports the libraries of a recorder, so that no frame of a stream waits for them. Returns
+    the object that poses the taxels of a layout, or :obj:`None` without a layout.
+    """
+    from torch_geometric_tactile.io import recording_mcap  # noqa: F401 - imports the libraries
+    from torch_geometric_tactile.io._mcap_output import require_mcap
+
+    require_mcap()
+    for topic in TOPICS:  # encoding the first message of a topic is slow
+        encode(topic, {})
+    if layout is None:
+        return None
+    from torch_geometric_tactile.live._posed_points import PosedPoints
+
+    return PosedPoints(layout)
 
 
 def _replace_infinite(frame: LiveFrame) -> LiveFrame:

@@ -17,10 +17,9 @@ import numpy as np
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.live._recorder_parts import LATE_SECONDS, preload_recorder
 from torch_geometric_tactile.live.callback import Callback
 from torch_geometric_tactile.live.judge import Judge, Judgement
-from torch_geometric_tactile.live.recorder import Recorder
+from torch_geometric_tactile.live.recorder import LATE_SECONDS, Recorder, preload_recorder
 from torch_geometric_tactile.live.rest import Rest
 from torch_geometric_tactile.live.source import Source
 from torch_geometric_tactile.live.status import Status

@@ -57,12 +57,7 @@ class Network:
         self.model.to(self.device)
 
     def logits(self, data: StaticData) -> Tensor:
-        r"""Returns the output of the model for prepared data :math:`(B, C)`, with gradients.
-
-        Args:
-            data (StaticData): Samples from :meth:`Predictor.prepare_samples` or
-                :meth:`Predictor.prepare`.
-        """
+        r"""Returns the output of the model, as :meth:`Predictor.logits`."""
         if self.model.training:
             self.model.eval()
         edges = "give 'adjacency', or add KNNGraph() to the transform"
@@ -70,25 +65,13 @@ class Network:
         return call_model(self.model, data, inputs)
 
     def probability(self, logits: Tensor) -> Tensor:
-        r"""Returns the probabilities of the classes or labels. For a regression, returns the
-        numbers unchanged.
-
-        Args:
-            logits (torch.Tensor): Output of the model :math:`(B, C)`.
-        """
+        r"""Returns probabilities or numbers, as :meth:`Predictor.probability`."""
         if self.task == "regression":
             return logits
         return logits.sigmoid() if self.task == "multilabel" else logits.softmax(dim=-1)
 
     def names(self, num_outputs: int) -> list[str]:
-        r"""Returns the names of the outputs: of the classes or labels, or their numbers.
-
-        Args:
-            num_outputs (int): Number of outputs :math:`C`.
-
-        Raises:
-            ValueError: If there are names, but not as many.
-        """
+        r"""Returns the names of the outputs, as :meth:`Predictor.names`."""
         if self.class_names and len(self.class_names) != num_outputs:
             raise ValueError(
                 f"'class_names' must have {num_outputs} names, as the model has outputs "
@@ -97,21 +80,7 @@ class Network:
         return list(self.class_names) or [str(i) for i in range(num_outputs)]
 
     def labels(self, probability: Tensor, lacks_contact: Tensor | None = None) -> list[list[str]]:
-        r"""Returns the predicted labels of each frame: the most probable class, the class that the
-        :obj:`threshold` selects, or for a multilabel task all labels with a probability above one
-        half. Frames with NaN probabilities have no label. Frames without contact have the label
-        :obj:`"no contact"`.
-
-        Args:
-            probability (torch.Tensor): The probabilities :math:`(C,)` or :math:`(B, C)`.
-            lacks_contact (torch.Tensor, optional): For each frame, whether it lacks contact, from
-                :meth:`Predictor.lacks_contact` :math:`(B,)`. If left out, all frames are taken to
-                have contact.
-
-        Raises:
-            ValueError: If :obj:`task` is :obj:`"regression"` and :obj:`lacks_contact` is left out,
-                or if there is a :obj:`threshold` and the number of classes is not two.
-        """
+        r"""Returns the predicted labels of each frame, as :meth:`Predictor.labels`."""
         rows = probability.view(-1, probability.size(-1)).cpu()
         if lacks_contact is not None:
             is_free_rows = lacks_contact.view(-1).tolist()

@@ -1,7 +1,11 @@
-r"""Preparation of readings: from a raw reading to the input of a model."""
+r"""Preparation of readings, from a raw reading to the input of a model, and its calibration to a
+recording session.
+"""
 
 import copy
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, Self
 
 import numpy as np
@@ -38,10 +42,9 @@ from torch_geometric_tactile.predictor._readings import (
     select_read_options,
     to_float_tensor,
 )
-from torch_geometric_tactile.predictor._session import Session, session_transforms
 from torch_geometric_tactile.predictor._window_cut import WindowCut, apply_to_frames
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.transforms import Tare, fitted_parts
+from torch_geometric_tactile.transforms import FittedTransform, Tare, fit_parts, fitted_parts
 
 
 class Preparation:
@@ -350,25 +353,14 @@ class Preparation:
     def prepare(
         self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
     ) -> StaticData:
-        r"""Returns readings after all transforms, as input of the model.
-
-        Args:
-            reading (torch.Tensor or numpy.ndarray): Raw readings, as for a call.
-            joint (torch.Tensor or numpy.ndarray, optional): Joint angles, as for a call.
-            session (int, optional): Number of the session, as for a call.
-        """
+        r"""Returns readings after all transforms, as :meth:`Predictor.prepare`."""
         data = self.readings_to_data(reading, joint, session)
         if self.frame_transforms:
             data = apply_to_frames(self.frame_transforms, data)
         return self.apply_sample_transforms(data)
 
     def prepare_samples(self, data: StaticData) -> StaticData:
-        r"""Returns samples of a data set after its :obj:`transform`, as input of the model.
-
-        Args:
-            data (StaticData): The samples, after the :obj:`pre_transform` of the data set and
-                before its :obj:`transform`.
-        """
+        r"""Returns samples of a data set after its :obj:`transform`, as input of the model."""
         if data.num_nodes != self.layout.num_taxels:
             raise ValueError(
                 f"'data' must have {self.layout.num_taxels} taxels, as layout "
@@ -377,24 +369,12 @@ class Preparation:
         return apply_transform(self.transform, data)
 
     def prepare_frame(self, reading: ArrayLike, joint: ArrayLike | None = None) -> StaticData:
-        r"""Returns one frame of a stream as input of the model. For a model of windows, only the
-        transforms of frames are applied; see :meth:`prepare_window`.
-
-        Args:
-            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(N, C)`.
-            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
-        """
+        r"""Returns one frame of a stream as input of the model, or of its windows."""
         frame = self.apply_frame_transforms(self.frames_to_data(reading, joint))
         return self.apply_sample_transforms(frame) if self.window is None else frame
 
     def prepare_window(self, frame: StaticData, window: Tensor) -> StaticData:
-        r"""Returns a window of a stream as input of the model.
-
-        Args:
-            frame (StaticData): The last frame of the window, from :meth:`prepare_frame`.
-            window (torch.Tensor): Readings of the prepared frames :math:`(N, C \cdot T)`, in the
-                order of :func:`~torch_geometric_tactile.data.join_frames`.
-        """
+        r"""Returns a window of a stream as input of the model."""
         assert self.window is not None
         data = copy.copy(frame)
         data.x = window.unsqueeze(0)
@@ -414,19 +394,7 @@ class Preparation:
         return frames
 
     def windows(self, recording: Recording, *, resample: bool = False) -> tuple[StaticData, Tensor]:
-        r"""Returns the windows of a recording, selected and cut as in training, before the
-        transforms of windows, and the index of the last frame of each window :math:`(W,)`.
-
-        Args:
-            recording (Recording): The recording.
-            resample (bool): Whether to resample a recording of another rate. The indices then
-                count the frames of
-                :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`.
-
-        Raises:
-            ValueError: If the model takes single frames, or for the reasons of
-                :meth:`Predictor.recording`.
-        """
+        r"""Returns the windows of a recording, as :meth:`Predictor.windows`."""
         if self.window is None:
             raise ValueError("this predictor takes single frames, not windows: call 'recording'")
         return self.cut_recording(self.match_recording(recording, resample=resample))
@@ -490,6 +458,195 @@ class Preparation:
         r"""Moves the shared attributes to a device, and sets the precision of readings."""
         self.device, self.dtype = device, dtype
         self.constant = self.constant.to(device)
+
+
+class Session:
+    r"""The transforms that are fitted to each session separately, such as a tare, and the number of
+    the session that was measured last.
+
+    Args:
+        preparation (Preparation): The preparation that the session belongs to.
+    """
+
+    def __init__(self, preparation: Preparation) -> None:
+        self._preparation = preparation
+        self.transforms = session_transforms(preparation.fitted)
+        self.keys = tuple(
+            dict.fromkeys(part.key for part in self.transforms if part.key is not None)
+        )
+        self.number: int | None = None
+
+    @property
+    def measures_rest(self) -> bool:
+        r"""Whether a tare averages all readings of :meth:`adapt`, so that all must be at rest."""
+        return any(
+            isinstance(p, Tare) and p.first is None and p.seconds is None for p in self.transforms
+        )
+
+    def set_session_number(self, data: StaticData, number: int | None = None) -> None:
+        r"""Sets the session attributes of samples to a session number, by default to that of the
+        session that was measured last.
+        """
+        if not self.keys:
+            return
+        number = self.number if number is None else number
+        if number is None:
+            names = " and ".join(map(repr, self.transforms))
+            raise ValueError(
+                f"'session' must be given, since {names} measures each session separately (got "
+                "None): call 'adapt' first, with some unlabelled readings of this session"
+            )
+        for key in self.keys:
+            data[key] = torch.full((data.num_samples,), number, device=data.x.device)
+
+    def adapt(
+        self,
+        reading: ArrayLike,
+        joint: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> int:
+        r"""Measures a new session from some of its readings, as :meth:`Predictor.adapt`."""
+        self._require_session_transform()
+        preparation = self._preparation
+        if preparation.contact is not None and (self.measures_rest or not self.transforms):
+            data = preparation.readings_to_data(reading, joint, -1)
+            x = split_frames(data.x, data.get("num_frames", 1))  # (B, N, T, C)
+            self._measure_contact(x.transpose(1, 2).flatten(0, 1).cpu().numpy())
+        return self._adapt(reading, joint, time)
+
+    def _adapt(self, reading: ArrayLike, joint: ArrayLike | None, time: ArrayLike | None) -> int:
+        preparation = self._preparation
+        if not self.transforms:
+            return 0
+        on_frames = preparation.measures_frames
+        to_data = preparation.frames_to_data if on_frames else preparation.readings_to_data
+        data = to_data(reading, joint, -1)
+        if time is not None:
+            data.time = torch.as_tensor(time, dtype=torch.double)
+        return self._measure(data)
+
+    def adapt_recording(
+        self, recording: Recording, *, rest: float | None = None, resample: bool = False
+    ) -> int:
+        r"""Measures a new session from a recording, as :meth:`Predictor.adapt_recording`."""
+        recording = self._preparation.match_recording(recording, resample=resample)
+        if rest is not None:
+            num_frames = int((recording.time < recording.time[:1] + rest).sum())
+            return self.measure_rest(recording.select(slice(num_frames)))
+        self._measure_contact(recording.tactile[recording.time < self._rest_end_time(recording)])
+        return self._adapt_matched_frames(recording)
+
+    def _rest_end_time(self, recording: Recording) -> float:
+        # The contact rule measures as long as the tare does. Without a tare, the end is unknown.
+        if self.measures_rest:
+            return math.inf
+        seconds = self.rest_seconds() if any(isinstance(p, Tare) for p in self.transforms) else None
+        contact = self._preparation.contact
+        if seconds is None and contact is not None and not contact.is_measured:
+            raise ValueError(
+                "'rest' must be the number of seconds at the beginning in which nothing touches "
+                "the sensor, since the contact rule compares readings with them (got None)"
+            )
+        return -math.inf if seconds is None else float(recording.time[0]) + seconds
+
+    def _measure_contact(self, frames: np.ndarray) -> None:
+        preparation = self._preparation
+        if preparation.contact is not None and len(frames):
+            preparation.contact = preparation.contact.measured(frames)
+
+    def measure_rest(self, recording: Recording) -> int:
+        r"""Measures a new recording session from a recording at rest, which :meth:`Preparation.
+        match_recording` returned. A tare averages all of its frames. Returns the session number.
+        """
+        self._measure_contact(recording.tactile)
+        with _tare_without_limits(self.transforms):
+            return self._adapt_matched_frames(recording)
+
+    def _adapt_matched_frames(self, recording: Recording) -> int:
+        preparation = self._preparation
+        if preparation.window is None or preparation.measures_frames:
+            return self._adapt(recording.tactile, recording.joint, recording.time)
+        if not self.transforms:
+            return 0
+        return self.adapt_windows(preparation.cut_recording(recording)[0])
+
+    def rest_seconds(self) -> float | None:
+        r"""Returns for how many seconds the training recordings were at rest, from the settings of
+        a tare or from their data set; :obj:`None` if unknown.
+        """
+        info, window = self._preparation.info, self._preparation.window
+        rate = info.frame_rate
+        for part in self.transforms:
+            if not isinstance(part, Tare):
+                continue
+            if part.seconds is not None:
+                return float(part.seconds)
+            if part.first is not None and rate is not None:
+                last = part.first - 1
+                if window is not None and not self._preparation.measures_frames:
+                    last = last * window.hop + window.length - 1
+                # Half a frame later, so that a jitter of the time does not lose the last frame.
+                return (last + 0.5) / rate
+        return info.rest
+
+    def adapt_windows(self, windows: StaticData) -> int:
+        r"""Measures a new session from windows, as :meth:`Predictor.adapt_windows`."""
+        self._require_session_transform()
+        if self._preparation.measures_frames:
+            raise ValueError(
+                "the session must be measured on frames, before windows are cut (got windows): "
+                "call 'adapt_recording' in place of 'adapt_windows'"
+            )
+        return self._measure(windows)
+
+    def _measure(self, data: StaticData) -> int:
+        session_numbers = [
+            int(part.key_values.max()) for part in self.transforms if part.key_values is not None
+        ]
+        number, preparation = 1 + max(session_numbers, default=-1), self._preparation
+        self.set_session_number(data, number)
+        if preparation.window is None or preparation.measures_frames:
+            data = preparation.thin_frames(data)[0]
+        if preparation.measures_frames:
+            fit_parts(Compose(preparation.frame_transforms), data, adapt=True)
+            if session_transforms(preparation.sample_transforms):
+                data, _ = preparation.cut_frames(data)
+                self.set_session_number(data, number)
+        if session_transforms(preparation.sample_transforms):
+            fit_parts(Compose(preparation.sample_transforms), data, adapt=True)
+        self.number = number
+        return number
+
+    def _require_session_transform(self) -> None:
+        can_measure = self.transforms or self._preparation.contact is not None
+        need(can_measure, "no transform of this predictor measures sessions: 'adapt' is not needed")
+
+    def set_rest(self, center: Tensor, scale: Tensor | None = None) -> None:
+        r"""Replaces all measured sessions by one session with a given centre and scale.
+
+        Shapes:
+            - **center:** Readings at rest :math:`(N, C)`.
+            - **scale:** Divisor of the readings, if a transform scales sessions :math:`(N, C)`.
+        """
+        if len(self.transforms) > 1:
+            raise ValueError(
+                f"'rest' must be a Rest with frames, since {self.transforms} all measure it (got "
+                "one array)"
+            )
+        (part,) = self.transforms
+        if part.center is not None and part.center.shape[1:] != center.shape:
+            shape = tuple(part.center.shape[1:])
+            raise ValueError(f"'rest' must have shape {shape} (got {tuple(center.shape)})")
+        if not part.unit_scale and scale is None:
+            raise ValueError(
+                "'scale' must be given, since the model scales each session (got None)"
+            )
+        part.center = center.double().unsqueeze(0)
+        part.scale = torch.ones_like(part.center).float()
+        if scale is not None and not part.unit_scale:
+            part.scale = scale.float().unsqueeze(0)
+        part.key_values = torch.zeros(1, dtype=torch.long)
+        self.number = 0
 
 
 def add_tare(preparation: Preparation) -> Preparation:
@@ -582,3 +739,24 @@ def _select_shared(data: StaticData) -> StaticData:
         if key != "x" and data.is_shared(key):
             out[key] = data[key]
     return out
+
+
+@contextmanager
+def _tare_without_limits(transforms: Sequence[FittedTransform]) -> Iterator[None]:
+    # Tares measure all samples that they are fitted on, not the first ones as in training.
+    tares = [tare for tare in transforms if isinstance(tare, Tare)]
+    limits = [(tare.first, tare.seconds) for tare in tares]
+    for tare in tares:
+        tare.first = tare.seconds = None
+    try:
+        yield
+    finally:
+        for tare, (first, seconds) in zip(tares, limits, strict=True):
+            tare.first, tare.seconds = first, seconds
+
+
+def session_transforms(transforms: Sequence[Any]) -> list[FittedTransform]:
+    r"""Returns the transforms that are fitted to each session separately."""
+    return [
+        transform for transform in fitted_parts(Compose(transforms)) if transform.key is not None
+    ]
