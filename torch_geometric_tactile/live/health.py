@@ -174,6 +174,7 @@ class HealthMeter:
         )
         self._last_changes[~is_unchanged.all(axis=1)] = now
         self._checked_readings = tactile.copy()
+        # If no taxel changes, the source stands still, and the taxels are not to blame.
         is_still = now - self._last_changes > _STALE_NS
         self._num_stale = int(
             (is_missing | is_still).sum() if not is_still.all() else is_missing.sum()

@@ -355,6 +355,7 @@ class _PredictorModel:
         from torch_geometric_tactile.predictor import Predictor
 
         if isinstance(predictor, Predictor):
+            # A copy, since sessions and the contact rule must not change the caller's predictor.
             predictor = copy.deepcopy(predictor)
         else:
             predictor = _load_predictor(predictor)
@@ -384,7 +385,7 @@ class _PredictorModel:
 
     @property
     def contact(self) -> ContactRule | None:
-        r"""As of :class:`OnnxModel`."""
+        r"""The rule that detects frames without contact, or :obj:`None`."""
         rule: ContactRule | None = self._predictor.contact
         return rule
 
@@ -393,7 +394,7 @@ class _PredictorModel:
         self._predictor.contact = rule
 
     def measure(self, frames: np.ndarray, time: np.ndarray, joint: np.ndarray | None) -> None:
-        r"""As of :class:`OnnxModel`."""
+        r"""Measures the session from frames at rest, as :meth:`OnnxModel.measure`."""
         from torch_geometric_tactile.data import Recording
 
         if self.info["rest"] is None and self.contact is None:
@@ -408,7 +409,7 @@ class _PredictorModel:
                 )  # a taxel without readings has no rest; zero would look like one
 
     def set_rest(self, center: np.ndarray, scale: np.ndarray | None = None) -> None:
-        r"""As of :class:`OnnxModel`."""
+        r"""Sets the centre and scale of the session, as :meth:`OnnxModel.set_rest`."""
         import torch
 
         session = self._predictor.preparation.session
@@ -418,7 +419,7 @@ class _PredictorModel:
             self.contact = self.contact.with_rest(center)
 
     def add(self, tactile: np.ndarray, joint: np.ndarray | None, predict: bool = True) -> Any:
-        r"""As of :class:`OnnxModel`."""
+        r"""Adds the next frame and returns the probabilities, as :meth:`OnnxModel.add`."""
         import torch
 
         predictor, rule = self._predictor, self.contact

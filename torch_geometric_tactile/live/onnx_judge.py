@@ -73,6 +73,7 @@ class OnnxModel:
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
+        # A spinning thread would keep a core of the robot busy while no frame arrives.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         options.log_severity_level = 3
         try:
@@ -97,6 +98,7 @@ class OnnxModel:
         self._rest: dict[str, np.ndarray] = {}
         self._contact_window = ContactWindow(self._length)
         num_taxels = self.info["num_taxels"]
+        # A ring holds each row twice, so that every window is contiguous.
         self._frames, self._joints = (
             Ring(np.zeros((2 * self._length, *size), np.float32))
             for size in ((num_taxels, self.info["num_channels"]), (self.info["num_joints"],))

@@ -51,6 +51,7 @@ def open_source(url: str, **settings: Any) -> Source:
     if not isinstance(url, str | os.PathLike) or not str(url):
         raise ValueError(f"a source must be one of {_URL_EXAMPLES} (got {url!r})")
     url = os.fspath(url)
+    # An existing file takes precedence over a scheme, so that names with a colon can be opened.
     scheme, colon, remainder = url.partition(":")
     if (
         not colon or "/" in scheme or len(scheme) < 2 or os.path.exists(url)

@@ -210,6 +210,7 @@ class Rest:
                         f"(got {frame.tactile.shape})"
                     )
             pending.append(frame)
+            # Times are rounded: frames over one second may be a little closer.
             is_long_enough = frame.time - pending[0].time >= self.seconds * (1 - 1e-6)
             if len(pending) < self.min_frames or not (
                 is_long_enough or len(pending) >= _MAX_FRAMES

@@ -246,8 +246,8 @@ class LiveSession:
         r"""Runs until the source ends, the time is over, or :meth:`stop` is called.
 
         Args:
-            seconds (float, optional): Time limit. It counts from the first frame, or from this call
-                if there was a frame before.
+            seconds (float, optional): Time limit. It counts from the first frame if that arrives
+                during the call, else from this call.
             on_status (callable, optional): Called with a :class:`Status` about twice a second.
 
         Raises:

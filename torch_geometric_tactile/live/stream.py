@@ -184,6 +184,7 @@ class Stream:
                 subscription.end(self.error)
             else:
                 active = [reference for reference in self._subscriptions if reference() is not None]
+                # A new tuple, so that the reading thread can iterate without the lock.
                 self._subscriptions = (*active, weakref.ref(subscription))
         return subscription
 

@@ -67,6 +67,8 @@ class Descriptors(Step):
         if not self.with_readings:
             return rows
         flat = _nan_to_zero(x.flatten(1).double())
+        # A forest draws features by their number: repeated descriptors are drawn as often as
+        # readings.
         num_repeats = max(1, round(flat.size(1) / rows.size(1))) if self.balanced else 1
         return torch.cat([*[rows] * num_repeats, flat], dim=1)
 
@@ -165,6 +167,7 @@ class PatchSums(Step):
         )
         if "tangent" in attributes and normal is not None:
             tangent = attributes["tangent"].double().reshape(-1, num_taxels, 2, 3)
+            # The third channel points into the skin, the normal out of it.
             force = (
                 force[..., :1] * tangent[..., 0, :]
                 + force[..., 1:2] * tangent[..., 1, :]

@@ -58,6 +58,7 @@ class Network:
 
     def logits(self, data: StaticData) -> Tensor:
         r"""Returns the output of the model, as :meth:`Predictor.logits`."""
+        # The model is accessible: its mode may have changed since it was built.
         if self.model.training:
             self.model.eval()
         edges = "give 'adjacency', or add KNNGraph() to the transform"

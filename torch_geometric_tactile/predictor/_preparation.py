@@ -555,8 +555,8 @@ class Session:
             preparation.contact = preparation.contact.measured(frames)
 
     def measure_rest(self, recording: Recording) -> int:
-        r"""Measures a new recording session from a recording at rest, which :meth:`Preparation.
-        match_recording` returned. A tare averages all of its frames. Returns the session number.
+        r"""Measures a new session from a recording at rest, and returns its number. The recording
+        must come from :meth:`Preparation.match_recording`. A tare averages all of its frames.
         """
         self._measure_contact(recording.tactile)
         with _tare_without_limits(self.transforms):

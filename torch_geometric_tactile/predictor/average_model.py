@@ -62,6 +62,7 @@ class AverageModel(Module):
         for name, value in (("center", center), ("scale", scale)):
             if value is not None and (not isinstance(value, Tensor) or value.dim() > 1):
                 raise ValueError(f"'{name}' must be a number of each output (got {value!r:.80})")
+            # Not persistent: they are saved with `init_arguments`.
             self.register_buffer(f"_{name}", value, persistent=False)
         self.init_arguments = {
             "models": list(models),
@@ -81,6 +82,7 @@ class AverageModel(Module):
         """
         outputs = torch.stack([model(x, edge_index, **attributes) for model in self.models])
         if not self.numbers:
+            # The mean of probabilities, computed from logarithms so that it does not underflow.
             return outputs.log_softmax(dim=-1).logsumexp(dim=0) - math.log(len(self.models))
         mean = outputs.double().mean(dim=0)
         if self._scale is not None:

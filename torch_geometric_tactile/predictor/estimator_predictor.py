@@ -53,6 +53,7 @@ def estimator_predictor(
         normal=has_normal,
         tangent=sample.get("tangent") is not None,
     )
+    # The pipeline computes descriptors in its first step, a predictor in a transform.
     if "descriptors" in model.modalities:
         pos = sample.get("pos")
         descriptors = TaxelDescriptors(layout, posed=pos is not None and pos.dim() == 3)

@@ -131,6 +131,7 @@ class Predictor:
     def _set_parts(self, preparation: Preparation, network: Network) -> None:
         self.preparation, self.network = preparation, network
         network.model.eval()
+        # A model may read joint angles that no transform reads.
         if "joint" in network.modalities:
             preparation.needs_joint = True
         self.to(network.device)
@@ -638,6 +639,7 @@ class Predictor:
             return _mask_probability(out, preparation.windows_lacking_contact(recording, last))
         _check_batch_size(batch_size)
         recording = preparation.match_recording(recording)
+        # At least one chunk, so that an empty recording has an output (0, C).
         starts = range(0, max(recording.num_frames, 1), batch_size)
         chunks = [recording.select(slice(start, start + batch_size)) for start in starts]
         return torch.cat([self(chunk.tactile, chunk.joint) for chunk in chunks])
