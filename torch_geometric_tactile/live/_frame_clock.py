@@ -141,21 +141,21 @@ class FrameClock:
         # Lowers the line if a frame is early. Returns whether the line has to restart.
         assert self._line is not None
         assert self._period is not None
-        late = arrival - self._line[1] - self._period * (number - self._line[0])
+        delay = arrival - self._line[1] - self._period * (number - self._line[0])
         gap = self.largest_gap
-        if late <= 0:
-            self._line = self._line[0], self._line[1] + late
-            if -late > gap:  # the numbers jumped without a loss
+        if delay <= 0:
+            self._line = self._line[0], self._line[1] + delay
+            if -delay > gap:  # the numbers jumped without a loss
                 self._clear()
-            late = 0.0
-        if late <= gap:
+            delay = 0.0
+        if delay <= gap:
             self._late_since = None
             return False
-        if late > _MAX_LATE_SECONDS and waited > gap:
+        if delay > _MAX_LATE_SECONDS and waited > gap:
             return True
         late_start = self._late_since
-        if late_start is None or late < late_start[1] - self._period / 2:  # it catches up
-            self._late_since = late_start = (arrival, late)
+        if late_start is None or delay < late_start[1] - self._period / 2:  # it catches up
+            self._late_since = late_start = (arrival, delay)
         return arrival - late_start[0] > gap
 
     def _is_rough_outage(self, number: int, arrival: float) -> bool:
@@ -182,6 +182,7 @@ class FrameClock:
         if self._line is not None and self._period is not None:
             step = self._period * (last - number)
             fitted_step = self._line[1] + self._period * (last - self._line[0]) - time
+            # Limited, so that a new fit does not make the times jump.
             slew = _SLEW * step
             if fitted_step > step + slew:
                 fitted_step = step + slew
@@ -241,12 +242,15 @@ class FrameClock:
         (first, start), (last, end) = hull[0], hull[-1]
         if sum(self._block_sizes) < _MIN_ARRIVALS or end - start < _MIN_SECONDS:
             return
+        # The edge above the mean number: at either end, a single arrival could turn the line.
         middle = (first + last) / 2
         i = next(i for i in range(1, len(hull)) if hull[i][0] >= middle)
-        (n, t), (m, u) = hull[i - 1], hull[i]
-        if u > t:
-            self._period = self._spacing = (u - t) / (m - n)
-            self._line = m, u
+        (left_number, left_arrival), (right_number, right_arrival) = hull[i - 1], hull[i]
+        if right_arrival > left_arrival:
+            self._period = self._spacing = (right_arrival - left_arrival) / (
+                right_number - left_number
+            )
+            self._line = right_number, right_arrival
             self._is_fitted = True
 
     def __repr__(self) -> str:
@@ -264,10 +268,13 @@ def _spread_times(numbers: list[int], number: int, time: float, end: float) -> l
 
 def _push_to_hull(hull: list[_Point], point: _Point) -> None:
     # Adds a point to the right of a lower convex hull, and removes those that it covers.
-    n, t = point
+    number, arrival = point
     while len(hull) > 1:
-        (a, u), (b, v) = hull[-2], hull[-1]
-        if (v - u) * (n - b) < (t - v) * (b - a):
+        (first_number, first_arrival), (second_number, second_arrival) = hull[-2], hull[-1]
+        # Compares the slopes of both edges, without a division.
+        if (second_arrival - first_arrival) * (number - second_number) < (
+            arrival - second_arrival
+        ) * (second_number - first_number):
             break
         hull.pop()
     hull.append(point)
