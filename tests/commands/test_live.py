@@ -156,7 +156,7 @@ def test_board_on_a_terminal_with_keys_and_ctrl_c(tmp_path):
             press(b"r")
         elif "recording 2" in said and len(pressed) == 1:
             press(b"t")
-        elif "shown anew" in said and len(pressed) == 2:
+        elif "measures the rest again" in said and len(pressed) == 2:
             press(b"m")
         elif "marked at" in said and len(pressed) == 3:
             press(b"r")

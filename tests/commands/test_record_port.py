@@ -234,7 +234,7 @@ class StubJudge:
         self.length, self.note = 1, ""
         self.seen = []
 
-    def __call__(self, frame, wanted=True):
+    def __call__(self, frame, predict=True):
         self.seen.append(frame.tactile)
 
 

@@ -82,7 +82,9 @@ def test_server_whose_messages_are_no_frames_is_explained_in_time(tmp_path, caps
         sender.join()
     said = capsys.readouterr().err
     assert status == 1
-    assert re.search(rf"error: '{url}' sent no frame: [0-9]+ messages came and make none", said)
+    assert re.search(
+        rf"error: '{url}' sent no frame: [0-9]+ messages arrived, but none is a frame", said
+    )
     assert "'taxels'" in said.splitlines()[-2]
     assert "16" in said.splitlines()[-2]
     assert [*tmp_path.iterdir()] == []
@@ -117,7 +119,7 @@ FOUR = np.ones((40, 4, 4), "<f4") * 25
             "2 rows of 3 must have 'shape' 2x2",
         ),
         ("protocol=m1616", NOISE, "no complete packet begins with AA AB AC"),
-        ("protocol=cobs", b"", "no byte came: check the cable and the port"),
+        ("protocol=cobs", b"", "no byte arrived: check the cable and the port"),
     ],
     ids=["noise", "wrong protocol", "magnetometers", "shape", "header", "nothing"],
 )

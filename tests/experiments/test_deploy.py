@@ -194,7 +194,7 @@ def test_the_rest_is_measured_on_each_recording(tmp_path):
     comparison = compared(tmp_path, ("svm_linear",), tare=tare)
     predictor = deploy(comparison)
     x = comparison.run.plan.data.load().data.x[:4]
-    with pytest.raises(ValueError, match="'session' must be given, or adapt to a new one first"):
+    with pytest.raises(ValueError, match=r"'session' must be given, since .* call 'adapt' first"):
         deploy(comparison)(x)
     predictor.adapt(x + 7)
     first = predictor(x + 7)

@@ -55,7 +55,7 @@ def predicted(name, rule, whole):
     for each in (None, rule):
         predictor = copy.deepcopy(made.predictor(name))
         predictor.contact = each
-        if each is not None or predictor.preparation.session.parts:
+        if each is not None or predictor.preparation.session.transforms:
             predictor.adapt_recording(whole, rest=NUM_REST / 25)
         answers.append(predictor.recording(whole))
     frames = range(whole.num_frames)
@@ -264,7 +264,7 @@ def test_the_rule_of_a_predictor_is_checked_and_stays():
         predictor.contact = ContactRule(5.0, rest=np.zeros((11, 2)))
     predictor.contact = ContactRule(5.0)
     assert predictor.with_tare().contact == ContactRule(5.0)
-    with pytest.raises(ValueError, match="'rest' must be given: the contact rule"):
+    with pytest.raises(ValueError, match=r"'rest' must be the number of .* the contact rule"):
         predictor.adapt_recording(recording(0))
     with pytest.raises(ValueError, match="must have the readings at rest"):
         predictor.recording(recording(0))
@@ -272,7 +272,7 @@ def test_the_rule_of_a_predictor_is_checked_and_stays():
     assert predictor.contact.is_measured
     predictor.contact = None
     assert not predictor.lacks_contact(recording(0)).any()
-    with pytest.raises(ValueError, match="measures sessions: there is no need"):
+    with pytest.raises(ValueError, match="measures sessions: 'adapt' is not needed"):
         predictor.adapt(recording(0).tactile[:5], recording(0).joint[:5])
 
 

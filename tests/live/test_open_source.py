@@ -71,7 +71,7 @@ def test_open_source_of_a_simulation():
         ("serial:/dev/x?protocol=cobs&baudrate=fast", "'baudrate' must be an integer"),
         ("serial:/dev/x?protocol=cobs&parity=odd", "protocol 'cobs' must have settings among"),
         ("serial:?protocol=anyskin", "'port' must be the path or name"),
-        ("file:", "a source of a file must name it"),
+        ("file:", "a file source must name the file"),
         ("file:x.h5?spede=2", r"an option of file: must be one of \['speed', 'loop'\] \(got 'spe"),
         ("file:x.h5?speed=fast", r"'speed' must be a number \(got 'fast'\)"),
         ("file:x.h5?speed=-1", "'speed' must be 0 or more"),

@@ -96,8 +96,10 @@ def test_a_stream_that_is_too_fast_is_an_error_at_the_end(path, monkeypatch):
     stream = Stream(source)
     recorder = Recorder(path, stream, size=8)
     go_on = threading.Event()
-    real = Recorder._finite
-    monkeypatch.setattr(Recorder, "_finite", lambda self, f: go_on.wait(10) and real(self, f))
+    real = Recorder._infinite_to_nan
+    monkeypatch.setattr(
+        Recorder, "_infinite_to_nan", lambda self, f: go_on.wait(10) and real(self, f)
+    )
     recorder.start()
     with stream:
         for _ in stream.subscribe("all"):

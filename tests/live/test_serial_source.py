@@ -94,10 +94,10 @@ def test_serial_source_reads_packets_in_pieces(port):
 
 def test_bytes_that_make_no_frame_are_told_whatever_the_decoder_says(port):
     with SerialSource(str(port.path), CheckedDecoder()) as source:
-        assert source.why_no_frame().startswith("no byte came")
+        assert source.why_no_frame().startswith("no byte arrived")
         port.write(bytes(100))
         wait_until(lambda: source.read(0.05) == [] and source.counts.skipped > 100 - SIZE)
-        told = "100 bytes came and make none{}: check the protocol, its settings and the baudrate"
+        told = "100 bytes arrived, but none is a frame{}: check the protocol, its settings and the"
         assert source.why_no_frame().startswith(told.format(""))
         source.counts.refuse("no header")
         assert source.why_no_frame().startswith(told.format(" (no header)"))

@@ -176,7 +176,9 @@ def test_policy_all_ends_with_an_error_when_it_overflows():
         assert slow.overflowed
         assert [slow.get(0).sequence for _ in range(3)] == [0, 1, 2]
         for _ in range(2):
-            with pytest.raises(StreamOverflow, match="its 3 frames were full, and 2 frames"):
+            with pytest.raises(
+                StreamOverflow, match="its queue of 3 frames was full, and 2 frames"
+            ):
                 slow.get(0)
         source.send(frame(5), SourceEnded())
         assert fast.get(LONG).sequence == 5
@@ -378,7 +380,7 @@ def test_lost_source_that_is_gone_is_tried_again_and_again():
 
 
 def test_lost_source_that_is_seen_to_be_back_is_opened_without_waiting(monkeypatch):
-    monkeypatch.setattr("torch_geometric_tactile.live.stream._BACK_OFF", (3600.0, 3600.0))
+    monkeypatch.setattr("torch_geometric_tactile.live.stream._BACK_OFF_SECONDS", (3600.0, 3600.0))
     source = FakeSource(OSError("unplugged"), frame(5))
     with subscribed(source) as (_, subscription):
         wait_until(lambda: source.asked)

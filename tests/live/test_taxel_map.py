@@ -63,9 +63,9 @@ def test_taxel_map_round_trip(tmp_path):
         (([[0], [1]], 2), "'index' must be a list of integers"),
         (([[0], [1, 2]], 2), "'index' must be a list of integers"),
         (([0.0, 1.0], 2), "'index' must be a list of integers"),
-        (([0, 2], 2), r"'index' must hold places from 0 to 1, or -1 .* \(got 2\)"),
-        (([0, -2], 2), r"'index' must hold places from 0 to 1, or -1 .* \(got -2\)"),
-        (([1, 1], 2), r"'index' must hold each place at most once \(got 1 twice\)"),
+        (([0, 2], 2), r"'index' must hold indices from 0 to 1, or -1 .* \(got 2\)"),
+        (([0, -2], 2), r"'index' must hold indices from 0 to 1, or -1 .* \(got -2\)"),
+        (([1, 1], 2), r"'index' must hold each index at most once \(got 1 twice\)"),
     ],
     ids=str,
 )
@@ -85,7 +85,7 @@ def test_taxel_map_layout_and_source_are_texts(name):
     [
         ("[0, 1]", "it must be a JSON object with 'index' and 'num_taxels'"),
         ('{"index": [0]}', "it must be a JSON object with 'index' and 'num_taxels'"),
-        ('{"index": [5], "num_taxels": 2}', "'index' must hold places"),
+        ('{"index": [5], "num_taxels": 2}', "'index' must hold indices"),
         ('{"index": [true, 1], "num_taxels": 2}', "'index' must be a list of integers .*truth"),
         ('{"index": [0], "num_taxels": 2, "size": 1}', r"among .*\(got 'size'\)"),
         ('{"index": [1e3], "num_taxels": 2}', "'index' must be a list"),

@@ -29,7 +29,7 @@ def test_hand_is_where_its_kinematics_have_it():
     assert scene.form == "hand"
     assert scene.num_joints == 16
     joint = torch.rand(16, generator=torch.Generator().manual_seed(0))
-    pos, normal = places(scene, scene.posed(joint.numpy()))
+    pos, normal = places(scene, scene.link_poses(joint.numpy()))
     posed = hand.taxel_pose(layout, joint)
     np.testing.assert_allclose(pos, posed.pos, atol=1e-6)
     np.testing.assert_allclose(normal, posed.normal, atol=1e-5)
@@ -39,7 +39,7 @@ def test_hand_without_joint_angles_is_open_or_as_told():
     layout, hand = allegro_uskin(), HandKinematics.allegro()
     told = np.full(16, 0.3, dtype=np.float32)
     scene = layout_scene(layout, joint=told)
-    np.testing.assert_array_equal(scene.pose, scene.posed(told))
+    np.testing.assert_array_equal(scene.pose, scene.link_poses(told))
     pos, _ = places(layout_scene(layout), layout_scene(layout).pose)
     assert np.ptp(pos[:, 2]) > 0.2  # metres: the fingers point up
     assert np.ptp(hand.taxel_pose(layout, torch.full((16,), 1.2)).pos[:, 2].numpy()) < 0.2

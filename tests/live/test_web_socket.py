@@ -64,7 +64,7 @@ def test_messages_come_whole_and_in_order():
     with served(send) as url, opened(url) as client:
         found = [client.receive(LONG) for _ in range(6)]
         assert found == [*(text.encode() for text in texts), b"in three parts", b"bytes"]
-        with pytest.raises(EOFError, match=r"the server has closed it .*1000"):
+        with pytest.raises(EOFError, match=r"the server has closed the connection .*1000"):
             client.receive(LONG)
 
 

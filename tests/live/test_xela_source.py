@@ -19,7 +19,7 @@ WELCOME = json.dumps({"message": "Welcome"})
 @pytest.fixture(autouse=True)
 def _no_long_wait_for_the_first_message(monkeypatch, request):
     if "when_it_is_open" not in request.node.name:
-        monkeypatch.setattr("torch_geometric_tactile.live.xela_source._FIRST", 0.05)
+        monkeypatch.setattr("torch_geometric_tactile.live.xela_source._FIRST_MESSAGE_SECONDS", 0.05)
 
 
 def text(number, **changed):

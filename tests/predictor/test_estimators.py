@@ -181,7 +181,7 @@ def test_taxels_that_move_are_where_they_are(name):
     fixed = StaticData(x=data.x)
     assert not np.allclose(pipeline.predict_proba(fixed), expected, atol=1e-3)
     predictor = estimator_predictor(pipeline, moving)
-    prepared = predictor.preparation.prepared_windows(data)
+    prepared = predictor.preparation.apply_sample_transforms(data)
     found = predictor.probability(predictor.logits(prepared))
     np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
 
@@ -224,12 +224,12 @@ def refused(pipeline, text, num_classes=2):
 def test_what_has_no_such_form_is_refused():
     x, y = dataset(2).data.x.numpy(), np.arange(120) % 2
     refused(flat_forest(), "not fitted|is not fitted yet")
-    refused(rbf_svm().fit(x, y), "put TemperatureScaling around _SubsampledSVC and fit it")
+    refused(rbf_svm().fit(x, y), "_SubsampledSVC, which has scores only.: wrap it in TemperatureScaling")
     refused(baselines.GraspSVM(num_fingers=2).fit(x, y), r"must be a pipeline .* \(got GraspSVM\)")
     flat = ("flat", baselines.FlatReadings())
     for parts, text in (
         ([flat, ("a", KNeighborsClassifier())], r"only a forest, .* \(got KNeighborsClassifier\)"),
-        ([flat, ("s", MinMaxScaler()), ("a", GaussianNB())], "there may be StandardScaler only"),
+        ([flat, ("s", MinMaxScaler()), ("a", GaussianNB())], "must be StandardScaler"),
         ([flat, ("a", TemperatureScaling(SVC(kernel="poly")))], r"must be 'rbf' .* \(got 'poly'\)"),
         ([flat, ("a", LogisticRegression(solver="liblinear"))], "must not be 'liblinear'"),
         ([("p", FunctionTransformer(rows)), ("a", GaussianNB())], "must begin with FlatReadings"),

@@ -41,7 +41,7 @@ from torch_geometric_tactile.nn.models import (
 )
 from torch_geometric_tactile.predictor import classes, export_onnx
 from torch_geometric_tactile.predictor._onnx_graph import OnnxGraph
-from torch_geometric_tactile.predictor.export_onnx import _examples
+from torch_geometric_tactile.predictor.export_onnx import _random_examples
 from torch_geometric_tactile.sensors import TaxelLayout, grid
 
 HAND = small_models.HAND
@@ -331,7 +331,10 @@ def doubled(parent):
 
 REFUSED = {
     "TwiceDropTaxels": (doubled(T.DropTaxels)(taxels=[1]), r"^TwiceDrop.*its operations have"),
-    "TwiceTare": (doubled(T.Tare)(), r"^TwiceTare\(.* it measures sessions and has a 'forward'"),
+    "TwiceTare": (
+        doubled(T.Tare)(),
+        r"^TwiceTare\(.* it measures sessions and overrides 'forward'",
+    ),
     "ContactCrop": (T.ContactCrop(3, missing="keep"), r"^ContactCrop\(.* cannot be exported: the "),
     "RandomNoise": (T.RandomNoise(0.5), r"^RandomNoise\(std=0.5\) cannot be exported: it draws"),
     "RandomContrast": (T.RandomContrast(1.0, 1.0), r"^RandomContrast\(.* cannot be exported: it"),
@@ -456,7 +459,7 @@ def test_the_rest_is_an_input(path):
 def test_what_the_rest_is_measured_on_is_an_output_if_steps_before_change_readings(first, shown):
     model = TactileFNN(11, 2, num_joints=2, widths=(4,), pools=(1,))
     graph = OnnxGraph(fitted(dataset(), model, [first, T.Tare(first=3)]), 3)
-    assert ("before_rest" in graph.output_names) == graph.shows_rest == shown
+    assert ("before_rest" in graph.output_names) == graph.outputs_rest_readings == shown
 
 
 @pytest.mark.slow
@@ -476,14 +479,16 @@ def test_a_difference_is_an_error_and_leaves_nothing(change, small, path, tmp_pa
     import onnx
 
     exporting = import_module("torch_geometric_tactile.predictor.export_onnx")
-    program, answer = onnx.load(path), exporting._answer
+    program, answer = onnx.load(path), exporting._run_graph
     del program.metadata_props[:]
-    monkeypatch.setattr(sys.modules[export_onnx.__module__], "_program", lambda graph: program)
-    monkeypatch.setattr(exporting, "_answer", lambda *given: answer(*given) + change)
-    with pytest.raises(ValueError, match=r"must give its numbers to 1e-05 \(got a difference of"):
+    monkeypatch.setattr(
+        sys.modules[export_onnx.__module__], "_export_program", lambda graph: program
+    )
+    monkeypatch.setattr(exporting, "_run_graph", lambda *given: answer(*given) + change)
+    with pytest.raises(ValueError, match=r"must agree with it to 1e-05 \(got a difference of"):
         export_onnx(small, tmp_path / "model.onnx")
     assert not list(tmp_path.iterdir())
-    monkeypatch.setattr(exporting, "_answer", answer)
+    monkeypatch.setattr(exporting, "_run_graph", answer)
     assert export_onnx(small, tmp_path / "model.onnx").difference < 1e-5
 
 
@@ -493,7 +498,7 @@ def test_sizes_are_those_of_data_and_model():
     assert (by_trying.num_channels, by_trying.num_joints) == (3, 2)
     of_data = OnnxGraph(Predictor.from_dataset(Reader("joint"), dataset()))
     assert (of_data.num_channels, of_data.num_joints) == (3, 2)
-    with pytest.raises(ValueError, match=r"must know 'num_joints' to be exported \(got None\)"):
+    with pytest.raises(ValueError, match=r"must hold 'num_joints' to be exported \(got None\)"):
         OnnxGraph(Predictor(Reader("joint"), LAYOUT, adjacency="original"), 3)
 
 
@@ -506,7 +511,7 @@ def test_graphs_are_compared_on_readings_like_those_of_the_data(data, per):
     model = GraspLSTM(11, 2, hidden_channels=4)
     predictor = fitted(data, model, [T.ZScore() if per is None else T.ZScore(per=per)])
     graph = OnnxGraph(predictor)
-    frames = np.stack([frames for frames, _ in _examples(graph, predictor)])
+    frames = np.stack([frames for frames, _ in _random_examples(graph, predictor)])
     assert frames.shape[1:] == (graph.length, 11, 3)
     assert np.isnan(frames).any(axis=(1, 2, 3)).tolist() == [False] * 5 + [True] * 2
     assert np.nanmean(frames) == pytest.approx(300, abs=15)  # as in the data

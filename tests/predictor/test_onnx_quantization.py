@@ -22,7 +22,7 @@ from torch_geometric_tactile.live import Judge, OnnxModel
 from torch_geometric_tactile.nn.models import TactileFNN
 from torch_geometric_tactile.predictor import export_onnx
 from torch_geometric_tactile.predictor._network import Network
-from torch_geometric_tactile.predictor._onnx_quantization import compare_answers
+from torch_geometric_tactile.predictor._onnx_quantization import compare_predictions
 from torch_geometric_tactile.sensors import grid
 
 LAYOUT = grid(8, 8, 0.01)
@@ -103,7 +103,7 @@ def test_readers_show_it(path):
         "OnnxModel(TactileFNN, 'grid_8x8', classes=['ball', 'cube', 'pen'], "
     )
     assert "weights of 8 bits: " in repr(model)
-    assert "on 60 frames of recordings" in repr(model)
+    assert "on 60 recorded frames" in repr(model)
     assert repr(Judge(path, np.zeros((64, 3)))).startswith("Judge(ONNX, 8 bits, ")
 
 
@@ -149,13 +149,13 @@ def test_answers_that_one_graph_lacks_are_refused():
     network = Network(torch.nn.Identity(), NAMES)
     single = np.array([[0.2, 0.3, 0.5], [np.nan] * 3, [0.1, 0.8, 0.1]])
     quantized = np.array([[0.2, 0.41, 0.39], [np.nan] * 3, [0.1, 0.8, 0.1]])
-    agreement = compare_answers(single, quantized, network, "random")
+    agreement = compare_predictions(single, quantized, network, "random")
     assert agreement.equal_labels == 0.5
     assert agreement.largest_change == pytest.approx(0.11)
     assert agreement.num_answers == 2
     quantized[1] = 0.3
-    with pytest.raises(ValueError, match="must have an answer where the other has one"):
-        compare_answers(single, quantized, network, "random")
+    with pytest.raises(ValueError, match="must be NaN for the same readings"):
+        compare_predictions(single, quantized, network, "random")
 
 
 def test_command(tmp_path, capsys, monkeypatch):

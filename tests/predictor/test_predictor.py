@@ -15,7 +15,7 @@ from torch_geometric_tactile.data import (
     apply_transform,
 )
 from torch_geometric_tactile.nn import TactileGCN, TaxelNet
-from torch_geometric_tactile.predictor import _computed_once as computed_once
+from torch_geometric_tactile.predictor import _constant_transforms as constant_transforms
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
 from torch_geometric_tactile.transforms import (
     FillMissing,
@@ -177,11 +177,15 @@ def test_order_is_kept_where_a_later_transform_changes_what_an_earlier_one_read(
     shared = StaticData(
         x=torch.zeros(1, 4, 0), pos=FINGER.pos, edge_index=FINGER.edge_index("original")
     )
-    _, rest = computed_once.apply_once(shared, chain.transforms)
+    _, rest = constant_transforms.apply_constant_transforms(shared, chain.transforms)
     assert rest == chain.transforms
-    _, rest = computed_once.apply_once(shared, [KNNGraph(k=1), *chain.transforms[:2]])
+    _, rest = constant_transforms.apply_constant_transforms(
+        shared, [KNNGraph(k=1), *chain.transforms[:2]]
+    )
     assert rest == chain.transforms[:2]
-    _, rest = computed_once.apply_once(shared, [torch.nn.Identity(), KNNGraph(k=1)])
+    _, rest = constant_transforms.apply_constant_transforms(
+        shared, [torch.nn.Identity(), KNNGraph(k=1)]
+    )
     assert len(rest) == 2
 
 

@@ -36,9 +36,9 @@ def save_predictor(path, model=ENCODER, transform=None):
     """Writes the file of a predictor whose header describes other parts."""
     Predictor(TaxelNet(LAYOUT, 2, in_channels=1), LAYOUT, num_channels=1).save(path)
     tensors, texts, _ = read_tensors(path)
-    header = json.loads(texts[content._KEY])
+    header = json.loads(texts[content._HEADER_KEY])
     header |= {"model": model, "transform": transform}
-    write_tensors(tensors, {content._KEY: json.dumps(header)}, path)
+    write_tensors(tensors, {content._HEADER_KEY: json.dumps(header)}, path)
 
 
 def test_encoder_file_names_the_last_version_that_reads_it(encoder_path):
@@ -83,7 +83,7 @@ def test_predictor_with_an_encoder_names_the_last_version(parts, name, tmp_path)
 def test_checkpoint_of_an_encoder_names_the_last_version(tmp_path):
     save_predictor(tmp_path / "a.predictor")
     tensors, texts, _ = read_tensors(tmp_path / "a.predictor")
-    entry = {"header": json.loads(texts[content._KEY]), "tensors": tensors}
+    entry = {"header": json.loads(texts[content._HEADER_KEY]), "tensors": tensors}
     torch.save({"predictor": entry, "state_dict": tensors}, tmp_path / "last.ckpt")
     with pytest.raises(ValueError, match=f"TaxelEncoder was removed: {LAST_READER}"):
         Predictor.from_checkpoint(tmp_path / "last.ckpt")

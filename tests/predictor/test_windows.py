@@ -15,7 +15,7 @@ from torch_geometric_tactile.data import (
 )
 from torch_geometric_tactile.nn.models import GraspGCN, TemporalTaxelNet
 from torch_geometric_tactile.predictor import Predictor, content
-from torch_geometric_tactile.predictor._window_cut import WindowCut, frame_by_frame
+from torch_geometric_tactile.predictor._window_cut import WindowCut, apply_to_frames
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.transforms import (
     CommonMode,
@@ -141,12 +141,12 @@ def test_attributes_of_a_window_are_those_of_its_last_frame():
 
     numbered.supports_static = True
     windows = StaticData(x=torch.rand(2, 5, 3), trial=torch.tensor([4, 7]), num_frames=3)
-    found = frame_by_frame([numbered], windows)
+    found = apply_to_frames([numbered], windows)
     assert (found.trial.tolist(), found.step.tolist()) == ([4, 7], [2, 5])
     assert found.x.equal(windows.x)
 
 
-def test_frame_by_frame_equals_windows():
+def test_apply_to_frames_equals_windows():
     torch.manual_seed(0)
     model = TemporalTaxelNet("biotac", 2, in_channels=3, num_blocks=2, kernel_size=2)
     dataset = windows(length=model.receptive_field + 3, hop=1)
@@ -155,7 +155,7 @@ def test_frame_by_frame_equals_windows():
     expected = predictor.recording(one)
     (scaler,) = transform.transforms
     window = join_frames(torch.from_numpy(one.tactile).transpose(0, 1)).unsqueeze(0)
-    data = predictor.preparation.data(window)
+    data = predictor.preparation.readings_to_data(window)
     assert data.num_frames == 64
     x = scaler(data).x[0].view(19, 3, 64)
     state, said = predictor.model.initial_state(1), []
@@ -231,10 +231,10 @@ def test_older_formats_have_neither_window_nor_threshold(number):
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"length": 0}, r"'length' must be a number of frames from 1 on \(got 0\)"),
+        ({"length": 0}, r"'length' must be a number of frames of at least 1 \(got 0\)"),
         ({"length": 10**7 + 1}, r"'length' must be a number .* \(got 10000001\)"),
-        ({"length": True}, r"'length' must be a number of frames from 1 on \(got True\)"),
-        ({"length": 5, "hop": -1}, r"'hop' must be a number of frames from 0 on \(got -1\)"),
+        ({"length": True}, r"'length' must be a number of frames of at least 1 \(got True\)"),
+        ({"length": 5, "hop": -1}, r"'hop' must be a number of frames of at least 0 \(got -1\)"),
         ({"length": 5, "ragged": "cut"}, r"'ragged' must be one of .* \(got 'cut'\)"),
     ],
 )
@@ -257,7 +257,7 @@ def test_rest_that_is_measured_on_frames(on_windows):
     assert predictor.preparation.measures_frames
     one = recording(data, 1)
     for call in (predictor.windows, predictor.recording):
-        with pytest.raises(ValueError, match=r"'session' must be given, or adapt .* Tare\('trial'"):
+        with pytest.raises(ValueError, match=r"'session' must be given, since Tare\('trial'"):
             call(one)
     assert predictor.adapt_recording(one) == 4
     found = predictor.recording(one)

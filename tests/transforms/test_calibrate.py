@@ -195,4 +195,4 @@ def test_a_predictor_and_its_file_calibrate_frames_and_streams_alike(tmp_path):
         assert one.prepare(x).x.equal(expected)
         assert one.preparation.prepare_frame(x[1]).x[0].equal(expected[1])
         torch.testing.assert_close(one(x[1]), predictor(x)[1])
-    assert again.preparation.parts[0].source == "a press"
+    assert again.preparation.transforms[0].source == "a press"

@@ -381,7 +381,7 @@ def _save_predictor(comparison: "Comparison", arguments: argparse.Namespace) -> 
     predictor = deploy(comparison, arguments.model)
     predictor.save(arguments.save)
     text = f"wrote {arguments.save}: {predictor}\n  {predictor.score}"
-    if predictor.preparation.session.parts:
+    if predictor.preparation.session.transforms:
         rest = predictor.info.rest
         seconds = "SECONDS" if rest is None else f"{rest:.3g}"
         text += f"\n  measures the sensor at rest: tactile predict --rest {seconds}"

@@ -122,7 +122,7 @@ def _wait_until_end(recorder: "Recorder", seconds: float | None, labels: list[st
 
     from torch_geometric_tactile.commands._keys import key_bindings, label_keys, mark
     from torch_geometric_tactile.commands._status_line import StatusLine
-    from torch_geometric_tactile.live._recorder_parts import LATE_SECONDS
+    from torch_geometric_tactile.live.recorder import LATE_SECONDS
 
     stream, quit_pressed, line = recorder.stream, threading.Event(), StatusLine()
     actions = {

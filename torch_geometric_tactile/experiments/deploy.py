@@ -39,7 +39,7 @@ from torch_geometric_tactile.predictor import (
     Predictor,
     estimator_predictor,
 )
-from torch_geometric_tactile.predictor._preparation import with_shared
+from torch_geometric_tactile.predictor._preparation import add_shared_attributes
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.one_cycle import OneCycle
 
@@ -174,4 +174,6 @@ def _networks(experiment: Experiment, choice: Choice, samples: StaticDataset) ->
         found, samples, data.transform, "multiclass" if scale is None else "regression"
     )
     shared = {"edge_index": layout_edges(samples.layout), "pos": samples.layout.pos}
-    return Predictor._of(with_shared(predictor.preparation, **shared), predictor.network)
+    return Predictor._from_parts(
+        add_shared_attributes(predictor.preparation, **shared), predictor.network
+    )

@@ -1,7 +1,7 @@
 r"""Live sensors: reading, recording and showing their frames, and running models on them.
 
-The names are those of the stub beside this file. They load on first use, so that a live robot
-needs no :obj:`torch` for what works without.
+The stub beside this file lists the names. They are imported on first use, so that a robot needs
+:obj:`torch` only for the parts that use it.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-r"""The taxels of a frame in space, for viewers of recordings."""
+r"""Positions of the taxels of a frame in space, for viewers of recordings."""
 
 import logging
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -27,12 +27,15 @@ class Points(NamedTuple):
 class PosedPoints:
     r"""Poses the taxels of a layout by the joint angles of each frame. Needs :obj:`torch`.
 
-    A layout on the links of the Allegro hand is posed by its kinematics; an angle that is missing
-    keeps its last value, at first zero. Any other layout stays as it is drawn.
+    A layout on the links of the Allegro hand is posed by its kinematics. A missing angle keeps its
+    last value, which is zero at first. Other layouts are not posed.
 
-    The values are changes since the rest: :obj:`pressure` is that of the normal channel, and
-    :obj:`shear` the length of that of the two others, if there are three; with any other number of
-    channels :obj:`pressure` is that of the first.
+    The values are changes since the rest. With three channels, :obj:`pressure` is the change of the
+    third (normal) channel, and :obj:`shear` the length of the change of the first two. Otherwise
+    :obj:`pressure` is the change of the first channel.
+
+    Args:
+        layout (TaxelLayout, str or PathLike): The layout, its name or its file.
     """
 
     def __init__(self, layout: "TaxelLayout | PathLike") -> None:
@@ -51,18 +54,20 @@ class PosedPoints:
             self._order = list(range(hand.num_joints))
             self._joint = np.zeros(hand.num_joints)
             self.frame_id = hand.link_names[0]
-            self._posed(None)  # the first time takes long
+            self._pose_taxels(None)  # the first call is slow; no frame should wait for it
 
     def name_joints(self, names: Any) -> None:
-        r"""Tells the order of the joint angles by their names; that of the hand if :obj:`None`."""
+        r"""Sets the order of the joint angles by their names; the order of the hand if
+        :obj:`None`.
+        """
         if self._hand is not None:
-            self._order = _order(self._hand.joint_names, names)
+            self._order = _joint_order(self._hand.joint_names, names)
 
     def __call__(self, frame: LiveFrame, rest: np.ndarray) -> Points:
-        r"""Returns the points of a frame.
+        r"""Returns the positions and values of the taxels of a frame.
 
         Shapes:
-            - **rest:** The readings at rest :math:`(N, C)`.
+            - **rest:** Readings at rest :math:`(N, C)`.
         """
         if len(frame.tactile) != self.layout.num_taxels:
             raise ValueError(
@@ -74,9 +79,9 @@ class PosedPoints:
             fields = {"pressure": change[:, 2], "shear": np.hypot(change[:, 0], change[:, 1])}
         else:
             fields = {"pressure": change[:, 0]}
-        return Points(self._posed(frame.joint), fields, self.frame_id)
+        return Points(self._pose_taxels(frame.joint), fields, self.frame_id)
 
-    def _posed(self, angles: np.ndarray | None) -> np.ndarray:
+    def _pose_taxels(self, angles: np.ndarray | None) -> np.ndarray:
         if self._hand is None:
             return self._pos
         import torch
@@ -98,13 +103,13 @@ class PosedPoints:
             return np.asarray(posed.pos.numpy())
 
 
-def _order(wanted: tuple[str, ...], given: Any) -> list[int] | None:
-    if given is None:
-        return list(range(len(wanted)))
-    if not isinstance(given, list | tuple) or set(given) != set(wanted):
+def _joint_order(hand_names: tuple[str, ...], names: Any) -> list[int] | None:
+    if names is None:
+        return list(range(len(hand_names)))
+    if not isinstance(names, list | tuple) or set(names) != set(hand_names):
         _log.warning(
-            "the points of a recording are not posed: its joint angles have names that the hand "
-            "does not have"
+            "the points of a recording are not posed: the names of its joint angles differ from "
+            "those of the hand"
         )
         return None
-    return [list(given).index(name) for name in wanted]
+    return [list(names).index(name) for name in hand_names]

@@ -1,4 +1,4 @@
-r"""A server of WebSockets in one thread, and who may use it."""
+r"""A server of WebSockets in one thread, and the check of its clients."""
 
 import asyncio
 import logging
@@ -15,52 +15,64 @@ _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 
 
 class WebServer:
-    r"""Serves WebSockets in a thread of its own, however many clients there are: those that
-    :meth:`_show` serves. A page of another site is refused, and so is a client when there are too
-    many.
+    r"""Base class of servers that serve all WebSocket clients in one background thread. Subclasses
+    define :meth:`_serve_client`. Pages of other sites are rejected, and so are clients beyond the
+    limit.
+
+    Args:
+        host (str): Address to listen on.
+        port (int): Port to listen on; any free port if 0.
+        name (str): Name of the server in messages.
+        max_clients (int): Limit of connected clients.
+        close_timeout (float): Seconds to wait for clients that do not confirm the close.
+
+    Raises:
+        ImportError: If websockets is missing.
     """
 
-    def __init__(self, host: str, port: int, *, name: str, most: int, closing: float) -> None:
+    def __init__(
+        self, host: str, port: int, *, name: str, max_clients: int, close_timeout: float
+    ) -> None:
         try:
             import websockets  # noqa: F401
         except ImportError as error:
             raise ImportError(f"{name} needs websockets: {_INSTALL}") from error
         self.host, self.port, self.clients = host, port, 0
-        self._name, self._most, self._closing = name, most, closing
+        self._name, self._max_clients, self._close_timeout = name, max_clients, close_timeout
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stop: asyncio.Event | None = None
 
-    async def _show(self, connection: Any) -> None:
+    async def _serve_client(self, connection: Any) -> None:
         raise NotImplementedError
 
-    def _page(self, connection: Any, request: Any, full: bool) -> Any:
-        # The answer to a request; None if it may go on as a web socket.
-        return connection.respond(503, "Too many clients are connected.\n") if full else None
+    def _respond(self, connection: Any, request: Any, is_full: bool) -> Any:
+        # The response to a request, or None if it may continue as a WebSocket.
+        return connection.respond(503, "Too many clients are connected.\n") if is_full else None
 
     def start(self) -> None:
-        r"""Begins to serve, in a thread of its own; does nothing if it does already.
+        r"""Starts to serve in a background thread. Does nothing if the server is running.
 
         Raises:
-            OSError: If the port is taken or the address is not one of this machine.
+            OSError: If the port is in use or the address is not one of this machine.
         """
         if self._thread is not None:
             return
-        listening = self._listening()
-        self.port = listening.getsockname()[1]
+        listener = self._open_listener()
+        self.port = listener.getsockname()[1]
         ready = threading.Event()
         self._thread = threading.Thread(
-            target=self._run, args=(listening, ready), name=self._name, daemon=True
+            target=self._run, args=(listener, ready), name=self._name, daemon=True
         )
         self._thread.start()
         ready.wait()
 
     def close(self) -> None:
-        r"""Ends the serving, and disconnects the clients; does nothing if it is closed."""
+        r"""Stops the server and disconnects the clients. Does nothing if the server is closed."""
         thread, self._thread = self._thread, None
         if thread is None:
             return
-        with suppress(RuntimeError):  # its loop has ended by itself
+        with suppress(RuntimeError):  # the loop has ended after an error
             assert self._loop is not None
             assert self._stop is not None
             self._loop.call_soon_threadsafe(self._stop.set)
@@ -73,7 +85,7 @@ class WebServer:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _listening(self) -> socket.socket:
+    def _open_listener(self) -> socket.socket:
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         try:
             return socket.create_server((self.host, self.port), family=family)
@@ -81,66 +93,75 @@ class WebServer:
             text = f"{self._name} cannot use {self.host}:{self.port}: "
             raise OSError(error.errno, text + (error.strerror or str(error))) from error
 
-    def _run(self, listening: socket.socket, ready: threading.Event) -> None:
+    def _run(self, listener: socket.socket, ready: threading.Event) -> None:
         try:
-            asyncio.run(self._serve(listening, ready))
+            asyncio.run(self._serve(listener, ready))
         finally:
             ready.set()
-            listening.close()
+            listener.close()
 
-    async def _serve(self, listening: socket.socket, ready: threading.Event) -> None:
+    async def _serve(self, listener: socket.socket, ready: threading.Event) -> None:
         from websockets.asyncio.server import serve
 
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
-        quiet = logging.getLogger(f"{__name__}.websockets")
-        quiet.setLevel(logging.CRITICAL)  # broken requests are the client's affair
+        logger = logging.getLogger(f"{__name__}.websockets")
+        logger.setLevel(
+            logging.CRITICAL
+        )  # broken requests are errors of clients, not of this program
         async with serve(
-            self._count,
-            sock=listening,
-            process_request=self._answer,
+            self._track_client,
+            sock=listener,
+            process_request=self._process_request,
             compression=None,
             max_size=VIEWER_MESSAGE_BYTES,
-            close_timeout=self._closing,
+            close_timeout=self._close_timeout,
             server_header=None,
-            logger=quiet,
+            logger=logger,
         ):
             ready.set()
             await self._stop.wait()
 
-    async def _count(self, connection: Any) -> None:
+    async def _track_client(self, connection: Any) -> None:
         from websockets.exceptions import ConnectionClosed
 
         self.clients += 1
         try:
             with suppress(ConnectionClosed):
-                await self._show(connection)
+                await self._serve_client(connection)
         finally:
             self.clients -= 1
 
-    def _answer(self, connection: Any, request: Any) -> Any:
-        why, full = foreign(connection, request, self.host), self.clients >= self._most
-        return connection.respond(403, why) if why else self._page(connection, request, full)
+    def _process_request(self, connection: Any, request: Any) -> Any:
+        reason, is_full = (
+            rejection_reason(connection, request, self.host),
+            self.clients >= self._max_clients,
+        )
+        return (
+            connection.respond(403, reason)
+            if reason
+            else self._respond(connection, request, is_full)
+        )
 
 
-def foreign(connection: Any, request: Any, host: str) -> str:
-    r"""Returns why a request is refused: it is not for a name of this machine, or from the page of
-    another; empty if it is neither.
+def rejection_reason(connection: Any, request: Any, host: str) -> str:
+    r"""Returns the reason for which a request is rejected, or an empty text. A request is rejected
+    if its :obj:`Host` is not a name of this machine, or if a page of another site sends it.
 
-    A name that a foreign site has made lead here (DNS rebinding) is not one. The port of the name
-    may be another one, since ports are forwarded; that of :obj:`Origin` may not.
+    A foreign name that resolves to this machine (DNS rebinding) is rejected. The port in
+    :obj:`Host` may differ, since ports may be forwarded; that of :obj:`Origin` must be the same.
     """
-    name = _only(request.headers.get_all("Host"))
+    name = _single_value(request.headers.get_all("Host"))
     origin = request.headers.get_all("Origin")
-    own = {"localhost", host.lower(), connection.local_address[0]}
-    if name is None or _hostname(name) not in own:
-        return "This name is not one of this server's.\n"
-    if origin and _only(origin) != f"http://{name}":
-        return "Pages of others may not use this server.\n"
+    server_names = {"localhost", host.lower(), connection.local_address[0]}
+    if name is None or _hostname(name) not in server_names:
+        return "The host name is not a name of this server.\n"
+    if origin and _single_value(origin) != f"http://{name}":
+        return "Pages of other sites may not use this server.\n"
     return ""
 
 
 def _hostname(host: str) -> str | None:
-    # Without the port, which differs where it is forwarded, as by `ssh -L`.
+    # Without the port, which differs if it is forwarded, as with `ssh -L`.
     if not re.fullmatch(r"[\w.:\[\]-]+", host, re.ASCII):
         return None
     try:
@@ -149,5 +170,5 @@ def _hostname(host: str) -> str | None:
         return None
 
 
-def _only(values: list[str]) -> str | None:
+def _single_value(values: list[str]) -> str | None:
     return values[0] if len(values) == 1 else None

@@ -1,4 +1,4 @@
-r"""A WebSocket that is read without a thread."""
+r"""A WebSocket client without a thread."""
 
 import math
 import socket
@@ -11,15 +11,22 @@ from typing import Any
 from torch_geometric_tactile._limits import SENSOR_MESSAGE_BYTES
 
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
-_PIECE = 1 << 16  # bytes of one read
-_SAME = 0.95  # part of a time-out that is as good as the whole of it
-_CLOSE = 0.5  # seconds that a goodbye may take
+_READ_BYTES = 1 << 16
+_MIN_TIMEOUT_SHARE = 0.95  # a timeout of the socket that is this close is not set again
+_CLOSE_SECONDS = 0.5
 
 
 class WebSocket:
-    r"""The client's end of a WebSocket. The protocol is that of websockets, whose own client has a
-    thread of its own: handing messages over would cost more than reading them. Needs the extra
-    :obj:`live`.
+    r"""Client of a WebSocket. It uses the protocol of websockets, but not its client, which reads
+    in a second thread: passing messages between threads costs more than reading them. Needs the
+    extra :obj:`live`.
+
+    Args:
+        url (str): Address of the server.
+
+    Raises:
+        ImportError: If websockets is missing.
+        ValueError: If :obj:`url` is not the address of a WebSocket.
     """
 
     def __init__(self, url: str) -> None:
@@ -33,16 +40,21 @@ class WebSocket:
             self._uri = parse_uri(url)
         except (InvalidURI, ValueError) as error:  # ValueError: a port that is no number
             raise ValueError(f"'url' must be the address of a WebSocket (got {error})") from error
-        self._frame, self._codes = Frame, Opcode
+        self._frame, self._opcodes = Frame, Opcode
         self._socket: socket.socket | None = None
         self._protocol: Any = None
         self._messages: deque[bytes] = deque()
-        self._parts: list[bytes] = []
-        self._closed = ""
+        self._fragments: list[bytes] = []
+        self._close_reason = ""
         self._timeout = math.inf
 
     def open(self, timeout: float) -> None:
-        r"""Connects."""
+        r"""Connects to the server.
+
+        Raises:
+            OSError: If the server does not answer within :obj:`timeout` seconds, or rejects the
+                connection.
+        """
         from websockets.client import ClientProtocol
 
         deadline = time.perf_counter() + timeout
@@ -57,48 +69,54 @@ class WebSocket:
                 self._socket = context.wrap_socket(self._socket, server_hostname=uri.host)
             self._protocol.send_request(self._protocol.connect())
             self._send()
-            self._closed = "before it had greeted"
-            while self._closed:
-                if self._socket is None or not self._receive(deadline - time.perf_counter()):
+            self._close_reason = "it was closed before the handshake"
+            while self._close_reason:
+                if self._socket is None or not self._read_events(deadline - time.perf_counter()):
                     raise TimeoutError("it does not answer as a WebSocket")
         except BaseException:
             self.close()
             raise
 
     def receive(self, timeout: float) -> bytes | None:
-        r"""Returns the next message, or :obj:`None` if none came in time."""
+        r"""Returns the next message, or :obj:`None` if none arrives within :obj:`timeout` seconds.
+
+        Raises:
+            EOFError: If the connection is closed.
+        """
         deadline = time.perf_counter() + timeout
         while not self._messages:
-            if self._closed:
-                raise EOFError(self._closed)
-            if not self._receive(deadline - time.perf_counter()):
+            if self._close_reason:
+                raise EOFError(self._close_reason)
+            if not self._read_events(deadline - time.perf_counter()):
                 return None
         return self._messages.popleft()
 
     def close(self) -> None:
-        r"""Says goodbye and closes the connection; does nothing if it is closed."""
+        r"""Closes the connection. Does nothing if it is closed."""
         if self._socket is None:
             return
         with suppress(OSError, EOFError):
-            self._socket.settimeout(_CLOSE)
-            if not self._closed:
+            self._socket.settimeout(_CLOSE_SECONDS)
+            if not self._close_reason:
                 self._protocol.send_close(1000)
             self._send()
         self._socket.close()
         self._socket = None
         self._messages.clear()
-        self._parts.clear()
+        self._fragments.clear()
 
-    def _receive(self, timeout: float) -> bool:
-        # Whether anything came in time.
+    def _read_events(self, timeout: float) -> bool:
+        # Returns whether data arrived in time.
         if self._socket is None:
             raise OSError("the WebSocket is not open")
         timeout = max(timeout, 1e-3)
-        if not _SAME * timeout <= self._timeout <= timeout:  # to set it costs a system call
+        if (
+            not _MIN_TIMEOUT_SHARE * timeout <= self._timeout <= timeout
+        ):  # setting it is a system call
             self._socket.settimeout(timeout)
             self._timeout = timeout
         try:
-            data = self._socket.recv(_PIECE)
+            data = self._socket.recv(_READ_BYTES)
         except TimeoutError:
             return False
         if data:
@@ -107,30 +125,32 @@ class WebSocket:
             self._protocol.receive_eof()
         events = self._protocol.events_received()
         for event in events:
-            self._take(event)
-        if len(events) != 1 or not self._messages:  # such as the answer to a ping
+            self._handle_event(event)
+        if len(events) != 1 or not self._messages:  # sends answers to pings and the like
             self._send()
-        wrong = self._protocol.parser_exc
+        protocol_error = self._protocol.parser_exc
         if not data:
-            raise EOFError(self._closed or "the connection was closed")
-        if wrong is not None and not self._closed:
-            self._closed = f"what came breaks the protocol ({wrong})"
+            raise EOFError(self._close_reason or "the connection was closed")
+        if protocol_error is not None and not self._close_reason:
+            self._close_reason = f"the server breaks the protocol ({protocol_error})"
         return True
 
-    def _take(self, event: Any) -> None:
-        codes = self._codes
-        if not isinstance(event, self._frame):  # the answer to the greeting
-            refused = self._protocol.handshake_exc
-            if refused is not None:
-                raise ConnectionError(str(refused)) from refused
-            self._closed = ""
-        elif event.opcode in (codes.TEXT, codes.BINARY, codes.CONT):
-            self._parts.append(bytes(event.data))
+    def _handle_event(self, event: Any) -> None:
+        opcodes = self._opcodes
+        if not isinstance(event, self._frame):  # the response to the handshake
+            handshake_error = self._protocol.handshake_exc
+            if handshake_error is not None:
+                raise ConnectionError(str(handshake_error)) from handshake_error
+            self._close_reason = ""
+        elif event.opcode in (opcodes.TEXT, opcodes.BINARY, opcodes.CONT):
+            self._fragments.append(bytes(event.data))
             if event.fin:
-                self._messages.append(b"".join(self._parts))
-                self._parts.clear()
-        elif event.opcode is codes.CLOSE:
-            self._closed = f"the server has closed it ({self._protocol.close_rcvd})"
+                self._messages.append(b"".join(self._fragments))
+                self._fragments.clear()
+        elif event.opcode is opcodes.CLOSE:
+            self._close_reason = (
+                f"the server has closed the connection ({self._protocol.close_rcvd})"
+            )
 
     def _send(self) -> None:
         assert self._socket is not None

@@ -1,4 +1,4 @@
-r"""Your own code in a live session."""
+r"""Callbacks of a live session."""
 
 from typing import TYPE_CHECKING
 
@@ -14,9 +14,9 @@ class Callback:
     r"""Base class of the callbacks of a :class:`~torch_geometric_tactile.live.LiveSession`, such as
     a gripper that closes when a slip is near. Each method does nothing unless overridden.
 
-    All but :meth:`on_health` are called by the thread that judges, one after another: one that
-    takes long makes the session skip frames, never the recorder. What one raises ends the session
-    and is raised where it runs.
+    The thread that runs the model calls all methods but :meth:`on_health`, one after another. A
+    slow method makes the session skip frames, but never the recorder. An exception ends the
+    session, and :meth:`LiveSession.run` raises it.
 
     Examples:
         >>> class Gripper(Callback):
@@ -26,14 +26,14 @@ class Callback:
     """
 
     def on_start(self, session: "LiveSession") -> None:
-        r"""Called when the source is open.
+        r"""Called once the source is open.
 
         Args:
             session (LiveSession): The session.
         """
 
     def on_frame(self, session: "LiveSession", frame: LiveFrame) -> None:
-        r"""Called with each frame that is looked at, before it is judged.
+        r"""Called with each frame that the session does not skip, before the model takes it.
 
         Args:
             session (LiveSession): The session.
@@ -45,7 +45,7 @@ class Callback:
 
         Args:
             session (LiveSession): The session.
-            judgement (Judgement): Its probabilities, label and latency.
+            judgement (Judgement): Probabilities, label and latency.
         """
 
     def on_health(self, session: "LiveSession", health: "Health") -> None:
@@ -57,7 +57,7 @@ class Callback:
         """
 
     def on_end(self, session: "LiveSession") -> None:
-        r"""Called once at the end, however it came.
+        r"""Called once at the end, also after an error.
 
         Args:
             session (LiveSession): The session.

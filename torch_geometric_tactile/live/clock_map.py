@@ -1,25 +1,26 @@
-r"""From the clock of a device to the clock of this host."""
+r"""Conversion of device times to the clock of this host."""
 
 import math
 from collections import deque
 
-_TOLERANCE = 0.05  # seconds by which a device may seem ahead before it is a jump
-_BATCH = 0.5  # seconds from the first to the last frame that may arrive together
+_MAX_AHEAD_SECONDS = 0.05  # a device that is further ahead has jumped
+_BATCH_SECONDS = 0.5  # longest time between frames that arrive together
 
 
 class ClockMap:
     r"""Maps times of a device to this host's monotonic clock while frames arrive.
 
-    A frame is never early and often late: by the jitter of the cable, the driver and the system. So
-    the least difference of host and device over the last seconds is the best guess of the
-    difference of the clocks. It follows slow drift. A clock that starts over after :obj:`period`
-    seconds is unwrapped. A jump that the next frame confirms, such as that of a device that was
-    restarted, begins anew; one that it does not confirm is a damaged time, and is left out.
+    Frames are never early and often late, by the jitter of the cable, the driver and the system.
+    The smallest difference between host and device times over the last seconds is therefore the
+    best estimate of the offset of the clocks. It follows slow drift. A clock that wraps around
+    after :obj:`period` seconds is unwrapped. If the time jumps and the next frame confirms the
+    jump, as after a restart of the device, the estimate restarts. A jump that is not confirmed is a
+    damaged time and is ignored.
 
     Args:
-        period (float, optional): After how many seconds the clock of the device starts over, such
-            as :math:`2^{32} / 10^6` for microseconds in 32 bits.
-        window (float): Over how many seconds the least difference is taken.
+        period (float, optional): Seconds after which the clock of the device wraps around, such as
+            :math:`2^{32} / 10^6` for microseconds in 32 bits.
+        window (float): Seconds over which the smallest difference is taken.
 
     Raises:
         ValueError: If an argument is not positive.
@@ -40,35 +41,37 @@ class ClockMap:
         self.reset()
 
     def reset(self) -> None:
-        r"""Begins anew, as after the device was opened again."""
-        self._least: deque[tuple[float, float]] = deque()  # (host, offset), offsets increasing
+        r"""Forgets all times, for a device that was opened again."""
+        self._min_offsets: deque[tuple[float, float]] = (
+            deque()
+        )  # (host, offset), offsets increasing
         self._last: tuple[float, float] | None = None
         self._jump: tuple[float, float] | None = None
 
     def map(self, device_time: float | None, received: int) -> float:
-        r"""Returns the time of a frame on the host's monotonic clock in seconds, never later than
-        it was received.
+        r"""Returns the time of a frame on the host's monotonic clock in seconds. It is never later
+        than the time of reception.
 
         Args:
-            device_time (float, optional): Its time on the clock of the device in seconds.
-            received (int): When it was received, on the host's monotonic clock in nanoseconds.
+            device_time (float, optional): Time on the clock of the device in seconds.
+            received (int): Time of reception on the host's monotonic clock in nanoseconds.
         """
         host = received * 1e-9
         if device_time is None or not math.isfinite(device_time):
             return host
-        device = self._unwrapped(device_time, host)
+        device = self._unwrap(device_time, host)
         if self._is_jump(device, host):
-            before, self._jump = self._jump, (device, host)
-            if before is None or not _runs_on(before, device, host):
+            jump, self._jump = self._jump, (device, host)
+            if jump is None or not _agrees_with_jump(jump, device, host):
                 return host
-            self._least.clear()
-            self._add(before[1], before[1] - before[0])
+            self._min_offsets.clear()
+            self._add_offset(jump[1], jump[1] - jump[0])
         self._jump = None
         self._last = (device, host)
-        self._add(host, host - device)
-        return min(device + self._least[0][1], host)
+        self._add_offset(host, host - device)
+        return min(device + self._min_offsets[0][1], host)
 
-    def _unwrapped(self, device: float, host: float) -> float:
+    def _unwrap(self, device: float, host: float) -> float:
         if self.period is None or self._last is None:
             return device
         device %= self.period
@@ -79,24 +82,26 @@ class ClockMap:
         if self._last is None:
             return False
         self._drop_old(host)
-        ahead = bool(self._least) and host - device < self._least[0][1] - _TOLERANCE
-        return ahead or device < self._last[0]
+        is_ahead = (
+            bool(self._min_offsets) and host - device < self._min_offsets[0][1] - _MAX_AHEAD_SECONDS
+        )
+        return is_ahead or device < self._last[0]
 
-    def _add(self, host: float, offset: float) -> None:
-        while self._least and self._least[-1][1] >= offset:
-            self._least.pop()
-        self._least.append((host, offset))
+    def _add_offset(self, host: float, offset: float) -> None:
+        while self._min_offsets and self._min_offsets[-1][1] >= offset:
+            self._min_offsets.pop()
+        self._min_offsets.append((host, offset))
         self._drop_old(host)
 
     def _drop_old(self, host: float) -> None:
-        while self._least and self._least[0][0] < host - self.window:
-            self._least.popleft()
+        while self._min_offsets and self._min_offsets[0][0] < host - self.window:
+            self._min_offsets.popleft()
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(period={self.period}, window={self.window})"
 
 
-def _runs_on(before: tuple[float, float], device: float, host: float) -> bool:
-    # Whether device and host went on alike since a jump; frames of one read may be far apart.
-    step = device - before[0]
-    return step >= 0 and abs(step - (host - before[1])) < _BATCH
+def _agrees_with_jump(jump: tuple[float, float], device: float, host: float) -> bool:
+    # Whether both clocks advanced equally since a jump, up to the frames of one read.
+    step = device - jump[0]
+    return step >= 0 and abs(step - (host - jump[1])) < _BATCH_SECONDS

@@ -1,4 +1,4 @@
-r"""How well a stream runs."""
+r"""State, frame rate and losses of a stream."""
 
 import math
 import time
@@ -13,10 +13,10 @@ from torch_geometric_tactile.live.source import Source
 
 _STATES = ("closed", "open", "silent", "lost", "ended")
 _NS = 1_000_000_000
-_SPAN = 2 * _NS  # over which rate and jitter are measured
-_KEPT = 4096  # times of frames: 2 s at 2 kHz
-_LOOK = _NS // 20  # between two looks at which taxels change
-_STALE = _NS
+_RATE_NS = 2 * _NS  # time over which rate and jitter are measured
+_MAX_ARRIVALS = 4096  # 2 s at 2 kHz
+_CHECK_NS = _NS // 20  # time between two checks for stale taxels
+_STALE_NS = _NS
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,29 +24,31 @@ class Health:
     r"""The state, frame rate and error counts of a stream at one moment.
 
     Args:
-        state (str): :obj:`"closed"`, :obj:`"open"`, :obj:`"silent"` (open, but nothing comes),
-            :obj:`"lost"` (waits for its port or server to come back) or :obj:`"ended"`.
-        frames (int): Frames since it was opened.
-        rate (float): Frames per second over the last 2 seconds, by their numbers: lost frames do
-            not lower it.
-        jitter (float): Standard deviation of the time from one arrival to the next in seconds, over
-            the last 2 seconds.
-        lost (int): Frames that the numbers or times of the others say are missing.
-        corrupt (int): Packets that failed their check.
-        skipped (int): Bytes that belong to no frame.
-        dropped (int): Frames that slow subscribers did not get, over all subscribers.
-        repeated (int): Frames with the readings of the frame before, bit for bit, and messages that
-            came again.
-        reconnects (int): How often it was opened again.
-        stale_taxels (int): Taxels that did not change for a second while others did, and those
-            without any reading. Taxels that no touch reaches are stale as well, if their sensor has
-            no noise.
+        state (str): :obj:`"closed"`, :obj:`"open"`, :obj:`"silent"` (open, but no frames arrive),
+            :obj:`"lost"` (waits until the port or server is back) or :obj:`"ended"`.
+        frames (int): Number of frames since the stream was opened.
+        rate (float): Frames per second over the last 2 seconds, by frame numbers, so that lost
+            frames do not lower it.
+        jitter (float): Standard deviation of the time between arrivals in seconds, over the last
+            2 seconds.
+        lost (int): Number of missing frames, by the numbers or times of the frames around them.
+        corrupt (int): Number of packets with a failed check.
+        skipped (int): Number of bytes that belong to no frame.
+        dropped (int): Number of frames that slow subscribers missed, over all subscribers.
+        repeated (int): Number of frames with exactly the readings of the previous frame, and of
+            repeated messages.
+        reconnects (int): Number of times that the source was opened again.
+        stale_taxels (int): Number of taxels that did not change for a second while others did, and
+            of taxels without a reading. If the sensor has no noise, this includes taxels that are
+            not touched.
         age (float): Time since the last frame in seconds; NaN before the first.
-        checksum (str): What guards a frame; :obj:`"none"` if a damaged reading may pass.
-        reason (str): The first reason why what came made no frame; empty if there is none.
-        outages (int): Times without a frame (:attr:`Stream.outages`), with one that lasts.
-        outage_seconds (float): How long they were together.
-        lost_in_outages (int): Those of :obj:`lost` that are missing in outages.
+        checksum (str): Name of the check of each frame; :obj:`"none"` if damaged readings are not
+            detected.
+        reason (str): The first reason for which received data gave no frame; empty if there is
+            none.
+        outages (int): Number of outages (:attr:`Stream.outages`), including a current one.
+        outage_seconds (float): Total duration of the outages in seconds.
+        lost_in_outages (int): Number of the :obj:`lost` frames that are missing in outages.
 
     Examples:
         >>> Health("open", frames=500, rate=498.7, jitter=4e-4, corrupt=2, age=0.001).line()
@@ -72,7 +74,7 @@ class Health:
     lost_in_outages: int = 0
 
     def losses(self) -> str:
-        r"""Returns what is missing, in words.
+        r"""Returns a sentence with the numbers of outages and of lost and corrupt frames.
 
         Examples:
             >>> Health(lost=3).losses()
@@ -83,27 +85,27 @@ class Health:
         if not self.outages:
             return f"{self.lost} lost and {self.corrupt} corrupt in transmission"
         plural = "" if self.outages == 1 else "s"
-        otherwise = max(0, self.lost - self.lost_in_outages)
+        num_isolated_losses = max(0, self.lost - self.lost_in_outages)
         return (
-            f"{self.outages} outage{plural}, {self.outage_seconds:.1f} s; {otherwise} frames lost "
-            f"otherwise and {self.corrupt} corrupt in transmission"
+            f"{self.outages} outage{plural}, {self.outage_seconds:.1f} s; {num_isolated_losses} "
+            f"frames lost otherwise and {self.corrupt} corrupt in transmission"
         )
 
     def line(self) -> str:
-        r"""Returns it as one quiet line: the state unless it is open, and of the rarer counts only
-        those that are not zero; without dropped frames, which are usual for all but policy
-        :obj:`"all"`. Before the first frame, the reason why there is none."""
+        r"""Returns the health as one line: the state unless it is open, the rate and the counts.
+        Rare counts are left out if they are zero. Dropped frames are left out, since they are usual
+        with most policies. Before the first frame, the line gives the reason why there is none."""
         parts = [] if self.state == "open" else [self.state]
         if self.reason and not self.frames:
-            return ", ".join([*parts, f"no frame: {self.reason}"])  # as one part
+            return ", ".join([*parts, f"no frame: {self.reason}"])
         parts += [f"{self.rate:.1f} Hz", f"jitter {self.jitter * 1e3:.1f} ms"]
         parts += [f"lost {self.lost}", f"corrupt {self.corrupt}"]
-        rare = {
+        rare_counts = {
             "outages": self.outages,
             "reconnects": self.reconnects,
             "stale": self.stale_taxels,
         }
-        parts += [f"{name} {count}" for name, count in rare.items() if count]
+        parts += [f"{name} {count}" for name, count in rare_counts.items() if count]
         if not math.isnan(self.age):
             parts.append(
                 f"age {self.age:.1f} s" if self.age >= 1 else f"age {self.age * 1e3:.0f} ms"
@@ -112,13 +114,13 @@ class Health:
 
 
 class HealthMeter:
-    r"""Measures the frame rate, losses and stale taxels of a stream. One thread reports frames, any
-    thread may read the result.
+    r"""Measures the frame rate, losses and stale taxels of a stream. One thread calls
+    :meth:`observe`; any thread may call :meth:`snapshot`.
 
     Attributes:
-        dropped (int): Frames that slow subscribers did not get.
-        frames (int): Frames that were reported.
-        reconnects (int): How often the source was opened again.
+        dropped (int): Number of frames that slow subscribers missed.
+        frames (int): Number of observed frames.
+        reconnects (int): Number of times that the source was opened again.
 
     Examples:
         >>> from torch_geometric_tactile.data import Recording
@@ -136,42 +138,47 @@ class HealthMeter:
         self.dropped = 0
         self.reconnects = 0
         self.frames = 0
-        self._repeated = 0
-        self._received = np.zeros(_KEPT, dtype=np.int64)
-        self._numbers = np.zeros(_KEPT, dtype=np.int64)
-        self._last = b""
-        self._looked = 0
-        self._stale = 0
-        self._seen: np.ndarray | None = None
-        self._changed = np.zeros(0, dtype=np.int64)
+        self._num_repeated = 0
+        self._arrivals = np.zeros(_MAX_ARRIVALS, dtype=np.int64)
+        self._numbers = np.zeros(_MAX_ARRIVALS, dtype=np.int64)
+        self._last_readings = b""
+        self._last_check = 0
+        self._num_stale = 0
+        self._checked_readings: np.ndarray | None = None
+        self._last_changes = np.zeros(0, dtype=np.int64)
 
     def observe(self, frame: LiveFrame) -> None:
-        r"""Takes note of a frame as the source gave it.
+        r"""Adds a frame of the source to the measurements.
 
         Args:
             frame (LiveFrame): The frame.
         """
-        self._received[self.frames % _KEPT] = frame.received
-        self._numbers[self.frames % _KEPT] = frame.sequence
+        self._arrivals[self.frames % _MAX_ARRIVALS] = frame.received
+        self._numbers[self.frames % _MAX_ARRIVALS] = frame.sequence
         self.frames += 1
         readings = frame.tactile.tobytes()
-        self._repeated += readings == self._last
-        self._last = readings
-        if frame.received - self._looked >= _LOOK or self._seen is None:
-            self._look(frame)
+        self._num_repeated += readings == self._last_readings
+        self._last_readings = readings
+        if frame.received - self._last_check >= _CHECK_NS or self._checked_readings is None:
+            self._count_stale_taxels(frame)
 
-    def _look(self, frame: LiveFrame) -> None:
+    def _count_stale_taxels(self, frame: LiveFrame) -> None:
         now, tactile = frame.received, frame.tactile
-        self._looked = now
-        if self._seen is None or self._seen.shape != tactile.shape:
-            self._changed = np.full(len(tactile), now, dtype=np.int64)
-            self._seen = tactile.copy()
-        missing = np.isnan(tactile).all(axis=1)
-        same = (tactile == self._seen) | (np.isnan(tactile) & np.isnan(self._seen))
-        self._changed[~same.all(axis=1)] = now
-        self._seen = tactile.copy()
-        still = now - self._changed > _STALE
-        self._stale = int((missing | still).sum() if not still.all() else missing.sum())
+        self._last_check = now
+        if self._checked_readings is None or self._checked_readings.shape != tactile.shape:
+            self._last_changes = np.full(len(tactile), now, dtype=np.int64)
+            self._checked_readings = tactile.copy()
+        is_missing = np.isnan(tactile).all(axis=1)
+        is_unchanged = (tactile == self._checked_readings) | (
+            np.isnan(tactile) & np.isnan(self._checked_readings)
+        )
+        self._last_changes[~is_unchanged.all(axis=1)] = now
+        self._checked_readings = tactile.copy()
+        # If no taxel changes, the source stands still, and the taxels are not to blame.
+        is_still = now - self._last_changes > _STALE_NS
+        self._num_stale = int(
+            (is_missing | is_still).sum() if not is_still.all() else is_missing.sum()
+        )
 
     def snapshot(
         self,
@@ -180,35 +187,35 @@ class HealthMeter:
         now: int | None = None,
         outages: Sequence[Outage] = (),
     ) -> Health:
-        r"""Returns the health of this moment.
+        r"""Returns the health at one moment.
 
         Args:
             state (str): The state of the stream.
-            source (Source): Its source, which counts what it lost.
+            source (Source): The source of the stream, which counts losses.
             now (int, optional): The time on the monotonic clock in nanoseconds; the present if left
                 out.
-            outages (sequence of Outage): Its outages.
+            outages (sequence of Outage): The outages of the stream.
         """
         now = time.perf_counter_ns() if now is None else now
         frames, counts = self.frames, source.counts
-        received = self._received[: min(frames, _KEPT)]
+        received = self._arrivals[: min(frames, _MAX_ARRIVALS)]
         order = np.argsort(received, kind="stable")
         received, numbers = received[order], self._numbers[order]
         last = int(received[-1]) if frames else 0
-        recent = received > now - _SPAN
-        gaps = np.diff(received[recent]) / _NS
+        is_recent = received > now - _RATE_NS
+        gaps = np.diff(received[is_recent]) / _NS
         return Health(
             state=state,
             frames=frames,
-            rate=_rate(received[recent], numbers[recent], now),
+            rate=_frame_rate(received[is_recent], numbers[is_recent], now),
             jitter=float(gaps.std()) if len(gaps) else 0.0,
             lost=counts.lost,
             corrupt=counts.corrupt,
             skipped=counts.skipped,
             dropped=self.dropped,
-            repeated=self._repeated + source.repeats,
+            repeated=self._num_repeated + source.repeats,
             reconnects=self.reconnects,
-            stale_taxels=self._stale,
+            stale_taxels=self._num_stale,
             age=max(0.0, (now - last) / _NS) if frames else math.nan,
             checksum=source.checksum,
             reason=counts.reason,
@@ -218,15 +225,15 @@ class HealthMeter:
         )
 
 
-def _rate(received: np.ndarray, numbers: np.ndarray, now: int) -> float:
-    # From the last frame of the first read to that of the last one: what is read together came
-    # since the read before. A stream that stopped slows down, from twice its usual distance of
-    # reads on.
+def _frame_rate(received: np.ndarray, numbers: np.ndarray, now: int) -> float:
+    # From the last frame of the first read to that of the last read, since frames that are read
+    # together have arrived after the previous read. Once the time since the last read exceeds twice
+    # the usual one, the rate decreases, so that it goes to zero when a stream stops.
     arrivals = np.unique(received)
     if len(arrivals) < 2:
         return 0.0
     first = int(np.searchsorted(received, arrivals[0], side="right")) - 1
     seconds = float(arrivals[-1] - arrivals[0]) / _NS
-    late = max(0.0, (now - int(arrivals[-1])) / _NS - 2 * seconds / (len(arrivals) - 1))
-    count = max(int(numbers[-1] - numbers[first]), 0)
-    return count / (seconds + late)
+    late_seconds = max(0.0, (now - int(arrivals[-1])) / _NS - 2 * seconds / (len(arrivals) - 1))
+    num_frames = max(int(numbers[-1] - numbers[first]), 0)
+    return num_frames / (seconds + late_seconds)

@@ -1,4 +1,4 @@
-r"""From live frames to labels."""
+r"""Predictions of a model for live frames."""
 
 import copy
 import os
@@ -28,19 +28,21 @@ class Judgement:
 
     Args:
         sequence (int): Number of the frame.
-        time (float): Its time on this host's monotonic clock in seconds.
-        received (int): When its last byte was read, on the monotonic clock in nanoseconds.
-        finished (int): When the answer was there, likewise.
-        probability (numpy.ndarray): Probabilities of the classes or labels :math:`(K,)`; for a
-            regression the numbers themselves. NaN if a reading is missing that the model needs, or
-            without contact.
+        time (float): Time of the frame on this host's monotonic clock in seconds.
+        received (int): Time at which the last byte of the frame was read, on the monotonic clock in
+            nanoseconds.
+        finished (int): Time at which the prediction was ready, on the monotonic clock in
+            nanoseconds.
+        probability (numpy.ndarray): Probabilities of the classes or labels :math:`(K,)`; numbers
+            for a regression. NaN if a reading that the model needs is missing, or without contact.
         class_names (tuple of str): Names of the classes, labels or numbers.
         task (str): As of :class:`~torch_geometric_tactile.Predictor`.
-        latency (Mapping of str to float): Seconds by part: :obj:`"wait"` (from the last byte to
-            this model), :obj:`"prepare"`, :obj:`"model"`, and :obj:`"total"` from the last byte to
-            the answer. A graph in ONNX does most of what prepares a frame within the model.
-        threshold (float, optional): Of two classes, the probability of the second above which it is
-            the label; one half if left out.
+        latency (Mapping of str to float): Seconds of each step: :obj:`"wait"` (from the last byte
+            to the start of the preparation), :obj:`"prepare"`, :obj:`"model"`, and :obj:`"total"`
+            from the last byte to the prediction. An ONNX graph does most of the preparation within
+            the model.
+        threshold (float, optional): For two classes, the probability above which the label is the
+            second class; one half if left out.
         lacks_contact (bool): Whether nothing touches the sensor, by the contact rule of the judge.
 
     Examples:
@@ -63,16 +65,17 @@ class Judgement:
 
     @property
     def label(self) -> str:
-        r"""The predicted class, or all labels above one half joined by semicolons;
-        :obj:`"no contact"` without contact; empty if there is no answer, and for a regression.
+        r"""The predicted class, or all labels with a probability above one half, joined by
+        semicolons. It is :obj:`"no contact"` without contact, and empty for a regression or if the
+        probabilities are NaN.
         """
         if self.lacks_contact:
             return NO_CONTACT
         if self.task == "regression" or np.isnan(self.probability).any():
             return ""
         if self.task == "multilabel":
-            chosen = np.flatnonzero(self.probability > 0.5)
-            return ";".join(self.class_names[i] for i in chosen)
+            indices = np.flatnonzero(self.probability > 0.5)
+            return ";".join(self.class_names[i] for i in indices)
         if self.threshold is not None:
             return self.class_names[int(self.probability[1] > self.threshold)]
         return self.class_names[int(self.probability.argmax())]
@@ -81,41 +84,40 @@ class Judgement:
 class Judge:
     r"""Runs a model on live frames.
 
-    A model of windows has an answer from the first full window on, and then one for each frame that
-    it takes; a recurrent one goes from frame to frame. Frames are thinned as in training. After a
-    gap in time, five frames long unless the training had another limit, it starts with an empty
-    window; the numbers of frames tell a loss where times of the training are not known.
+    A model of windows predicts from the first full window on, then for each frame that it takes. A
+    recurrent model steps from frame to frame. Frames are selected as in training. After a gap in
+    time, the window starts empty. A gap is five frames long unless the training had another limit.
+    If the times of the training are unknown, lost frames are detected by their numbers.
 
-    Frames that carry their unit and the names of their columns (:attr:`LiveFrame.info
-    <torch_geometric_tactile.data.LiveFrame>`) are compared with those of the training: columns are
-    put in order, and another unit is an error. The rate is measured over each second; another one
-    than that of the training is logged, and told by :attr:`note`.
+    Frames may carry their unit and column names (:attr:`LiveFrame.info
+    <torch_geometric_tactile.data.LiveFrame>`). Their columns are then put in the order of the
+    training, and another unit is an error. The rate is measured over each second. If it differs
+    from that of the training, it is logged and shown by :attr:`note`.
 
-    A model whose readings are measured session by session
-    (:class:`~torch_geometric_tactile.transforms.Tare`) needs a rest. Frames then go to the
-    :class:`Rest` first, and there are answers from its end on. So do they for a contact rule, which
-    is measured anew by each rest.
+    A model that measures each session (:class:`~torch_geometric_tactile.transforms.Tare`) needs the
+    sensor at rest. The :class:`Rest` collects frames first; predictions start when it is ready. A
+    contact rule is also measured by each rest.
 
     Args:
-        model (Predictor or str or PathLike): A predictor, its file, or a file in ONNX that
-            ``tactile export`` wrote. The latter needs neither PyTorch nor Lightning.
-        rest (Rest or numpy.ndarray, optional): Where the rest is collected, or readings at rest
-            :math:`(N, C)`.
-        max_lost (int, optional): How many frames in a row may be lost within a window, by their
-            numbers. If left out, times decide, or none may where the training had no times.
-        contact (ContactRule, optional): What tells frames without contact, whose label is
-            :obj:`"no contact"` and whose probabilities are NaN; a window lacks contact if all of
-            its frames do. That of the model if left out.
+        model (Predictor or str or PathLike): A predictor, its file, or an ONNX file that
+            ``tactile export`` wrote. ONNX files need neither PyTorch nor Lightning.
+        rest (Rest or numpy.ndarray, optional): The object that collects frames at rest, or readings
+            at rest :math:`(N, C)`.
+        max_lost (int, optional): Number of frames in a row that may be lost within a window. If
+            left out, times decide; without times of the training, no frame may be lost.
+        contact (ContactRule, optional): The rule that detects frames without contact, whose label
+            is :obj:`"no contact"` and whose probabilities are NaN; the rule of the model if left
+            out. A window lacks contact if all of its frames do.
 
     Attributes:
-        relative (bool): Whether frames come relative to :obj:`rest`, as a session with
-            :obj:`tare=True` gives them.
+        relative (bool): Whether frames are relative to :obj:`rest`, as in a session with
+            :obj:`tare=True`.
 
     Raises:
         FileNotFoundError: If there is no such file.
         ImportError: If onnxruntime is missing.
-        ValueError: If the file is no model, or the model needs a rest and there is none; on a call,
-            if a frame has other taxels, channels or joints.
+        ValueError: If the file is not a model, or the model needs a rest and there is none. A call
+            raises it if the number of taxels, channels or joints of a frame is wrong.
 
     Examples:
         >>> from torch_geometric_tactile import Predictor
@@ -156,41 +158,43 @@ class Judge:
             self._model.set_rest(np.asarray(rest))
         if self.needs_rest and self.rest is None:
             raise ValueError(
-                f"'rest' must be given: the model measures each session, by "
+                f"'rest' must be given: the model measures each session with "
                 f"{self.info['rest']['transform']} (got None)"
             )
         rule = self.contact
         if rule is not None and not rule.is_measured and self.rest is None:
             raise ValueError(
                 "'rest' must be a Rest, since the contact rule compares readings with those at "
-                "rest: give one, a rule that was measured, or its threshold and the readings at "
-                f"rest (got {'None' if rest is None else 'readings without their noise'})"
+                f"rest (got {'None' if rest is None else 'readings without their noise'}): pass a "
+                "Rest, or a rule with its threshold and readings at rest"
             )
 
     @property
     def contact(self) -> ContactRule | None:
-        r"""The rule that tells frames without contact, :obj:`None` if there is none."""
+        r"""The rule that detects frames without contact, or :obj:`None`."""
         rule: ContactRule | None = self._model.contact
         return rule
 
     @property
     def measures_rest(self) -> bool:
-        r"""Whether the model or the contact rule is measured by the rest."""
+        r"""Whether the model or the contact rule needs readings at rest."""
         return self.info["rest"] is not None or self.contact is not None
 
     @property
     def length(self) -> int:
-        r"""Number of frames of a window, one for a model of single frames."""
+        r"""Number of frames of a window; one for a model of single frames."""
         return int(self._model.length)
 
     @property
     def needs_rest(self) -> bool:
-        r"""Whether a rest is still to be collected."""
+        r"""Whether the model needs a rest that was not measured yet."""
         return bool(self._model.needs_rest)
 
     @property
     def max_lost(self) -> int | None:
-        r"""How many frames in a row may be lost within a window; times decide if it is None."""
+        r"""Number of frames in a row that may be lost within a window; if :obj:`None`, times
+        decide.
+        """
         return self._gate.max_lost
 
     @max_lost.setter
@@ -200,39 +204,43 @@ class Judge:
     @property
     def note(self) -> str:
         r"""A message about a wrong rate, such as :obj:`"wrong rate: 50 in place of 100
-        Hz"`; empty if nothing is, or it was not measured yet.
+        Hz"`; empty if the rate is right or not measured yet.
         """
         return self._gate.note
 
     @property
     def rate(self) -> float | None:
         r"""Frames per second of the stream over the last second, by the numbers of the frames;
-        :obj:`None` before.
+        :obj:`None` in the first second.
         """
         return self._gate.rate
 
     def reset(self) -> None:
-        r"""Forgets the frames before, as at the start of another trial."""
+        r"""Forgets earlier frames, for the start of a trial."""
         self._gate.reset()
         self._model.reset()
 
-    def __call__(self, frame: LiveFrame, *, wanted: bool = True) -> Judgement | None:
-        r"""Returns the judgement of a frame, or :obj:`None` as long as the window is not full or
-        the rest is not there, and for frames that are left out as in training.
+    def __call__(self, frame: LiveFrame, *, predict: bool = True) -> Judgement | None:
+        r"""Returns the judgement of a frame. Returns :obj:`None` while the window is not full or
+        the rest is not ready, and for frames that are not selected.
+
+        Args:
+            frame (LiveFrame): The frame.
+            predict (bool): Whether to predict. If :obj:`False`, the frame only enters the window.
         """
         start = perf_counter_ns()
-        self._check(frame)
-        tactile, joint = self._gate.ordered(frame)
-        is_seen = True
-        if self.length > 1:  # single frames are all judged
-            is_seen, is_break = self._gate.admit(frame)
+        self._check_shape(frame)
+        tactile, joint = self._gate.reorder(frame)
+        is_selected = True
+        if self.length > 1:  # models of single frames take every frame
+            is_selected, is_break = self._gate.admit(frame)
             if is_break:
                 self._model.reset()
         if tactile is not frame.tactile or joint is not frame.joint:
             frame = replace(frame, tactile=tactile, joint=joint)
-        if not self._is_measured(frame) or not is_seen:
+        if not self._update_rest(frame) or not is_selected:
             return None
-        probability = self._model.add(tactile, joint, wanted)
+        probability = self._model.add(tactile, joint, predict)
         if probability is None:
             return None
         finished = perf_counter_ns()
@@ -248,7 +256,7 @@ class Judge:
             frame.received,
             finished,
             probability,
-            self._names(len(probability)),
+            self._output_names(len(probability)),
             self.info["task"],
             latency,
             self.info["threshold"],
@@ -256,15 +264,15 @@ class Judge:
         )
 
     def follow(self, subscription: Iterable[LiveFrame]) -> Iterator[Judgement]:
-        r"""Yields judgements until the stream has ended: of each frame with policy :obj:`"all"`,
-        and of the newest frame with :obj:`"newest"` and :obj:`"drop_oldest"`, where a model of
-        windows sees those between as well.
+        r"""Yields judgements until the stream has ended. With policy :obj:`"all"`, each frame is
+        judged. With :obj:`"newest"` and :obj:`"drop_oldest"`, only the newest frame is judged; with
+        :obj:`"drop_oldest"`, the frames in between still enter the window.
 
         Args:
             subscription (Subscription or iterable of LiveFrame): The frames.
 
         Raises:
-            ValueError: If a model of windows gets the newest frames only.
+            ValueError: If a model of windows is used with policy :obj:`"newest"`.
         """
         policy = getattr(subscription, "policy", "all")
         if policy == "newest" and self.length > 1:
@@ -273,16 +281,16 @@ class Judge:
                 f"of {self.length} frames (got 'newest')"
             )
         queue = subscription if isinstance(subscription, Subscription) else None
-        newest = queue if policy == "drop_oldest" else None
+        newest_queue = queue if policy == "drop_oldest" else None
         for frame in subscription:
-            while newest is not None and (newer := newest.poll()) is not None:
-                self(frame, wanted=False)
+            while newest_queue is not None and (newer := newest_queue.poll()) is not None:
+                self(frame, predict=False)
                 frame = newer
             judgement = self(frame)
             if judgement is not None:
                 yield judgement
 
-    def _check(self, frame: LiveFrame) -> None:
+    def _check_shape(self, frame: LiveFrame) -> None:
         num_taxels, num_channels = self.info["num_taxels"], self.info["num_channels"]
         shape = frame.tactile.shape
         if len(shape) != 2 or shape[0] != num_taxels or num_channels not in (None, shape[1]):
@@ -294,13 +302,13 @@ class Judge:
         if num_joints == 0:
             return
         if frame.joint is None or num_joints not in (None, len(frame.joint)):
-            given = "none" if frame.joint is None else len(frame.joint)
+            num_angles = "none" if frame.joint is None else len(frame.joint)
             raise ValueError(
-                f"a frame must have {num_joints or 'the'} joint angles, which the model needs "
-                f"(got {given})"
+                f"a frame must have {num_joints or 'the'} joint angles, since the model reads them "
+                f"(got {num_angles})"
             )
 
-    def _is_measured(self, frame: LiveFrame) -> bool:
+    def _update_rest(self, frame: LiveFrame) -> bool:
         rest = self.rest
         if rest is None or not self.measures_rest:
             return True
@@ -308,20 +316,22 @@ class Judge:
             return False
         frames = rest.frames
         if rest.number != self._rest_number and frames is not None:
-            self._measure(frames)
+            self._measure_rest(frames)
             self._rest_number = rest.number
             self._model.reset()
-            # The last frame of the rest is the first that is judged with it.
+            # The last frame of the rest is judged like the frames that follow.
         return True
 
-    def _measure(self, frames: RestFrames) -> None:
+    def _measure_rest(self, frames: RestFrames) -> None:
         if not self.relative:
             self._model.measure(frames.tactile, frames.time, frames.joint)
-        elif self.contact is not None:  # the session subtracts the rest, in the order of its source
-            rule = self.contact.measured(self._gate.ordered_readings(frames.tactile))
+        elif (
+            self.contact is not None
+        ):  # the session subtracts the rest, before columns are reordered
+            rule = self.contact.measured(self._gate.reorder_readings(frames.tactile))
             self._model.contact = rule.with_rest(0 * np.asarray(rule.rest))
 
-    def _names(self, count: int) -> tuple[str, ...]:
+    def _output_names(self, count: int) -> tuple[str, ...]:
         if len(self._class_names) != count:
             self._class_names = tuple(str(i) for i in range(count))
         return self._class_names
@@ -337,44 +347,45 @@ class Judge:
 
 
 class _PredictorModel:
-    r"""A :class:`~torch_geometric_tactile.Predictor` that takes frame after frame, as
-    :class:`OnnxModel` does.
+    r"""A :class:`~torch_geometric_tactile.Predictor` with the interface of :class:`OnnxModel`,
+    which takes one frame after another.
     """
 
     def __init__(self, predictor: Any) -> None:
         from torch_geometric_tactile.predictor import Predictor
 
         if isinstance(predictor, Predictor):
+            # A copy, since sessions and the contact rule must not change the caller's predictor.
             predictor = copy.deepcopy(predictor)
         else:
-            predictor = _opened(predictor)
+            predictor = _load_predictor(predictor)
         self._predictor = predictor
-        facts = {**predictor.network.facts(), **predictor.preparation.facts()}
-        self.info: dict[str, Any] = {**facts, "unit": None}
+        metadata = {**predictor.network.metadata(), **predictor.preparation.metadata()}
+        self.info: dict[str, Any] = {**metadata, "unit": None}
         self._ring: Any = None
-        self._contacts = ContactWindow(self.length)
+        self._contact_window = ContactWindow(self.length)
         self.lacks_contact = False
         self.model_ns = 0
 
     @property
     def length(self) -> int:
-        r"""Number of frames of a window, one for a model of single frames."""
+        r"""Number of frames of a window; one for a model of single frames."""
         window = self._predictor.window
         return 1 if window is None else int(window.length)
 
     @property
     def needs_rest(self) -> bool:
-        r"""Whether the session must be measured first, and was not."""
+        r"""Whether the model needs a rest that was not measured yet."""
         return self.info["rest"] is not None and self._predictor.preparation.session.number is None
 
     def reset(self) -> None:
-        r"""Forgets all frames, not the rest."""
+        r"""Forgets all frames, but not the rest."""
         if self._ring is not None:
             self._ring.clear()
 
     @property
     def contact(self) -> ContactRule | None:
-        r"""As of :class:`OnnxModel`."""
+        r"""The rule that detects frames without contact, or :obj:`None`."""
         rule: ContactRule | None = self._predictor.contact
         return rule
 
@@ -383,7 +394,7 @@ class _PredictorModel:
         self._predictor.contact = rule
 
     def measure(self, frames: np.ndarray, time: np.ndarray, joint: np.ndarray | None) -> None:
-        r"""As of :class:`OnnxModel`."""
+        r"""Measures the session from frames at rest, as :meth:`OnnxModel.measure`."""
         from torch_geometric_tactile.data import Recording
 
         if self.info["rest"] is None and self.contact is None:
@@ -391,40 +402,42 @@ class _PredictorModel:
         session = self._predictor.preparation.session
         session.measure_rest(Recording(time=time, tactile=frames, joint=joint))
         missing = np.isnan(frames).all(axis=0)
-        for part in session.parts:
+        for part in session.transforms:
             if part.center[-1].shape == missing.shape:
-                part.center[-1][missing] = np.nan  # not zero: what was never there has no rest
+                part.center[-1][missing] = (
+                    np.nan
+                )  # a taxel without readings has no rest; zero would look like one
 
     def set_rest(self, center: np.ndarray, scale: np.ndarray | None = None) -> None:
-        r"""As of :class:`OnnxModel`."""
+        r"""Sets the centre and scale of the session, as :meth:`OnnxModel.set_rest`."""
         import torch
 
         session = self._predictor.preparation.session
-        if session.parts:
-            session.give(torch.tensor(center), None if scale is None else torch.tensor(scale))
+        if session.transforms:
+            session.set_rest(torch.tensor(center), None if scale is None else torch.tensor(scale))
         if self.contact is not None and center.shape[-1:] == (self.info["num_channels"],):
             self.contact = self.contact.with_rest(center)
 
-    def add(self, tactile: np.ndarray, joint: np.ndarray | None, wanted: bool = True) -> Any:
-        r"""As of :class:`OnnxModel`."""
+    def add(self, tactile: np.ndarray, joint: np.ndarray | None, predict: bool = True) -> Any:
+        r"""Adds the next frame and returns the probabilities, as :meth:`OnnxModel.add`."""
         import torch
 
         predictor, rule = self._predictor, self.contact
         if rule is not None:
-            self.lacks_contact = self._contacts.push(rule, tactile)
+            self.lacks_contact = self._contact_window.push(rule, tactile)
         with torch.inference_mode():
             data = predictor.prepare_frame(tactile, joint)
             if predictor.window is not None:
                 ring = self._frame_ring(data.x)
                 ring.push(data.x[0])
-                if not (wanted and ring.is_full):
+                if not (predict and ring.is_full):
                     return None
                 data = predictor.prepare_window(data, ring.window())
-            elif not wanted:
+            elif not predict:
                 return None
-            ready = perf_counter_ns()
+            start = perf_counter_ns()
             out = predictor.probability(predictor.logits(data))[0].cpu().float().numpy()
-        self.model_ns = perf_counter_ns() - ready
+        self.model_ns = perf_counter_ns() - start
         return np.full_like(out, np.nan) if rule is not None and self.lacks_contact else out
 
     def _frame_ring(self, x: Any) -> Any:
@@ -435,7 +448,7 @@ class _PredictorModel:
         return self._ring
 
 
-def _opened(path: PathLike) -> Any:
+def _load_predictor(path: PathLike) -> Any:
     from torch_geometric_tactile.predictor import Predictor, is_checkpoint
 
     if not os.path.isfile(path):

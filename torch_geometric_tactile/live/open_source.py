@@ -1,4 +1,4 @@
-r"""Sources by their URL."""
+r"""Construction of sources from URLs."""
 
 import os
 import re
@@ -11,16 +11,16 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile.live.source import Source
 
-_TRUE = ("1", "true", "yes")
-_FALSE = ("0", "false", "no")
-_FORMS = (
+_TRUE_TEXTS = ("1", "true", "yes")
+_FALSE_TEXTS = ("0", "false", "no")
+_URL_EXAMPLES = (
     "serial:/dev/ttyACM0?protocol=anyskin, ws://host:5000, file:grasp.h5?speed=2&loop=1, the path "
     "of a file, or sim:?object=sponge"
 )
 
 
 def open_source(url: str, **settings: Any) -> Source:
-    r"""Returns the source of a URL, without opening it.
+    r"""Returns the source for a URL, without opening it.
 
     ============================================ ===================================================
     :obj:`serial:PORT?protocol=NAME`             :class:`SerialSource` with the decoder of
@@ -37,32 +37,39 @@ def open_source(url: str, **settings: Any) -> Source:
 
     Args:
         url (str): The URL.
-        **settings (optional): Options, which go before those of the URL.
+        **settings (optional): Options, which override those of the URL.
 
     Raises:
         ImportError: If an extra is missing.
-        ValueError: If the scheme, an option or its value is unknown; the message lists what there
-            is.
+        ValueError: If the scheme, an option or its value is unknown; the message lists the valid
+            ones.
 
     Examples:
         >>> open_source("file:grasp.h5?speed=2")
         ReplaySource('file:grasp.h5')
     """
     if not isinstance(url, str | os.PathLike) or not str(url):
-        raise ValueError(f"a source must be one of {_FORMS} (got {url!r})")
+        raise ValueError(f"a source must be one of {_URL_EXAMPLES} (got {url!r})")
     url = os.fspath(url)
-    scheme, colon, rest = url.partition(":")
-    if not colon or "/" in scheme or len(scheme) < 2 or os.path.exists(url):  # C: is a drive
-        return _file(url, settings) if os.path.exists(url) else _file(*_split(url, settings))
+    # An existing file takes precedence over a scheme, so that names with a colon can be opened.
+    scheme, colon, remainder = url.partition(":")
+    if (
+        not colon or "/" in scheme or len(scheme) < 2 or os.path.exists(url)
+    ):  # "C:" is a drive of Windows
+        return (
+            _file_source(url, settings)
+            if os.path.exists(url)
+            else _file_source(*_split_options(url, settings))
+        )
     if scheme in ("ws", "wss"):
-        address, options = _split(url, settings)
-        return _websocket(address, options)
+        address, options = _split_options(url, settings)
+        return _websocket_source(address, options)
     if scheme not in _SOURCES:
-        raise ValueError(f"a source must be one of {_FORMS} (got '{printable(url)}')")
-    return _SOURCES[scheme](*_split(rest, settings))
+        raise ValueError(f"a source must be one of {_URL_EXAMPLES} (got '{printable(url)}')")
+    return _SOURCES[scheme](*_split_options(remainder, settings))
 
 
-def _split(text: str, settings: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+def _split_options(text: str, settings: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     path, _, query = text.partition("?")
     options: dict[str, Any] = {}
     for name, value in parse_qsl(query, keep_blank_values=True):
@@ -72,24 +79,26 @@ def _split(text: str, settings: Mapping[str, Any]) -> tuple[str, dict[str, Any]]
     return unquote(path) if "%" in path else path, {**options, **settings}
 
 
-def _file(path: str, options: Mapping[str, Any]) -> Source:
+def _file_source(path: str, options: Mapping[str, Any]) -> Source:
     from torch_geometric_tactile.live.replay_source import ReplaySource
 
-    need(path, "a source of a file must name it, such as file:grasp.h5")
-    if re.match(r"/dev/|COM[0-9]+$", path) or Path(path).is_char_device():  # or a link to one
+    need(path, "a file source must name the file, such as file:grasp.h5")
+    if re.match(r"/dev/|COM[0-9]+$", path) or Path(path).is_char_device():
         raise ValueError(
             f"a serial port must be given as serial:{path}?protocol=NAME (got '{printable(path)}')"
         )
-    return ReplaySource(path, **_converted("file:", options, {"speed": _number, "loop": _truth}))
+    return ReplaySource(
+        path, **_convert_options("file:", options, {"speed": _to_float, "loop": _to_bool})
+    )
 
 
-def _websocket(url: str, options: Mapping[str, Any]) -> Source:
+def _websocket_source(url: str, options: Mapping[str, Any]) -> Source:
     from torch_geometric_tactile.live.xela_source import XelaSource
 
-    return XelaSource(url, **_converted("ws:", options, {"forces": _truth}))
+    return XelaSource(url, **_convert_options("ws:", options, {"forces": _to_bool}))
 
 
-def _serial(port: str, options: Mapping[str, Any]) -> Source:
+def _serial_source(port: str, options: Mapping[str, Any]) -> Source:
     from torch_geometric_tactile.io import PROTOCOLS, decoder_of
     from torch_geometric_tactile.live.serial_source import SerialSource
 
@@ -97,65 +106,71 @@ def _serial(port: str, options: Mapping[str, Any]) -> Source:
     protocol = settings.pop("protocol", None)
     if protocol is None:
         raise ValueError(
-            f"a serial source must name its protocol, as {_shown_port(port)}?protocol=NAME with "
+            f"a serial source must name its protocol, as {_port_url(port)}?protocol=NAME with "
             f"one of {list(PROTOCOLS)}"
         )
     baudrate = settings.pop("baudrate", None)
-    baudrate = None if baudrate is None else _whole("baudrate", baudrate)
+    baudrate = None if baudrate is None else _to_int("baudrate", baudrate)
     return SerialSource(port, decoder_of(protocol, **settings), baudrate)
 
 
-def _shown_port(port: str) -> str:
+def _port_url(port: str) -> str:
     return f"serial:{port or '/dev/ttyACM0'}"
 
 
-def _simulated(rest: str, options: Mapping[str, Any]) -> Source:
+def _simulated_source(path: str, options: Mapping[str, Any]) -> Source:
     from torch_geometric_tactile.live.simulated_source import SimulatedSource
 
-    need(not rest, f"a simulated source must be sim: or sim:?object=NAME (got 'sim:{rest}')")
-    kinds = {"object": _text, "rate": _number, "seed": _whole, "objects": _text, "motion": _text}
-    return SimulatedSource(**_converted("sim:", options, kinds))
+    need(not path, f"a simulated source must be sim: or sim:?object=NAME (got 'sim:{path}')")
+    converters = {
+        "object": _to_text,
+        "rate": _to_float,
+        "seed": _to_int,
+        "objects": _to_text,
+        "motion": _to_text,
+    }
+    return SimulatedSource(**_convert_options("sim:", options, converters))
 
 
 _SOURCES: dict[str, Callable[[str, Mapping[str, Any]], Source]] = {
-    "serial": _serial,
-    "file": _file,
-    "sim": _simulated,
+    "serial": _serial_source,
+    "file": _file_source,
+    "sim": _simulated_source,
 }
 
 
-def _converted(
-    scheme: str, options: Mapping[str, Any], kinds: Mapping[str, Callable[[str, Any], Any]]
+def _convert_options(
+    scheme: str, options: Mapping[str, Any], converters: Mapping[str, Callable[[str, Any], Any]]
 ) -> dict[str, Any]:
     for name in options:
-        if name not in kinds:
+        if name not in converters:
             raise ValueError(
-                f"an option of {scheme} must be one of {list(kinds)} (got '{printable(name)}')"
+                f"an option of {scheme} must be one of {list(converters)} (got '{printable(name)}')"
             )
-    return {name: kinds[name](name, value) for name, value in options.items()}
+    return {name: converters[name](name, value) for name, value in options.items()}
 
 
-def _number(name: str, value: Any) -> float:
+def _to_float(name: str, value: Any) -> float:
     try:
         return float(value)
     except (TypeError, ValueError):
         raise ValueError(f"'{name}' must be a number (got {value!r})") from None
 
 
-def _whole(name: str, value: Any) -> int:
+def _to_int(name: str, value: Any) -> int:
     try:
         return int(value)
     except (TypeError, ValueError):
         raise ValueError(f"'{name}' must be an integer (got {value!r})") from None
 
 
-def _text(name: str, value: Any) -> str:
+def _to_text(name: str, value: Any) -> str:
     return str(value)
 
 
-def _truth(name: str, value: Any) -> bool:
+def _to_bool(name: str, value: Any) -> bool:
     if isinstance(value, bool):
         return value
     text = str(value).lower()
-    need(text in _TRUE + _FALSE, f"'{name}' must be 1 or 0 (got {value!r})")
-    return text in _TRUE
+    need(text in _TRUE_TEXTS + _FALSE_TEXTS, f"'{name}' must be 1 or 0 (got {value!r})")
+    return text in _TRUE_TEXTS

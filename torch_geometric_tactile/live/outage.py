@@ -1,16 +1,16 @@
-r"""Times without frames."""
+r"""Outages: periods without frames."""
 
 from typing import NamedTuple
 
 
 class Outage(NamedTuple):
-    r"""A time in which a stream had no frame.
+    r"""A period in which a stream had no frame.
 
     Args:
-        start (float): Time of the last frame before it in seconds, as of
+        start (float): Time of the last frame before the outage in seconds, as of
             :attr:`LiveFrame.time <torch_geometric_tactile.data.LiveFrame>`.
-        end (float): Time of the first frame after it, or the present while it lasts.
-        lost (int): Frames that the numbers of the two say are missing.
+        end (float): Time of the first frame after the outage, or the present while it lasts.
+        lost (int): Missing frames, by the numbers of these two frames.
 
     Examples:
         >>> outage = Outage(2.0, 5.5)
@@ -24,5 +24,5 @@ class Outage(NamedTuple):
 
     @property
     def seconds(self) -> float:
-        r"""How long it lasted."""
+        r"""Duration in seconds."""
         return self.end - self.start

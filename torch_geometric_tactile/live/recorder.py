@@ -1,4 +1,4 @@
-r"""What comes from a stream, kept in a file."""
+r"""Recording of a stream to a file."""
 
 import logging
 import os
@@ -17,8 +17,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._annotations import GAP, checked_annotation
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.data.recording import Recording
-from torch_geometric_tactile.io._mcap_schemas import SPAN_END, SPAN_START
-from torch_geometric_tactile.live._recorder_parts import load_recorder
+from torch_geometric_tactile.io._mcap_schemas import SPAN_END, SPAN_START, TOPICS, encode
 from torch_geometric_tactile.live.subscription import StreamEnded
 
 if TYPE_CHECKING:
@@ -27,56 +26,60 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.live.stream import Stream
     from torch_geometric_tactile.sensors import TaxelLayout
 
+#: Seconds that a recording of limited length waits for frames that are still on their way.
+LATE_SECONDS = 0.5
 _log = logging.getLogger(__name__)
 _SUFFIXES = (".mcap", ".h5", ".hdf5")
-_WAIT = 0.1
+_POLL_SECONDS = 0.1
 _POINTS_SECONDS = 0.1
 _HEALTH_SECONDS = 1.0
-_SHORTEST_OUTAGE = 0.05  # seconds
+_MIN_OUTAGE_SECONDS = 0.05  # the shortest outage of a stream
 
 
 class Recorder:
     r"""Writes all frames of a stream to a file, in a separate thread.
 
     The file has its final name from the first frame on. After a crash it holds all but the last
-    quarter of a second, and can be read as it is by
-    :func:`~torch_geometric_tactile.io.read_recording`. An existing file is not replaced unasked.
+    quarter of a second, and :func:`~torch_geometric_tactile.io.read_recording` can read it. An
+    existing file is only replaced with :obj:`overwrite`.
 
-    An HDF5 file is written once: :obj:`grasp.h5` is recorded as :obj:`grasp.mcap`, which
+    HDF5 files are written at the end: :obj:`grasp.h5` is recorded as :obj:`grasp.mcap`, which
     :meth:`close` converts and removes. After a crash, or if the conversion fails, the MCAP file
-    stays, and :obj:`tactile convert grasp.mcap grasp.h5` makes the other one.
+    stays; convert it with :obj:`tactile convert grasp.mcap grasp.h5`.
 
-    What takes long, such as loading PyTorch for a layout, is done by the constructor, so that no
-    frame waits for it. Start it before the stream is opened, so that no frame is missed. An outage
-    (:attr:`Stream.outages`) is an annotation :obj:`"gap"`, from the last frame before it to the
-    first one after it. Nothing is dropped in silence:
-    what goes wrong, such as a full disk, a stream that died or one that was too fast for the disk,
-    is raised by :meth:`close`, and :attr:`error` is set at once; what was written before is kept.
+    The constructor does everything slow, such as importing PyTorch for a layout, so that no frame
+    waits for it. Start the recorder before the stream is opened, so that no frame is missed. An
+    outage (:attr:`Stream.outages`) becomes an annotation :obj:`"gap"` from the last frame before it
+    to the first frame after it.
 
-    Readings that are infinite are written as NaN (missing), and told once.
+    No frame is lost silently. Errors, such as a full disk, a failed stream or a stream that is too
+    fast for the disk, are available from :attr:`error` at once, and :meth:`close` raises them.
+    Frames that were written before are kept.
+
+    Infinite readings are written as NaN (missing), with one warning.
 
     Args:
-        path (str or PathLike): The file, :obj:`.mcap`, or :obj:`.h5` or :obj:`.hdf5`, which holds
+        path (str or PathLike): The file, :obj:`.mcap`, :obj:`.h5` or :obj:`.hdf5`. HDF5 files hold
             frames, events and annotations only.
         stream (Stream): The stream.
-        layout (TaxelLayout, str or PathLike, optional): The layout: for the taxels in space that
-            viewers show, ten times a second. Needs :obj:`torch`.
-        label (str or int, optional): What the trial is an example of.
-        overwrite (bool): Whether to replace a file that exists.
-        size (int, optional): Frames that may wait for the disk.
-        max_seconds (float, optional): The recording ends with the last frame that is no later than
-            this after its first one.
+        layout (TaxelLayout, str or PathLike, optional): The layout, for the positions of the taxels
+            that viewers show. They are written ten times a second. Needs :obj:`torch`.
+        label (str or int, optional): Label of the recording.
+        overwrite (bool): Whether to replace an existing file.
+        size (int, optional): Limit of frames that wait for the disk.
+        max_seconds (float, optional): Seconds from the first frame to the end of the recording.
 
     Attributes:
-        frames (int): Frames that were written.
-        error (BaseException or None): What went wrong.
-        rest (numpy.ndarray or None): Readings at rest :math:`(N, C)`, for the points; the first
-            frame if left out.
-        annotation (str or None): The label of the annotation that is open.
+        frames (int): Number of written frames.
+        error (BaseException or None): The first error.
+        rest (numpy.ndarray or None): Readings at rest :math:`(N, C)`, for the points that viewers
+            show; the first frame if :obj:`None`.
+        annotation (str or None): The label of the current annotation.
 
     Raises:
-        FileExistsError: If the file exists and is not to be replaced, or the MCAP file beside it.
-        FileNotFoundError: If its folder does not exist.
+        FileExistsError: If the file exists and is not to be replaced, or if the MCAP file of an
+            HDF5 file exists.
+        FileNotFoundError: If the folder does not exist.
         ValueError: If the suffix is unknown, or :obj:`max_seconds` is not positive.
 
     Examples:
@@ -107,7 +110,7 @@ class Recorder:
             raise ValueError(f"'max_seconds' must be positive (got {max_seconds})")
         self.path = Path(path)
         _check_target(self.path, overwrite)
-        Recording(time=np.zeros(0), tactile=np.zeros((0, 1, 1)), label=label)  # checks it
+        Recording(time=np.zeros(0), tactile=np.zeros((0, 1, 1)), label=label)  # checks the label
         self.stream = stream
         self.layout = layout
         self.max_seconds = max_seconds
@@ -120,16 +123,16 @@ class Recorder:
         self._size = size
         self._file: McapWriter | None = None
         self._lock = threading.Lock()
-        self._early: list[Callable[[McapWriter], None]] = []
-        self._first = np.zeros(0)
+        self._pending_writes: list[Callable[[McapWriter], None]] = []
+        self._first_reading = np.zeros(0)
         self._first_time = self._last_time = 0.0
-        self._points = load_recorder(layout)
+        self._points = preload_recorder(layout)
         self._next_points = self._next_health = -float("inf")
-        self._told = False
+        self._has_warned = False
         self._closed = False
-        self._is_over = False
-        self._stopping: int | None = None
-        self._asked = threading.Event()
+        self._has_ended = False
+        self._stop_time: int | None = None
+        self._close_requested = threading.Event()
         self._subscription: Any = None
         self._thread: threading.Thread | None = None
 
@@ -140,11 +143,11 @@ class Recorder:
 
     @property
     def is_over(self) -> bool:
-        r"""Whether a frame came after :obj:`max_seconds`, so that nothing more is written."""
-        return self._is_over
+        r"""Whether a frame after :obj:`max_seconds` has ended the recording."""
+        return self._has_ended
 
     def start(self) -> None:
-        r"""Begins to record; does nothing if it has begun."""
+        r"""Starts to record. Does nothing if the recorder has started."""
         if self._thread is not None:
             return
         self._subscription = self.stream.subscribe("all", self._size)
@@ -155,52 +158,52 @@ class Recorder:
         r"""Writes the prediction of a model for a frame.
 
         Args:
-            judgement (Judgement): What it said.
+            judgement (Judgement): The prediction.
         """
         self._add(lambda file: _write_prediction(file, judgement))
 
     def event(self, kind: str, text: str = "") -> None:
-        r"""Writes that something happens now, such as a new tare.
+        r"""Writes an event at the present time, such as a new tare.
 
         Args:
-            kind (str): What kind of event.
-            text (str): More about it.
+            kind (str): Kind of event.
+            text (str): Description of the event.
         """
-        self._event(time.perf_counter(), kind, text)
+        self._write_event(time.perf_counter(), kind, text)
 
     def annotate(self, label: str) -> None:
-        r"""Begins an annotation now, and ends the one that is open; if that has the same label,
-        only ends it. What is open at the end of the recording ends there.
+        r"""Starts an annotation at the present time, and ends the current one. If the current
+        annotation has the same label, only ends it. The end of the recording ends an annotation.
 
         Args:
             label (str): Label of the annotation.
 
         Raises:
-            ValueError: If it is no label that an annotation can have, or :obj:`"gap"`.
+            ValueError: If the label is not allowed for annotations, or is :obj:`"gap"`.
         """
         if label == GAP:
             raise ValueError(f"'label' must not be '{GAP}', which the recorder writes for outages")
         checked_annotation((0.0, 0.0, label))
-        now, before = time.perf_counter(), self.annotation
-        self.annotation = None if label == before else label
-        if before is not None:
-            self._event(now, SPAN_END, before)
+        now, previous = time.perf_counter(), self.annotation
+        self.annotation = None if label == previous else label
+        if previous is not None:
+            self._write_event(now, SPAN_END, previous)
         if self.annotation is not None:
-            self._event(now, SPAN_START, label)
+            self._write_event(now, SPAN_START, label)
 
-    def _event(self, when: float, kind: str, text: str) -> None:
-        self._add(lambda file: file.write_event(when, kind, text))
+    def _write_event(self, time: float, kind: str, text: str) -> None:
+        self._add(lambda file: file.write_event(time, kind, text))
 
     def close(self) -> None:
-        r"""Writes what came up to now, and closes the file.
+        r"""Writes all frames that were received up to now, and closes the file.
 
         Raises:
             OSError: If the disk is full, or the stream was lost or too fast.
-            Exception: What the stream raised, or the file refused.
+            Exception: The first error of the stream or of writing.
         """
-        if self._thread is not None and self._stopping is None:
-            self._stopping = time.perf_counter_ns()
-            self._asked.set()
+        if self._thread is not None and self._stop_time is None:
+            self._stop_time = time.perf_counter_ns()
+            self._close_requested.set()
             self._thread.join()
             if self.error is not None:
                 raise self.error
@@ -217,7 +220,7 @@ class Recorder:
             if self.error is not None or self._closed:
                 return
             if self._file is None:
-                self._early.append(write)
+                self._pending_writes.append(write)
                 return
             try:
                 write(self._file)
@@ -225,76 +228,80 @@ class Recorder:
                 self.error = error
 
     @contextmanager
-    def _first_error(self) -> Iterator[None]:
+    def _keep_first_error(self) -> Iterator[None]:
         try:
             yield
         except BaseException as error:
             self.error = self.error or error
 
     def _run(self) -> None:
-        with self._first_error():
+        with self._keep_first_error():
             self._write_all()
         self._subscription.close()
-        with self._lock, self._first_error():
+        with self._lock, self._keep_first_error():
             self._write_lasting_outage()
-        with self._lock, self._first_error():
+        with self._lock, self._keep_first_error():
             self._closed = True
             if self._file is not None:
                 self._file.close()
-        with self._first_error():
+        with self._keep_first_error():
             if self._file is not None and self._file.path != self.path:
-                _convert(self._file.path, self.path, self.overwrite)
+                _convert_to_hdf5(self._file.path, self.path, self.overwrite)
 
     def _write_all(self) -> None:
         while self.error is None:
-            stopping = self._stopping
+            stop_time = self._stop_time
             try:
-                frame = self._subscription.get(0.0 if stopping is not None else _WAIT)
+                frame = self._subscription.get(0.0 if stop_time is not None else _POLL_SECONDS)
             except TimeoutError:
-                if stopping is not None:
+                if stop_time is not None:
                     return
-                self._idle()
+                self._flush()
                 continue
             except StreamEnded:
-                # What a model says of the last frames comes after them.
-                while not self._asked.wait(_WAIT):
-                    self._idle()
+                # The predictions for the last frames come after them.
+                while not self._close_requested.wait(_POLL_SECONDS):
+                    self._flush()
                 return
-            if stopping is not None and frame.received > stopping:
+            if stop_time is not None and frame.received > stop_time:
                 return
             with self._lock:
-                if self._is_late(frame):
+                if self._is_after_end(frame):
                     return
-                self._write(self._finite(frame))
+                self._write(self._infinite_to_nan(frame))
 
     def _end_time(self) -> float:
-        # Of the recording, if no frame comes before it.
         if self._file is None or self.max_seconds is None:
             return float("inf")
         return self._first_time + self.max_seconds
 
-    def _is_late(self, frame: LiveFrame) -> bool:
+    def _is_after_end(self, frame: LiveFrame) -> bool:
         if frame.time <= self._end_time():
             return False
         assert self._file is not None
         if self._ends_outage(frame):
             _write_gap(self._file, self._last_time, self._end_time())
-        self._is_over = True
+        self._has_ended = True
         return True
 
     def _ends_outage(self, frame: LiveFrame) -> bool:
-        if frame.time - self._last_time <= _SHORTEST_OUTAGE:
-            return False  # asked for every frame
+        if frame.time - self._last_time <= _MIN_OUTAGE_SECONDS:
+            return False  # runs for every frame: the loop below would be slow
         return any(outage.end == frame.time for outage in reversed(self.stream.outages))
 
     def _write_lasting_outage(self) -> None:
-        if self._file is None or self._is_over or self._stopping is None or self.error is not None:
+        if (
+            self._file is None
+            or self._has_ended
+            or self._stop_time is None
+            or self.error is not None
+        ):
             return
-        end = min(self._stopping * 1e-9, self._end_time())
+        end = min(self._stop_time * 1e-9, self._end_time())
         if self.stream.open_outage(end) is not None:
             _write_gap(self._file, self._last_time, end)
 
-    def _idle(self) -> None:
+    def _flush(self) -> None:
         with self._lock:
             if self._file is not None:
                 self._file.flush()
@@ -316,48 +323,65 @@ class Recorder:
             self._file.write_health(frame.time, asdict(self.stream.health()))
 
     def _open(self, frame: LiveFrame) -> None:
-        # Only now, since a source knows all about its readings when it is open.
+        # At the first frame, since the metadata of a source is complete only when it is open.
         from torch_geometric_tactile.io import McapWriter
 
-        meta, growing = _meta(self.stream), _growing_path(self.path)
+        meta, mcap_path = _file_meta(self.stream), _mcap_path(self.path)
         if self._points is not None:
             self._points.name_joints(meta.get("joint_names"))
             meta["sensor"] = self._points.layout.name
         name = meta.get("sensor")
         self._file = McapWriter(
-            growing,
+            mcap_path,
             meta=meta,
             anchor=self.stream.anchor,
             layout=name if isinstance(name, str) else None,
             label=self.label,
-            overwrite=self.overwrite and growing == self.path,
+            overwrite=self.overwrite and mcap_path == self.path,
         )
-        self._first = frame.tactile
+        self._first_reading = frame.tactile
         self._first_time = frame.time
-        for write in self._early:
+        for write in self._pending_writes:
             write(self._file)
-        self._early = []
+        self._pending_writes = []
 
-    def _write_points(self, frame: LiveFrame, posed: "PosedPoints") -> None:
-        rest = self._first if self.rest is None else self.rest
+    def _write_points(self, frame: LiveFrame, pose_points: "PosedPoints") -> None:
+        rest = self._first_reading if self.rest is None else self.rest
         assert self._file is not None
         try:
-            points = posed(frame, rest)
+            points = pose_points(frame, rest)
             self._file.write_points(frame.time, points.pos, points.fields, points.frame_id)
         except ValueError as error:
-            # What only viewers need must not end a recording.
-            _log.warning("'%s' has no points from here on: %s", self.path, error)
+            # Only viewers need the points: they must not end a recording.
+            _log.warning("'%s': no more points are written: %s", self.path, error)
             self._points = None
 
-    def _finite(self, frame: LiveFrame) -> LiveFrame:
-        finite = _without_infinite(frame)
-        if finite is not frame and not self._told:
-            self._told = True
+    def _infinite_to_nan(self, frame: LiveFrame) -> LiveFrame:
+        finite_frame = _replace_infinite(frame)
+        if finite_frame is not frame and not self._has_warned:
+            self._has_warned = True
             _log.warning("'%s': infinite readings are written as missing", self.path)
-        return finite
+        return finite_frame
 
 
-def _without_infinite(frame: LiveFrame) -> LiveFrame:
+def preload_recorder(layout: "TaxelLayout | PathLike | None") -> "PosedPoints | None":
+    r"""Imports the libraries of a recorder, so that no frame of a stream waits for them. Returns
+    the object that poses the taxels of a layout, or :obj:`None` without a layout.
+    """
+    from torch_geometric_tactile.io import recording_mcap  # noqa: F401 - imports the libraries
+    from torch_geometric_tactile.io._mcap_output import require_mcap
+
+    require_mcap()
+    for topic in TOPICS:  # encoding the first message of a topic is slow
+        encode(topic, {})
+    if layout is None:
+        return None
+    from torch_geometric_tactile.live._posed_points import PosedPoints
+
+    return PosedPoints(layout)
+
+
+def _replace_infinite(frame: LiveFrame) -> LiveFrame:
     joint = frame.joint
     if not np.isinf(frame.tactile).any() and (joint is None or not np.isinf(joint).any()):
         return frame
@@ -386,18 +410,20 @@ def _write_gap(file: "McapWriter", start: float, end: float) -> None:
     file.write_event(end, SPAN_END, GAP)
 
 
-def _meta(stream: "Stream") -> dict[str, Any]:
-    known = {name: value for name, value in stream.meta.items() if name != "events"}  # of a file
+def _file_meta(stream: "Stream") -> dict[str, Any]:
+    source_meta = {
+        name: value for name, value in stream.meta.items() if name != "events"
+    }  # of a replayed file
     return {
-        **known,
+        **source_meta,
         "source": stream.source.name,
         "checksum": stream.source.checksum,
         "recorded_at": stream.anchor[0] / 1e9,
     }
 
 
-def _growing_path(path: Path) -> Path:
-    # The file that grows frame by frame: MCAP, beside an HDF5 file.
+def _mcap_path(path: Path) -> Path:
+    # The file that frames are written to: for an HDF5 file, an MCAP file beside it.
     return path if path.suffix.lower() == ".mcap" else path.with_suffix(".mcap")
 
 
@@ -409,42 +435,42 @@ def _check_target(path: Path, overwrite: bool) -> None:
     if suffix not in _SUFFIXES:
         raise ValueError(f"'{path}' must end in one of {', '.join(_SUFFIXES)} (got '{suffix}')")
     require_mcap()
-    growing = _growing_path(path)
-    if growing != path:
+    mcap_path = _mcap_path(path)
+    if mcap_path != path:
         require_h5py()
     if not path.parent.is_dir():
         raise FileNotFoundError(f"'{path.parent}' does not exist: make the folder first")
-    _check_new(path, overwrite)
-    if growing != path and growing.exists():
+    _check_overwrite(path, overwrite)
+    if mcap_path != path and mcap_path.exists():
         raise FileExistsError(
-            f"'{growing}' exists, from which '{path}' would be made: convert it "
-            f"({_command(growing, path)}), move it, or give another name"
+            f"'{mcap_path}' exists, in which '{path}' would be recorded first: convert it "
+            f"({_convert_command(mcap_path, path)}), move it, or give another name"
         )
     if not os.access(path.parent, os.W_OK):
         raise PermissionError(f"'{path.parent}' cannot be written to")
 
 
-def _check_new(path: Path, overwrite: bool) -> None:
+def _check_overwrite(path: Path, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise FileExistsError(f"'{path}' exists: give another name, or overwrite it (--overwrite)")
 
 
-def _convert(growing: Path, path: Path, overwrite: bool) -> None:
+def _convert_to_hdf5(mcap_path: Path, path: Path, overwrite: bool) -> None:
     from torch_geometric_tactile.io import read_mcap, write_hdf5
 
     try:
-        _check_new(path, overwrite)
-        write_hdf5(read_mcap(growing, recover=False, allow_large=True), path)
+        _check_overwrite(path, overwrite)
+        write_hdf5(read_mcap(mcap_path, recover=False, allow_large=True), path)
     except BaseException:
         _log.error(
             "'%s' was not written; the recording is in '%s': %s",
             path,
-            growing,
-            _command(growing, path),
+            mcap_path,
+            _convert_command(mcap_path, path),
         )
         raise
-    growing.unlink()
+    mcap_path.unlink()
 
 
-def _command(growing: Path, path: Path) -> str:
-    return f"tactile convert {shlex.quote(str(growing))} {shlex.quote(str(path))}"
+def _convert_command(mcap_path: Path, path: Path) -> str:
+    return f"tactile convert {shlex.quote(str(mcap_path))} {shlex.quote(str(path))}"

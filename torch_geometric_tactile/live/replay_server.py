@@ -1,4 +1,4 @@
-r"""A recording sent as XELA's server sends its frames."""
+r"""A server that replays a recording in the message format of XELA's server."""
 
 import asyncio
 import json
@@ -14,39 +14,39 @@ from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.io.xela_message import XELA_VERSION
 from torch_geometric_tactile.live._web_server import WebServer
 
-_HIGHEST = 0xFFFF
-_MOST_LATE = 2.0  # seconds after which a client that is too slow goes on with the present
-_WAIT = 0.1
-_CLOSE = 0.5  # of a client that does not read
-_MOST_CLIENTS = 32
+_MAX_COUNT = 0xFFFF
+_MAX_LATE_SECONDS = 2.0  # a client that is later skips frames
+_POLL_SECONDS = 0.1
+_CLOSE_SECONDS = 0.5  # a client that does not read would block the close
+_MAX_CLIENTS = 32
 
 
 class ReplayServer(WebServer):
     r"""Replays a recording to any number of WebSocket clients in the message format of XELA's
     server, for tests without a hand.
 
-    It begins with the first client. Each one gets :obj:`{"message": "Welcome"}` and then the
-    frames, in the time of the recording; one that reads so slowly that it is 2 seconds late misses
-    the frames between, as their numbers show. At the end of the recording the connections are
-    closed. As with the viewer, a page of another site and more than 32 clients are refused.
+    The replay starts with the first client. Each client receives :obj:`{"message": "Welcome"}` and
+    then the frames at their recorded times. A client that is more than 2 seconds late skips frames,
+    as the frame numbers show. At the end of the recording the connections are closed. As with the
+    viewer, pages of other sites and more than 32 clients are rejected.
 
     Args:
-        recording (Recording, str or PathLike): The recording or its file: counts of 3 channels,
-            without missing ones.
-        port (int): The port; 0 takes a free one.
-        speed (float): How many times as fast as it was recorded.
-        loop (bool): Whether to begin again at the end; the numbers go on.
-        host (str): The address to listen at.
+        recording (Recording, str or PathLike): The recording or its file, with counts of 3 channels
+            and no missing readings.
+        port (int): Port to listen on; any free port if 0.
+        speed (float): Factor of the recorded speed.
+        loop (bool): Whether to start again at the end. The frame numbers continue.
+        host (str): Address to listen on.
 
     Attributes:
-        port (int): The port that it listens at; the one that was asked for before it is started.
-        clients (int): The number of clients that are connected.
-        sent (int): Messages sent, to all clients together.
+        port (int): Port that the server listens on; the argument before the server is started.
+        clients (int): Number of connected clients.
+        sent (int): Number of messages sent to all clients.
 
     Raises:
         ImportError: If the extra :obj:`live` is missing.
-        OSError: If the port is taken, when it is started.
-        ValueError: If the readings are no counts from 0 to 65535, or the speed is not positive.
+        OSError: If the port is in use; raised by :meth:`start`.
+        ValueError: If the readings are not counts from 0 to 65535, or the speed is not positive.
 
     Examples:
         >>> import numpy as np
@@ -74,81 +74,85 @@ class ReplayServer(WebServer):
         self._messages = _Messages(recording)
         self.speed, self.loop = speed, loop
         self.sent = 0
-        self._began: float | None = None
-        self._finished = False
-        self._closing_down = threading.Event()
+        self._start_time: float | None = None
+        self._has_finished = False
+        self._stop = threading.Event()
         self._ended = threading.Event()
-        super().__init__(host, port, name="the server", most=_MOST_CLIENTS, closing=_CLOSE)
+        super().__init__(
+            host, port, name="the server", max_clients=_MAX_CLIENTS, close_timeout=_CLOSE_SECONDS
+        )
 
     @property
     def url(self) -> str:
-        r"""Its address, such as :obj:`ws://127.0.0.1:5000`."""
+        r"""Address of the server, such as :obj:`ws://127.0.0.1:5000`."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"ws://{host}:{self.port}"
 
     def wait(self, timeout: float | None = None) -> bool:
-        r"""Waits for the end of the recording, and returns whether it has come.
+        r"""Waits for the end of the recording, and returns whether it was reached.
 
         Args:
-            timeout (float, optional): How long in seconds; without end if left out.
+            timeout (float, optional): Limit in seconds; no limit if left out.
         """
         return self._ended.wait(timeout)
 
     def close(self) -> None:
-        r"""Closes all connections; does nothing if it is closed."""
-        self._closing_down.set()
+        r"""Closes all connections. Does nothing if the server is closed."""
+        self._stop.set()
         self._ended.set()
         super().close()
 
-    async def _show(self, client: Any) -> None:
+    async def _serve_client(self, client: Any) -> None:
         now = time.perf_counter()
-        if self._began is None:
-            self._began = now
-        first = self._next_after(now)  # before the greeting, which may take longer than a frame
-        finished = False
+        if self._start_time is None:
+            self._start_time = now
+        first_frame = self._next_frame(
+            now
+        )  # before the welcome, which may take longer than a frame
+        has_finished = False
         try:
             await client.send(json.dumps({"message": "Welcome"}))
-            finished = await self._send_all(client, first)
+            has_finished = await self._send_all(client, first_frame)
         finally:
-            self._finished = self._finished or finished
-            if self._finished and self.clients == 1:  # the last one
+            self._has_finished = self._has_finished or has_finished
+            if self._has_finished and self.clients == 1:  # this is the last client
                 self._ended.set()
 
     async def _send_all(self, client: Any, frame: int) -> bool:
         length = self._messages.num_frames
         while self.loop or frame < length:
-            late = time.perf_counter() - self._due(frame)
-            if self._closing_down.is_set():
+            late_seconds = time.perf_counter() - self._due_time(frame)
+            if self._stop.is_set():
                 return False
-            if late < 0:
-                await asyncio.sleep(min(-late, _WAIT))
-            elif late > _MOST_LATE:
-                frame = self._next_after(time.perf_counter())
+            if late_seconds < 0:
+                await asyncio.sleep(min(-late_seconds, _POLL_SECONDS))
+            elif late_seconds > _MAX_LATE_SECONDS:
+                frame = self._next_frame(time.perf_counter())
                 await asyncio.sleep(0)
             else:
-                await client.send(self._messages.text(frame, self._stamp(frame)))
+                await client.send(self._messages.text(frame, self._wall_time(frame)))
                 self.sent += 1
                 frame += 1
-                await asyncio.sleep(0)  # others have their turn, also where sending never waits
+                await asyncio.sleep(0)  # lets other clients run, even if sending never waits
         return True
 
-    def _due(self, frame: int) -> float:
-        assert self._began is not None
-        return self._began + self._messages.seconds(frame) / self.speed
+    def _due_time(self, frame: int) -> float:
+        assert self._start_time is not None
+        return self._start_time + self._messages.seconds(frame) / self.speed
 
-    def _stamp(self, frame: int) -> float:
-        return time.time() - time.perf_counter() + self._due(frame)
+    def _wall_time(self, frame: int) -> float:
+        return time.time() - time.perf_counter() + self._due_time(frame)
 
-    def _next_after(self, now: float) -> int:
-        assert self._began is not None
-        return self._messages.frame_at((now - self._began) * self.speed)
+    def _next_frame(self, now: float) -> int:
+        assert self._start_time is not None
+        return self._messages.frame_at((now - self._start_time) * self.speed)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.url!r}, num_frames={self._messages.num_frames})"
 
 
 class _Messages:
-    # The frames of a recording as texts, over and over.
+    # The frames of a recording as messages, in an endless loop.
 
     def __init__(self, recording: Recording) -> None:
         meta, tactile = recording.meta, recording.tactile
@@ -159,22 +163,24 @@ class _Messages:
                 "'recording' must hold counts of 3 channels to be sent as XELA's server does (got "
                 f"{recording.num_channels} channels, unit '{meta.get('unit')}')"
             )
-        wrong = ~((tactile >= 0) & (tactile <= _HIGHEST) & (tactile == np.floor(tactile)))
-        if wrong.any():
-            frame, taxel, channel = np.argwhere(wrong)[0].tolist()
+        is_invalid = ~((tactile >= 0) & (tactile <= _MAX_COUNT) & (tactile == np.floor(tactile)))
+        if is_invalid.any():
+            frame, taxel, channel = np.argwhere(is_invalid)[0].tolist()
             raise ValueError(
-                f"'recording' must hold whole numbers from 0 to {_HIGHEST} to be sent as XELA's "
+                f"'recording' must hold whole numbers from 0 to {_MAX_COUNT} to be sent as XELA's "
                 f"server does (got {tactile[frame, taxel, channel]} in frame {frame}, taxel "
                 f"{taxel}, axis {'xyz'[channel]})"
             )
         self._counts = tactile
         self._time = recording.time - recording.time[0]
         numbers = np.asarray(recording.extra.get("sequence", np.arange(recording.num_frames)))
-        ordered = numbers.ndim == 1 and numbers.dtype.kind in "iu" and (np.diff(numbers) > 0).all()
-        self._numbers = numbers - numbers[0] if ordered else np.arange(recording.num_frames)
+        is_increasing = (
+            numbers.ndim == 1 and numbers.dtype.kind in "iu" and (np.diff(numbers) > 0).all()
+        )
+        self._numbers = numbers - numbers[0] if is_increasing else np.arange(recording.num_frames)
         step = self._time[-1] / max(1, len(self._time) - 1)
-        self._span = float(self._time[-1] + (step or 0.01))
-        self._heads, self._bounds = _heads(recording)
+        self._turn_seconds = float(self._time[-1] + (step or 0.01))
+        self._sensor_heads, self._bounds = _sensor_heads(recording)
         self._version = str(meta.get("server_version", XELA_VERSION))
 
     @property
@@ -182,49 +188,49 @@ class _Messages:
         return len(self._time)
 
     def seconds(self, frame: int) -> float:
-        turn, place = divmod(frame, self.num_frames)
-        return turn * self._span + float(self._time[place])
+        turn, index = divmod(frame, self.num_frames)
+        return turn * self._turn_seconds + float(self._time[index])
 
     def frame_at(self, seconds: float) -> int:
-        turn, rest = divmod(max(0.0, seconds), self._span)
+        turn, turn_time = divmod(max(0.0, seconds), self._turn_seconds)
         return int(turn) * self.num_frames + max(
-            0, int(np.searchsorted(self._time, rest, side="right")) - 1
+            0, int(np.searchsorted(self._time, turn_time, side="right")) - 1
         )
 
     def text(self, frame: int, stamp: float) -> str:
-        # By hand, since hundreds of thousands of numbers a second take a core as JSON.
-        turn, place = divmod(frame, self.num_frames)
-        number = 1 + turn * (int(self._numbers[-1]) + 1) + int(self._numbers[place])
-        parts = [
-            f'{{"message": {number}, "time": {stamp!r}, "sensors": {len(self._heads)}, '
+        # Formatted by hand: encoding all numbers with `json` would keep one core busy.
+        turn, index = divmod(frame, self.num_frames)
+        number = 1 + turn * (int(self._numbers[-1]) + 1) + int(self._numbers[index])
+        texts = [
+            f'{{"message": {number}, "time": {stamp!r}, "sensors": {len(self._sensor_heads)}, '
             f'"type": "routine", "version": {json.dumps(self._version)}'
         ]
         for i, (head, start, stop) in enumerate(
-            zip(self._heads, self._bounds, self._bounds[1:], strict=False), start=1
+            zip(self._sensor_heads, self._bounds, self._bounds[1:], strict=False), start=1
         ):
-            counts = self._counts[place, start:stop].astype(">u2")
+            counts = self._counts[index, start:stop].astype(">u2")
             words = counts.tobytes().hex(",", 2).upper()
-            parts.append(
+            texts.append(
                 f', "{i}": {{"time": {stamp!r}, "sensor": "{i}", "data": "{words}", '
                 f'"model": {head[0]}, "taxels": {stop - start}, '
                 f'"integer": {counts.ravel().tolist()}, "handedness": {head[1]}}}'
             )
-        return "".join([*parts, f', "sendtime": {time.time()!r}}}'])
+        return "".join([*texts, f', "sendtime": {time.time()!r}}}'])
 
 
-def _heads(recording: Recording) -> tuple[list[tuple[str, str]], list[int]]:
-    meta, total = recording.meta, recording.num_taxels
+def _sensor_heads(recording: Recording) -> tuple[list[tuple[str, str]], list[int]]:
+    meta, num_taxels = recording.meta, recording.num_taxels
     taxels = meta.get("taxels")
-    known = isinstance(taxels, list) and all(isinstance(n, int) and n > 0 for n in taxels)
-    if not known or sum(taxels or ()) != total:
-        taxels = [total]
+    is_valid = isinstance(taxels, list) and all(isinstance(n, int) and n > 0 for n in taxels)
+    if not is_valid or sum(taxels or ()) != num_taxels:
+        taxels = [num_taxels]
     assert taxels is not None
     heads = []
     for i in range(len(taxels)):
-        model, side = _entry(meta.get("models"), i), _entry(meta.get("handedness"), i)
+        model, side = _list_entry(meta.get("models"), i), _list_entry(meta.get("handedness"), i)
         heads.append((json.dumps(model), json.dumps(side or "right")))
     return heads, [0, *np.cumsum(taxels).tolist()]
 
 
-def _entry(values: Any, i: int) -> str:
+def _list_entry(values: Any, i: int) -> str:
     return str(values[i]) if isinstance(values, list) and i < len(values) else ""

@@ -1,4 +1,4 @@
-r"""Frames of a recording, as if they came now."""
+r"""Replay of a recording as a source."""
 
 import math
 import time
@@ -12,19 +12,19 @@ from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.live.source import Source, SourceEnded
 
-_CHUNK = 64  # frames of one read, if there are no times to keep
+_MAX_READ_FRAMES = 64  # limit of one read, reached if frames are replayed as fast as possible
 
 
 class ReplaySource(Source):
-    r"""Replays the frames of a recording at their recorded times. The recording is read once, and
-    the frames are views of its arrays; :obj:`device_time` is the time in the recording.
+    r"""Replays the frames of a recording at their recorded times. The recording is read once; the
+    frames are views of its arrays. The :obj:`device_time` of a frame is its time in the recording.
 
     Args:
-        path (str, PathLike or Recording): A file of any format that
-            :func:`~torch_geometric_tactile.io.read_recording` reads, or a recording.
-        speed (float): How many times as fast; with 0 or infinity as fast as the slowest subscriber
-            takes them.
-        loop (bool): Whether to begin again at the end, with times and numbers that go on.
+        path (str, PathLike or Recording): A recording, or a file of any format that
+            :func:`~torch_geometric_tactile.io.read_recording` reads.
+        speed (float): Factor of the recorded speed. With 0 or infinity, frames are replayed as fast
+            as the slowest subscriber reads them.
+        loop (bool): Whether to start again at the end. Times and frame numbers continue.
 
     Raises:
         ValueError: If :obj:`speed` is negative or NaN.
@@ -55,15 +55,16 @@ class ReplaySource(Source):
 
     @property
     def recording(self) -> Recording | None:
-        r"""The recording, once it was read."""
+        r"""The recording; :obj:`None` before it is read."""
         return self._recording
 
     def open(self) -> None:
-        r"""Reads the file; does nothing if it is open. The clock starts with the first frame.
+        r"""Reads the file. Does nothing if the source is open. Times count from the first call of
+        :meth:`read`.
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If it holds no recording, or one without frames.
+            ValueError: If the file is not a recording, or the recording has no frames.
         """
         if self._frames is not None:
             return
@@ -83,32 +84,32 @@ class ReplaySource(Source):
         self._next = next(self._frames)
 
     def _play(self, recording: Recording) -> Iterator[tuple[float, LiveFrame]]:
-        # Seconds since the first frame, and the frame, which was not received yet.
+        # Yields seconds since the first frame, and the frame without its arrival.
         times = np.asarray(recording.time, dtype=np.float64)
-        first = float(times[0])
+        first_time = float(times[0])
         step = 1 / recording.rate if recording.num_frames > 1 else 1.0
-        length = float(times[-1]) - first + step
+        length = float(times[-1]) - first_time + step
         info = recording.info
         for turn in count() if self.loop else (0,):
             for i in range(recording.num_frames):
-                since = float(times[i]) - first + turn * length
+                elapsed = float(times[i]) - first_time + turn * length
                 frame = LiveFrame(
                     sequence=turn * recording.num_frames + i,
                     time=0.0,
                     received=0,
-                    device_time=first + since,
+                    device_time=first_time + elapsed,
                     tactile=recording.tactile[i],
                     joint=None if recording.joint is None else recording.joint[i],
                     extra={name: rows[i, ...] for name, rows in recording.extra.items()},
                     info=info,
                 )
-                yield since, frame
+                yield elapsed, frame
 
     def read(self, timeout: float) -> list[LiveFrame]:
-        r"""Returns the frames whose time has come, or none if it comes for none in time.
+        r"""Returns the frames that are due, or an empty list if none is due within the timeout.
 
         Args:
-            timeout (float): How long to wait in seconds.
+            timeout (float): Limit of the wait in seconds.
 
         Raises:
             SourceEnded: If there are no more frames.
@@ -120,31 +121,31 @@ class ReplaySource(Source):
         now = time.perf_counter()
         if not self._start:
             self._start = now
-        wait = self._due(self._next) - now
-        if wait > 0:
-            time.sleep(min(wait, max(0.0, timeout)))
+        wait_seconds = self._due_time(self._next) - now
+        if wait_seconds > 0:
+            time.sleep(min(wait_seconds, max(0.0, timeout)))
         received = time.perf_counter_ns()
         frames: list[LiveFrame] = []
-        while self._next is not None and len(frames) < _CHUNK:
-            if self._due(self._next) * 1e9 > received:
+        while self._next is not None and len(frames) < _MAX_READ_FRAMES:
+            if self._due_time(self._next) * 1e9 > received:
                 break
-            frames.append(_received(self._next[1], received))
+            frames.append(_with_arrival(self._next[1], received))
             self._next = next(self._frames, None)
         self.counts.good += len(frames)
         return frames
 
-    def _due(self, entry: tuple[float, LiveFrame]) -> float:
-        # From the start, not from the frame before, so that nothing adds up.
+    def _due_time(self, entry: tuple[float, LiveFrame]) -> float:
+        # From the start, not from the previous frame, so that delays do not add up.
         return self._start if self.waits else self._start + entry[0] / self.speed
 
     def close(self) -> None:
-        r"""Lets the recording go, if it was read from a file; does nothing if it is closed."""
+        r"""Releases a recording that was read from a file. Does nothing if the source is closed."""
         self._frames = self._next = None
         if self.path is not None:
             self._recording = None
 
 
-def _received(frame: LiveFrame, received: int) -> LiveFrame:
+def _with_arrival(frame: LiveFrame, received: int) -> LiveFrame:
     return LiveFrame(
         frame.sequence,
         received * 1e-9,

@@ -1,4 +1,4 @@
-r"""The readings of a sensor at rest."""
+r"""Readings of a sensor at rest, and its drift from them."""
 
 import logging
 import math
@@ -18,14 +18,14 @@ from torch_geometric_tactile.data._rest_noise import (
 )
 from torch_geometric_tactile.data.live_frame import LiveFrame
 
-_MOST = 20_000  # frames that are kept
+_MAX_FRAMES = 20_000  # limit of the memory of a long or fast rest
 _logger = logging.getLogger(__name__)
 
 _Event = tuple[float, str, str]  # time on the host's monotonic clock, kind, text
 
 
 class RestFrames(NamedTuple):
-    r"""The frames that were collected while nothing touched the sensor.
+    r"""Frames that were collected while nothing touched the sensor.
 
     Args:
         tactile (numpy.ndarray): Readings :math:`(T, N, C)`.
@@ -47,9 +47,9 @@ class Drift(NamedTuple):
     r"""The distance of a sensor's current readings from its readings at rest.
 
     Args:
-        amount (float): The largest distance, in units of the noise at rest; NaN as long as readings
-            move or there are too few.
-        taxels (numpy.ndarray): The taxels that are further away than :obj:`max_drift`.
+        amount (float): The largest distance, in units of the noise at rest; NaN while readings
+            move or there are too few frames.
+        taxels (numpy.ndarray): Indices of the taxels with a distance above :obj:`max_drift`.
 
     Examples:
         >>> drift = Drift(amount=7.5, taxels=np.array([3]))
@@ -65,27 +65,28 @@ class Rest:
     r"""Collects still frames while nothing touches the sensor, for models that need the readings at
     rest of each session.
 
-    The frames are cut in five parts. If the means of a taxel's parts differ by more than
-    :obj:`max_movement` times its noise within them, it moves: the frames are refused, the reason is
-    an event, and collecting starts anew. A swing that is faster than a part passes as noise.
+    The frames are divided into five parts. A taxel moves if the means of its parts differ by more
+    than :obj:`max_movement` times its noise within the parts. In this case the frames are rejected,
+    an event gives the reason, and the collection starts again. Oscillations that are faster than a
+    part count as noise.
 
     Args:
-        seconds (float): How long to collect.
-        min_frames (int): Least number of frames.
+        seconds (float): Duration of the collection.
+        min_frames (int): Minimum number of frames.
         max_movement (float): Largest difference between parts, in units of the noise.
-        max_drift (float): Distance from the rest, in units of its noise, from which :meth:`drift`
+        max_drift (float): Distance from the rest, in units of its noise, above which :meth:`drift`
             warns.
-        on_event (callable, optional): Called with each event: its time, kind and text.
+        on_event (callable, optional): Called with the time, kind and text of each event.
 
     Attributes:
-        events (list): What happened: time on the host's monotonic clock in seconds, kind
+        events (list): The events: time on the host's monotonic clock in seconds, kind
             (:obj:`"rest"`, :obj:`"moved"`, :obj:`"retare"` or :obj:`"drift"`) and text.
-        number (int): How many rests there were.
-        listeners (list of callable): Called as :obj:`on_event` is, before it.
+        number (int): Number of rests so far.
+        listeners (list of callable): Called with each event, before :obj:`on_event`.
 
     Raises:
-        ValueError: If a number is not positive; on a call, if a frame has another shape than those
-            before.
+        ValueError: If a number is not positive. :meth:`add` raises it if the shape of a frame
+            differs from that of the previous frames.
 
     Examples:
         >>> rest, noise = Rest(seconds=0.5, min_frames=30), np.random.default_rng(0)
@@ -125,32 +126,32 @@ class Rest:
         self.reason = ""
         self._lock = threading.RLock()
         self._pending: list[LiveFrame] = []
-        self._so_far = _Sum(self._pending)
+        self._running_mean = _RunningMean(self._pending)
         self._frames: RestFrames | None = None
         self._value: np.ndarray | None = None
         self._noise: np.ndarray | None = None
         self._recent: deque[np.ndarray] = deque(maxlen=self.min_frames)
-        self._warned = False
+        self._has_warned = False
 
     @property
     def ready(self) -> bool:
-        r"""Whether there is a rest."""
+        r"""Whether a rest was measured."""
         return self._frames is not None
 
     @property
     def frames(self) -> RestFrames | None:
-        r"""The frames of the rest, :obj:`None` as long as it is collected."""
+        r"""The frames of the rest; :obj:`None` while they are collected."""
         return self._frames
 
     @property
     def value(self) -> np.ndarray:
-        r"""The mean reading at rest :math:`(N, C)`, double. A taxel that had no reading in any
-        frame is NaN.
+        r"""The mean reading at rest :math:`(N, C)`, double; NaN for taxels without a reading in any
+        frame.
 
         Raises:
             RuntimeError: If there is no rest yet.
         """
-        return self._ready(self._value)
+        return self._require(self._value)
 
     @property
     def noise(self) -> np.ndarray:
@@ -159,39 +160,39 @@ class Rest:
         Raises:
             RuntimeError: If there is no rest yet.
         """
-        return self._ready(self._noise)
+        return self._require(self._noise)
 
     @property
     def shape(self) -> tuple[int, ...] | None:
-        r"""The shape of a frame :math:`(N, C)`, :obj:`None` as long as there was none."""
+        r"""The shape of a frame :math:`(N, C)`; :obj:`None` before the first frame."""
         with self._lock:
             if self._frames is not None:
                 return self._frames.tactile.shape[1:]
             return self._pending[-1].tactile.shape if self._pending else None
 
-    def _ready(self, value: np.ndarray | None) -> np.ndarray:
+    def _require(self, value: np.ndarray | None) -> np.ndarray:
         if value is None:
             raise RuntimeError(f"there must be a rest (got none): {self.status()}")
         return value
 
     def status(self) -> str:
-        r"""Returns in words how far it is."""
+        r"""Returns a sentence about the progress of the collection."""
         if self.ready:
-            return "the rest is there"
+            return "the rest is measured"
         reason = f" ({self.reason})" if self.reason else ""
         return f"keep the sensor untouched: {len(self._pending)} still frames so far{reason}"
 
     def need(self, min_frames: int) -> None:
-        r"""Raises the least number of frames, as to fill a window.
+        r"""Increases the minimum number of frames, for example to fill a window.
 
         Args:
-            min_frames (int): The number.
+            min_frames (int): The number of frames that is needed.
         """
         self.min_frames = max(self.min_frames, min_frames)
 
     def add(self, frame: LiveFrame) -> bool:
-        r"""Takes the next frame, unless there is a rest, and returns whether there is one. A frame
-        that was given before is ignored.
+        r"""Adds the next frame unless the rest is ready, and returns whether it is ready. The same
+        frame is not added twice.
 
         Args:
             frame (LiveFrame): The frame.
@@ -209,105 +210,113 @@ class Rest:
                         f"(got {frame.tactile.shape})"
                     )
             pending.append(frame)
-            long_enough = frame.time - pending[0].time >= self.seconds * (1 - 1e-6)
-            if len(pending) < self.min_frames or not (long_enough or len(pending) >= _MOST):
+            # Times are rounded: frames over one second may be a little closer.
+            is_long_enough = frame.time - pending[0].time >= self.seconds * (1 - 1e-6)
+            if len(pending) < self.min_frames or not (
+                is_long_enough or len(pending) >= _MAX_FRAMES
+            ):
                 return False
-            return self._finish(frame.time)
+            return self._evaluate(frame.time)
 
     def relative(self, frame: LiveFrame) -> np.ndarray:
-        r"""Takes the next frame, unless there is a rest, and returns its readings relative to the
-        rest :math:`(N, C)`, float32; as long as it is collected, to the mean of its frames so far.
+        r"""Adds the next frame unless the rest is ready, and returns its readings relative to the
+        rest :math:`(N, C)`, float32. While the rest is collected, they are relative to the mean of
+        the frames so far.
 
         Args:
             frame (LiveFrame): The frame.
 
         Raises:
-            RuntimeError: If the frames so far were refused with this one.
+            RuntimeError: If the frames so far are rejected with this one.
         """
         with self._lock:
             self.add(frame)
             value = self._value
             if value is None and self._pending:
-                if self._so_far.frames is not self._pending:
-                    self._so_far = _Sum(self._pending)
-                value = self._so_far.mean()
-            out: np.ndarray = (frame.tactile - self._ready(value)).astype(np.float32)
+                if self._running_mean.frames is not self._pending:
+                    self._running_mean = _RunningMean(self._pending)
+                value = self._running_mean.mean()
+            out: np.ndarray = (frame.tactile - self._require(value)).astype(np.float32)
             return out
 
-    def _finish(self, time: float) -> bool:
+    def _evaluate(self, time: float) -> bool:
         pending, self._pending = self._pending, []
         tactile = np.stack([frame.tactile for frame in pending]).astype(np.float32)
         movement, noise = movement_and_noise(tactile)
-        worst = float(np.nanmax(movement, initial=0.0))
-        if worst > self.max_movement:
-            moved = np.flatnonzero((movement > self.max_movement).any(axis=1))
+        largest = float(np.nanmax(movement, initial=0.0))
+        if largest > self.max_movement:
+            moving_taxels = np.flatnonzero((movement > self.max_movement).any(axis=1))
             self.reason = (
-                f"{len(moved)} of {len(movement)} taxels move, taxel {_worst(movement)} by "
-                f"{worst:.3g} times its noise (at most {self.max_movement:g})"
+                f"{len(moving_taxels)} of {len(movement)} taxels move, taxel "
+                f"{_worst_taxel(movement)} by {largest:.3g} times its noise (at most "
+                f"{self.max_movement:g})"
             )
-            self._tell(time, "moved", f"no rest: {self.reason}")
+            self._emit(time, "moved", f"no rest: {self.reason}")
             return False
         joint = None
         if all(frame.joint is not None for frame in pending):
             joint = np.stack([np.asarray(frame.joint, np.float32) for frame in pending])
-        # Copied by `stack`; a source may use its arrays again.
+        # `stack` copies, which is necessary: a source may reuse its arrays.
         self._frames = RestFrames(tactile, np.array([frame.time for frame in pending]), joint)
         self._value, self._noise = mean_reading(tactile.astype(np.float64)), noise
         self._recent.clear()
-        self._warned = False
+        self._has_warned = False
         self.reason = ""
         self.number += 1
-        dead = int(np.isnan(self._value).any(axis=1).sum())
-        told = f", {dead} taxels without a reading" if dead else ""
-        self._tell(time, "rest", f"rest of {len(pending)} frames{told}")
+        num_dead = int(np.isnan(self._value).any(axis=1).sum())
+        dead_text = f", {num_dead} taxels without a reading" if num_dead else ""
+        self._emit(time, "rest", f"rest of {len(pending)} frames{dead_text}")
         return True
 
     def retare(self) -> None:
-        r"""Forgets the rest and collects another one from the next frame on."""
+        r"""Discards the rest, and collects a new one from the next frame on."""
         with self._lock:
-            last = self._frames.time[-1] if self._frames is not None else None
-            last = self._pending[-1].time if self._pending else last
+            last_time = self._frames.time[-1] if self._frames is not None else None
+            last_time = self._pending[-1].time if self._pending else last_time
             self._frames = self._value = self._noise = None
             self._pending = []
             self._recent.clear()
-            self._tell(
-                math.nan if last is None else float(last), "retare", "the rest is taken anew"
+            self._emit(
+                math.nan if last_time is None else float(last_time),
+                "retare",
+                "measuring the rest again",
             )
 
     def drift(self, frame: LiveFrame) -> Drift:
-        r"""Compares the sensor with its rest: takes the next frame, and as soon as there are
-        :obj:`min_frames` that are still, tells how far their mean is from the rest. Whether nothing
-        is touched is for the caller to know: a contact that is held looks like a drift.
+        r"""Adds the next frame, and returns the distance between the mean of the last
+        :obj:`min_frames` frames and the rest, if they are still. A steady contact looks like a
+        drift: only the caller can know whether nothing touches the sensor.
 
         Args:
             frame (LiveFrame): The frame.
         """
-        none = Drift(math.nan, np.zeros(0, dtype=np.int64))
+        no_drift = Drift(math.nan, np.zeros(0, dtype=np.int64))
         with self._lock:
             if self._value is None or self._noise is None:
-                return none
+                return no_drift
             self._recent.append(np.array(frame.tactile, dtype=np.float32))
             if len(self._recent) < (self._recent.maxlen or 0):
-                return none
+                return no_drift
             recent = np.stack(self._recent)
             movement, _ = movement_and_noise(recent)
             if np.nanmax(movement, initial=0.0) > self.max_movement:
-                return none
-            away = np.abs(mean_reading(recent.astype(np.float64)) - self._value)
-            distance = distance_ratio(away, trusted_noise(self._noise))
+                return no_drift
+            deviation = np.abs(mean_reading(recent.astype(np.float64)) - self._value)
+            distance = distance_ratio(deviation, trusted_noise(self._noise))
             taxels = np.flatnonzero((distance > self.max_drift).any(axis=1))
             amount = float(np.nanmax(distance, initial=0.0))
-            if len(taxels) and not self._warned:
+            if len(taxels) and not self._has_warned:
                 text = (
-                    f"{len(taxels)} taxels are away from their rest, taxel {_worst(distance)} by "
-                    f"{amount:.3g} times its noise: take the rest anew if nothing is touched"
+                    f"{len(taxels)} taxels have drifted from their rest, taxel "
+                    f"{_worst_taxel(distance)} by {amount:.3g} times its noise: if nothing touches "
+                    "the sensor, measure the rest again"
                 )
                 _logger.warning("%s", text)
-                self._tell(frame.time, "drift", text)
-            self._warned = len(taxels) > 0
+                self._emit(frame.time, "drift", text)
+            self._has_warned = len(taxels) > 0
             return Drift(amount, taxels)
 
-    def _tell(self, time: float, kind: str, text: str) -> None:
+    def _emit(self, time: float, kind: str, text: str) -> None:
         self.events.append((time, kind, text))
         for listener in (*self.listeners, self.on_event):
             if listener is not None:
@@ -320,23 +329,23 @@ class Rest:
         )
 
 
-class _Sum:
-    # Of frames that become more, each of which is added once.
+class _RunningMean:
+    # The mean of a growing list of frames; each call adds the new frames only.
 
     def __init__(self, frames: list[LiveFrame]) -> None:
         self.frames = frames
-        self._number = 0
+        self._num_added = 0
         self._total = self._count = np.zeros(1)
 
     def mean(self) -> np.ndarray:
-        for frame in self.frames[self._number :]:
-            present = ~np.isnan(frame.tactile)
-            self._total = self._total + np.where(present, frame.tactile, 0.0)
-            self._count = self._count + present
-        self._number = len(self.frames)
+        for frame in self.frames[self._num_added :]:
+            is_present = ~np.isnan(frame.tactile)
+            self._total = self._total + np.where(is_present, frame.tactile, 0.0)
+            self._count = self._count + is_present
+        self._num_added = len(self.frames)
         with np.errstate(invalid="ignore"):  # a taxel without any reading is NaN
             return self._total / self._count
 
 
-def _worst(ratio: np.ndarray) -> int:
+def _worst_taxel(ratio: np.ndarray) -> int:
     return int(np.nanargmax(np.nanmax(np.where(np.isnan(ratio), -1.0, ratio), axis=1)))

@@ -8,10 +8,10 @@ class SerialPort:
     r"""A serial port of this machine: its path and, for a USB device, its identifiers.
 
     Args:
-        device (str): Its path or name, such as :obj:`"/dev/ttyACM0"` or :obj:`"COM3"`.
-        description (str): What it calls itself.
-        vid (int, optional): Vendor of a USB device.
-        pid (int, optional): Product of a USB device.
+        device (str): Path or name of the port, such as :obj:`"/dev/ttyACM0"` or :obj:`"COM3"`.
+        description (str): Name that the device reports.
+        vid (int, optional): Vendor number of a USB device.
+        pid (int, optional): Product number of a USB device.
         serial_number (str, optional): Serial number of a USB device.
 
     Examples:
@@ -28,7 +28,7 @@ class SerialPort:
 
     @property
     def usb_id(self) -> str:
-        r"""Vendor and product as :obj:`"VID:PID"` in hexadecimal, empty without USB."""
+        r"""Vendor and product numbers as hexadecimal :obj:`"VID:PID"`; empty without USB."""
         if self.vid is None or self.pid is None:
             return ""
         return f"{self.vid:04X}:{self.pid:04X}"
@@ -40,10 +40,10 @@ class SerialPort:
 
 def list_ports() -> list[SerialPort]:
     r"""Returns the serial ports of this machine, sorted by name. Ports without a device, such as
-    the never connected ones of a PC, are left out if the operating system says so.
+    unused ports of a mainboard, are left out if the operating system reports them.
 
     Examples:
-        >>> ports = list_ports()  # those of this machine
+        >>> ports = list_ports()
         >>> all(isinstance(port, SerialPort) for port in ports)
         True
     """

@@ -1,4 +1,4 @@
-r"""Frames from a serial port."""
+r"""A serial port as a source."""
 
 import errno
 import os
@@ -16,19 +16,20 @@ try:
 except ImportError:  # Windows
     termios_error = OSError  # type: ignore[misc, assignment]
 
-_MOST = 1 << 16  # bytes of one read
-_WRITE = 1.0  # seconds that a device may take to accept what is written
+_MAX_READ_BYTES = 1 << 16
+_WRITE_SECONDS = 1.0
 
 
 class SerialSource(Source):
-    r"""Reads frames from a serial port through a decoder. What has arrived is returned at once.
+    r"""Reads frames from a serial port through a decoder. Frames are returned as soon as they are
+    complete.
 
-    A USB device that was lost is found again by its serial number, under whatever name it returns;
-    another port by its path.
+    If a USB device is lost, it is found again by its serial number, even if its port has another
+    name. Other devices are found by the path of their port.
 
     Args:
         port (str): Path or name of the port.
-        decoder (Decoder): What makes frames of its bytes.
+        decoder (Decoder): The decoder that converts bytes to frames.
         baudrate (int, optional): Bits per second; that of the decoder if left out.
 
     Raises:
@@ -57,49 +58,49 @@ class SerialSource(Source):
         self.counts = decoder.counts
         self.checksum = decoder.checksum
         self.clock_period = decoder.clock_period
-        self._line: Any = None
+        self._serial: Any = None
         self._usb: SerialPort | None = None
-        self._known = False
-        self._received = 0  # bytes
+        self._is_identified = False
+        self._received = 0  # number of bytes
 
     def open(self) -> None:
-        r"""Opens the port; does nothing if it is open.
+        r"""Opens the port. Does nothing if it is open.
 
         Raises:
-            FileNotFoundError: If it is not there; the message lists the ports there are.
-            OSError: If it cannot be opened, such as without permission.
+            FileNotFoundError: If there is no such port; the message lists the available ports.
+            OSError: If the port cannot be opened, for example without permission.
         """
-        if self._line is not None:
+        if self._serial is not None:
             return
-        path = self._path()
+        path = self._current_path()
         if path is None or (path.startswith("/") and not os.path.exists(path)):
-            raise FileNotFoundError(self._missing(path))
+            raise FileNotFoundError(self._missing_port_text(path))
         self.decoder.reset()
-        self._line = self._opened(path)
-        if not self._known:  # what it was at first; another one may be there later
-            port = _port_of(path)
+        self._serial = self._open_port(path)
+        if not self._is_identified:  # only the first time: another device may use the path later
+            port = _find_port(path)
             self._usb = port if port is not None and port.serial_number else None
-            self._known = True
+            self._is_identified = True
         start = self.decoder.start()
         if start:
             try:
-                self._line.write(start)
+                self._serial.write(start)
             except BaseException:
                 self.close()
                 raise
 
-    def _opened(self, path: str) -> Any:
+    def _open_port(self, path: str) -> Any:
         import serial
 
         try:
-            return serial.Serial(path, self.baudrate, timeout=0.1, write_timeout=_WRITE)
+            return serial.Serial(path, self.baudrate, timeout=0.1, write_timeout=_WRITE_SECONDS)
         except FileNotFoundError as error:
-            raise FileNotFoundError(self._missing(path)) from error
-        except termios_error as error:  # it went away meanwhile
+            raise FileNotFoundError(self._missing_port_text(path)) from error
+        except termios_error as error:  # the device was unplugged during the call
             raise OSError(f"'{path}' cannot be opened as a serial port: {error}") from error
         except serial.SerialException as error:
             if os.name == "nt" and "FileNotFoundError" in str(error):
-                raise FileNotFoundError(self._missing(path)) from error
+                raise FileNotFoundError(self._missing_port_text(path)) from error
             text = f"'{path}' cannot be opened as a serial port: {error.strerror or error}"
             if error.errno == errno.EACCES:
                 text += (
@@ -108,102 +109,105 @@ class SerialSource(Source):
                 )
             raise (OSError(text) if error.errno is None else OSError(error.errno, text)) from error
 
-    def _path(self) -> str | None:
+    def _current_path(self) -> str | None:
         if self._usb is None:
             return self.port
-        found = _found_again(self._usb)
-        return None if found is None else found.device
+        port = _find_device(self._usb)
+        return None if port is None else port.device
 
-    def _missing(self, path: str | None) -> str:
-        what = f"'{path}'" if path is not None else f"the device {self._usb} of '{self.port}'"
+    def _missing_port_text(self, path: str | None) -> str:
+        description = (
+            f"'{path}'" if path is not None else f"the device {self._usb} of '{self.port}'"
+        )
         ports = list_ports()
-        there = "; ".join(map(str, ports)) if ports else "none"
-        return f"there is no serial port {what}; the ports of this machine are: {there}"
+        port_list = "; ".join(map(str, ports)) if ports else "none"
+        return f"there is no serial port {description}; the ports of this machine are: {port_list}"
 
     def read(self, timeout: float) -> list[LiveFrame]:
-        r"""Returns the frames that came, or none if none was complete in time.
+        r"""Returns the received frames, or an empty list if none is complete within the timeout.
 
         Args:
-            timeout (float): How long to wait in seconds; up to twice that if bytes come that make
-                no frame.
+            timeout (float): Limit of the wait in seconds. It may take up to twice as long if bytes
+                arrive that give no frame.
 
         Raises:
             OSError: If the port is lost.
         """
-        if self._line is None:
+        if self._serial is None:
             raise OSError(f"{self.name} is not open")
         deadline = time.perf_counter() + timeout
         while True:
-            data = self._bytes(timeout)
+            data = self._read_bytes(timeout)
             self._received += len(data)
             frames = self.decoder.feed(data, time.perf_counter_ns()) if data else []
             if frames or time.perf_counter() >= deadline:
                 break
         if not data:
-            self._check_there()
+            self._check_presence()
         return frames
 
-    def _bytes(self, timeout: float) -> bytes:
-        # One byte wakes; pyserial waits until all that is asked for is there, so no more is asked.
-        line = self._line
+    def _read_bytes(self, timeout: float) -> bytes:
+        # Reads one byte, then all others that have arrived: pyserial waits until it has as many
+        # bytes as requested.
+        port = self._serial
         try:
-            if line.timeout != timeout:  # each change is a call of the driver
-                line.timeout = timeout
-            data: bytes = line.read(1)
-            waiting = line.in_waiting if data else 0
-            return data + line.read(min(waiting, _MOST)) if waiting else data
+            if port.timeout != timeout:  # setting it is a call of the driver
+                port.timeout = timeout
+            data: bytes = port.read(1)
+            waiting = port.in_waiting if data else 0
+            return data + port.read(min(waiting, _MAX_READ_BYTES)) if waiting else data
         except (OSError, termios_error) as error:
             raise OSError(f"{self.name} is lost: {error}") from error
 
     def why_no_frame(self) -> str:
-        r"""Returns why there is no frame: what came instead, and what to check."""
+        r"""Returns the reason why there is no frame, and the settings to check."""
         if not self._received:
-            return "no byte came: check the cable and the port, and that the device sends"
-        why = f" ({self.counts.reason})" if self.counts.reason else ""
+            return "no byte arrived: check the cable and the port, and that the device sends"
+        reason = f" ({self.counts.reason})" if self.counts.reason else ""
         return (
-            f"{self._received} bytes came and make none{why}: check the protocol, its settings and "
-            f"the baudrate of {self.baudrate}"
+            f"{self._received} bytes arrived, but none is a frame{reason}: check the protocol, its "
+            f"settings and the baudrate of {self.baudrate}"
         )
 
-    def _check_there(self) -> None:
-        # Some drivers leave the file of an unplugged device open and silent.
-        path = self._line.port
+    def _check_presence(self) -> None:
+        # With some drivers, the file of an unplugged device stays open without an error.
+        path = self._serial.port
         if os.name != "posix":
             return
         try:
-            same = os.stat(path).st_rdev == os.fstat(self._line.fileno()).st_rdev
+            is_same_device = os.stat(path).st_rdev == os.fstat(self._serial.fileno()).st_rdev
         except FileNotFoundError:
-            same = False
-        if not same:
+            is_same_device = False
+        if not is_same_device:
             raise OSError(f"{self.name} is gone")
 
     def is_there(self) -> bool:
-        r"""Returns whether the port is there."""
+        r"""Returns whether the port exists."""
         if self._usb is not None:
-            return _found_again(self._usb) is not None
-        return os.path.exists(self.port) or _port_of(self.port) is not None
+            return _find_device(self._usb) is not None
+        return os.path.exists(self.port) or _find_port(self.port) is not None
 
     def close(self) -> None:
-        r"""Closes the port; does nothing if it is closed."""
-        line, self._line = self._line, None
-        if line is not None:
+        r"""Closes the port. Does nothing if it is closed."""
+        port, self._serial = self._serial, None
+        if port is not None:
             with suppress(OSError, termios_error):
-                line.close()
+                port.close()
 
 
-def _port_of(path: str) -> SerialPort | None:
-    r"""Returns the port of a path, which may be a link such as one in :obj:`/dev/serial/by-id`."""
-    real = os.path.normcase(os.path.realpath(path))
+def _find_port(path: str) -> SerialPort | None:
+    r"""Returns the port of a path, which may be a link as in :obj:`/dev/serial/by-id`."""
+    resolved = os.path.normcase(os.path.realpath(path))
     for port in list_ports():
-        if real == os.path.normcase(os.path.realpath(port.device)):
+        if resolved == os.path.normcase(os.path.realpath(port.device)):
             return port
     return None
 
 
-def _found_again(port: SerialPort) -> SerialPort | None:
-    r"""Returns where a USB device is now, by its vendor, product and serial number."""
-    same = (port.vid, port.pid, port.serial_number)
-    for other in list_ports():
-        if (other.vid, other.pid, other.serial_number) == same:
-            return other
+def _find_device(port: SerialPort) -> SerialPort | None:
+    r"""Returns the current port of a USB device, by its vendor, product and serial number."""
+    identifiers = (port.vid, port.pid, port.serial_number)
+    for candidate in list_ports():
+        if (candidate.vid, candidate.pid, candidate.serial_number) == identifiers:
+            return candidate
     return None

@@ -1,4 +1,4 @@
-r"""A source, and all that is done with its frames."""
+r"""Live sessions: a source with a model, a recorder and a viewer."""
 
 import math
 import statistics
@@ -17,10 +17,9 @@ import numpy as np
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.live._recorder_parts import LATE_SECONDS, load_recorder
 from torch_geometric_tactile.live.callback import Callback
 from torch_geometric_tactile.live.judge import Judge, Judgement
-from torch_geometric_tactile.live.recorder import Recorder
+from torch_geometric_tactile.live.recorder import LATE_SECONDS, Recorder, preload_recorder
 from torch_geometric_tactile.live.rest import Rest
 from torch_geometric_tactile.live.source import Source
 from torch_geometric_tactile.live.status import Status
@@ -33,42 +32,43 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.sensors import TaxelLayout
 
 _STATUS_SECONDS = 0.5
-_DRIFT_SECONDS = 0.25  # between two frames whose distance from the rest is measured
-_LATENCIES = 500
+_DRIFT_SECONDS = 0.25  # time between two frames whose distance from the rest is measured
+_NUM_LATENCIES = 500
 _POLL_SECONDS = 0.02
 
 
 class LiveSession:
-    r"""Runs a model on the frames of a source, records and shows them, independently: the recorder
-    gets every frame, the model and the viewer get the newest.
+    r"""Runs a model on the frames of a source, records the frames and shows them. These tasks are
+    independent: the recorder gets every frame, the model and the viewer get the newest frame.
 
-    A model that measures each session needs the sensor at rest first, and so does :obj:`tare`: see
-    :class:`Rest`. Until the rest is there, nothing is judged.
+    A model that measures each session needs the sensor at rest first, and so does :obj:`tare`; see
+    :class:`Rest`. Predictions start when the rest is ready.
 
     Args:
-        source (Source): Where frames come from.
-        judge (Judge, optional): What tells their labels.
-        rest (Rest, optional): What measures the sensor at rest; that of the judge if left out.
-        tare (bool): Whether to subtract the rest from what is judged, for a model of readings that
-            were tared before it was trained (such as with :obj:`AllegroUSkin(tare="hover")`).
-        taxel_map (TaxelMap or str, optional): From the taxels of the source to those of the layout.
-            By default that which comes with the package for the sensor and the layout, or the
+        source (Source): The source of the frames.
+        judge (Judge, optional): The model that predicts labels.
+        rest (Rest, optional): The object that measures the sensor at rest; that of the judge if
+            left out.
+        tare (bool): Whether to subtract the rest from the readings, for a model whose training data
+            were tared (such as with :obj:`AllegroUSkin(tare="hover")`).
+        taxel_map (TaxelMap or str, optional): Map from the taxels of the source to those of the
+            layout. By default the map of this package for the sensor and the layout, or for the
             layout of the model (see :class:`Stream`). :obj:`"none"` keeps the order of the source.
-        layout (TaxelLayout, str or PathLike, optional): The taxels, for recorder and viewer.
-        policy (str, optional): Which frames are judged: :obj:`"newest"`, :obj:`"drop_oldest"` or
-            :obj:`"all"`, see :meth:`Judge.follow`. By default the newest; a model of windows sees
-            those between.
-        callbacks (sequence of Callback): Your own code.
+        layout (TaxelLayout, str or PathLike, optional): The layout, for recorder and viewer.
+        policy (str, optional): Frames that are judged: :obj:`"newest"`, :obj:`"drop_oldest"` or
+            :obj:`"all"`, see :meth:`Judge.follow`. By default the newest frame; the frames in
+            between still enter the window of a model of windows.
+        callbacks (sequence of Callback): Callbacks of the session.
 
     Attributes:
-        stream (Stream): The frames, for further subscribers.
+        stream (Stream): The stream, for further subscribers.
         judged (int): Number of judgements.
-        judgement (Judgement, optional): The last one.
-        recorder (Recorder, optional): The recorder, if one runs.
-        viewer (Viewer, optional): The viewer, if there is one.
+        judgement (Judgement, optional): The last judgement.
+        recorder (Recorder, optional): The recorder, while a recording runs.
+        viewer (Viewer, optional): The viewer, if :meth:`view` was called.
 
     Raises:
-        ValueError: If there is no rest for :obj:`tare`.
+        ValueError: If :obj:`tare` is set without a rest, or with a model that measures the rest.
 
     Examples:
         >>> from torch_geometric_tactile.live import Judge, LiveSession, open_source
@@ -93,48 +93,51 @@ class LiveSession:
     ) -> None:
         rest = judge.rest if rest is None and judge is not None else rest
         if tare and rest is None:
-            raise ValueError("'rest' must be given: 'tare' subtracts what it measures (got None)")
-        measures = judge is not None and judge.info["rest"] is not None
-        need(not tare or not measures, "'tare' must be false: the model itself measures the rest")
+            raise ValueError("'rest' must be given, since 'tare' subtracts it (got None)")
+        model_measures_rest = judge is not None and judge.info["rest"] is not None
+        need(
+            not tare or not model_measures_rest,
+            "'tare' must be false: the model itself measures the rest",
+        )
         if judge is not None:
             judge.relative = tare
         if layout is not None:
             from torch_geometric_tactile.sensors import as_layout
 
             layout = as_layout(layout)
-        order: TaxelLayout | TaxelOrder | None = layout
-        if order is None and judge is not None:
-            order = TaxelOrder(judge.info["layout"], judge.info["num_taxels"])
+        target_order: TaxelLayout | TaxelOrder | None = layout
+        if target_order is None and judge is not None:
+            target_order = TaxelOrder(judge.info["layout"], judge.info["num_taxels"])
         if isinstance(taxel_map, str):
             need(taxel_map == "none", "'taxel_map' must be a TaxelMap or 'none'", taxel_map)
-            taxel_map, order = None, None
-        self.stream = Stream(source, taxel_map=taxel_map, layout=order)
+            taxel_map, target_order = None, None
+        self.stream = Stream(source, taxel_map=taxel_map, layout=target_order)
         self.callbacks = list(callbacks)
         self.judged = 0
         self.judgement: Judgement | None = None
         self.recorder: Recorder | None = None
         self.viewer: Viewer | None = None
-        self._judge, self._layout, self._tares = judge, layout, tare
+        self._judge, self._layout, self._subtracts_rest = judge, layout, tare
         self._rest = rest if tare or (judge is not None and judge.measures_rest) else None
         self._next_drift = 0.0
-        sees_all = judge is not None and judge.length > 1
-        self._policy: Policy = policy or ("drop_oldest" if sees_all else "newest")
-        self._latencies: deque[float] = deque(maxlen=_LATENCIES)
+        takes_windows = judge is not None and judge.length > 1
+        self._policy: Policy = policy or ("drop_oldest" if takes_windows else "newest")
+        self._latencies: deque[float] = deque(maxlen=_NUM_LATENCIES)
         self._note = ""
         self._worker: threading.Thread | None = None
         self._error: BaseException | None = None
         self._ended = threading.Event()
-        self._lock = threading.RLock()  # of the recorder
+        self._lock = threading.RLock()  # guards `recorder`
         if self._rest is not None:
-            self._rest.listeners.append(self._rest_event)
+            self._rest.listeners.append(self._handle_rest_event)
 
     def view(self, host: str = "127.0.0.1", port: int = 0) -> str:
-        r"""Starts the viewer, and returns the address of its page. Call it before :meth:`open`, to
+        r"""Starts the viewer, and returns the address of its page. Call it before :meth:`open` to
         see the first frame.
 
         Args:
-            host (str): Address to serve at.
-            port (int): Its port; any free one if zero.
+            host (str): Address to listen on.
+            port (int): Port to listen on; any free port if 0.
         """
         from torch_geometric_tactile.live.viewer import Viewer
 
@@ -151,20 +154,20 @@ class LiveSession:
         overwrite: bool = False,
         max_seconds: float | None = None,
     ) -> None:
-        r"""Records from now on, that is, from its return. Call it before :meth:`open`, to have the
-        first frame.
+        r"""Starts a recording, which contains the frames after this call. Call it before
+        :meth:`open` to record the first frame.
 
         Args:
-            path (str or PathLike): The file; its suffix says the format.
-            label (str or int, optional): What the recording is an example of.
-            overwrite (bool): Whether it may replace a file.
-            max_seconds (float, optional): How long, from the first recorded frame on.
+            path (str or PathLike): The file. Its suffix selects the format.
+            label (str or int, optional): Label of the recording.
+            overwrite (bool): Whether to replace an existing file.
+            max_seconds (float, optional): Seconds from the first frame to the end of the recording.
 
         Raises:
-            FileExistsError: If there is such a file.
-            ValueError: If a recorder runs.
+            FileExistsError: If the file exists.
+            ValueError: If a recording is running.
         """
-        # Loading takes long, and what is judged meanwhile must not wait for it.
+        # Before the lock is taken, since importing is slow and predictions must not wait for it.
         recorder = Recorder(
             path,
             self.stream,
@@ -176,18 +179,18 @@ class LiveSession:
         with self._lock:
             if self.recorder is not None:
                 raise ValueError(f"a recorder runs: stop that of '{self.recorder.path}' first")
-            recorder.rest = _value(self._rest)
+            recorder.rest = _rest_value(self._rest)
             recorder.start()
             self.recorder = recorder
             if self.viewer is not None:
                 self.viewer.recording = True
 
     def stop_recording(self) -> Path | None:
-        r"""Ends the recording, and returns its file, if there was one.
+        r"""Ends the recording, and returns its file, or :obj:`None` without a recording.
 
         Raises:
-            OSError: If something could not be written; what could is kept.
-            StreamOverflow: If frames came faster than they could be written.
+            OSError: If a frame could not be written; earlier frames are kept.
+            StreamOverflow: If frames arrived faster than they could be written.
         """
         with self._lock:
             recorder, self.recorder = self.recorder, None
@@ -199,11 +202,11 @@ class LiveSession:
         return recorder.path
 
     def toggle_recording(self) -> Path | None:
-        r"""Ends the recording, or begins one in the current folder with the time as its name, and
-        returns its file.
+        r"""Ends the recording, or starts one in the current folder with the time as its name.
+        Returns the file.
 
         Raises:
-            OSError: As :meth:`stop_recording`.
+            OSError: As of :meth:`stop_recording`.
         """
         with self._lock:
             if self.recorder is not None:
@@ -213,29 +216,29 @@ class LiveSession:
         return path
 
     def tare(self) -> None:
-        r"""Measures the rest anew, of the frames that come now, for the model and the viewer."""
+        r"""Measures the rest again from the next frames, for the model and the viewer."""
         if self._rest is not None:
             self._rest.retare()
         else:
-            self._rest_event(math.nan, "retare", "the rest is shown anew")
+            self._handle_rest_event(math.nan, "retare", "the viewer measures the rest again")
 
     def open(self) -> None:
-        r"""Opens the source, and begins.
+        r"""Opens the source and starts the session.
 
         Raises:
-            OSError: If the source is not there.
-            ValueError: If the order of its taxels is not known to be that of the layout.
+            OSError: If the source is not available.
+            ValueError: If the order of its taxels may differ from that of the layout.
         """
-        self._load()
+        self._preload()
         frames = self.stream.subscribe(self._policy)
         self.stream.open()
-        self._worker = threading.Thread(target=self._work, args=(frames,), daemon=True)
+        self._worker = threading.Thread(target=self._run_worker, args=(frames,), daemon=True)
         self._worker.start()
 
-    def _load(self) -> None:
-        # What a recording that is begun later needs, so that its frames do not wait for it.
-        with suppress(ImportError):  # told when a recording is begun
-            load_recorder(self._layout)
+    def _preload(self) -> None:
+        # For recordings that start later, so that their first frames do not wait for imports.
+        with suppress(ImportError):  # raised when a recording starts
+            preload_recorder(self._layout)
 
     def run(
         self, seconds: float | None = None, on_status: Callable[[Status], None] | None = None
@@ -243,27 +246,27 @@ class LiveSession:
         r"""Runs until the source ends, the time is over, or :meth:`stop` is called.
 
         Args:
-            seconds (float, optional): How long: from the first frame on if it comes meanwhile, else
-                from this call.
+            seconds (float, optional): Time limit. It counts from the first frame if that arrives
+                during the call, else from this call.
             on_status (callable, optional): Called with a :class:`Status` about twice a second.
 
         Raises:
-            Exception: What a callback, the model or the source raised.
+            Exception: The first error of a callback, the model or the source.
         """
         start, limit = time.perf_counter(), math.inf if seconds is None else seconds
         while not self._ended.is_set():
-            left = limit - min(time.perf_counter() - start, self.stream.seconds)
-            if left <= 0 and not self._waits_for_recorder(left):
+            remaining = limit - min(time.perf_counter() - start, self.stream.seconds)
+            if remaining <= 0 and not self._waits_for_recorder(remaining):
                 break
-            if self._ended.wait(min(max(left, _POLL_SECONDS), _STATUS_SECONDS)):
+            if self._ended.wait(min(max(remaining, _POLL_SECONDS), _STATUS_SECONDS)):
                 break
-            self._tell_status(on_status)
-        self._tell_status(on_status)
+            self._report_status(on_status)
+        self._report_status(on_status)
         if self._error is not None:
             raise self._error
 
-    def _waits_for_recorder(self, left: float) -> bool:
-        # Frames that are on the way belong to a recording of so many seconds.
+    def _waits_for_recorder(self, remaining: float) -> bool:
+        # Frames that are still on their way belong to a recording with a time limit.
         recorder = self.recorder
         return (
             recorder is not None
@@ -271,19 +274,20 @@ class LiveSession:
             and recorder.frames > 0
             and not recorder.is_over
             and recorder.error is None
-            and left > -LATE_SECONDS
+            and remaining > -LATE_SECONDS
             and self.stream.state not in ("ended", "closed")
         )
 
     def stop(self) -> None:
-        r"""Ends :meth:`run`; from any thread or callback."""
+        r"""Ends :meth:`run`. May be called from any thread or callback."""
         self._ended.set()
 
     def close(self) -> None:
-        r"""Ends everything; the recorder writes what is left. May be called again.
+        r"""Closes the source, the recorder and the viewer. The recorder writes its remaining frames
+        first. May be called again.
 
         Raises:
-            OSError: As :meth:`stop_recording`.
+            OSError: As of :meth:`stop_recording`.
         """
         self.stop()
         try:
@@ -311,12 +315,12 @@ class LiveSession:
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.stream.source!r}, judge={self._judge!r})"
 
-    def _work(self, frames: Subscription) -> None:
+    def _run_worker(self, frames: Subscription) -> None:
         try:
             for callback in self.callbacks:
                 callback.on_start(self)
             for frame in frames:
-                self._take(self._newest(frame, frames))
+                self._process_frame(self._skip_to_newest(frame, frames))
         except BaseException as error:
             self._error = error
         finally:
@@ -327,23 +331,23 @@ class LiveSession:
                 self._error = self._error or error
             self._ended.set()
 
-    def _newest(self, frame: LiveFrame, frames: Subscription) -> LiveFrame:
-        # A model of windows sees the frames between as well.
+    def _skip_to_newest(self, frame: LiveFrame, frames: Subscription) -> LiveFrame:
+        # The frames in between enter the window of a model of windows.
         while self._policy == "drop_oldest" and not self._ended.is_set():
             newer = frames.poll()
             if newer is None:
                 break
-            self._judged(frame, wanted=False)
+            self._judge_frame(frame, predict=False)
             frame = newer
         return frame
 
-    def _take(self, frame: LiveFrame) -> None:
+    def _process_frame(self, frame: LiveFrame) -> None:
         for callback in self.callbacks:
             callback.on_frame(self, frame)
         if self._rest is not None and frame.time >= self._next_drift:
             self._next_drift = frame.time + _DRIFT_SECONDS
             self._rest.drift(frame)
-        judgement = self._judged(frame)
+        judgement = self._judge_frame(frame)
         if judgement is None:
             return
         self.judged += 1
@@ -357,45 +361,45 @@ class LiveSession:
         for callback in self.callbacks:
             callback.on_judgement(self, judgement)
 
-    def _judged(self, frame: LiveFrame, wanted: bool = True) -> Judgement | None:
-        if self._tares and self._rest is not None:
+    def _judge_frame(self, frame: LiveFrame, predict: bool = True) -> Judgement | None:
+        if self._subtracts_rest and self._rest is not None:
             if not self._rest.add(frame):
                 return None
             frame = replace(frame, tactile=self._rest.relative(frame))
-        return None if self._judge is None else self._judge(frame, wanted=wanted)
+        return None if self._judge is None else self._judge(frame, predict=predict)
 
-    def _rest_event(self, when: float, kind: str, text: str) -> None:
+    def _handle_rest_event(self, time: float, kind: str, text: str) -> None:
         self._note = "" if kind == "rest" else text
         with self._lock:
             if self.recorder is not None:
-                self.recorder.rest = _value(self._rest)
+                self.recorder.rest = _rest_value(self._rest)
                 self.recorder.event(kind, text)
         if self.viewer is not None:
-            self.viewer.rest = _value(self._rest)
+            self.viewer.rest = _rest_value(self._rest)
             self.viewer.note(text)
 
-    def _tell_status(self, on_status: Callable[[Status], None] | None) -> None:
+    def _report_status(self, on_status: Callable[[Status], None] | None) -> None:
         health = self.stream.health()
         for callback in self.callbacks:
             callback.on_health(self, health)
         recorder, rest = self.recorder, self._rest
         if recorder is not None and recorder.error is not None:
-            self.stop_recording()  # raises it
+            self.stop_recording()  # raises the error
         if on_status is None:
             return
-        recorded = None if recorder is None else recorder.frames
-        opened = None if recorder is None else recorder.annotation
+        num_recorded = None if recorder is None else recorder.frames
+        annotation = None if recorder is None else recorder.annotation
         if self.viewer is not None:
-            self.viewer.annotation = opened
+            self.viewer.annotation = annotation
         if rest is not None and not rest.ready:
-            on_status(Status(health, None, None, recorded, rest.status(), opened))
+            on_status(Status(health, None, None, num_recorded, rest.status(), annotation))
         else:
-            kept = list(self._latencies)
-            latency = statistics.median(kept) if kept else None
+            latencies = list(self._latencies)
+            latency = statistics.median(latencies) if latencies else None
             notes = [self._note, "" if self._judge is None else self._judge.note]
             note = "; ".join(filter(None, notes))
-            on_status(Status(health, self.judgement, latency, recorded, note, opened))
+            on_status(Status(health, self.judgement, latency, num_recorded, note, annotation))
 
 
-def _value(rest: Rest | None) -> np.ndarray | None:
+def _rest_value(rest: Rest | None) -> np.ndarray | None:
     return rest.value if rest is not None and rest.ready else None

@@ -1,4 +1,4 @@
-r"""Frames of a simulated hand."""
+r"""A simulated hand as a source."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,17 +10,16 @@ from torch_geometric_tactile.live.source import Source, SourceEnded
 
 
 class SimulatedSource(Source):
-    r"""Simulates an Allegro hand of 384 taxels that grasps one object after another, and returns
-    its frames endlessly. Needs the extra :obj:`sim`.
+    r"""Simulates an Allegro hand of 384 taxels that grasps one object after another, without end.
+    Needs the extra :obj:`sim`.
 
-    The physics runs ahead: a grasp of 5 s is simulated as a whole when it is due, which takes
-    seconds in which no frame comes, and then given at its times. The frames have no time of a
-    device.
+    A complete grasp of 5 s is simulated when it is due. This takes seconds, in which no frame
+    arrives. Its frames are then returned at their times. They have no device time.
 
     Args:
-        object (str, optional): Name of the one object that is grasped; all of the set in turn if
-            left out.
-        rate (float, optional): Frames per second, 50 (if left out) or a whole part of it.
+        object (str, optional): Name of the object that is grasped; all objects of the set in turn
+            if left out.
+        rate (float, optional): Frames per second, 50 (default) or an integer fraction of it.
         seed (int): Seed of the grasps, not negative.
         objects (str): Name of the set of objects, as of
             :func:`~torch_geometric_tactile.sim.simulate`.
@@ -54,7 +53,7 @@ class SimulatedSource(Source):
 
         if not isinstance(seed, int) or isinstance(seed, bool):
             raise ValueError(f"'seed' must be an integer (got {seed!r})")
-        # Checks the arguments, and simulates nothing yet.
+        # Checks the arguments, but simulates nothing yet.
         self._grasps: Iterator[Recording] = grasp_recordings(
             objects, seed, rate=rate, only=object or None, motion=motion
         )
@@ -64,32 +63,32 @@ class SimulatedSource(Source):
         self._sequence = 0
 
     def open(self) -> None:
-        r"""Simulates the first grasp; does nothing if it is open."""
+        r"""Simulates the first grasp. Does nothing if the source is open."""
         if self._replay is None:
-            self._begin()
+            self._start_grasp()
 
-    def _begin(self) -> None:
+    def _start_grasp(self) -> None:
         recording = next(self._grasps)
         self._replay = ReplaySource(recording)
         self._replay.open()
         self.label = recording.label
         if not self.meta:
-            kept = ("unit", "rate", "sensor", "synthetic", "object_set", "seed", "motion")
-            self.meta.update((key, recording.meta[key]) for key in kept)
+            keys = ("unit", "rate", "sensor", "synthetic", "object_set", "seed", "motion")
+            self.meta.update((key, recording.meta[key]) for key in keys)
 
     def read(self, timeout: float) -> list[LiveFrame]:
-        r"""Returns the frames whose time has come, or none if it comes for none in time; simulates
-        the next grasp where one ends.
+        r"""Returns the frames that are due, or an empty list if none is due within the timeout.
+        At the end of a grasp, simulates the next one.
 
         Args:
-            timeout (float): How long to wait in seconds.
+            timeout (float): Limit of the wait in seconds.
         """
         if self._replay is None:
             raise OSError(f"{self.name} is not open")
         try:
             frames = self._replay.read(timeout)
         except SourceEnded:
-            self._begin()
+            self._start_grasp()
             return []
         start, self._sequence = self._sequence, self._sequence + len(frames)
         self.counts.good += len(frames)
@@ -98,5 +97,5 @@ class SimulatedSource(Source):
         ]
 
     def close(self) -> None:
-        r"""Lets the grasp go; does nothing if it is closed."""
+        r"""Drops the current grasp. Does nothing if the source is closed."""
         self._replay = None

@@ -1,4 +1,4 @@
-r"""Where live frames come from."""
+r"""Base class of sources of live frames."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from torch_geometric_tactile.io import DecoderCounts
 
 
 class SourceEnded(EOFError):  # noqa: N818 - an end, not an error
-    r"""Raised when a source has no more frames, and will have none.
+    r"""Raised when a source has delivered its last frame.
 
     Examples:
         >>> import numpy as np
@@ -32,23 +32,26 @@ class Source(ABC):
     source starts no thread.
 
     Attributes:
-        name (str): The URL of the source, as users write it.
-        checksum (str): What guards a frame; :obj:`"none"` if a damaged reading may pass.
-        clock_period (float, optional): After how many seconds the clock of the device starts over.
-        counts (DecoderCounts): What was good, corrupt, skipped and lost, over all openings.
-        device_order (bool): Whether the taxels come in the order of the device's wiring, which is
-            that of no layout.
-        meta (Mapping): What is known about the readings, with the keys of
+        name (str): URL of the source.
+        checksum (str): Name of the check of each frame; :obj:`"none"` if damaged readings are not
+            detected.
+        clock_period (float, optional): Seconds after which the clock of the device wraps around.
+        counts (DecoderCounts): Numbers of good, corrupt, skipped and lost frames since the first
+            opening.
+        device_order (bool): Whether the taxels are in the order of the device's wiring, which is
+            not that of a layout.
+        meta (Mapping): Metadata of the readings, with the keys of
             :class:`~torch_geometric_tactile.data.Recording`: :obj:`"sensor"` (name of the layout),
-            :obj:`"unit"`, :obj:`"rate"`, :obj:`"joint_names"`; complete once it is open.
-        reopens (bool): Whether it is worth opening again after it was lost.
+            :obj:`"unit"`, :obj:`"rate"`, :obj:`"joint_names"`. Complete once the source is open.
+        reopens (bool): Whether a lost source may come back, so that it is opened again.
         clock_rate (float): Seconds on the clock of the device for each second, such as 2 for a
-            recording at double speed; infinite if the two have nothing to do with each other.
-        exact_clock (bool): Whether the times of the device are those of its measurements. If false,
-            as where a program stamps its messages, frames get regular times by their numbers.
-        repeats (int): Messages that came again, and were left out.
-        waits (bool): Whether it may be kept waiting, as a file that is read as fast as possible:
-            then a slow subscriber of policy :obj:`"all"` holds it up, and never overflows.
+            recording at double speed; infinite if the clocks are unrelated.
+        exact_clock (bool): Whether the device times are those of the measurements. If
+            :obj:`False`, as for a program that stamps its messages, frames get regular times by
+            their numbers.
+        repeats (int): Number of repeated messages, which are dropped.
+        waits (bool): Whether the source can wait, such as a file that is read as fast as possible.
+            A slow subscriber of policy :obj:`"all"` then slows it down and never overflows.
 
     Examples:
         >>> import numpy as np
@@ -81,18 +84,18 @@ class Source(ABC):
 
     @abstractmethod
     def open(self) -> None:
-        r"""Opens it; does nothing if it is open.
+        r"""Opens the source. Does nothing if it is open.
 
         Raises:
-            OSError: If it is not there; the message says what is there.
+            OSError: If the source is not available; the message lists the available ones.
         """
 
     @abstractmethod
     def read(self, timeout: float) -> list[LiveFrame]:
-        r"""Returns the frames that came, at least one, or none if none came in time.
+        r"""Returns the received frames, or an empty list if none arrives within the timeout.
 
         Args:
-            timeout (float): How long to wait for the first one, in seconds.
+            timeout (float): Limit of the wait for the first frame in seconds.
 
         Raises:
             SourceEnded: If there are no more frames.
@@ -101,16 +104,16 @@ class Source(ABC):
         """
 
     def why_no_frame(self) -> str:
-        r"""Returns why there is no frame: what came instead, and what to check."""
-        return self.counts.reason or "nothing came"
+        r"""Returns the reason why there is no frame, and the settings to check."""
+        return self.counts.reason or "no data arrived"
 
     @abstractmethod
     def close(self) -> None:
-        r"""Closes it; does nothing if it is closed."""
+        r"""Closes the source. Does nothing if it is closed."""
 
     def is_there(self) -> bool:
-        r"""Returns whether a lost source seems to be back, if there is a cheap way to know; it is
-        then opened without waiting longer."""
+        r"""Returns whether a lost source is available again, if that is cheap to test. The stream
+        then opens it at once."""
         return False
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-r"""What a live session tells of itself."""
+r"""Status of a live session."""
 
 from typing import NamedTuple
 
@@ -9,10 +9,15 @@ from torch_geometric_tactile.live.judge import Judgement
 
 
 class Status(NamedTuple):
-    r"""The state of a live session, reported about twice a second: the health of its stream, the
-    last prediction, the median latency of the last predictions in seconds, the number of recorded
-    frames (:obj:`None` if there is no recorder), a note, such as why the rest was refused, and the
-    label of the annotation that is open.
+    r"""The state of a live session, reported about twice a second.
+
+    Args:
+        health (Health): Health of the stream.
+        judgement (Judgement, optional): The last prediction.
+        latency (float, optional): Median latency of the last predictions in seconds.
+        recorded (int, optional): Number of recorded frames; :obj:`None` without a recorder.
+        note (str): A message, such as the reason for which a rest was rejected.
+        annotation (str, optional): Label of the current annotation.
 
     Examples:
         >>> status = Status(Health("open", rate=100.0), None, latency=0.002, recorded=50, note="")
@@ -28,25 +33,25 @@ class Status(NamedTuple):
     annotation: str | None = None
 
     def line(self) -> str:
-        r"""Returns it on one line. The last prediction is left out while no frames come; where none
-        is shown, the note is first."""
+        r"""Returns the status as one line. The last prediction is left out while no frames arrive;
+        the note then comes first."""
         parts = [self.health.line()]
-        fresh = self.health.state not in ("silent", "lost")
-        judged = fresh and self.judgement is not None
-        if self.judgement is not None and fresh:
-            parts.append(_described(self.judgement))
-        if self.latency is not None and fresh:
+        is_current = self.health.state not in ("silent", "lost")
+        has_judgement = is_current and self.judgement is not None
+        if self.judgement is not None and is_current:
+            parts.append(_format_judgement(self.judgement))
+        if self.latency is not None and is_current:
             parts.append(f"latency {1000 * self.latency:.1f} ms")
         if self.recorded is not None:
             parts.append(f"recorded {self.recorded}")
-        if self.note:  # a narrow terminal cuts the end, and what to do is not cut
-            parts.insert(len(parts) if judged else 0, self.note)
+        if self.note:  # first, since a narrow terminal cuts the end
+            parts.insert(len(parts) if has_judgement else 0, self.note)
         if self.annotation is not None:
             parts.insert(0, f"[{self.annotation}]")
         return "  ".join(parts)
 
 
-def _described(judgement: Judgement) -> str:
+def _format_judgement(judgement: Judgement) -> str:
     r"""Returns a prediction in a few characters, such as :obj:`"slip 93 %"`."""
     probability = judgement.probability
     if judgement.lacks_contact:
@@ -54,8 +59,8 @@ def _described(judgement: Judgement) -> str:
     if np.isnan(probability).any():
         return "no answer (readings are missing)"
     if judgement.task == "regression":
-        named = zip(judgement.class_names, probability, strict=True)
-        return " ".join(f"{name} {value:.4g}" for name, value in named)
+        pairs = zip(judgement.class_names, probability, strict=True)
+        return " ".join(f"{name} {value:.4g}" for name, value in pairs)
     if judgement.task == "multilabel":
         return judgement.label.replace(";", ", ") or "none of the labels"
     return (

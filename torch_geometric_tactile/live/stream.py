@@ -1,4 +1,4 @@
-r"""Live frames for any number of readers."""
+r"""Streams: the frames of a source for any number of subscribers."""
 
 import logging
 import math
@@ -27,39 +27,40 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.sensors import TaxelLayout
 
 _log = logging.getLogger(__name__)
-_READ = 0.1  # seconds that one read of the source may wait
-_BACK_OFF = (0.1, 2.0)
-_JOIN = 10.0
-_OPEN_OUTAGE = 0.25  # seconds: a busy machine delivers late what came in time
+_POLL_SECONDS = 0.1
+_BACK_OFF_SECONDS = (0.1, 2.0)  # first and longest wait before a source is opened again
+_JOIN_SECONDS = 10.0
+_MIN_OPEN_OUTAGE = (
+    0.25  # seconds; longer than for past outages, since a busy machine delivers frames late
+)
 
 
 class Stream:
     r"""Reads a source in one thread and passes its frames to any number of subscribers.
 
-    Subscribe before opening, so that no frame is missed. A source that is lost after it was open is
-    opened again, first after 0.1 s and then in steps up to 2 s, or as soon as it is seen to be
-    back. All of this shows in :meth:`health`. Any other error of the source ends the stream, and is
-    raised at every subscriber. A stream is opened once. The readings are shared by all subscribers,
-    who must not write into them.
+    Subscribe before opening, so that no frame is missed. If an open source is lost, it is opened
+    again, first after 0.1 s and then at increasing intervals up to 2 s, or as soon as it is
+    available. :meth:`health` shows this. Any other error of the source ends the stream and is
+    raised for every subscriber. A stream can be opened once. All subscribers share the arrays of
+    the readings and must not change them.
 
     Args:
-        source (Source): The source; the stream opens and closes it.
-        taxel_map (TaxelMap, optional): The order of the taxels, from that of the source to that of
-            a layout.
-        layout (TaxelLayout or TaxelOrder, optional): The layout that the taxels are wanted in. If
-            the source sends them as they are wired (:attr:`Source.device_order`) and no map is
-            given, the map is that which comes with the package for the sensor and this layout
-            (:meth:`TaxelMap.for_sensor`).
-        silent_after (float): After how many seconds without a frame the state is :obj:`"silent"`.
+        source (Source): The source. The stream opens and closes it.
+        taxel_map (TaxelMap, optional): Map from the taxel order of the source to that of a layout.
+        layout (TaxelLayout or TaxelOrder, optional): The layout whose taxel order the frames should
+            have. If the source sends taxels in the order of its wiring
+            (:attr:`Source.device_order`) and there is no :obj:`taxel_map`, the map of this package
+            for the sensor and this layout is used (:meth:`TaxelMap.for_sensor`).
+        silent_after (float): Seconds without a frame after which the state is :obj:`"silent"`.
 
     Attributes:
         anchor (tuple of int): One moment in nanoseconds since 1970, and on the monotonic clock: the
             date of frame :obj:`f` is :obj:`anchor[0] + f.time * 1e9 - anchor[1]`.
-        error (BaseException, optional): What the source raised, if it failed.
+        error (BaseException, optional): The error of the source, if it failed.
 
     Raises:
-        ValueError: If :obj:`silent_after` is not positive. When it is opened, or at the first
-            frame, if the order of the taxels is not known to be that of :obj:`layout`.
+        ValueError: If :obj:`silent_after` is not positive. Opening or the first frame raises it if
+            the order of the taxels may differ from that of :obj:`layout`.
 
     Examples:
         >>> from torch_geometric_tactile.live import ReplaySource, Stream
@@ -85,21 +86,21 @@ class Stream:
         self.error: BaseException | None = None
         self._state = "closed"
         self._meter = HealthMeter()
-        self._clock = ClockMap(source.clock_period)
-        self._numbers = FrameClock()
-        self._coarse = False  # whether device times repeat
+        self._clock_map = ClockMap(source.clock_period)
+        self._frame_clock = FrameClock()
+        self._has_coarse_clock = False  # whether device times repeat
         self._device_time: float | None = None
         self._device_info: FrameInfo | None = None
         self._source_info: FrameInfo | None = None
         self._mapped_info: FrameInfo | None = None
         self._last: LiveFrame | None = None
         self._outages: list[Outage] = []
-        self._since = math.inf
-        self._until = math.inf
+        self._start_time = math.inf
+        self._end_time = math.inf
         self._subscriptions: tuple[weakref.ref[Subscription], ...] = ()
         self._lock = threading.Lock()
         self._stop = threading.Event()
-        self._over = False
+        self._is_over = False
         self._thread: threading.Thread | None = None
 
     @property
@@ -109,91 +110,94 @@ class Stream:
 
     @property
     def seconds(self) -> float:
-        r"""Seconds since the first frame, or since it was opened while there is none; limits count
-        from there. Negative infinity before it is opened."""
-        return time.perf_counter() - self._since
+        r"""Seconds since the first frame, or since the stream was opened while there is no frame.
+        Negative infinity before it is opened."""
+        return time.perf_counter() - self._start_time
 
     @property
     def meta(self) -> dict[str, Any]:
-        r"""What is known about the readings, after the map of taxels."""
+        r"""Metadata of the readings, as in :attr:`Source.meta`, after the map of taxels."""
         meta = dict(self.source.meta)
         if self.taxel_map is not None and self.taxel_map.layout:
             meta["sensor"] = self.taxel_map.layout
         return meta
 
     def health(self) -> Health:
-        r"""Returns how well it runs, at this moment."""
+        r"""Returns the current state, frame rate and losses of the stream."""
         now = time.perf_counter()
-        lasting = None if self._state == "open" else self.open_outage(now)
-        outages = [*self.outages, *([] if lasting is None else [lasting])]
+        open_outage = None if self._state == "open" else self.open_outage(now)
+        outages = [*self.outages, *([] if open_outage is None else [open_outage])]
         return self._meter.snapshot(self._state, self.source, outages=outages)
 
     @property
     def rate(self) -> float | None:
-        r"""Frames per second by their numbers, so that lost frames do not lower it, on the clock of
-        the device: a recording that is replayed at double speed has its own rate. :obj:`None` until
-        a second has passed, and for a source that waits (:attr:`Source.waits`)."""
-        rate = self._numbers.rate
+        r"""Frames per second by frame numbers, so that lost frames do not lower it. The rate is on
+        the clock of the device: replaying a recording at double speed does not change it.
+        :obj:`None` in the first second, and for a source that waits (:attr:`Source.waits`)."""
+        rate = self._frame_clock.rate
         if rate is None or self.source.waits:
             return None
         return rate / self.source.clock_rate
 
     @property
     def outages(self) -> tuple[Outage, ...]:
-        r"""The outages that are over: times between two frames of more than five periods, and at
-        least 50 ms. A source that waits has none."""
+        r"""The past outages: times between two frames of more than five periods and 50 ms. A source
+        that waits has none."""
         return tuple(self._outages)
 
     def open_outage(self, now: float) -> Outage | None:
-        r"""Returns the outage that lasts up to a moment, if there is one: no frame came for a
-        quarter of a second and five periods, and the source has not ended.
+        r"""Returns the current outage, or :obj:`None`. There is an outage if no frame arrived for
+        more than a quarter of a second and five periods, and the source has not ended.
 
         Args:
-            now (float): The moment, as of :func:`time.perf_counter`.
+            now (float): The present time, as of :func:`time.perf_counter`.
         """
         last = self._last
         if last is None or self._state == "ended" or self.source.waits:
             return None
-        end = min(now, self._until)
-        is_outage = end - last.time > max(_OPEN_OUTAGE, self._numbers.largest_gap)
+        end = min(now, self._end_time)
+        is_outage = end - last.time > max(_MIN_OPEN_OUTAGE, self._frame_clock.largest_gap)
         return Outage(last.time, end) if is_outage else None
 
     def require_frames(self) -> None:
-        r"""Does nothing if frames came.
+        r"""Raises an error unless a frame was received.
 
         Raises:
-            OSError: If none came; the message says what came instead, and what to check.
+            OSError: If no frame was received; the message gives the reason and the settings to
+                check.
         """
         if not self._meter.frames:
             raise OSError(f"'{self.source.name}' sent no frame: {self.source.why_no_frame()}")
 
     def subscribe(self, policy: Policy = "all", size: int | None = None) -> Subscription:
-        r"""Returns a queue of the frames from now on. One that nobody holds any more is given up.
+        r"""Returns a queue of all later frames. The stream drops it when there is no reference to
+        it.
 
         Args:
             policy (str): :obj:`"all"`, :obj:`"drop_oldest"` or :obj:`"newest"`, see
                 :class:`Subscription`.
-            size (int, optional): Most frames in the queue.
+            size (int, optional): Limit of frames in the queue.
         """
         subscription = Subscription(policy, size)
         with self._lock:
-            if self._over:
+            if self._is_over:
                 subscription.end(self.error)
             else:
-                alive = [one for one in self._subscriptions if one() is not None]
-                self._subscriptions = (*alive, weakref.ref(subscription))
+                active = [reference for reference in self._subscriptions if reference() is not None]
+                # A new tuple, so that the reading thread can iterate without the lock.
+                self._subscriptions = (*active, weakref.ref(subscription))
         return subscription
 
     def open(self) -> None:
-        r"""Opens the source and begins to read; does nothing if it is open.
+        r"""Opens the source and starts to read. Does nothing if the stream is open.
 
         Raises:
-            OSError: If the source is not there.
+            OSError: If the source is not available.
             ValueError: If the stream was closed.
         """
         with self._lock:
-            if self._over or self._stop.is_set():
-                raise ValueError("a stream is opened once: make a new one")
+            if self._is_over or self._stop.is_set():
+                raise ValueError("a stream is opened once: create a new one")
             if self._thread is not None:
                 return
             opened: Future[None] = Future()
@@ -208,43 +212,44 @@ class Stream:
             raise
 
     def close(self) -> None:
-        r"""Ends it: closes the source, and wakes all subscribers; does nothing if it is closed."""
+        r"""Closes the source and wakes all subscribers. Does nothing if the stream is closed."""
         self._stop.set()
         thread = self._thread
         if thread is None:
             self._end(None)
         elif thread is not threading.current_thread():
-            thread.join(_JOIN)
+            thread.join(_JOIN_SECONDS)
             if thread.is_alive():
-                _log.warning("%s does not answer, and is left behind", self.source)
+                _log.warning("%s does not respond: it is closed later", self.source)
                 self._end(None)
 
     def _run(self, opened: "Future[None]") -> None:
-        # Everything that touches the source is called here: it is used by one thread.
+        # All calls of the source are made in this thread, since a source is not thread-safe.
         try:
             self.source.open()
             taxels = self.source.meta.get("taxels")
             if taxels:
-                self._choose_map(sum(taxels))
-        except BaseException as failed:
+                self._select_map(sum(taxels))
+        except BaseException as open_error:
             with suppress(Exception):
                 self.source.close()
             self._end(None)
-            opened.set_exception(failed)
+            opened.set_exception(open_error)
             return
         self._state = "open"
-        self._since = time.perf_counter()
+        self._start_time = time.perf_counter()
         opened.set_result(None)
         error: BaseException | None = None
         try:
-            self._read_all()
+            self._read_frames()
         except SourceEnded:
             pass
-        except (StopIteration, StopAsyncIteration) as wrong:  # would end a loop in silence
-            error = RuntimeError(f"{self.source} raised {type(wrong).__name__}")
-            error.__cause__ = wrong
-        except BaseException as wrong:
-            error = wrong
+        except (StopIteration, StopAsyncIteration) as failure:
+            # Raised as it is, it would silently end the loop of a subscriber.
+            error = RuntimeError(f"{self.source} raised {type(failure).__name__}")
+            error.__cause__ = failure
+        except BaseException as failure:
+            error = failure
         finally:
             with suppress(Exception):
                 self.source.close()
@@ -252,51 +257,51 @@ class Stream:
 
     def _end(self, error: BaseException | None) -> None:
         with self._lock:
-            if self._over:
+            if self._is_over:
                 return
-            self._over = True
+            self._is_over = True
             self.error = error
-            self._until = time.perf_counter()
+            self._end_time = time.perf_counter()
             self._state = "closed" if self._stop.is_set() or self._state == "closed" else "ended"
             subscriptions = self._subscriptions
-        for one in subscriptions:
-            subscription = one()
+        for reference in subscriptions:
+            subscription = reference()
             if subscription is not None:
                 subscription.end(error)
 
-    def _read_all(self) -> None:
-        last, began = time.perf_counter(), time.perf_counter_ns()
-        back_off = _BACK_OFF[0]
+    def _read_frames(self) -> None:
+        last_time, wait_start = time.perf_counter(), time.perf_counter_ns()
+        back_off = _BACK_OFF_SECONDS[0]
         while not self._stop.is_set():
             try:
-                frames = self.source.read(_READ)
+                frames = self.source.read(_POLL_SECONDS)
             except SourceEnded:
                 raise
             except (EOFError, OSError) as error:
                 if not self.source.reopens:
                     raise
-                back_off = self._open_again(error, back_off)
-                last = time.perf_counter()
+                back_off = self._reopen(error, back_off)
+                last_time = time.perf_counter()
                 continue
             if frames:
-                self._deliver(frames, began)
+                self._deliver(frames, wait_start)
                 self._state = "open"
-                last, back_off = time.perf_counter(), _BACK_OFF[0]
-                began = time.perf_counter_ns()  # from here on it waits
-            elif time.perf_counter() - last > self.silent_after and self._state != "silent":
+                last_time, back_off = time.perf_counter(), _BACK_OFF_SECONDS[0]
+                wait_start = time.perf_counter_ns()  # the next read waits from here on
+            elif time.perf_counter() - last_time > self.silent_after and self._state != "silent":
                 if not self._meter.frames:
                     _log.warning("no frame yet: %s", self.source.why_no_frame())
                 self._state = "silent"
 
-    def _open_again(self, error: BaseException, back_off: float) -> float:
-        # The next back-off: it is shortened only by a frame, since a port may open and fail at once
+    def _reopen(self, error: BaseException, back_off: float) -> float:
+        # Returns the next back-off. Only a frame resets it, since a port may open and fail at once.
         self._state = "lost"
         _log.info("%s is lost (%s), and is opened again", self.source.name, error)
         with suppress(Exception):
             self.source.close()
         while not self._stop.is_set():
-            returned = _came_back(self.source, self._stop, back_off)
-            back_off = _BACK_OFF[0] if returned else min(2 * back_off, _BACK_OFF[1])
+            is_back = _wait_for_source(self.source, self._stop, back_off)
+            back_off = _BACK_OFF_SECONDS[0] if is_back else min(2 * back_off, _BACK_OFF_SECONDS[1])
             if self._stop.is_set():
                 break
             try:
@@ -306,33 +311,33 @@ class Stream:
             except (EOFError, OSError):
                 continue
             self._meter.reconnects += 1
-            self._clock.reset()
-            self._numbers.reset()
+            self._clock_map.reset()
+            self._frame_clock.reset()
             self._state = "open"
             break
         return back_off
 
-    def _deliver(self, frames: list[LiveFrame], began: int) -> None:
+    def _deliver(self, frames: list[LiveFrame], wait_start: int) -> None:
         if self._last is None:
-            self._choose_map(len(frames[0].tactile))
-            opened, self._since = self._since, time.perf_counter()
-            times = self._times(frames, began, opened)
+            self._select_map(len(frames[0].tactile))
+            open_time, self._start_time = self._start_time, time.perf_counter()
+            times = self._frame_times(frames, wait_start, open_time)
         else:
-            times = self._times(frames, began)
-        for frame, at in zip(frames, times, strict=True):
+            times = self._frame_times(frames, wait_start)
+        for frame, frame_time in zip(frames, times, strict=True):
             self._meter.observe(frame)
-            frame = self._mapped(frame, at)
-            self._note_outage(frame)
+            frame = self._map_frame(frame, frame_time)
+            self._add_outage(frame)
             self._last = frame
-            for one in self._subscriptions:
+            for reference in self._subscriptions:
                 if self.source.waits:
-                    self._wait_for_room(one)
-                subscription = one()
+                    self._wait_for_room(reference)
+                subscription = reference()
                 if subscription is not None:
                     self._meter.dropped += subscription.put(frame)
 
-    def _choose_map(self, num_taxels: int) -> None:
-        # Once the sensor is known, and before a frame is delivered.
+    def _select_map(self, num_taxels: int) -> None:
+        # Called when the sensor is known, before a frame is delivered.
         layout, self._layout = self._layout, None
         if layout is not None:
             from torch_geometric_tactile.live.taxel_map import TaxelMap
@@ -340,64 +345,72 @@ class Stream:
             models = self.source.meta.get("models", ())
             self.taxel_map = TaxelMap.for_sensor(models, num_taxels, layout)
 
-    def _wait_for_room(self, one: "weakref.ref[Subscription]") -> None:
+    def _wait_for_room(self, reference: "weakref.ref[Subscription]") -> None:
         while not self._stop.is_set():
-            subscription = one()  # asked each time, since its reader may give it up meanwhile
-            if subscription is None or subscription.has_room(_READ):
+            subscription = reference()  # its reader may drop it during the wait
+            if subscription is None or subscription.has_room(_POLL_SECONDS):
                 return
             del subscription
 
-    def _note_outage(self, frame: LiveFrame) -> None:
+    def _add_outage(self, frame: LiveFrame) -> None:
         last = self._last
         if last is None or self.source.waits:
             return
-        if frame.time - last.time > self._numbers.largest_gap:
-            lost = max(0, frame.sequence - last.sequence - 1)
-            self._outages.append(Outage(last.time, frame.time, lost))
+        if frame.time - last.time > self._frame_clock.largest_gap:
+            num_lost = max(0, frame.sequence - last.sequence - 1)
+            self._outages.append(Outage(last.time, frame.time, num_lost))
 
-    def _times(self, frames: list[LiveFrame], began: int, since: float = -math.inf) -> list[float]:
+    def _frame_times(
+        self, frames: list[LiveFrame], wait_start: int, since: float = -math.inf
+    ) -> list[float]:
         times: list[float] = []
         reads = [frames]
         if len(frames) > 1:
             reads = [[*group] for _, group in groupby(frames, key=lambda frame: frame.received)]
-        for arrived in reads:
-            received = arrived[0].received
-            if self._has_exact_times(arrived):
-                times += [self._exact_time(frame) for frame in arrived]
+        for read in reads:
+            received = read[0].received
+            if self._has_exact_times(read):
+                times += [self._exact_time(frame) for frame in read]
                 continue
-            # A source that received it before it was asked does not depend on the reader.
-            waited = (received - began) * 1e-9 if received >= began else math.inf
-            numbers = [frame.sequence for frame in arrived]
-            times += self._numbers.times(numbers, received * 1e-9, waited=waited, since=since)
+            # If the source received it before it was asked to read, the reader was not late.
+            wait_seconds = (received - wait_start) * 1e-9 if received >= wait_start else math.inf
+            numbers = [frame.sequence for frame in read]
+            times += self._frame_clock.times(
+                numbers, received * 1e-9, waited=wait_seconds, since=since
+            )
         return times
 
     def _has_exact_times(self, frames: list[LiveFrame]) -> bool:
-        if self._coarse or not self.source.exact_clock or not math.isfinite(self.source.clock_rate):
+        if (
+            self._has_coarse_clock
+            or not self.source.exact_clock
+            or not math.isfinite(self.source.clock_rate)
+        ):
             return False
-        before = self._device_time
+        previous = self._device_time
         for frame in frames:
             if frame.device_time is None:
                 return False
-            if frame.device_time == before:
-                self._coarse = True
+            if frame.device_time == previous:
+                self._has_coarse_clock = True
                 return False
-            before = frame.device_time
-        self._device_time = before
+            previous = frame.device_time
+        self._device_time = previous
         return True
 
     def _exact_time(self, frame: LiveFrame) -> float:
         assert frame.device_time is not None
-        mapped = self._clock.map(frame.device_time / self.source.clock_rate, frame.received)
-        return self._numbers.observe(frame.sequence, mapped)
+        mapped = self._clock_map.map(frame.device_time / self.source.clock_rate, frame.received)
+        return self._frame_clock.observe(frame.sequence, mapped)
 
-    def _mapped(self, frame: LiveFrame, at: float) -> LiveFrame:
-        tactile, info = frame.tactile, frame.info or self._unit_info()
+    def _map_frame(self, frame: LiveFrame, frame_time: float) -> LiveFrame:
+        tactile, info = frame.tactile, frame.info or self._device_frame_info()
         if self.taxel_map is not None:
             tactile = self.taxel_map.apply(tactile)
-            info = self._info_of_map(info)
+            info = self._map_info(info)
         return LiveFrame(
             frame.sequence,
-            at,
+            frame_time,
             frame.received,
             frame.device_time,
             tactile,
@@ -406,15 +419,15 @@ class Stream:
             info,
         )
 
-    def _unit_info(self) -> FrameInfo:
-        # Of a device: only its unit is known. One object for all frames.
+    def _device_frame_info(self) -> FrameInfo:
+        # One object for all frames of a device, of which only the unit is known.
         if self._device_info is None:
             self._device_info = FrameInfo(unit=self.source.meta.get("unit"))
         return self._device_info
 
-    def _info_of_map(self, info: FrameInfo) -> FrameInfo:
-        # One object for all frames of a source, since readers compare each that is new to them.
-        # The names of the columns are in the order of the source.
+    def _map_info(self, info: FrameInfo) -> FrameInfo:
+        # One object for all frames of a source, since readers compare each new object. The column
+        # names of readings are removed, because they are in the order of the source.
         if info is not self._source_info:
             joint = {name: info.columns[name] for name in info.columns if name != "tactile"}
             self._source_info, self._mapped_info = info, info.changed(columns=joint)
@@ -438,15 +451,15 @@ class Stream:
         return f"{type(self).__name__}({self.source!r}, state={self._state!r})"
 
 
-def _came_back(source: Source, stop: threading.Event, back_off: float) -> bool:
-    # Waits, but no longer than until a source that was gone is seen to be back.
+def _wait_for_source(source: Source, stop: threading.Event, back_off: float) -> bool:
+    # Waits for the back-off, or until a source that had disappeared is available again.
     deadline = time.perf_counter() + back_off
-    missing = not source.is_there()
-    while not stop.wait(max(0.0, min(_READ, deadline - time.perf_counter()))):
-        there = source.is_there()
-        if missing and there:
+    was_missing = not source.is_there()
+    while not stop.wait(max(0.0, min(_POLL_SECONDS, deadline - time.perf_counter()))):
+        is_available = source.is_there()
+        if was_missing and is_available:
             return True
-        missing = missing or not there
+        was_missing = was_missing or not is_available
         if time.perf_counter() >= deadline:
             break
     return False

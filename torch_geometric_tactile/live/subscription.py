@@ -1,4 +1,4 @@
-r"""What one reader of a stream gets."""
+r"""Subscriptions: queues with the frames of a stream."""
 
 import asyncio
 import threading
@@ -11,7 +11,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
 
-_SIZES: dict[str, int] = {"all": 8192, "drop_oldest": 256, "newest": 1}
+_DEFAULT_SIZES: dict[str, int] = {"all": 8192, "drop_oldest": 256, "newest": 1}
 
 
 class StreamEnded(EOFError):  # noqa: N818 - an end, not an error
@@ -48,21 +48,21 @@ class StreamOverflow(OSError):  # noqa: N818 - as OverflowError, without its ari
 
 
 class Subscription:
-    r"""A queue with the frames of a stream for one reader. Made by :meth:`Stream.subscribe
-    <torch_geometric_tactile.live.Stream.subscribe>`.
+    r"""A queue with the frames of a stream for one reader. :meth:`Stream.subscribe
+    <torch_geometric_tactile.live.Stream.subscribe>` creates it.
 
-    It is an iterator, and an asynchronous one that needs no thread. Frames that are in the queue
-    when the stream ends are still delivered.
+    It is an iterator and an asynchronous iterator, which needs no thread. Frames that are in the
+    queue when the stream ends are still delivered.
 
     Args:
-        policy (str): What happens if the queue is full: with :obj:`"all"` no later frame is
-            delivered, and the end is an error; with :obj:`"drop_oldest"` the oldest frame goes;
+        policy (str): Treatment of a full queue. With :obj:`"all"`, no later frame is delivered, and
+            the end is an error. With :obj:`"drop_oldest"`, the oldest frame is dropped.
             :obj:`"newest"` keeps only the newest frame.
-        size (int, optional): Most frames in the queue; by default 8192 with :obj:`"all"`, and 256
-            with :obj:`"drop_oldest"`.
+        size (int, optional): Limit of frames in the queue; by default 8192 with :obj:`"all"`, and
+            256 with :obj:`"drop_oldest"`.
 
     Attributes:
-        dropped (int): Frames that were not delivered.
+        dropped (int): Number of frames that were not delivered.
         overflowed (bool): Whether a queue of policy :obj:`"all"` was full.
 
     Raises:
@@ -78,8 +78,11 @@ class Subscription:
     """
 
     def __init__(self, policy: Policy = "all", size: int | None = None) -> None:
-        need(policy in _SIZES, f"'policy' must be one of {list(_SIZES)} (got {policy!r})")
-        size = _SIZES[policy] if size is None or policy == "newest" else size
+        need(
+            policy in _DEFAULT_SIZES,
+            f"'policy' must be one of {list(_DEFAULT_SIZES)} (got {policy!r})",
+        )
+        size = _DEFAULT_SIZES[policy] if size is None or policy == "newest" else size
         if isinstance(size, bool) or not isinstance(size, int) or size < 1:
             raise ValueError(f"'size' must be a positive number of frames (got {size!r})")
         self.policy = policy
@@ -88,7 +91,7 @@ class Subscription:
         self.overflowed = False
         self._frames: deque[LiveFrame] = deque()
         self._changed = threading.Condition()
-        self._waiting: list[tuple[asyncio.AbstractEventLoop, asyncio.Future[None]]] = []
+        self._async_waiters: list[tuple[asyncio.AbstractEventLoop, asyncio.Future[None]]] = []
         self._ended = False
         self._error: BaseException | None = None
 
@@ -96,28 +99,31 @@ class Subscription:
         r"""Returns the next frame.
 
         Args:
-            timeout (float, optional): How long to wait for it in seconds; without end if left out.
+            timeout (float, optional): Limit of the wait in seconds; no limit if left out.
 
         Raises:
-            TimeoutError: If none came in time.
-            StreamEnded: If there are no more.
-            StreamOverflow: If frames of policy :obj:`"all"` were lost after those delivered.
-            Exception: What the source raised, if it failed.
+            TimeoutError: If no frame arrives within the timeout.
+            StreamEnded: If there are no more frames.
+            StreamOverflow: If a queue of policy :obj:`"all"` was full, after its frames.
+            Exception: The error of the source, if it failed.
         """
         deadline = None if timeout is None else perf_counter() + timeout
         with self._changed:
             while True:
-                frame = self._take()
+                frame = self._pop_frame()
                 if frame is not None:
                     return frame
-                left = None if deadline is None else deadline - perf_counter()
-                if left is not None and left <= 0:
+                remaining = None if deadline is None else deadline - perf_counter()
+                if remaining is not None and remaining <= 0:
                     raise TimeoutError(f"no frame came within {timeout:g} s")
-                self._changed.wait(left)
+                self._changed.wait(remaining)
 
     def poll(self) -> LiveFrame | None:
-        r"""Returns the next frame if there is one by now, and otherwise :obj:`None`; what ended the
-        stream is left to :meth:`get`.
+        r"""Returns the next frame, or :obj:`None` if the queue is empty or the stream has ended.
+
+        Raises:
+            StreamOverflow: If a queue of policy :obj:`"all"` was full, after its frames.
+            Exception: The error of the source, if it failed.
         """
         try:
             return self.get(timeout=0.0)
@@ -125,16 +131,16 @@ class Subscription:
             return None
 
     def close(self) -> None:
-        r"""Ends the subscription; who waits for a frame is woken with :class:`StreamEnded`."""
+        r"""Ends the subscription. Readers that wait for a frame get :class:`StreamEnded`."""
         with self._changed:
             self._frames.clear()
             self._error = None
             self.overflowed = False
             self._ended = True
-            self._wake()
+            self._notify_waiting()
 
     def put(self, frame: LiveFrame) -> int:
-        r"""Adds a frame, and returns how many were dropped for it. Called by the stream.
+        r"""Adds a frame, and returns the number of dropped frames. Called by the stream.
 
         Args:
             frame (LiveFrame): The frame.
@@ -145,51 +151,52 @@ class Subscription:
             if self.overflowed:
                 self.dropped += 1
                 return 1
-            full = len(self._frames) >= self.size
-            if full and self.policy == "all":
+            is_full = len(self._frames) >= self.size
+            if is_full and self.policy == "all":
                 self.overflowed = True
             else:
-                if full:
+                if is_full:
                     self._frames.popleft()
                 self._frames.append(frame)
-            self.dropped += full
-            self._wake()
-            return int(full)
+            self.dropped += is_full
+            self._notify_waiting()
+            return int(is_full)
 
     def has_room(self, timeout: float) -> bool:
-        r"""Waits until a frame can be added without a loss, and returns whether it can. Called by
-        the stream.
+        r"""Waits until a frame can be added without a loss, and returns whether that is possible.
+        Called by the stream.
 
         Args:
-            timeout (float): How long to wait in seconds.
+            timeout (float): Limit of the wait in seconds.
         """
         with self._changed:
-            return self._changed.wait_for(self._takes_more, timeout)
+            return self._changed.wait_for(self._accepts_frame, timeout)
 
-    def _takes_more(self) -> bool:
+    def _accepts_frame(self) -> bool:
         return self._ended or self.policy != "all" or len(self._frames) < self.size
 
     def end(self, error: BaseException | None = None) -> None:
-        r"""Says that no more frames come. Called by the stream.
+        r"""Marks the end of the stream. Called by the stream.
 
         Args:
-            error (BaseException, optional): Why, if the source failed.
+            error (BaseException, optional): The error of the source, if it failed.
         """
         with self._changed:
             if not self._ended:
                 self._error = error
             self._ended = True
-            self._wake()
+            self._notify_waiting()
 
-    def _take(self) -> LiveFrame | None:
+    def _pop_frame(self) -> LiveFrame | None:
         if self._frames:
             frame = self._frames.popleft()
-            self._changed.notify_all()  # there is room now
+            self._changed.notify_all()  # wakes `has_room`
             return frame
         if self.overflowed:
             raise StreamOverflow(
-                f"a subscriber of policy 'all' was too slow: its {self.size} frames were full, and "
-                f"{self.dropped} frames are lost; take a larger 'size', or policy 'drop_oldest'"
+                f"a subscriber of policy 'all' was too slow: its queue of {self.size} frames was "
+                f"full, and {self.dropped} frames are lost; use a larger 'size', or policy "
+                "'drop_oldest'"
             )
         if self._error is not None:
             raise self._error
@@ -197,12 +204,12 @@ class Subscription:
             raise StreamEnded("the stream has ended")
         return None
 
-    def _wake(self) -> None:
+    def _notify_waiting(self) -> None:
         self._changed.notify_all()
-        waiting, self._waiting = self._waiting, []
-        for loop, future in waiting:
-            with suppress(RuntimeError):  # its loop is closed
-                loop.call_soon_threadsafe(_finish, future)
+        waiters, self._async_waiters = self._async_waiters, []
+        for loop, future in waiters:
+            with suppress(RuntimeError):  # the loop is closed
+                loop.call_soon_threadsafe(_resolve, future)
 
     def __iter__(self) -> Self:
         return self
@@ -217,28 +224,30 @@ class Subscription:
         return self
 
     async def __anext__(self) -> LiveFrame:
-        await asyncio.sleep(0)  # a full queue must not starve the others of the loop
+        await asyncio.sleep(0)  # while the queue is full, other tasks must run too
         loop = asyncio.get_running_loop()
         while True:
             with self._changed:
                 try:
-                    frame = self._take()
+                    frame = self._pop_frame()
                 except StreamEnded:
                     raise StopAsyncIteration from None
                 if frame is not None:
                     return frame
                 future = loop.create_future()
-                self._waiting.append((loop, future))
+                self._async_waiters.append((loop, future))
             try:
                 await future
             finally:
                 with self._changed:
-                    self._waiting = [entry for entry in self._waiting if entry[1] is not future]
+                    self._async_waiters = [
+                        entry for entry in self._async_waiters if entry[1] is not future
+                    ]
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(policy={self.policy!r}, size={self.size})"
 
 
-def _finish(future: "asyncio.Future[None]") -> None:
+def _resolve(future: "asyncio.Future[None]") -> None:
     if not future.done():
         future.set_result(None)

@@ -1,4 +1,4 @@
-r"""From the order in which a device sends its taxels to that of a layout."""
+r"""Maps from the taxel order of a device to that of a layout."""
 
 import json
 from collections.abc import Sequence
@@ -19,11 +19,11 @@ _KEYS = ("index", "num_taxels", "layout", "source", "models")
 
 
 class TaxelOrder(NamedTuple):
-    r"""The order of the taxels of a layout, where the layout itself is not loaded.
+    r"""Name and size of a layout, if the layout itself is not loaded.
 
     Args:
         name (str): Name of the layout.
-        num_taxels (int): Its number of taxels :math:`N`.
+        num_taxels (int): Number of taxels :math:`N`.
 
     Examples:
         >>> TaxelOrder("allegro_uskin_368", 368).num_taxels
@@ -38,15 +38,15 @@ class TaxelMap:
     r"""Maps the taxels of a source to the order of a layout.
 
     Args:
-        index (sequence of int): For each taxel of the layout, where the source has it, or -1 if it
-            does not :math:`(N,)`.
+        index (sequence of int): For each taxel of the layout, its index in the source, or -1 if the
+            source does not have it :math:`(N,)`.
         num_taxels (int): Number of taxels of the source :math:`M`.
         layout (str): Name of the layout.
-        source (str): Where the order comes from.
-        models (sequence of str): Names of the sensors that send this order, as they tell them.
+        source (str): Reference of the order, such as a document of the manufacturer.
+        models (sequence of str): Model names of the sensors that send this order.
 
     Raises:
-        ValueError: If :obj:`index` holds other than integers from -1 to :math:`M - 1`, or a taxel
+        ValueError: If :obj:`index` holds anything but integers from -1 to :math:`M - 1`, or a taxel
             of the source twice.
 
     Examples:
@@ -74,14 +74,14 @@ class TaxelMap:
         if not is_list or not all(isinstance(model, str) for model in models):
             raise ValueError(f"'models' must be a list of texts (got {models!r:.80})")
         self.models = tuple(models)
-        self.index = _checked_index(index, num_taxels)
+        self.index = _validate_index(index, num_taxels)
         self.num_taxels = num_taxels
         self.layout = layout
         self.source = source
         self._missing = np.flatnonzero(self.index < 0)
 
     def apply(self, tactile: np.ndarray) -> np.ndarray:
-        r"""Returns readings in the order of the layout; those of missing taxels are NaN.
+        r"""Returns readings in the order of the layout. Readings of missing taxels are NaN.
 
         Args:
             tactile (numpy.ndarray): Readings in the order of the source :math:`(M, C)`, float32.
@@ -90,13 +90,13 @@ class TaxelMap:
             numpy.ndarray: Readings :math:`(N, C)`.
 
         Raises:
-            ValueError: If there is another number of taxels.
+            ValueError: If the number of taxels is not :obj:`num_taxels`.
         """
         if len(tactile) != self.num_taxels:
             raise ValueError(
                 f"'tactile' must have {self.num_taxels} taxels for this map (got {len(tactile)})"
             )
-        out: np.ndarray = tactile[self.index]  # the last one where it is missing
+        out: np.ndarray = tactile[self.index]  # index -1, of missing taxels, selects the last one
         out[self._missing] = np.nan
         return out
 
@@ -104,7 +104,7 @@ class TaxelMap:
         r"""Writes the map as a JSON file that a person can edit.
 
         Args:
-            path (str or PathLike): The file. It is written whole or not at all.
+            path (str or PathLike): The file. If writing fails, no partial file is left.
         """
         content = {
             "layout": self.layout,
@@ -118,24 +118,24 @@ class TaxelMap:
 
     @classmethod
     def load(cls, name_or_path: PathLike) -> Self:
-        r"""Reads a map: the one of this name that comes with the package, or the one in a file.
+        r"""Reads a map of this package by its name, or a map from a file.
 
         Args:
-            name_or_path (str or PathLike): Its name, such as :obj:`"xela_allegro_368"`, or the
-                path of a JSON file of :meth:`save`; a text that ends in :obj:`.json` or has a
-                folder in front is a path.
+            name_or_path (str or PathLike): Name of the map, such as :obj:`"xela_allegro_368"`, or
+                path of a JSON file of :meth:`save`. Texts that end in :obj:`.json` or contain a
+                folder are paths.
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If there is no map of this name, or the file holds none.
+            ValueError: If there is no map of this name, or the file is not a map.
         """
         text = str(name_or_path)
         if not isinstance(name_or_path, str) or text.endswith(".json") or Path(text).name != text:
             return cls._read(Path(text).expanduser())
         if text not in cls.names():
             raise ValueError(
-                f"'name_or_path' must be one of {cls.names()}, or the path of a file of a map "
-                f"(.json) (got {text!r})"
+                f"'name_or_path' must be one of {cls.names()}, or the path of a map (.json) (got "
+                f"{text!r})"
             )
         return cls._read(_folder() / f"{text}.json")
 
@@ -143,17 +143,17 @@ class TaxelMap:
     def for_sensor(
         cls, models: Sequence[str], num_taxels: int, layout: "TaxelOrder | TaxelLayout"
     ) -> Self | None:
-        r"""Returns the map that comes with the package from the order of a sensor to that of a
-        layout, or :obj:`None` if there is none and the layout has another number of taxels.
+        r"""Returns the map of this package from the order of a sensor to that of a layout. Returns
+        :obj:`None` if there is no such map and the layout has another number of taxels.
 
         Args:
-            models (sequence of str): Names of the models of the sensor, as it tells them.
-            num_taxels (int): Its number of taxels :math:`M`.
+            models (sequence of str): Model names that the sensor reports.
+            num_taxels (int): Number of taxels of the sensor :math:`M`.
             layout (TaxelOrder or TaxelLayout): The layout.
 
         Raises:
-            ValueError: If there is none and the layout has as many taxels: whether they are in the
-                same order is not known.
+            ValueError: If there is no such map and the layout has the same number of taxels, since
+                their order may differ.
 
         Examples:
             >>> TaxelMap.for_sensor(["XR23AHRCPP"], 368, TaxelOrder("allegro_uskin_368", 368))
@@ -162,21 +162,21 @@ class TaxelMap:
         sensors = {model.upper() for model in models}
         for name in cls.names():
             taxel_map = cls.load(name)
-            fits = (taxel_map.layout, taxel_map.num_taxels) == (layout.name, num_taxels)
-            if fits and sensors and sensors <= {model.upper() for model in taxel_map.models}:
+            is_matching = (taxel_map.layout, taxel_map.num_taxels) == (layout.name, num_taxels)
+            if is_matching and sensors and sensors <= {model.upper() for model in taxel_map.models}:
                 return taxel_map
         if num_taxels == layout.num_taxels:
-            named = ", ".join(sorted(map(printable, sensors - {""}))) or "an unknown model"
+            model_names = ", ".join(sorted(map(printable, sensors - {""}))) or "an unknown model"
             raise ValueError(
-                f"the sensor ({named}) sends {num_taxels} taxels in the order of its wiring, and "
-                f"that of layout '{printable(layout.name)}' may be another one: name the map of "
-                "taxels (--map FILE), or --map none if the order is that of the layout"
+                f"the sensor ({model_names}) sends {num_taxels} taxels in the order of its wiring, "
+                f"which may differ from that of layout '{printable(layout.name)}': give a map of "
+                "taxels (--map FILE), or --map none if both orders are equal"
             )
         return None
 
     @staticmethod
     def names() -> list[str]:
-        r"""Returns the names of the maps that come with the package."""
+        r"""Returns the names of the maps of this package."""
         return sorted(file.stem for file in _folder().glob("*.json"))
 
     @classmethod
@@ -205,8 +205,8 @@ def _folder() -> Path:
     return Path(str(files(__package__) / "taxel_maps"))
 
 
-def _checked_index(index: Any, num_taxels: int) -> np.ndarray:
-    if isinstance(index, Sequence) and any(isinstance(place, bool) for place in index):
+def _validate_index(index: Any, num_taxels: int) -> np.ndarray:
+    if isinstance(index, Sequence) and any(isinstance(entry, bool) for entry in index):
         raise ValueError("'index' must be a list of integers (got a truth value)")
     try:
         array = np.asarray(index)
@@ -218,15 +218,15 @@ def _checked_index(index: Any, num_taxels: int) -> np.ndarray:
             f"{array.shape} of {array.dtype})"
         )
     if array.min() < -1 or array.max() >= num_taxels:
-        wrong = array.min() if array.min() < -1 else array.max()
+        invalid_index = array.min() if array.min() < -1 else array.max()
         raise ValueError(
-            f"'index' must hold places from 0 to {num_taxels - 1}, or -1 for a missing taxel (got "
-            f"{wrong})"
+            f"'index' must hold indices from 0 to {num_taxels - 1}, or -1 for a missing taxel (got "
+            f"{invalid_index})"
         )
     array = array.astype(np.intp)
-    places, times = np.unique(array[array >= 0], return_counts=True)
-    if (times > 1).any():
+    indices, counts = np.unique(array[array >= 0], return_counts=True)
+    if (counts > 1).any():
         raise ValueError(
-            f"'index' must hold each place at most once (got {places[times > 1][0]} twice)"
+            f"'index' must hold each index at most once (got {indices[counts > 1][0]} twice)"
         )
     return array

@@ -1,4 +1,4 @@
-r"""The viewer: a page in the browser that shows a stream."""
+r"""The viewer of a stream: a page in the browser."""
 
 import asyncio
 import ipaddress
@@ -16,8 +16,8 @@ from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.live._viewer.page import (
     FirstSecond,
     ViewerClient,
-    answer,
     pack_message,
+    page_response,
 )
 from torch_geometric_tactile.live._viewer.scene import Scene, Scenes
 from torch_geometric_tactile.live._web_server import WebServer
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 
 _LOG = logging.getLogger(__name__)
-_MOST_PAGES = 8
-_CLOSING = 1.0  # seconds that a page is waited for
-_NOTES = 20
-_MOST_SPANS = 1000
-_SHOWN_HEALTH = (
+_MAX_PAGES = 8
+_CLOSE_SECONDS = 1.0
+_MAX_NOTES = 20
+_MAX_SPANS = 1000
+_HEALTH_FIELDS = (
     *("state", "frames", "rate", "jitter", "lost", "corrupt", "skipped", "repeated"),
     *("reconnects", "stale_taxels", "age", "checksum"),
 )
@@ -42,41 +42,41 @@ class Viewer(WebServer):
     r"""Shows a stream on a page in the browser: the hand in its pose, readings as colour and shear
     as arrows, label probabilities, rate, age and loss.
 
-    The page is one file that asks nobody else for anything. It is served on this machine only,
-    unless :obj:`host` says otherwise, and a page of another site cannot read it or press its
-    buttons: requests whose :obj:`Host` is a foreign name, or whose :obj:`Origin` is another page's,
-    are refused. There is no password: whoever may open connections to :obj:`host`, as other users
-    of this machine, sees what is shown and may press the buttons.
+    The page is a single file that loads nothing from other sites. It is only served on this machine
+    unless :obj:`host` is another address. Pages of other sites can neither read it nor press its
+    buttons: requests are rejected if their :obj:`Host` is a foreign name or their :obj:`Origin` is
+    another page. There is no password. Everyone who can connect to :obj:`host`, such as other users
+    of this machine, can see the page and press its buttons.
 
-    Each page has a subscription of its own that keeps the newest frame only, and gets it when the
-    one before is on the screen: a slow page skips frames, never lags, and holds nobody up. Without
-    a page open nothing is done.
+    Each page has a separate subscription of the newest frame. The next frame is sent when the page
+    has shown the previous one, so a slow page skips frames, never lags, and does not slow down
+    others. Without an open page, the viewer does nothing.
 
     Args:
         stream (Stream): The stream; it may be opened later.
-        layout (TaxelLayout, str or PathLike, optional): Where the taxels are: a layout, its name or
-            its file. If left out, the one that the source names as :obj:`"sensor"`; without one,
-            taxels are a grid by number.
-        host (str): Address to serve on.
-        port (int): Port to serve on; any free one if 0.
-        joint (numpy.ndarray, optional): Joint angles in radians to show while frames carry none;
-            those of an open hand if left out.
-        kinematics (HandKinematics, optional): The hand that carries the layout; the Allegro hand if
-            left out, for layouts of its links.
+        layout (TaxelLayout, str or PathLike, optional): The layout, its name or its file. If left
+            out, the layout that the source names as :obj:`"sensor"`. Without a layout, taxels are
+            shown in a grid by number.
+        host (str): Address to listen on.
+        port (int): Port to listen on; any free port if 0.
+        joint (numpy.ndarray, optional): Joint angles in radians that are shown while frames have
+            none; those of an open hand if left out.
+        kinematics (HandKinematics, optional): The hand that carries the layout. By default the
+            Allegro hand, for layouts on its links.
 
     Attributes:
-        on_tare (callable, optional): Called without arguments, in a thread of its own, when the
-            tare button is pressed. If :obj:`None`, the rest that is shown is measured anew.
-        on_record (callable, optional): Called likewise by the record button, to begin or end a
-            recording; set :attr:`recording` in it. Without it there is no such button.
-        rest (numpy.ndarray, optional): What readings are shown relative to :math:`(N, C)`. While it
-            is :obj:`None`, the page's first second.
-        annotation (str, optional): The label that is being recorded, as of
-            :attr:`Recorder.annotation`. Those of a recording that is replayed have lanes.
+        on_tare (callable, optional): Called without arguments, in a separate thread, when the tare
+            button is pressed. If :obj:`None`, the viewer measures its rest again.
+        on_record (callable, optional): Called in the same way by the record button, to start or end
+            a recording; set :attr:`recording` in it. If :obj:`None`, there is no such button.
+        rest (numpy.ndarray, optional): Reading that shown readings are relative to :math:`(N, C)`.
+            If :obj:`None`, the mean of the first second of the page.
+        annotation (str, optional): The current annotation of a recording, as of
+            :attr:`Recorder.annotation`. Annotations of a replayed recording are shown in lanes.
 
     Raises:
         ImportError: If websockets is missing.
-        ValueError: If the layout, its hand and the joint angles do not fit.
+        ValueError: If the layout, the hand and the joint angles do not fit together.
 
     Examples:
         >>> from torch_geometric_tactile.live import ReplaySource, Stream, Viewer
@@ -98,45 +98,47 @@ class Viewer(WebServer):
         joint: np.ndarray | None = None,
         kinematics: "HandKinematics | None" = None,
     ) -> None:
-        super().__init__(host, port, name="the viewer", most=_MOST_PAGES, closing=_CLOSING)
+        super().__init__(
+            host, port, name="the viewer", max_clients=_MAX_PAGES, close_timeout=_CLOSE_SECONDS
+        )
         self.stream = stream
         self.on_tare: Callable[[], object] | None = None
         self.on_record: Callable[[], object] | None = None
         self.rest: np.ndarray | None = None
         self.annotation: str | None = None
         self.scenes = Scenes(stream, layout, joint, kinematics, self.note)
-        self._turn = asyncio.Lock()
-        self._first = FirstSecond()
+        self._call_lock = asyncio.Lock()
+        self._first_second = FirstSecond()
         self._judgement: Judgement | None = None
         self._recording_since: float | None = None
-        self._notes: deque[tuple[int, float, str]] = deque(maxlen=_NOTES)
-        self._numbers = 0
+        self._notes: deque[tuple[int, float, str]] = deque(maxlen=_MAX_NOTES)
+        self._num_notes = 0
 
     def start(self) -> None:
-        r"""Begins to serve, in a thread of its own; does nothing if it does already.
+        r"""Starts to serve in a background thread. Does nothing if the viewer is running.
 
         Raises:
-            OSError: If the port is taken or the address is not one of this machine.
+            OSError: If the port is in use or the address is not one of this machine.
         """
         self.scenes.prepare()
-        self._turn = asyncio.Lock()
+        self._call_lock = asyncio.Lock()
         super().start()
         if not _is_local(self.host):
             _LOG.warning(
-                "the viewer is served on '%s': who reaches this address sees it and may press its "
-                "buttons",
+                "the viewer is served on '%s': everyone who can connect to this address can see it "
+                "and may press its buttons",
                 self.host,
             )
 
     @property
     def url(self) -> str:
-        r"""Address of the page; its port is known once it is served."""
+        r"""Address of the page. Its port is known once the viewer has started."""
         host = "127.0.0.1" if self.host in ("", "0.0.0.0") else self.host
         host = "[::1]" if host == "::" else f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/"
 
     def judgement(self, judgement: "Judgement") -> None:
-        r"""Shows what a model says; the last one stays until the next.
+        r"""Shows the prediction of a model until the next one.
 
         Args:
             judgement (Judgement): The judgement.
@@ -144,17 +146,17 @@ class Viewer(WebServer):
         self._judgement = judgement
 
     def note(self, text: str) -> None:
-        r"""Shows a line, such as an event or a warning.
+        r"""Shows a line of text, such as an event or a warning.
 
         Args:
-            text (str): The line.
+            text (str): The text.
         """
-        self._numbers += 1
-        self._notes.append((self._numbers, time.time(), text))
+        self._num_notes += 1
+        self._notes.append((self._num_notes, time.time(), text))
 
     @property
     def recording(self) -> bool:
-        r"""Whether a recording is shown as running."""
+        r"""Whether the page shows that a recording is running."""
         return self._recording_since is not None
 
     @recording.setter
@@ -162,11 +164,11 @@ class Viewer(WebServer):
         if recording != self.recording:
             self._recording_since = time.perf_counter() if recording else None
 
-    async def _show(self, connection: Any) -> None:
-        await ViewerClient(connection, self, self._turn).run()
+    async def _serve_client(self, connection: Any) -> None:
+        await ViewerClient(connection, self, self._call_lock).run()
 
-    def _page(self, connection: Any, request: Any, full: bool) -> Any:
-        return answer(connection, request, full)
+    def _respond(self, connection: Any, request: Any, is_full: bool) -> Any:
+        return page_response(connection, request, is_full)
 
     def _layout_message(self, scene: Scene, channels: int) -> bytes:
         head = {
@@ -175,27 +177,29 @@ class Viewer(WebServer):
             "unit": self.stream.meta.get("unit"),
             "channels": channels,
             "spans": self._spans(),
-            **scene.head(),
+            **scene.description(),
         }
         return pack_message(head, scene.arrays())
 
-    def _annotated(self) -> Recording | None:
+    def _annotated_recording(self) -> Recording | None:
         recording: Recording | None = getattr(self.stream.source, "recording", None)
-        shows = recording is not None and recording.annotations and recording.duration
-        return recording if shows else None
+        has_annotations = recording is not None and recording.annotations and recording.duration
+        return recording if has_annotations else None
 
     def _spans(self) -> list[list[Any]]:
-        # The annotations of a recording that is replayed: start and end as parts of it, and label.
-        recording = self._annotated()
+        # Annotations of a replayed recording: start and end as fractions of it, and label.
+        recording = self._annotated_recording()
         if recording is None:
             return []
-        first, length = float(recording.time[0]), recording.duration
-        shown = recording.annotations[:_MOST_SPANS]
-        return [[(a.start - first) / length, (a.end - first) / length, a.label] for a in shown]
+        start, duration = float(recording.time[0]), recording.duration
+        annotations = recording.annotations[:_MAX_SPANS]
+        return [
+            [(a.start - start) / duration, (a.end - start) / duration, a.label] for a in annotations
+        ]
 
-    def _place(self, frame: LiveFrame) -> float | None:
-        # Where a frame is in the recording that is replayed, from 0 to 1.
-        recording = self._annotated()
+    def _replay_position(self, frame: LiveFrame) -> float | None:
+        # Position of a frame in a replayed recording, from 0 to 1.
+        recording = self._annotated_recording()
         if recording is None:
             return None
         time = recording.time[frame.sequence % recording.num_frames]
@@ -205,55 +209,58 @@ class Viewer(WebServer):
         if self.rest is not None and np.shape(self.rest) == frame.tactile.shape:
             relative: np.ndarray = (frame.tactile - self.rest).astype(np.float32)
             return relative
-        return self._first.relative(frame)
+        return self._first_second.relative(frame)
 
-    def _facts(self, since_note: int) -> dict[str, Any]:
-        # What changes beside the readings.
+    def _state_message(self, since_note: int) -> dict[str, Any]:
+        # Everything that changes except for the readings.
         since, health = self._recording_since, self.stream.health()
         error = getattr(self.stream, "error", None)
-        told = None if error is None else str(error) or type(error).__name__
-        measured = "measured" if self._first.ready else "measuring"
+        error_text = None if error is None else str(error) or type(error).__name__
+        rest_state = "measured" if self._first_second.ready else "measuring"
         return {
             "source": self.stream.source.name,
-            "health": {**{n: getattr(health, n, None) for n in _SHOWN_HEALTH}, "error": told},
-            "rest": measured if self.rest is None else "given",
+            "health": {
+                **{n: getattr(health, n, None) for n in _HEALTH_FIELDS},
+                "error": error_text,
+            },
+            "rest": rest_state if self.rest is None else "given",
             "recording": None if since is None else time.perf_counter() - since,
             "can_record": self.on_record is not None,
             "annotation": self.annotation,
-            "judgement": _described(self._judgement),
+            "judgement": _judgement_message(self._judgement),
             "notes": [note for note in tuple(self._notes) if note[0] > since_note],
         }
 
     def _press_tare(self) -> None:
-        # Calls `on_tare`, or measures the rest that is shown anew.
+        # Calls `on_tare`, or measures the rest of the viewer again.
         if self.on_tare is None:
             self.rest = None
-            self._first.retare()
-            self.note("Rest measured anew")
+            self._first_second.retare()
+            self.note("Measuring the rest again")
         else:
-            self._call(self.on_tare, "The tare")
+            self._run_callback(self.on_tare, "The tare")
 
-    def _press_record(self, wanted: bool) -> None:
-        # Calls `on_record`, if this would change what is recorded.
-        if self.on_record is not None and wanted != self.recording:
-            self._call(self.on_record, "The recording")
+    def _press_record(self, record: bool) -> None:
+        # Pages may be late: calls `on_record` only if the state differs from the requested one.
+        if self.on_record is not None and record != self.recording:
+            self._run_callback(self.on_record, "The recording")
 
-    def _call(self, callback: Callable[[], object], what: str) -> None:
+    def _run_callback(self, callback: Callable[[], object], name: str) -> None:
         try:
             callback()
-        except Exception as error:  # of the caller: told where the button is
-            _LOG.warning("%s failed: %s", what, error)
-            self.note(f"{what} failed: {error}")
+        except Exception as error:  # an error of the caller is shown on the page
+            _LOG.warning("%s failed: %s", name, error)
+            self.note(f"{name} failed: {error}")
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.url!r})"
 
 
-def _described(judgement: "Judgement | None") -> dict[str, Any] | None:
+def _judgement_message(judgement: "Judgement | None") -> dict[str, Any] | None:
     if judgement is None:
         return None
     return {
-        "label": _shown_label(judgement),
+        "label": _label_text(judgement),
         "task": judgement.task,
         "names": list(judgement.class_names),
         "probability": np.asarray(judgement.probability, dtype=float).tolist(),
@@ -262,7 +269,7 @@ def _described(judgement: "Judgement | None") -> dict[str, Any] | None:
     }
 
 
-def _shown_label(judgement: "Judgement") -> str:
+def _label_text(judgement: "Judgement") -> str:
     if judgement.lacks_contact:
         return judgement.label
     if np.isnan(judgement.probability).any():

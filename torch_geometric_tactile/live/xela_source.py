@@ -1,4 +1,4 @@
-r"""Frames from XELA's server."""
+r"""XELA's server as a source."""
 
 import time
 
@@ -7,22 +7,22 @@ from torch_geometric_tactile.io.xela_message import XelaFrame, parse_xela_text
 from torch_geometric_tactile.live._web_socket import WebSocket
 from torch_geometric_tactile.live.source import Source
 
-_OPEN = 5.0  # seconds to connect
-_LONGEST_GAP = 2**20  # messages, some hours: a longer step is another server
-_FIRST = 1.0  # seconds that opening waits for the first message, which tells the sensors
+_OPEN_SECONDS = 5.0
+_MAX_STEP = 2**20  # messages, a few hours: a larger step is a restart of the server, not a loss
+_FIRST_MESSAGE_SECONDS = 1.0  # the first message holds the sensors, which `meta` needs
 
 
 class XelaSource(Source):
     r"""Reads live frames from the WebSocket of XELA's server. Needs the extra :obj:`live`.
 
-    The number of a message is the number of the frame, and its time the time of the device. The
-    server is a program and stamps messages when it makes them, so frames get regular times by their
-    numbers. A server that was started again counts from the beginning: the numbers of the frames go
-    on, and no loss is told, since nobody knows it. A
-    message with the number of the one before is left out and counted as repeated; one that cannot
-    be read, or has another number of taxels than the first, is counted as corrupt. :obj:`extra` has
-    :obj:`"temp"` (temperature in kelvins) and :obj:`"ups"` (updates per second, which may be fewer
-    than messages) of each taxel, if the server sends them.
+    The number of a message is the frame number, and its time is the device time. The server stamps
+    messages when it creates them, not when the sensor measures, so frames get regular times by
+    their numbers. If the server is started again, its numbers start again; the frame numbers
+    continue, and no loss is counted, since it is unknown. A message with the number of the previous
+    one is dropped and counted as repeated. A message that cannot be read, or has another number of
+    taxels than the first, is counted as corrupt. :obj:`extra` holds :obj:`"temp"` (temperature in
+    kelvins) and :obj:`"ups"` (updates per second, which may be fewer than messages) of each taxel,
+    if the server sends them.
 
     Args:
         url (str): Address of the server.
@@ -31,7 +31,7 @@ class XelaSource(Source):
 
     Raises:
         ImportError: If the extra is missing.
-        ValueError: If :obj:`url` is no address of a WebSocket.
+        ValueError: If :obj:`url` is not the address of a WebSocket.
 
     Examples:
         >>> source = XelaSource("ws://127.0.0.1:5000")  # not connected yet
@@ -51,46 +51,45 @@ class XelaSource(Source):
         self.forces = forces
         self._socket = WebSocket(url)
         self._is_open = False
-        self._waiting: list[LiveFrame] = []
-        self._number: int | None = None
+        self._unread_frames: list[LiveFrame] = []
+        self._last_number: int | None = None
         self._sequence = 0
-        self._taxels: tuple[int, ...] | None = None
+        self._taxel_counts: tuple[int, ...] | None = None
 
     def open(self) -> None:
-        r"""Connects to the server, the first time with up to a second for a message, which tells
-        the sensors; does nothing if it is connected.
+        r"""Connects to the server. The first call waits up to a second for a message, which holds
+        the sensors. Does nothing if the source is connected.
 
         Raises:
             OSError: If no server answers.
-            ValueError: If its address is none.
         """
         if self._is_open:
             return
         try:
-            self._socket.open(_OPEN)
+            self._socket.open(_OPEN_SECONDS)
         except (OSError, EOFError) as error:
             raise ConnectionError(
                 f"no XELA server answers at '{self.name}' ({error}); is it running?"
             ) from error
         self._is_open = True
         try:
-            if self._taxels is None:
-                self._waiting = self.read(_FIRST)
+            if self._taxel_counts is None:
+                self._unread_frames = self.read(_FIRST_MESSAGE_SECONDS)
         except BaseException:
             self.close()
             raise
 
     def read(self, timeout: float) -> list[LiveFrame]:
-        r"""Returns the next frame, or none if none came in time.
+        r"""Returns the next frame, or an empty list if none arrives within the timeout.
 
         Args:
-            timeout (float): How long to wait in seconds.
+            timeout (float): Limit of the wait in seconds.
 
         Raises:
             EOFError: If the server has closed the connection.
         """
-        if self._waiting:
-            frames, self._waiting = self._waiting, []
+        if self._unread_frames:
+            frames, self._unread_frames = self._unread_frames, []
             return frames
         if not self._is_open:
             raise OSError(f"{self.name} is not open")
@@ -102,13 +101,13 @@ class XelaSource(Source):
                 raise EOFError(f"the server at '{self.name}' has closed: {error}") from error
             if text is None:
                 return []
-            frame = self._frame(text, time.perf_counter_ns())
+            frame = self._to_frame(text, time.perf_counter_ns())
             if frame is not None:
                 return [frame]
             if time.perf_counter() >= deadline:
                 return []
 
-    def _frame(self, text: bytes, received: int) -> LiveFrame | None:
+    def _to_frame(self, text: bytes, received: int) -> LiveFrame | None:
         try:
             frame = parse_xela_text(text, self.forces)
         except ValueError as error:
@@ -117,13 +116,15 @@ class XelaSource(Source):
             return None
         if frame is None:
             return None
-        if self._taxels is None:
-            self._learn(frame)
-        elif frame.taxels != self._taxels:
+        if self._taxel_counts is None:
+            self._set_meta(frame)
+        elif frame.taxels != self._taxel_counts:
             self.counts.corrupt += 1
-            self.counts.refuse(f"sensors of {frame.taxels} taxels came after {self._taxels}")
+            self.counts.refuse(
+                f"the sensors have {frame.taxels} taxels, but had {self._taxel_counts} at first"
+            )
             return None
-        last, self._number = self._number, frame.number
+        last, self._last_number = self._last_number, frame.number
         if frame.number == last:
             self.repeats += 1
             return None
@@ -131,30 +132,34 @@ class XelaSource(Source):
             self._sequence = frame.number
         else:
             step = frame.number - last
-            step = step if 0 < step <= _LONGEST_GAP else 1
+            # The numbers of a restarted server step back or jump: the frame numbers go on.
+            step = step if 0 < step <= _MAX_STEP else 1
             self._sequence += step
             self.counts.lost += step - 1
         self.counts.good += 1
-        known = {"temp": frame.temp, "ups": frame.ups}
-        extra = {name: value for name, value in known.items() if value is not None}
+        optional_rows = {"temp": frame.temp, "ups": frame.ups}
+        extra = {name: value for name, value in optional_rows.items() if value is not None}
         return LiveFrame(
             self._sequence, received * 1e-9, received, frame.time, frame.reading, None, extra
         )
 
     def why_no_frame(self) -> str:
-        r"""Returns why there is no frame: what came instead, and what to check."""
+        r"""Returns the reason why there is no frame, and the settings to check."""
         if not self.counts.corrupt:
-            return "no message with readings came: check that the server has found its sensors"
-        return f"{self.counts.corrupt} messages came and make none, the first: {self.counts.reason}"
+            return "no message with readings arrived: check that the server has found its sensors"
+        return (
+            f"{self.counts.corrupt} messages arrived, but none is a frame. The first: "
+            f"{self.counts.reason}"
+        )
 
-    def _learn(self, frame: XelaFrame) -> None:
-        self._taxels = frame.taxels
+    def _set_meta(self, frame: XelaFrame) -> None:
+        self._taxel_counts = frame.taxels
         self.meta.update(
             taxels=list(frame.taxels), models=list(frame.models), server_version=frame.version
         )
 
     def close(self) -> None:
-        r"""Closes the connection; does nothing if it is closed."""
+        r"""Closes the connection. Does nothing if it is closed."""
         self._is_open = False
-        self._waiting = []
+        self._unread_frames = []
         self._socket.close()

@@ -1,4 +1,4 @@
-r"""The numbers that were fitted, out of scikit-learn's estimators."""
+r"""Conversion of fitted scikit-learn pipelines to steps of plain data and tensors."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -38,36 +38,47 @@ _FORESTS = (
     ExtraTreesRegressor,
 )
 _LINEAR = (LinearSVC, LinearSVR, LogisticRegression, LinearRegression, Ridge, RidgeClassifier)
-_KNOWN = "a forest, a support vector machine, a linear model, ridge or a constant"
-_FIRST = "FlatReadings, DescriptorFeatures, PosedSummary or the features of signal_svm"
+_SUPPORTED_MODELS = "a forest, a support vector machine, a linear model, ridge or a constant"
+_FEATURE_STEPS = "FlatReadings, DescriptorFeatures, PosedSummary or the features of signal_svm"
 
 
 def fitted_steps(
     estimator: Any, num_classes: int | None, normal: bool = False, tangent: bool = False
 ) -> list[_Step]:
-    r"""Returns the steps of a fitted pipeline, plain data and tensors."""
+    r"""Returns the steps of a fitted pipeline as plain data and tensors.
+
+    Args:
+        estimator (estimator): The pipeline.
+        num_classes (int, optional): Number of classes; :obj:`None` for a regression.
+        normal (bool): Whether samples have normals.
+        tangent (bool): Whether samples have tangents.
+
+    Raises:
+        ValueError: If a part of the pipeline is not supported.
+    """
     if not isinstance(estimator, Pipeline) or len(estimator.steps) < 2:
         raise ValueError(
-            f"an estimator must be a pipeline that begins with {_FIRST} (got "
+            f"an estimator must be a pipeline that begins with {_FEATURE_STEPS} (got "
             f"{type(estimator).__name__})"
         )
     check_is_fitted(estimator)
     parts = [part for _, part in estimator.steps]
-    steps = [_features(parts[0], normal, tangent)]
+    steps = [_feature_step(parts[0], normal, tangent)]
     for part in parts[1:-1]:
         if type(part) is not StandardScaler:
             raise ValueError(
-                f"between features and model there may be StandardScaler only (got {part!r:.80})"
+                "steps between the features and the model must be StandardScaler (got "
+                f"{part!r:.80})"
             )
-        steps.append(_scaled(part))
+        steps.append(_scaler_step(part))
     if num_classes is None:
-        return [*steps, *_numbers(parts[-1])]
+        return [*steps, *_regression_steps(parts[-1])]
     classes = [int(number) for number in parts[-1].classes_]
-    last = {"step": "Logits", "classes": classes, "num_classes": num_classes}
-    return [*steps, *_probability(parts[-1]), last]
+    logits = {"step": "Logits", "classes": classes, "num_classes": num_classes}
+    return [*steps, *_probability_steps(parts[-1]), logits]
 
 
-def _features(part: Any, has_normal: bool, has_tangent: bool) -> _Step:
+def _feature_step(part: Any, has_normal: bool, has_tangent: bool) -> _Step:
     if type(part) is FlatReadings:
         return {"step": "Readings"}
     if type(part) is DescriptorFeatures:
@@ -76,7 +87,7 @@ def _features(part: Any, has_normal: bool, has_tangent: bool) -> _Step:
     if type(part) is WindowFeatures:
         return {"step": "Signals", "num_channels": int(part.num_channels)}
     if type(part) is PosedSummary:
-        rest = _tensor(part.rest_)
+        rest = _double_tensor(part.rest_)
         return {
             "step": "PatchSums",
             "rest": rest,
@@ -85,140 +96,171 @@ def _features(part: Any, has_normal: bool, has_tangent: bool) -> _Step:
             "has_normal": has_normal,
             "has_tangent": has_tangent and has_normal and rest.size(1) == 3,
         }
-    raise ValueError(f"a pipeline must begin with {_FIRST} to be saved (got {part!r:.80})")
+    raise ValueError(f"a pipeline must begin with {_FEATURE_STEPS} to be saved (got {part!r:.80})")
 
 
-def _scaled(scaler: StandardScaler) -> _Step:
+def _scaler_step(scaler: StandardScaler) -> _Step:
     center = scaler.mean_ if scaler.with_mean else np.zeros(scaler.n_features_in_)
     scale = scaler.scale_ if scaler.with_std else np.ones(scaler.n_features_in_)
-    return {"step": "Affine", "weight": _tensor(1 / scale), "bias": _tensor(-center / scale)}
+    return {
+        "step": "Affine",
+        "weight": _double_tensor(1 / scale),
+        "bias": _double_tensor(-center / scale),
+    }
 
 
-def _probability(model: Any) -> list[_Step]:
+def _probability_steps(model: Any) -> list[_Step]:
     if isinstance(model, TemperatureScaling):
-        return [*_scores(model.estimator_), _softmax(model, float(model.factor_))]
+        return [*_score_steps(model.estimator_), _softmax_step(model, float(model.factor_))]
     if isinstance(model, _FORESTS):
-        return [_forest(model)]
+        return [_forest_step(model)]
     if isinstance(model, DummyClassifier) and model.strategy in ("most_frequent", "prior"):
-        return [{"step": "Constant", "values": _tensor(model.predict_proba(np.zeros((1, 1)))[0])}]
+        return [
+            {"step": "Constant", "values": _double_tensor(model.predict_proba(np.zeros((1, 1)))[0])}
+        ]
     if isinstance(model, LogisticRegression):
-        if model.solver == "liblinear":  # each class by itself, in older versions of scikit-learn
+        if (
+            model.solver == "liblinear"
+        ):  # it fits one model a class in older versions of scikit-learn
             raise ValueError("'solver' must not be 'liblinear' for a regression to be saved")
-        return [*_scores(model), _softmax(model, 1.0)]
+        return [*_score_steps(model), _softmax_step(model, 1.0)]
     if hasattr(model, "decision_function"):
         raise ValueError(
-            f"a classifier must tell probabilities to be saved: put TemperatureScaling around "
-            f"{type(model).__name__} and fit it (got scores only)"
+            "a classifier must have probabilities to be saved (got "
+            f"{type(model).__name__}, which has scores only): wrap it in TemperatureScaling, and "
+            "fit it"
         )
-    raise _unknown(model)
+    raise _unsupported_error(model)
 
 
-def _softmax(model: Any, factor: float) -> _Step:
+def _softmax_step(model: Any, factor: float) -> _Step:
     return {"step": "Probability", "factor": factor, "of_two": len(model.classes_) == 2}
 
 
-def _scores(model: Any) -> list[_Step]:
+def _score_steps(model: Any) -> list[_Step]:
     if isinstance(model, SVC):
-        return _kernel_scores(model)
+        return _kernel_score_steps(model)
     if isinstance(model, _LINEAR):
-        return [_linear([model])]
-    raise _unknown(model)
+        return [_linear_step([model])]
+    raise _unsupported_error(model)
 
 
-def _numbers(model: Any) -> list[_Step]:
+def _regression_steps(model: Any) -> list[_Step]:
     if isinstance(model, TransformedTargetRegressor):
         scaler = model.transformer_
         if model.func is not None or type(scaler) is not StandardScaler:
             raise ValueError(f"targets may be scaled by StandardScaler only (got {scaler!r:.80})")
-        back = {"step": "Affine", "weight": _tensor(scaler.scale_), "bias": _tensor(scaler.mean_)}
-        return [*_numbers(model.regressor_), back]
+        unscale = {
+            "step": "Affine",
+            "weight": _double_tensor(scaler.scale_),
+            "bias": _double_tensor(scaler.mean_),
+        }
+        return [*_regression_steps(model.regressor_), unscale]
     if isinstance(model, MultiOutputRegressor):
-        return [{"step": "Beside", "models": [_numbers(one) for one in model.estimators_]}]
+        return [
+            {
+                "step": "Beside",
+                "models": [_regression_steps(member) for member in model.estimators_],
+            }
+        ]
     if isinstance(model, SVR):
         _check_radial(model)
-        kernel = _kernel(model, [len(model.support_vectors_)])
-        return [kernel, _shift(model.intercept_)]
+        kernel = _kernel_step(model, [len(model.support_vectors_)])
+        return [kernel, _shift_step(model.intercept_)]
     if isinstance(model, _LINEAR):
-        return [_linear([model])]
+        return [_linear_step([model])]
     if isinstance(model, _FORESTS):
-        return [_forest(model)]
+        return [_forest_step(model)]
     if isinstance(model, DummyRegressor):
-        return [{"step": "Constant", "values": _tensor(np.ravel(model.constant_))}]
-    raise _unknown(model)
+        return [{"step": "Constant", "values": _double_tensor(np.ravel(model.constant_))}]
+    raise _unsupported_error(model)
 
 
-def _linear(models: Sequence[Any]) -> _Step:
+def _linear_step(models: Sequence[Any]) -> _Step:
     (model,) = models
     weight = np.atleast_2d(model.coef_)
     bias = np.broadcast_to(np.ravel(model.intercept_), len(weight))
-    return {"step": "Linear", "weight": _tensor(weight.T), "bias": _tensor(bias)}
+    return {"step": "Linear", "weight": _double_tensor(weight.T), "bias": _double_tensor(bias)}
 
 
-def _shift(bias: Any) -> _Step:
-    return {"step": "Affine", "weight": torch.ones(len(bias)).double(), "bias": _tensor(bias)}
+def _shift_step(bias: Any) -> _Step:
+    return {
+        "step": "Affine",
+        "weight": torch.ones(len(bias)).double(),
+        "bias": _double_tensor(bias),
+    }
 
 
-def _kernel_scores(model: SVC) -> list[_Step]:
+def _kernel_score_steps(model: SVC) -> list[_Step]:
     _check_radial(model)
     if len(model.classes_) == 2:
-        return [_kernel(model, [len(model.support_vectors_)]), _shift(model.intercept_)]
+        return [_kernel_step(model, [len(model.support_vectors_)]), _shift_step(model.intercept_)]
     if model.decision_function_shape != "ovr":
-        raise ValueError("'decision_function_shape' of a machine must be 'ovr' (got 'ovo')")
+        raise ValueError("'decision_function_shape' of an SVC must be 'ovr' (got 'ovo')")
     counts = [int(count) for count in model.n_support_]
-    return [_kernel(model, counts), {"step": "Votes", "bias": _tensor(model.intercept_)}]
+    return [
+        _kernel_step(model, counts),
+        {"step": "Votes", "bias": _double_tensor(model.intercept_)},
+    ]
 
 
 def _check_radial(model: Any) -> None:
     if model.kernel != "rbf":
         raise ValueError(
-            f"the kernel of a machine must be 'rbf' to be saved (got '{model.kernel}')"
+            "the kernel of a support vector machine must be 'rbf' to be saved (got "
+            f"'{model.kernel}')"
         )
 
 
-def _kernel(model: Any, counts: list[int]) -> _Step:
+def _kernel_step(model: Any, counts: list[int]) -> _Step:
     return {
         "step": "Kernel",
-        "vectors": _tensor(model.support_vectors_),
-        "weight": _tensor(model.dual_coef_.T),
+        "vectors": _double_tensor(model.support_vectors_),
+        "weight": _double_tensor(model.dual_coef_.T),
         "counts": counts,
-        "gamma": float(model._gamma),  # `gamma` may be "scale"
+        "gamma": float(model._gamma),  # private, because `gamma` may be the text "scale"
     }
 
 
-def _forest(model: Any) -> _Step:
+def _forest_step(model: Any) -> _Step:
     trees = [tree.tree_ for tree in model.estimators_]
     starts = np.cumsum([0, *(tree.node_count for tree in trees)])
-    sides: dict[str, list[np.ndarray]] = {"left": [], "right": []}
+    children_by_side: dict[str, list[np.ndarray]] = {"left": [], "right": []}
     for start, tree in zip(starts, trees, strict=False):
         node = np.arange(tree.node_count)
         is_leaf = tree.children_left < 0
         for name, children in (("left", tree.children_left), ("right", tree.children_right)):
-            sides[name].append(start + np.where(is_leaf, node, children))
+            children_by_side[name].append(start + np.where(is_leaf, node, children))
     feature = np.concatenate([tree.feature for tree in trees]).clip(min=0)
-    of_classes = hasattr(model, "classes_")
+    is_classifier = hasattr(model, "classes_")
     values = np.concatenate(
-        [tree.value[:, 0] if of_classes else tree.value[..., 0] for tree in trees]
+        [tree.value[:, 0] if is_classifier else tree.value[..., 0] for tree in trees]
     )
-    if of_classes:  # counts in older versions of scikit-learn
+    if is_classifier:  # older versions of scikit-learn hold counts
         values = values / values.sum(axis=1, keepdims=True)
     return {
         "step": "Forest",
-        "feature": _whole(feature),
-        "threshold": _tensor(np.concatenate([tree.threshold for tree in trees])),
-        **{name: _whole(np.concatenate(side)) for name, side in sides.items()},
-        "roots": _whole(starts[:-1]),
-        "values": _tensor(values),
+        "feature": _index_tensor(feature),
+        "threshold": _double_tensor(np.concatenate([tree.threshold for tree in trees])),
+        **{
+            name: _index_tensor(np.concatenate(indices))
+            for name, indices in children_by_side.items()
+        },
+        "roots": _index_tensor(starts[:-1]),
+        "values": _double_tensor(values),
         "num_features": int(model.n_features_in_),
     }
 
 
-def _tensor(values: Any) -> Tensor:
+def _double_tensor(values: Any) -> Tensor:
     return torch.from_numpy(np.array(values, dtype=np.float64))
 
 
-def _whole(values: np.ndarray) -> Tensor:
+def _index_tensor(values: np.ndarray) -> Tensor:
     return torch.from_numpy(values.astype(np.int32))
 
 
-def _unknown(model: Any) -> ValueError:
-    return ValueError(f"only {_KNOWN} can be saved in a predictor (got {type(model).__name__})")
+def _unsupported_error(model: Any) -> ValueError:
+    return ValueError(
+        f"only {_SUPPORTED_MODELS} can be saved in a predictor (got {type(model).__name__})"
+    )

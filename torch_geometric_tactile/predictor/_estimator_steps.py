@@ -1,5 +1,5 @@
-r"""What fitted estimators compute of features, as modules of tensors in double precision. Each is
-a step from rows of numbers to rows of numbers, and checks at birth what a file may claim.
+r"""Fitted estimators as modules of tensors in double precision. Each module is a step from rows of
+numbers to rows of numbers, and checks its arguments, which may come from a damaged file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,13 +12,13 @@ from torch.nn import Module
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.predictor._estimator_features import Step
 
-_MOST_LEVELS = 1000  # of a tree
-_LEAST = 1e-30  # probability
-_MOST_CLASSES = 100_000
+_MAX_TREE_LEVELS = 1000
+_MIN_PROBABILITY = 1e-30  # a class without probability has a finite logarithm
+_MAX_CLASSES = 100_000
 
 
 class Affine(Step):
-    r"""Scales and shifts each number.
+    r"""Scales and shifts each number of a row.
 
     Shapes:
         - **weight, bias:** :math:`(F,)`
@@ -29,10 +29,10 @@ class Affine(Step):
 
     def __init__(self, weight: Tensor, bias: Tensor) -> None:
         super().__init__()
-        self._keep("weight", weight, 1)
-        self._keep("bias", bias, 1)
+        self._register_tensor("weight", weight, 1)
+        self._register_tensor("bias", bias, 1)
         need(weight.shape == bias.shape, "'bias' must be as 'weight'", tuple(bias.shape))
-        self.takes = self.gives = weight.size(0)
+        self.num_inputs = self.num_outputs = weight.size(0)
 
     def forward(self, rows: Tensor) -> Tensor:
         r"""Returns :math:`(B, F)`."""
@@ -52,10 +52,10 @@ class Linear(Step):
 
     def __init__(self, weight: Tensor, bias: Tensor) -> None:
         super().__init__()
-        self._keep("weight", weight, 2)
-        self._keep("bias", bias, 1)
+        self._register_tensor("weight", weight, 2)
+        self._register_tensor("bias", bias, 1)
         need(weight.shape[1:] == bias.shape, "'bias' must be of each output", tuple(bias.shape))
-        self.takes, self.gives = weight.shape
+        self.num_inputs, self.num_outputs = weight.shape
 
     def forward(self, rows: Tensor) -> Tensor:
         r"""Returns :math:`(B, O)`."""
@@ -63,51 +63,54 @@ class Linear(Step):
 
 
 class Kernel(Step):
-    r"""Support vector machines with one radial kernel: weighted sums of how near a row is to the
-    support vectors, by groups of these.
+    r"""Support vector machines with one radial kernel: weighted sums of the kernel of a row and the
+    support vectors, for each group of support vectors.
 
     Shapes:
         - **vectors:** :math:`(V, F)`
         - **weight:** :math:`(V, R)`
-        - **counts:** How many vectors each of the groups has :math:`(G,)`
+        - **counts:** number of vectors of each group :math:`(G,)`
         - **output:** :math:`(B, G \cdot R)`
     """
 
     vectors: Tensor
     weight: Tensor
-    _length: Tensor
+    _squared_norm: Tensor
 
     def __init__(self, vectors: Tensor, weight: Tensor, counts: Sequence[int], gamma: float):
         super().__init__()
-        self._keep("vectors", vectors, 2)
-        self._keep("weight", weight, 2)
-        self.counts = _whole("counts", counts)
+        self._register_tensor("vectors", vectors, 2)
+        self._register_tensor("weight", weight, 2)
+        self.counts = _to_counts("counts", counts)
         self.gamma = float(gamma)
         total = sum(self.counts)
         if not len(vectors) == len(weight) == total:
             raise ValueError(f"'counts' must be of {len(vectors)} vectors (got {total})")
-        self.takes, self.gives = vectors.size(1), len(self.counts) * weight.size(1)
-        self.register_buffer("_length", self.vectors.square().sum(dim=1), persistent=False)
+        self.num_inputs, self.num_outputs = vectors.size(1), len(self.counts) * weight.size(1)
+        self.register_buffer("_squared_norm", self.vectors.square().sum(dim=1), persistent=False)
 
     def forward(self, rows: Tensor) -> Tensor:
         r"""Returns :math:`(B, G \cdot R)`."""
-        length = rows.square().sum(dim=1, keepdim=True)
-        distance = (length + self._length - 2 * rows @ self.vectors.t()).clamp(min=0)
-        near = (-self.gamma * distance).exp()
-        found, start = [], 0
+        squared_norm = rows.square().sum(dim=1, keepdim=True)
+        squared_distance = (squared_norm + self._squared_norm - 2 * rows @ self.vectors.t()).clamp(
+            min=0
+        )
+        similarity = (-self.gamma * squared_distance).exp()
+        sums, start = [], 0
         for count in self.counts:
             group = slice(start, start + count)
-            found.append(near[:, group] @ self.weight[group])
+            sums.append(similarity[:, group] @ self.weight[group])
             start += count
-        return torch.cat(found, dim=1)
+        return torch.cat(sums, dim=1)
 
 
 class Votes(Step):
-    r"""Scores of classes of what pairs of classes say against each other: their votes, and their
-    confidence as a fraction of one, as :obj:`SVC(decision_function_shape="ovr")`.
+    r"""Scores of classes from the scores of all pairs of classes: the number of pairs that a class
+    wins, plus its confidence as a fraction below one, as in
+    :obj:`SVC(decision_function_shape="ovr")`.
 
     Shapes:
-        - **bias:** of each pair :math:`(C \cdot (C - 1) / 2,)`
+        - **bias:** one number of each pair :math:`(C \cdot (C - 1) / 2,)`
         - **input:** :math:`(B, C \cdot (C - 1))`
     """
 
@@ -119,36 +122,47 @@ class Votes(Step):
 
     def __init__(self, bias: Tensor) -> None:
         super().__init__()
-        self._keep("bias", bias, 1)
-        count = 2
-        while count * (count - 1) // 2 < len(bias):
-            count += 1
-        need(count * (count - 1) // 2 == len(bias), "'bias' must be of pairs", len(bias))
-        self.takes, self.gives = count * (count - 1), count
-        first, second = torch.triu_indices(count, count, 1)
-        pair, side = torch.zeros(2, count, count, dtype=torch.long)
+        self._register_tensor("bias", bias, 1)
+        num_classes = 2
+        while num_classes * (num_classes - 1) // 2 < len(bias):
+            num_classes += 1
+        need(
+            num_classes * (num_classes - 1) // 2 == len(bias), "'bias' must be of pairs", len(bias)
+        )
+        self.num_inputs, self.num_outputs = num_classes * (num_classes - 1), num_classes
+        first, second = torch.triu_indices(num_classes, num_classes, 1)
+        pair, side = torch.zeros(2, num_classes, num_classes, dtype=torch.long)
         pair[first, second] = pair[second, first] = torch.arange(len(bias))
         side[first, second], side[second, first] = 1, -1
-        places = (first * (count - 1) + second - 1, second * (count - 1) + first)
+        positions = (first * (num_classes - 1) + second - 1, second * (num_classes - 1) + first)
         for name, value in zip(
-            ("_first", "_second", "_pair", "_side"), (*places, pair, side.double()), strict=True
+            ("_first", "_second", "_pair", "_side"), (*positions, pair, side.double()), strict=True
         ):
             self.register_buffer(name, value, persistent=False)
 
     def forward(self, rows: Tensor) -> Tensor:
         r"""Returns :math:`(B, C)`."""
-        said = rows[:, self._first] + rows[:, self._second] + self.bias
-        against = said[:, self._pair] * self._side  # of each class against each
-        votes, confidence = (against > 0).double().sum(dim=2), against.sum(dim=2)
+        pair_scores = rows[:, self._first] + rows[:, self._second] + self.bias
+        signed_scores = pair_scores[:, self._pair] * self._side  # score of class i against class j
+        votes, confidence = (signed_scores > 0).double().sum(dim=2), signed_scores.sum(dim=2)
+        # Below a third, as in scikit-learn: confidence only breaks ties between votes.
         return votes + confidence / (3 * (confidence.abs() + 1))
 
 
 class Forest(Step):
-    r"""The mean of the leaves of decision trees that a row comes to.
+    r"""Mean over decision trees of the values of the leaf that a row reaches.
+
+    Args:
+        feature (torch.Tensor): Number of the feature that each node compares.
+        threshold (torch.Tensor): Threshold of each node; rows that do not exceed it go left.
+        left (torch.Tensor): Left child of each node, after its parent; a leaf is its own child.
+        right (torch.Tensor): Right child of each node.
+        roots (torch.Tensor): First node of each tree.
+        values (torch.Tensor): Outputs of each node.
+        num_features (int): Numbers of a row.
 
     Shapes:
-        - **feature, threshold, left, right:** of each node :math:`(V,)`; a leaf has itself on both
-          sides, and others come after their parent
+        - **feature, threshold, left, right:** :math:`(V,)`
         - **roots:** :math:`(T,)`
         - **values:** :math:`(V, O)`
     """
@@ -171,38 +185,46 @@ class Forest(Step):
         num_features: int,
     ) -> None:
         super().__init__()
-        whole = {"feature": feature, "left": left, "right": right, "roots": roots}
-        for name, value in whole.items():
-            self._keep(name, value, 1, torch.long)
-        self._keep("threshold", threshold, 1)
-        self._keep("values", values, 2)
-        count = len(values)
-        (width,) = _whole("num_features", [num_features])
+        indices = {"feature": feature, "left": left, "right": right, "roots": roots}
+        for name, value in indices.items():
+            self._register_tensor(name, value, 1, torch.long)
+        self._register_tensor("threshold", threshold, 1)
+        self._register_tensor("values", values, 2)
+        num_nodes = len(values)
+        (num_inputs,) = _to_counts("num_features", [num_features])
         sizes = [len(value) for value in (feature, threshold, left, right)]
-        need(count > 0 and sizes == [count] * 4, f"each of {count} nodes must be whole", sizes)
-        limits = {"feature": width, "left": count, "right": count, "roots": count}
-        for name, most in limits.items():
+        need(
+            num_nodes > 0 and sizes == [num_nodes] * 4,
+            f"all {num_nodes} nodes must be complete",
+            sizes,
+        )
+        limits = {"feature": num_inputs, "left": num_nodes, "right": num_nodes, "roots": num_nodes}
+        for name, limit in limits.items():
             value = getattr(self, name)
-            if not len(value) or value.min() < 0 or value.max() >= most:
-                raise ValueError(f"'{name}' must be from 0 to {most - 1} (got others)")
+            if not len(value) or value.min() < 0 or value.max() >= limit:
+                raise ValueError(f"'{name}' must be from 0 to {limit - 1} (got others)")
         self.num_levels = self._count_levels()
-        self.takes, self.gives = width, values.size(1)
+        self.num_inputs, self.num_outputs = num_inputs, values.size(1)
 
     def _count_levels(self) -> int:
         node = torch.arange(len(self.left))
         is_leaf = (self.left == node) & (self.right == node)
         if not (is_leaf | ((self.left > node) & (self.right > node))).all():
             raise ValueError("'left' and 'right' must come after their parent (got others)")
-        reached, levels = self.roots.unique(), 0
-        while not is_leaf[reached].all():
+        nodes, levels = self.roots.unique(), 0
+        while not is_leaf[nodes].all():
             levels += 1
-            need(levels <= _MOST_LEVELS, f"a tree must have at most {_MOST_LEVELS} levels", levels)
-            reached = torch.cat([self.left[reached], self.right[reached]]).unique()
+            need(
+                levels <= _MAX_TREE_LEVELS,
+                f"a tree must have at most {_MAX_TREE_LEVELS} levels",
+                levels,
+            )
+            nodes = torch.cat([self.left[nodes], self.right[nodes]]).unique()
         return levels
 
     def forward(self, rows: Tensor) -> Tensor:
         r"""Returns :math:`(B, O)`."""
-        rows = rows.float().double()  # as scikit-learn compares them
+        rows = rows.float().double()  # scikit-learn compares in single precision
         node = self.roots.unsqueeze(0).expand(rows.size(0), -1)
         for _ in range(self.num_levels):
             is_left = rows.gather(1, self.feature[node]) <= self.threshold[node]
@@ -221,8 +243,8 @@ class Constant(Step):
 
     def __init__(self, values: Tensor) -> None:
         super().__init__()
-        self._keep("values", values, 1)
-        self.gives = len(values)
+        self._register_tensor("values", values, 1)
+        self.num_outputs = len(values)
 
     def forward(self, rows: Tensor) -> Tensor:
         r"""Returns :math:`(B, O)`."""
@@ -230,10 +252,10 @@ class Constant(Step):
 
 
 class Beside(Step):
-    r"""Several models of the same rows, with their outputs side by side.
+    r"""Several models of the same rows, whose outputs are concatenated.
 
     Args:
-        models (sequence): The steps of each.
+        models (sequence of sequences): The steps of each model.
     """
 
     def __init__(self, models: Sequence[Sequence[Mapping[str, Any]]]) -> None:
@@ -241,10 +263,10 @@ class Beside(Step):
         chains = [Chain(steps, ROWS) for steps in models]
         need(chains, "'models' must hold at least one (got none)")
         self.models = torch.nn.ModuleList(chains)
-        widths = [chain.gives for chain in chains]
-        need(None not in widths, "each of 'models' must give as many numbers", widths)
-        self.takes = next((chain.takes for chain in chains if chain.takes), None)
-        self.gives = sum(width or 0 for width in widths)
+        output_counts = [chain.num_outputs for chain in chains]
+        need(None not in output_counts, "the outputs of 'models' must be known", output_counts)
+        self.num_inputs = next((chain.num_inputs for chain in chains if chain.num_inputs), None)
+        self.num_outputs = sum(width or 0 for width in output_counts)
 
     def forward(self, rows: Tensor) -> Tensor:
         r"""Returns :math:`(B, O)`."""
@@ -252,82 +274,109 @@ class Beside(Step):
 
 
 class Probability(Step):
-    r"""Probabilities of scores :math:`(B, C)`, or of one score of two classes :math:`(B, 1)`."""
+    r"""Probabilities of classes from scores :math:`(B, C)`, or from one score of two classes
+    :math:`(B, 1)`.
+
+    Args:
+        factor (float): Factor of the scores.
+        of_two (bool): Whether there is one score of two classes.
+    """
 
     def __init__(self, factor: float, of_two: bool) -> None:
         super().__init__()
         self.factor = float(factor)
         need(self.factor > 0, "'factor' must be above 0", factor)
-        self.of_two = bool(of_two)
-        if self.of_two:
-            self.takes, self.gives = 1, 2
+        self.is_binary = bool(of_two)
+        if self.is_binary:
+            self.num_inputs, self.num_outputs = 1, 2
 
     def forward(self, rows: Tensor) -> Tensor:
         r"""Returns :math:`(B, C)`."""
         scores = self.factor * rows
-        if self.of_two:
+        if self.is_binary:
             scores = torch.cat([torch.zeros_like(scores), scores], dim=1)
         return scores.softmax(dim=1)
 
 
 class Logits(Step):
-    r"""Logits of all classes, of the probabilities of those that were in the training part."""
+    r"""Logits of all classes from probabilities of the classes that the training part has. Others
+    have almost no probability.
+
+    Args:
+        classes (sequence of int): Numbers of the classes of the training part, increasing.
+        num_classes (int): Number of all classes.
+    """
 
     _column: Tensor
 
     def __init__(self, classes: Sequence[int], num_classes: int) -> None:
         super().__init__()
-        self.classes = _whole("classes", classes)
-        (count,) = _whole("num_classes", [num_classes])
-        if sorted(set(self.classes)) != self.classes or not self.classes[-1:] < [count]:
-            raise ValueError(f"'classes' must rise and be below {count} (got {classes!r:.80})")
-        need(count <= _MOST_CLASSES, f"'num_classes' must be up to {_MOST_CLASSES}", count)
-        self.takes, self.gives = len(self.classes), count
-        column = torch.full((count,), len(self.classes))  # one of zeros
+        self.classes = _to_counts("classes", classes)
+        (num_outputs,) = _to_counts("num_classes", [num_classes])
+        if sorted(set(self.classes)) != self.classes or not self.classes[-1:] < [num_outputs]:
+            raise ValueError(
+                f"'classes' must rise and be below {num_outputs} (got {classes!r:.80})"
+            )
+        need(
+            num_outputs <= _MAX_CLASSES, f"'num_classes' must be up to {_MAX_CLASSES}", num_outputs
+        )
+        self.num_inputs, self.num_outputs = len(self.classes), num_outputs
+        column = torch.full((num_outputs,), len(self.classes))  # points to a column of zeros
         column[self.classes] = torch.arange(len(self.classes))
         self.register_buffer("_column", column, persistent=False)
 
     def forward(self, rows: Tensor) -> Tensor:
         r"""Returns :math:`(B, C)`."""
         padded = torch.cat([rows, torch.zeros_like(rows[:, :1])], dim=1)
-        return padded[:, self._column].clamp(min=_LEAST).log()
+        return padded[:, self._column].clamp(min=_MIN_PROBABILITY).log()
 
 
 class Chain(Module):
-    r"""Steps one after the other, each of which must take as many numbers as the one before gives.
+    r"""Several steps, each of which takes the output of the previous step.
 
     Args:
-        steps (sequence): Name and arguments of each.
-        known (Mapping): The steps that there are, by name.
+        steps (sequence of mappings): Name and arguments of each step.
+        step_classes (Mapping): Classes of steps by name.
+
+    Raises:
+        ValueError: If a step is unknown, or the sizes of consecutive steps differ.
     """
 
-    def __init__(self, steps: Sequence[Mapping[str, Any]], known: Mapping[str, type[Step]]) -> None:
+    def __init__(
+        self, steps: Sequence[Mapping[str, Any]], step_classes: Mapping[str, type[Step]]
+    ) -> None:
         super().__init__()
         if not isinstance(steps, Sequence) or not steps:
             raise ValueError(f"'steps' must be at least one step (got {steps!r:.80})")
-        built: list[Step] = []
-        for described in steps:
-            given = dict(described)
-            name = given.pop("step", None)
-            if name not in known:
-                raise ValueError(f"a step must be one of {', '.join(known)} (got {name!r:.80})")
-            built.append(known[name](**given))
-        self.steps = torch.nn.ModuleList(built)
-        self.takes, width = built[0].takes, built[0].gives
-        for step in built[1:]:
-            if step.takes is not None and width is not None and step.takes != width:
+        built_steps: list[Step] = []
+        for description in steps:
+            arguments = dict(description)
+            name = arguments.pop("step", None)
+            if name not in step_classes:
                 raise ValueError(
-                    f"{type(step).__name__} must take {width} numbers (got {step.takes})"
+                    f"a step must be one of {', '.join(step_classes)} (got {name!r:.80})"
                 )
-            width = width if step.gives is None else step.gives
-        self.gives = width
+            built_steps.append(step_classes[name](**arguments))
+        self.steps = torch.nn.ModuleList(built_steps)
+        self.num_inputs, num_outputs = built_steps[0].num_inputs, built_steps[0].num_outputs
+        for step in built_steps[1:]:
+            if (
+                step.num_inputs is not None
+                and num_outputs is not None
+                and step.num_inputs != num_outputs
+            ):
+                raise ValueError(
+                    f"{type(step).__name__} must take {num_outputs} numbers (got {step.num_inputs})"
+                )
+            num_outputs = num_outputs if step.num_outputs is None else step.num_outputs
+        self.num_outputs = num_outputs
 
     def forward(self, rows: Tensor) -> Tensor:
         r"""Returns :math:`(B, O)`."""
-        if self.takes is not None and rows.size(1) != self.takes:
+        if self.num_inputs is not None and rows.size(1) != self.num_inputs:
             raise ValueError(
-                f"each sample must have {self.takes} numbers, as the estimator was fitted on (got "
-                f"{rows.size(1)})"
+                f"each sample must have {self.num_inputs} numbers, as the estimator was fitted on "
+                f"(got {rows.size(1)})"
             )
         for step in self.steps:
             rows = step(rows)
@@ -340,7 +389,7 @@ ROWS: dict[str, type[Step]] = {
 }
 
 
-def _whole(name: str, values: Any) -> list[int]:
+def _to_counts(name: str, values: Any) -> list[int]:
     if not isinstance(values, Sequence) or not all(type(v) is int and v >= 0 for v in values):
         raise ValueError(f"'{name}' must hold whole numbers from 0 on (got {values!r:.80})")
     need(values, f"'{name}' must hold at least one number (got none)")

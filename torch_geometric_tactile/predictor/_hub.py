@@ -1,4 +1,4 @@
-r"""Predictors in repositories of the Hugging Face Hub."""
+r"""Upload and download of predictors to and from repositories of the Hugging Face Hub."""
 
 import os
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 #: The name of a predictor's file in a repository or a folder.
 PREDICTOR_FILE = "model.predictor"
-_CARD = """---
+_CARD_TEMPLATE = """---
 library_name: torch-geometric-tactile
 tags:
 - tactile
@@ -47,14 +47,15 @@ def push_predictor(
     revision: str | None,
 ) -> str:
     r"""Uploads the file of a predictor and its model card, and returns the URL of the commit."""
-    api = _client(token)
+    api = _hub_client(token)
     from huggingface_hub import CommitOperationAdd
 
     with TemporaryDirectory() as folder:
         path = Path(folder) / PREDICTOR_FILE
         predictor.save(path)
-        with _explained(repo_id, api.endpoint, revision):
-            # A name without an account is one of the token's account. Some tokens may write only.
+        with _translated_client_errors(repo_id, api.endpoint, revision):
+            # `create_repo` completes a name without an account. Tokens that may write to one
+            # repository only must not call it if the repository exists.
             if "/" not in repo_id or not api.repo_exists(repo_id):
                 repo_id = api.create_repo(repo_id, private=private, exist_ok=True).repo_id
             if revision is not None:
@@ -78,8 +79,8 @@ def predictor_file(
     local_files_only: bool,
     force_download: bool,
 ) -> Path:
-    r"""Returns the path of a predictor's file, which is downloaded from a repository unless the
-    path of the file or of its folder is given.
+    r"""Returns the path of a predictor's file: a local file, the file in a local folder, or a file
+    that is downloaded from a repository.
     """
     path = Path(path_or_repo_id)
     if path.is_dir():
@@ -92,8 +93,8 @@ def predictor_file(
         return path
     if path.is_file() or isinstance(path_or_repo_id, os.PathLike):
         return path
-    api = _client(token)
-    with _explained(path_or_repo_id, api.endpoint, revision, local_files_only):
+    api = _hub_client(token)
+    with _translated_client_errors(path_or_repo_id, api.endpoint, revision, local_files_only):
         return Path(
             api.hf_hub_download(
                 path_or_repo_id,
@@ -118,16 +119,18 @@ def model_card(predictor: "Predictor", repo_id: str) -> str:
         "score": "" if predictor.score is None else str(predictor.score),
     }
     lines = ["| | |", "|---|---|"]
-    lines += [f"| {key} | {_cell(text)} |" for key, text in rows.items() if text]
-    return _CARD.format(name=repo_id.rpartition("/")[2], table="\n".join(lines), repo_id=repo_id)
+    lines += [f"| {key} | {_escape_cell(text)} |" for key, text in rows.items() if text]
+    return _CARD_TEMPLATE.format(
+        name=repo_id.rpartition("/")[2], table="\n".join(lines), repo_id=repo_id
+    )
 
 
-def _cell(text: str) -> str:
-    # A name must not end the cell or its row.
+def _escape_cell(text: str) -> str:
+    # A class name with a bar or a line break would otherwise end the cell or its row.
     return printable(text).replace("|", r"\|")
 
 
-def _client(token: str | bool | None) -> Any:
+def _hub_client(token: str | bool | None) -> Any:
     try:
         from huggingface_hub import HfApi
     except ImportError as error:
@@ -135,16 +138,16 @@ def _client(token: str | bool | None) -> Any:
             "sharing predictors needs 'huggingface_hub': "
             'pip install "torch-geometric-tactile[hub]"'
         ) from error
-    # The package itself reads the variable only when it is imported.
+    # `huggingface_hub` reads the variable only on its import, which may have been earlier.
     endpoint = os.environ.get("HF_ENDPOINT", "").rstrip("/") or None
     return HfApi(endpoint, token, library_name="torch-geometric-tactile")
 
 
 @contextmanager
-def _explained(
+def _translated_client_errors(
     repo_id: str, endpoint: str, revision: str | None, local_files_only: bool = False
 ) -> Iterator[None]:
-    r"""Turns the errors of the client into errors that name the repository and what to do."""
+    r"""Replaces errors of the client by errors that name the repository and the next step."""
     from huggingface_hub import errors
 
     name = f"'{repo_id}' at {endpoint}"
@@ -188,7 +191,7 @@ def _explained(
         raise OSError(f"{name} answers with an error: {reason}") from error
     except (ImportError, OSError):
         raise
-    except Exception as error:  # those of HTTP, whose package depends on the version of the client
+    except Exception as error:  # HTTP errors: their package depends on the version of the client
         if isinstance(error, ValueError) and error.__cause__ is None:
             raise
         raise ConnectionError(

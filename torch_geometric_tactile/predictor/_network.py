@@ -1,4 +1,4 @@
-r"""A model that runs, and what its outputs mean."""
+r"""A model with the names and the meaning of its outputs."""
 
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -41,13 +41,13 @@ class Network:
         self.task: Task = task  # type: ignore[assignment]
         self.threshold = threshold
         self.score = score
-        numbers = [p for p in model.parameters() if p.is_floating_point()]
-        self.dtype = numbers[0].dtype if numbers else torch.get_default_dtype()
-        self.device = numbers[0].device if numbers else torch.device("cpu")
+        float_parameters = [p for p in model.parameters() if p.is_floating_point()]
+        self.dtype = float_parameters[0].dtype if float_parameters else torch.get_default_dtype()
+        self.device = float_parameters[0].device if float_parameters else torch.device("cpu")
         self.modalities: tuple[str, ...] = input_names(model)
 
-    def facts(self) -> dict[str, Any]:
-        r"""Returns what live use must know of the outputs, as JSON values."""
+    def metadata(self) -> dict[str, Any]:
+        r"""Returns task, class names and threshold as JSON values, for exported models."""
         names = list(self.class_names)
         return {"task": self.task, "class_names": names, "threshold": self.threshold}
 
@@ -57,11 +57,8 @@ class Network:
         self.model.to(self.device)
 
     def logits(self, data: StaticData) -> Tensor:
-        r"""Returns what the model makes of prepared data :math:`(B, C)`, with gradients.
-
-        Args:
-            data (StaticData): What :meth:`prepare_samples` or :meth:`Predictor.prepare` returned.
-        """
+        r"""Returns the output of the model, as :meth:`Predictor.logits`."""
+        # The model is accessible: its mode may have changed since it was built.
         if self.model.training:
             self.model.eval()
         edges = "give 'adjacency', or add KNNGraph() to the transform"
@@ -69,24 +66,13 @@ class Network:
         return call_model(self.model, data, inputs)
 
     def probability(self, logits: Tensor) -> Tensor:
-        r"""Returns the probabilities of the classes or labels, or for a regression the numbers.
-
-        Args:
-            logits (torch.Tensor): What the model returned :math:`(B, C)`.
-        """
+        r"""Returns probabilities or numbers, as :meth:`Predictor.probability`."""
         if self.task == "regression":
             return logits
         return logits.sigmoid() if self.task == "multilabel" else logits.softmax(dim=-1)
 
     def names(self, num_outputs: int) -> list[str]:
-        r"""Returns the names of the outputs: of the classes or labels, or their numbers.
-
-        Args:
-            num_outputs (int): Number of outputs :math:`C`.
-
-        Raises:
-            ValueError: If there are names, but not as many.
-        """
+        r"""Returns the names of the outputs, as :meth:`Predictor.names`."""
         if self.class_names and len(self.class_names) != num_outputs:
             raise ValueError(
                 f"'class_names' must have {num_outputs} names, as the model has outputs "
@@ -95,38 +81,30 @@ class Network:
         return list(self.class_names) or [str(i) for i in range(num_outputs)]
 
     def labels(self, probability: Tensor, lacks_contact: Tensor | None = None) -> list[list[str]]:
-        r"""Returns the predicted class of each frame, the most probable one or by the
-        :obj:`threshold`, or all its labels with a probability above one half; none for a frame
-        whose probabilities are NaN, but :obj:`"no contact"` for one that lacks contact.
-
-        Args:
-            probability (torch.Tensor): The probabilities :math:`(C,)` or :math:`(B, C)`.
-            lacks_contact (torch.Tensor, optional): Which frames lack contact, as
-                :meth:`Predictor.lacks_contact` returns it :math:`(B,)`; none if left out.
-
-        Raises:
-            ValueError: If :obj:`task` is :obj:`"regression"`, whose frames have no other label than
-                :obj:`"no contact"`, and :obj:`lacks_contact` is left out, or there is a threshold
-                and are not two classes.
-        """
+        r"""Returns the predicted labels of each frame, as :meth:`Predictor.labels`."""
         rows = probability.view(-1, probability.size(-1)).cpu()
         if lacks_contact is not None:
-            free = lacks_contact.view(-1).tolist()
-            need(len(free) == len(rows), f"'lacks_contact' must have {len(rows)} rows", len(free))
-            none: list[list[str]] = [[]] * len(rows)
-            labels = none if self.task == "regression" else self.labels(rows)
+            is_free_rows = lacks_contact.view(-1).tolist()
+            need(
+                len(is_free_rows) == len(rows),
+                f"'lacks_contact' must have {len(rows)} rows",
+                len(is_free_rows),
+            )
+            unlabelled: list[list[str]] = [[]] * len(rows)
+            labels = unlabelled if self.task == "regression" else self.labels(rows)
             return [
-                [NO_CONTACT] if is_free else row for is_free, row in zip(free, labels, strict=True)
+                [NO_CONTACT] if is_free else row
+                for is_free, row in zip(is_free_rows, labels, strict=True)
             ]
         need(self.task != "regression", "a regression has no labels (task='regression')")
         names = self.names(rows.size(1))
         if self.task == "multilabel":
             return [[names[i] for i in (row > 0.5).nonzero().view(-1).tolist()] for row in rows]
         missing = rows.isnan().any(dim=1).tolist()
-        best = self._best(rows).tolist() if len(rows) else []
-        return [[] if is_nan else [names[i]] for i, is_nan in zip(best, missing, strict=True)]
+        predicted = self._predict_classes(rows).tolist() if len(rows) else []
+        return [[] if is_nan else [names[i]] for i, is_nan in zip(predicted, missing, strict=True)]
 
-    def _best(self, rows: Tensor) -> Tensor:
+    def _predict_classes(self, rows: Tensor) -> Tensor:
         if self.threshold is None:
             return rows.argmax(dim=1)
         if rows.size(1) != 2:

@@ -1,4 +1,4 @@
-r"""Products with a constant sparse matrix in an ONNX graph, computed in blocks of rows."""
+r"""Products of a constant sparse matrix in an ONNX graph, computed in blocks of rows."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -6,20 +6,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-# Smaller matrices take less time than the operations that this adds.
+# Products of smaller matrices take less time than the operations that blocks add.
 _MIN_ENTRIES = 256 * 256
-_ROWS_OF_A_BLOCK = (16, 32, 64, 128)
+_BLOCK_HEIGHTS = (16, 32, 64, 128)
 # Multiplications that take as long as copying one feature of a neighbour (measured, onnxruntime).
-_COST_OF_A_COPY = 32
+_COPY_COST = 32
 
 
 class _Blocks(NamedTuple):
-    r"""Equal numbers of rows of a sparse matrix :math:`(N, N)`, each with the columns that it
-    needs.
+    r"""Blocks of :math:`n` rows of a sparse matrix :math:`(N, N)`, each with the columns that are
+    not zero in it.
 
     Shapes:
-        - **columns:** :math:`(B, C)`
-        - **values:** :math:`(B, n, C)`, where :math:`B \cdot n \geq N`
+        - **columns:** indices of columns :math:`(B, C)`
+        - **values:** entries :math:`(B, n, C)`, where :math:`B \cdot n \geq N`
     """
 
     columns: np.ndarray
@@ -27,20 +27,20 @@ class _Blocks(NamedTuple):
 
     @property
     def cost(self) -> int:
-        r"""Multiplications per feature of one product, copies included."""
-        return int(self.values.size + _COST_OF_A_COPY * self.columns.size)
+        r"""Number of multiplications of one product per feature, including the cost of copies."""
+        return int(self.values.size + _COPY_COST * self.columns.size)
 
 
 def compute_in_blocks(model: Any) -> int:
     r"""Replaces products of a constant sparse matrix and features, such as those with an adjacency,
-    by a gather and a product of small dense blocks. Returns how many were replaced.
+    by a gather and a product of small dense blocks. Returns the number of replaced products.
 
     onnxruntime has no sparse product. On 384 taxels and 1,401 edges, blocks take a third of the
     time of the dense product; padded neighbour lists (a gather, a product, a sum) take as long as
     the dense one.
 
     Args:
-        model (onnx.ModelProto): The model, which is changed.
+        model (onnx.ModelProto): The model, which is changed in place.
     """
     onnx = import_module("onnx")
     graph = model.graph
@@ -58,24 +58,24 @@ def compute_in_blocks(model: Any) -> int:
         and ranks.get(node.input[1], 0) >= 2
     ]
     matrices = _constant_values(model, {node.input[0] for node in products}, constants)
-    blocks_of: dict[bytes, tuple[_Blocks, str]] = {}
+    blocks_by_matrix: dict[bytes, tuple[_Blocks, str]] = {}
     num_replaced = 0
     for node in products:
         matrix = matrices[node.input[0]]
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.size < _MIN_ENTRIES:
             continue
         key = matrix.tobytes()
-        if key not in blocks_of:
+        if key not in blocks_by_matrix:
             blocks = _cheapest_blocks(matrix)
             if 2 * blocks.cost > matrix.size:
                 continue
-            name = f"blocks_{len(blocks_of)}"
-            blocks_of[key] = blocks, name
+            name = f"blocks_{len(blocks_by_matrix)}"
+            blocks_by_matrix[key] = blocks, name
             arrays = {f"{name}_columns": blocks.columns, f"{name}_values": blocks.values}
             graph.initializer.extend(
                 onnx.numpy_helper.from_array(array, key) for key, array in arrays.items()
             )
-        _replace(graph, node, *blocks_of[key], len(matrix), ranks[node.input[1]] - 2)
+        _replace_product(graph, node, *blocks_by_matrix[key], len(matrix), ranks[node.input[1]] - 2)
         num_replaced += 1
     if num_replaced:
         _remove_unused(graph)
@@ -83,7 +83,7 @@ def compute_in_blocks(model: Any) -> int:
 
 
 def _constant_names(graph: Any) -> set[str]:
-    r"""Returns the names of all values that depend on no input."""
+    r"""Returns the names of all values of a graph that do not depend on an input."""
     constants = {tensor.name for tensor in graph.initializer} | {""}
     constants -= {info.name for info in graph.input}
     for node in graph.node:
@@ -95,93 +95,101 @@ def _constant_names(graph: Any) -> set[str]:
 
 
 def _constant_values(model: Any, names: set[str], constants: set[str]) -> Mapping[str, np.ndarray]:
-    r"""Returns the values of constants by name."""
+    r"""Returns the values of constants by name, computed by a part of the graph."""
     if not names:
         return {}
     onnx, runtime = import_module("onnx"), import_module("onnxruntime")
     graph = model.graph
-    part = onnx.ModelProto()
-    part.CopyFrom(model)
+    subgraph = onnx.ModelProto()
+    subgraph.CopyFrom(model)
     for field in ("node", "input", "output", "value_info"):
-        part.graph.ClearField(field)
-    part.graph.node.extend(node for node in graph.node if constants.issuperset(node.output))
+        subgraph.graph.ClearField(field)
+    subgraph.graph.node.extend(node for node in graph.node if constants.issuperset(node.output))
     ordered = sorted(names)
-    part.graph.output.extend(onnx.ValueInfoProto(name=name) for name in ordered)
+    subgraph.graph.output.extend(onnx.ValueInfoProto(name=name) for name in ordered)
     options = runtime.SessionOptions()
     options.log_severity_level = 3
     session = runtime.InferenceSession(
-        part.SerializeToString(), options, providers=["CPUExecutionProvider"]
+        subgraph.SerializeToString(), options, providers=["CPUExecutionProvider"]
     )
     return dict(zip(ordered, session.run(ordered, {}), strict=True))
 
 
 def _cheapest_blocks(matrix: np.ndarray) -> _Blocks:
-    return min((_blocks(matrix, num_rows) for num_rows in _ROWS_OF_A_BLOCK), key=lambda b: b.cost)
+    return min((_blocks(matrix, num_rows) for num_rows in _BLOCK_HEIGHTS), key=lambda b: b.cost)
 
 
 def _blocks(matrix: np.ndarray, num_rows: int) -> _Blocks:
     starts = range(0, len(matrix), num_rows)
-    needed = [np.flatnonzero(matrix[start : start + num_rows].any(axis=0)) for start in starts]
-    width = max(1, *map(len, needed))
+    used_columns = [
+        np.flatnonzero(matrix[start : start + num_rows].any(axis=0)) for start in starts
+    ]
+    width = max(1, *map(len, used_columns))
     columns = np.zeros((len(starts), width), np.int64)
     values = np.zeros((len(starts), num_rows, width), matrix.dtype)
-    for i, (start, index) in enumerate(zip(starts, needed, strict=True)):
+    for i, (start, index) in enumerate(zip(starts, used_columns, strict=True)):
         rows = matrix[start : start + num_rows, index]
-        columns[i] = start  # of weight zero, beyond the columns that it needs
+        columns[i] = start  # padding; its entries are zero
         columns[i, : len(index)] = index
         values[i, : len(rows), : len(index)] = rows
     return _Blocks(columns, values)
 
 
-def _replace(graph: Any, node: Any, blocks: _Blocks, name: str, num_rows: int, lead: int) -> None:
+def _replace_product(
+    graph: Any, node: Any, blocks: _Blocks, name: str, num_rows: int, lead: int
+) -> None:
     onnx = import_module("onnx")
     helper, (output,), features = onnx.helper, node.output, node.input[1]
     num_blocks, rows_of_block, _ = blocks.values.shape
-    padded = num_blocks * rows_of_block
-    gathered, product, joined = (f"{output}_{part}" for part in ("gathered", "product", "joined"))
-    shape = np.array([0] * lead + [padded, -1], np.int64)
+    num_padded_rows = num_blocks * rows_of_block
+    gathered_name, product_name, joined_name = (
+        f"{output}_{part}" for part in ("gathered", "product", "joined")
+    )
+    shape = np.array([0] * lead + [num_padded_rows, -1], np.int64)
     arrays = {f"{output}_shape": shape}
     nodes = [
-        helper.make_node("Gather", [features, f"{name}_columns"], [gathered], axis=lead),
-        helper.make_node("MatMul", [f"{name}_values", gathered], [product]),
+        helper.make_node("Gather", [features, f"{name}_columns"], [gathered_name], axis=lead),
+        helper.make_node("MatMul", [f"{name}_values", gathered_name], [product_name]),
     ]
-    if padded == num_rows:
-        nodes.append(helper.make_node("Reshape", [product, f"{output}_shape"], [output]))
+    if num_padded_rows == num_rows:
+        nodes.append(helper.make_node("Reshape", [product_name, f"{output}_shape"], [output]))
     else:
-        nodes.append(helper.make_node("Reshape", [product, f"{output}_shape"], [joined]))
+        nodes.append(helper.make_node("Reshape", [product_name, f"{output}_shape"], [joined_name]))
         bounds = {"starts": 0, "ends": num_rows, "axes": lead}
         names = {key: f"{output}_{key}" for key in bounds}
         arrays |= {names[key]: np.array([value], np.int64) for key, value in bounds.items()}
-        nodes.append(helper.make_node("Slice", [joined, *names.values()], [output]))
-    for i, new in enumerate(nodes):
-        new.name = f"{node.name}_block_{i}"
+        nodes.append(helper.make_node("Slice", [joined_name, *names.values()], [output]))
+    for i, new_node in enumerate(nodes):
+        new_node.name = f"{node.name}_block_{i}"
     graph.initializer.extend(
         onnx.numpy_helper.from_array(array, key) for key, array in arrays.items()
     )
-    place = list(graph.node).index(node)
-    before, after = list(graph.node)[:place], list(graph.node)[place + 1 :]
+    position = list(graph.node).index(node)
+    before, after = list(graph.node)[:position], list(graph.node)[position + 1 :]
     graph.ClearField("node")
     graph.node.extend([*before, *nodes, *after])
 
 
 def _remove_unused(graph: Any) -> None:
-    r"""Removes nodes, constants and shapes of values that no output needs."""
-    needed = {info.name for info in graph.output}
+    r"""Removes nodes, constants and shapes of values on which no output depends."""
+    used_names = {info.name for info in graph.output}
     nodes = []
     for node in reversed(graph.node):
-        if needed.isdisjoint(node.output):
+        if used_names.isdisjoint(node.output):
             continue
         nodes.append(node)
-        needed.update(node.input)
+        used_names.update(node.input)
         for attribute in node.attribute:
-            if attribute.HasField("g"):  # which may use any value around it
-                needed.update(name for inner in attribute.g.node for name in inner.input)
-    _keep(graph, "node", nodes[::-1])
+            if attribute.HasField("g"):  # a subgraph may use any value of the graph
+                used_names.update(name for inner in attribute.g.node for name in inner.input)
+    _set_entries(graph, "node", nodes[::-1])
     for field in ("initializer", "value_info"):
-        _keep(graph, field, [entry for entry in getattr(graph, field) if entry.name in needed])
+        _set_entries(
+            graph, field, [entry for entry in getattr(graph, field) if entry.name in used_names]
+        )
 
 
-def _keep(graph: Any, field: str, entries: list[Any]) -> None:
+def _set_entries(graph: Any, field: str, entries: list[Any]) -> None:
     copies = [type(entry).FromString(entry.SerializeToString()) for entry in entries]
     graph.ClearField(field)
     getattr(graph, field).extend(copies)

@@ -11,21 +11,21 @@ import torch
 
 from torch_geometric_tactile.predictor._network import Network
 
-# 2 MB. Smaller maps stay in the cache of a core: integers gain no time, and cost accuracy.
-MIN_WEIGHTS = 2**19
+# 2 MB. Smaller maps stay in the cache of a core, where integers save no time but cost accuracy.
+MIN_QUANTIZED_WEIGHTS = 2**19
 
 
 class Agreement(NamedTuple):
-    r"""How the answers of a graph with weights of eight bits differ from those of its graph in
-    single precision.
+    r"""Differences between the predictions of a graph with weights of eight bits and those of the
+    same graph in single precision.
 
     Args:
-        equal_labels (float, optional): Share of the answers with the same labels; :obj:`None` for
-            a regression.
+        equal_labels (float, optional): Share of predictions with the same labels; :obj:`None` for a
+            regression.
         largest_change (float): Largest change of a probability, or of a number of a regression in
             its unit.
-        num_answers (int): Number of answers that were compared.
-        frames (str): What they were answers to: :obj:`"recordings"` or :obj:`"random"` readings.
+        num_answers (int): Number of predictions that were compared.
+        frames (str): Source of the readings: :obj:`"recordings"` or :obj:`"random"`.
     """
 
     equal_labels: float | None
@@ -42,43 +42,46 @@ class Agreement(NamedTuple):
 
 
 def quantize_weights(model: Any) -> tuple[Any, int]:
-    r"""Returns a model whose large linear maps multiply integers of eight bits, and how many
-    weights these are. Each output has a scale of its own, and inputs are quantized at each call.
+    r"""Returns a model whose large linear maps have weights of eight bits, and the number of these
+    weights. Each output has a separate scale. Inputs are quantized at each call.
 
-    Weights are unsigned: processors without VNNI saturate sums of signed ones, and the file may run
-    on another machine than this one.
+    Weights are unsigned, because processors without VNNI saturate sums of signed weights, and the
+    file may run on any machine.
 
     Args:
-        model (onnx.ModelProto): The model, which stays as it is.
+        model (onnx.ModelProto): The model, which is not changed.
 
     Raises:
         ValueError: If it has no large linear map.
     """
     onnx = import_module("onnx")
     quantization = import_module("onnxruntime.quantization")
-    weights = {
+    sizes = {
         tensor.name: prod(tensor.dims)
         for tensor in model.graph.initializer
         if len(tensor.dims) == 2 and tensor.data_type == onnx.TensorProto.FLOAT
     }
-    maps = [
+    linear_nodes = [
         node
         for node in model.graph.node
-        if node.op_type in ("MatMul", "Gemm") and weights.get(node.input[1], 0) >= MIN_WEIGHTS
+        if node.op_type in ("MatMul", "Gemm")
+        and sizes.get(node.input[1], 0) >= MIN_QUANTIZED_WEIGHTS
     ]
-    if not maps:
+    if not linear_nodes:
         raise ValueError(
-            f"the model must have a linear map of at least {MIN_WEIGHTS:,} weights to gain by "
-            f"integers (got {max(weights.values(), default=0):,} in its largest): leave out "
+            f"the model must have a linear map of at least {MIN_QUANTIZED_WEIGHTS:,} weights to be "
+            f"quantized (got {max(sizes.values(), default=0):,} in its largest): leave out "
             "'quantize'"
         )
     source = onnx.ModelProto()
     source.CopyFrom(model)
     # Shapes that PyTorch wrote stop onnxruntime's own, which the quantizer needs.
     source.graph.ClearField("value_info")
-    mark = source.metadata_props.add()  # without which it logs a warning
-    mark.key, mark.value = "onnx.quant.pre_process", "onnxruntime.quant"
-    names = [name for node in maps for name in (node.name, f"{node.name}_MatMul")]  # of a Gemm
+    entry = source.metadata_props.add()  # avoids a warning of the quantizer
+    entry.key, entry.value = "onnx.quant.pre_process", "onnxruntime.quant"
+    names = [
+        name for node in linear_nodes for name in (node.name, f"{node.name}_MatMul")
+    ]  # the node of a Gemm
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.onnx"
         quantization.quantize_dynamic(
@@ -89,39 +92,40 @@ def quantize_weights(model: Any) -> tuple[Any, int]:
             weight_type=quantization.QuantType.QUInt8,
             nodes_to_quantize=names,
         )
-        result = onnx.load(path)
-    result.ClearField("metadata_props")
-    return result, sum(weights[name] for name in {node.input[1] for node in maps})
+        quantized = onnx.load(path)
+    quantized.ClearField("metadata_props")
+    return quantized, sum(sizes[name] for name in {node.input[1] for node in linear_nodes})
 
 
-def compare_answers(
+def compare_predictions(
     single: np.ndarray, quantized: np.ndarray, network: Network, frames: str
 ) -> Agreement:
-    r"""Compares the answers of two graphs. Those that are missing in both are not counted.
+    r"""Compares the predictions of two graphs. Predictions that are missing (NaN) in both are
+    skipped.
 
     Args:
-        single (numpy.ndarray): Answers in single precision :math:`(M, K)`.
-        quantized (numpy.ndarray): Answers with weights of eight bits :math:`(M, K)`.
-        network (Network): What turns them into labels.
+        single (numpy.ndarray): Predictions in single precision :math:`(M, K)`.
+        quantized (numpy.ndarray): Predictions with weights of eight bits :math:`(M, K)`.
+        network (Network): The network, which returns the labels of probabilities.
         frames (str): As of :class:`Agreement`.
 
     Raises:
-        ValueError: If one of them alone has no answer, or there is none at all.
+        ValueError: If a prediction is missing in one graph only, or all are missing.
     """
-    missing = np.isnan(single).any(axis=1)
+    is_missing = np.isnan(single).any(axis=1)
     if not np.array_equal(np.isnan(single), np.isnan(quantized)):
         raise ValueError(
-            "the graph with weights of eight bits must have an answer where the other has one: "
-            "nothing was written"
+            "the graph with weights of eight bits must be NaN for the same readings as the graph "
+            "in single precision (got other readings): nothing was written"
         )
-    single, quantized = single[~missing], quantized[~missing]
+    single, quantized = single[~is_missing], quantized[~is_missing]
     if not len(single):
         raise ValueError(
-            "'check' must have frames without missing readings to compare answers (got none)"
+            "'check' must have frames without missing readings to compare predictions (got none)"
         )
-    equal = None
+    equal_labels = None
     if network.task != "regression":
         labels = [network.labels(torch.from_numpy(rows)) for rows in (single, quantized)]
-        equal = float(np.mean([a == b for a, b in zip(*labels, strict=True)]))
+        equal_labels = float(np.mean([a == b for a, b in zip(*labels, strict=True)]))
     change = float(np.abs(single - quantized).max())
-    return Agreement(equal, change, len(single), frames)
+    return Agreement(equal_labels, change, len(single), frames)

@@ -1,8 +1,9 @@
-r"""Transforms and models as plain data, and built of it: their class by its name, their arguments
-and their state.
+r"""Descriptions of transforms and models as plain data: class name, arguments and state. Objects
+are described when a predictor is saved, and built from the description when it is loaded.
 
-Only classes that :mod:`classes` lists are built. Any other is a user's own: its name, its text
-(:obj:`repr`) and its tensors are written, and the object is given again when the file is read.
+Only the classes that :mod:`classes` lists are built, if their arguments are plain values. Of other
+objects, the name, the :obj:`repr` and the tensors are saved; the user passes the object when the
+file is read.
 """
 
 import copy
@@ -30,71 +31,81 @@ from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform
 
 
-def _describe_own(value: Any) -> dict[str, Any]:
-    r"""Returns the name and the text of a user's own transform or model."""
-    kind = type(value).__name__
+def _describe_user_object(value: Any) -> dict[str, Any]:
+    r"""Returns the class name and the text of a transform or model that the user wrote."""
+    class_name = type(value).__name__
     if inspect.isroutine(value):
-        return {"own": kind, "text": value.__qualname__}
-    is_told = type(value).__repr__ is not object.__repr__  # which tells an address
-    return {"own": kind, "text": repr(value) if is_told else kind}
+        return {"own": class_name, "text": value.__qualname__}
+    has_custom_repr = type(value).__repr__ is not object.__repr__  # which prints a memory address
+    return {"own": class_name, "text": repr(value) if has_custom_repr else class_name}
 
 
 def _check_not_removed(name: Any) -> None:
-    r"""Checks that a class was not removed with the pretrained encoders."""
+    r"""Raises a :class:`ValueError` if a class was removed with the pretrained encoders."""
     need(name not in ENCODER_CLASSES, f"{name} was removed: {LAST_READER}")
 
 
-def _is_own_average(described: Mapping[str, Any], name: str) -> bool:
-    r"""Tells whether a description is that of an average of models of a user's own class."""
+def _is_average_of(described: Mapping[str, Any], name: str) -> bool:
+    r"""Returns whether a description is that of an :class:`AverageModel` of models of the class
+    with the given name, which the user wrote.
+    """
     arguments = described.get("arguments")
-    members = arguments.get("models") if isinstance(arguments, Mapping) else None
-    if described.get("class") != "AverageModel" or not isinstance(members, list):
+    models = arguments.get("models") if isinstance(arguments, Mapping) else None
+    if described.get("class") != "AverageModel" or not isinstance(models, list):
         return False
-    member = members[0].get("$model") if members and isinstance(members[0], Mapping) else None
-    return isinstance(member, Mapping) and member.get("own") == name
+    model = models[0].get("$model") if models and isinstance(models[0], Mapping) else None
+    return isinstance(model, Mapping) and model.get("own") == name
 
 
 class Builder:
-    r"""Builds transforms and models from what :class:`Describer` returned."""
+    r"""Builds transforms and models from the descriptions of :class:`Describer`.
+
+    Args:
+        layout (TaxelLayout, optional): The layout to which descriptions refer.
+        tensors (Mapping of str to torch.Tensor): The tensors to which descriptions refer.
+        user_transforms (sequence of callable, optional): Transforms that the user wrote.
+    """
 
     def __init__(
         self,
         layout: TaxelLayout | None,
         tensors: Mapping[str, Tensor],
-        own: Sequence[Any] | None = None,
+        user_transforms: Sequence[Any] | None = None,
     ) -> None:
         self.layout = layout
         self.tensors = tensors
-        self._own = [part for transform in own or () for part in flat(transform)]
-        self._limit = AllocationLimit(tensors.values())  # of all that is built
-        self._is_limited = False
-        self._given_model: Module | None = None
+        self._user_transforms = [
+            part for transform in user_transforms or () for part in flat(transform)
+        ]
+        self._limit = AllocationLimit(tensors.values())  # one limit for all parts together
+        self._has_limit = False
+        self._user_model: Module | None = None
 
     @contextmanager
-    def _limited(self) -> Iterator[None]:
-        if self._is_limited:  # inside another part
+    def _limit_allocation(self) -> Iterator[None]:
+        if self._has_limit:  # a part of another one, which has set the limit
             yield
             return
-        self._is_limited = True
+        self._has_limit = True
         try:
             with self._limit:
                 yield
         finally:
-            self._is_limited = False
+            self._has_limit = False
 
     def transform(self, described: Any) -> Any:
-        r"""Returns a transform, with its state."""
-        with self._limited():
+        r"""Returns a transform with its fitted state."""
+        with self._limit_allocation():
             return self._transform(described)
 
     def _transform(self, described: Any) -> Any:
         state = None if "state" not in described else self.value(described["state"])
         if "own" in described:
-            transform = self._given(described)
-            transform = copy.deepcopy(transform)  # its state is that of the file from now on
+            transform = self._pop_user_transform(described)
+            transform = copy.deepcopy(transform)  # the user's object keeps its state
         else:
             classes = transform_classes()
-            transform = self._object(described, classes, "transform")
+            transform = self._build_object(described, classes, "transform")
             for part in flat(transform):
                 if not callable(part):
                     raise ValueError(f"'transforms' must hold transforms (got {part!r:.100})")
@@ -104,65 +115,70 @@ class Builder:
             transform.load_state_dict(state)
         return transform
 
-    def model(self, described: Any, given: Module | None = None) -> Module:
-        r"""Returns a model, with weights that are still to be loaded."""
-        is_described = given is None or _is_own_average(described, type(given).__name__)
-        self._given_model = given
-        with torch.random.fork_rng(devices=[]):  # some layers draw weights when they are copied
+    def model(self, described: Any, user_model: Module | None = None) -> Module:
+        r"""Returns a model, whose weights must be loaded separately."""
+        is_described = user_model is None or _is_average_of(described, type(user_model).__name__)
+        self._user_model = user_model
+        with torch.random.fork_rng(devices=[]):  # drawing of weights must not change results
             if not is_described:
-                return self._copy_of_given(described.get("own", described.get("class")))
-            with self._limited():
-                return self._built(described)
+                return self._copy_user_model(described.get("own", described.get("class")))
+            with self._limit_allocation():
+                return self._build_model(described)
 
-    def _copy_of_given(self, name: Any) -> Module:
-        model = self._given_model
+    def _copy_user_model(self, name: Any) -> Module:
+        model = self._user_model
         if model is None:
             _check_not_removed(name)
             raise MissingOwnError(
-                f"'model' must be given: the file has the weights of a {name}, which is not built "
-                "by name",
+                f"'model' must be given: the file has the weights of a {name}, which cannot be "
+                "built from the file",
                 "model",
             )
         need(type(model).__name__ == name, f"'model' must be a {name}", type(model).__name__)
         return copy.deepcopy(model)
 
-    def _built(self, described: Any) -> Module:
+    def _build_model(self, described: Any) -> Module:
         if isinstance(described, Mapping) and "own" in described:
-            return self._copy_of_given(described["own"])
+            return self._copy_user_model(described["own"])
         if not isinstance(described, Mapping) or "class" not in described:
             raise ValueError(f"a model must have a class (got {described!r:.80})")
-        model: Module = self._object(described, model_classes(), "model")
+        model: Module = self._build_object(described, model_classes(), "model")
         return model
 
-    def _given(self, described: Mapping[str, Any]) -> Any:
-        for i, transform in enumerate(self._own):
-            if all(described.get(key) == value for key, value in _describe_own(transform).items()):
-                return self._own.pop(i)
+    def _pop_user_transform(self, described: Mapping[str, Any]) -> Any:
+        for i, transform in enumerate(self._user_transforms):
+            if all(
+                described.get(key) == value
+                for key, value in _describe_user_object(transform).items()
+            ):
+                return self._user_transforms.pop(i)
         _check_not_removed(described["own"])
-        given = [_describe_own(transform)["text"] for transform in self._own]
+        user_texts = [
+            _describe_user_object(transform)["text"] for transform in self._user_transforms
+        ]
         raise MissingOwnError(
-            f"'transforms' must hold the transform of your own '{described.get('text')}', which is "
-            f"not built by name (got {given})",
+            f"'transforms' must hold your transform '{described.get('text')}', which cannot be "
+            f"built from the file (got {user_texts})",
             "transforms",
         )
 
-    def _object(self, described: Any, classes: Mapping[str, type], what: str) -> Any:
+    def _build_object(self, described: Any, classes: Mapping[str, type], kind: str) -> Any:
         name = described.get("class")
         _check_not_removed(name)
         if name not in classes:
             raise ValueError(
-                f"there is no {what} '{name}' in this version; known are {', '.join(classes)}"
+                f"there is no {kind} '{name}' in this version; there are {', '.join(classes)}"
             )
         arguments = self.value(described["arguments"])
         try:
             return classes[name](**arguments)
         except ValueError:
             raise
-        except Exception as error:  # whatever a constructor makes of arguments that it cannot take
-            raise ValueError(f"{what} '{name}' does not take its arguments ({error})") from error
+        except Exception as error:  # arguments of a damaged file may raise any error
+            raise ValueError(f"{kind} '{name}' does not take its arguments ({error})") from error
 
     def value(self, value: Any) -> Any:
-        r"""Returns an argument or a state."""
+        r"""Returns an argument or a state from its description."""
         if isinstance(value, list):
             return [self.value(item) for item in value]
         if not isinstance(value, dict):
@@ -174,7 +190,7 @@ class Builder:
         return {key: self.value(item) for key, item in value.items()}
 
     def tensor(self, name: Any) -> Tensor:
-        r"""Returns a tensor by its name."""
+        r"""Returns the tensor with a name."""
         need(name in self.tensors, f"it must hold the tensor '{name}' (got none)")
         return self._limit.count_reference(self.tensors[name])
 
@@ -187,42 +203,49 @@ _READERS: dict[str, Callable[[Builder, Any], Any]] = {
     ),
     "$kinematics": lambda builder, item: HandKinematics.from_dict(item),
     "$transform": lambda builder, item: builder.transform(item),
-    "$model": lambda builder, item: builder._built(item),
+    "$model": lambda builder, item: builder._build_model(item),
 }
 
 
 def load_weights(model: Module, weights: Mapping[str, Tensor]) -> None:
-    r"""Loads weights into a model of the same names and shapes."""
-    own = {name: tuple(value.shape) for name, value in model.state_dict().items()}
-    kinds = {name: _kind(value) for name, value in model.state_dict().items()}
-    for name in [*weights, *own]:
-        if name not in own or name not in weights:
-            where = "file" if name in weights else "model"
-            raise ValueError(f"'model' must have the weights of the file ('{name}': {where} only)")
+    r"""Loads weights into a model.
+
+    Raises:
+        ValueError: If names, shapes or number types differ from those of the model.
+    """
+    model_shapes = {name: tuple(value.shape) for name, value in model.state_dict().items()}
+    kinds = {name: _number_kind(value) for name, value in model.state_dict().items()}
+    for name in [*weights, *model_shapes]:
+        if name not in model_shapes or name not in weights:
+            location = "file" if name in weights else "model"
+            raise ValueError(
+                f"'model' must have the weights of the file ('{name}': {location} only)"
+            )
         shape = tuple(weights[name].shape)
-        if own[name] != shape:
+        if model_shapes[name] != shape:
             raise ValueError(
-                f"'model' must have '{name}' of shape {shape}, as the file (got {own[name]})"
+                f"'model' must have '{name}' of shape {shape}, as the file (got "
+                f"{model_shapes[name]})"
             )
-        if kinds[name] != _kind(weights[name]):
+        if kinds[name] != _number_kind(weights[name]):
             raise ValueError(
-                f"'{name}' must hold {kinds[name]}, as the model (got {_kind(weights[name])} of "
-                f"{weights[name].dtype})"
+                f"'{name}' must hold {kinds[name]}, as the model (got "
+                f"{_number_kind(weights[name])} of {weights[name].dtype})"
             )
-    precisions = [_precisions(state) for state in (model.state_dict(), weights)]
+    precisions = [_float_dtypes(state) for state in (model.state_dict(), weights)]
     if len(precisions[0]) == 1 < len(precisions[1]):
         raise ValueError(
             f"its weights must have one precision, as those of the model (got {precisions[1]})"
         )
-    # Takes over the numbers in the precision in which they were saved.
+    # Assigned, not copied, so that the model has the precision in which they were saved.
     model.load_state_dict(dict(weights), assign=True)
 
 
-def _precisions(state: Mapping[str, Tensor]) -> list[str]:
+def _float_dtypes(state: Mapping[str, Tensor]) -> list[str]:
     return sorted({str(value.dtype) for value in state.values() if value.is_floating_point()})
 
 
-def _kind(tensor: Tensor) -> str:
+def _number_kind(tensor: Tensor) -> str:
     if tensor.layout != torch.strided:
         return f"a {tensor.layout} tensor"
     if tensor.is_complex():
@@ -231,13 +254,13 @@ def _kind(tensor: Tensor) -> str:
 
 
 def _check_state(transform: FittedTransform, state: Any) -> None:
-    if state == {}:  # of one that was not fitted
+    if state == {}:  # the transform was not fitted
         return
-    found = {key: state.get(key) for key in ("center", "scale", "key_values")}
-    center, scale, values = found.values()
+    tensors = {key: state.get(key) for key in ("center", "scale", "key_values")}
+    center, scale, values = tensors.values()
     num_dims = 3 if transform.attr == "x" else 1 + (transform.per == "channel")
     if (
-        not all(isinstance(value, Tensor) for value in found.values())
+        not all(isinstance(value, Tensor) for value in tensors.values())
         or values.dim() != 1
         or center.dim() < num_dims
         or center.shape[:1] != values.shape
@@ -252,7 +275,12 @@ class _NotPlainError(ValueError):
 
 
 class Describer:
-    r"""Turns transforms and models into JSON values and named tensors."""
+    r"""Describes transforms and models by JSON values and named tensors.
+
+    Args:
+        layout (TaxelLayout, optional): The layout that is saved elsewhere. Arguments that are equal
+            to it are described by a reference.
+    """
 
     def __init__(self, layout: TaxelLayout | None) -> None:
         self.layout = layout
@@ -260,42 +288,45 @@ class Describer:
 
     def transform(self, transform: Any) -> dict[str, Any]:
         r"""Describes a transform, with its fitted state."""
-        kind = type(transform).__name__
-        if transform_classes().get(kind) is type(transform):
-            mark = len(self.tensors)
+        class_name = type(transform).__name__
+        if transform_classes().get(class_name) is type(transform):
+            num_tensors_before = len(self.tensors)
             try:
-                if isinstance(transform, Compose):  # which may hold any callable
+                if isinstance(transform, Compose):  # its items may be any callables
                     parts = [{"$transform": self.transform(part)} for part in transform.transforms]
                     arguments: Any = {"transforms": parts}
                 else:
-                    arguments = self.value(_arguments_of(transform))
-                described = {"class": kind, "arguments": arguments}
-                self._check(described, transform)
+                    arguments = self.value(_constructor_arguments(transform))
+                described = {"class": class_name, "arguments": arguments}
+                self._check_round_trip(described, transform)
             except _NotPlainError:
-                self._forget(mark)
-                described = _describe_own(transform)
+                self._drop_tensors(num_tensors_before)
+                described = _describe_user_object(transform)
         else:
-            described = _describe_own(transform)
+            described = _describe_user_object(transform)
         if hasattr(transform, "state_dict"):
             described["state"] = self.value(transform.state_dict())
         return described
 
     def model(self, model: Module) -> dict[str, Any]:
         r"""Describes a model, without its weights."""
-        kind = type(model).__name__
+        class_name = type(model).__name__
         arguments = getattr(model, "init_arguments", None)
-        if model_classes().get(kind) is not type(model) or arguments is None:
-            return _describe_own(model)
-        mark = len(self.tensors)
+        if model_classes().get(class_name) is not type(model) or arguments is None:
+            return _describe_user_object(model)
+        num_tensors_before = len(self.tensors)
         try:
             if isinstance(model, AverageModel):
-                members = [{"$model": self.model(one)} for one in model.models]
-                rest = {key: value for key, value in arguments.items() if key != "models"}
-                return {"class": kind, "arguments": {"models": members, **self.value(rest)}}
-            return {"class": kind, "arguments": self.value(arguments)}
-        except _NotPlainError:  # an encoder of edge features, for example
-            self._forget(mark)
-            return _describe_own(model)
+                members = [{"$model": self.model(member)} for member in model.models]
+                options = {key: value for key, value in arguments.items() if key != "models"}
+                return {
+                    "class": class_name,
+                    "arguments": {"models": members, **self.value(options)},
+                }
+            return {"class": class_name, "arguments": self.value(arguments)}
+        except _NotPlainError:  # for example, an argument is an encoder of edge features
+            self._drop_tensors(num_tensors_before)
+            return _describe_user_object(model)
 
     def value(self, value: Any) -> Any:
         r"""Describes an argument or a state."""
@@ -316,36 +347,38 @@ class Describer:
             self.tensors[name] = value.detach()
             return {"$tensor": name}
         if isinstance(value, TaxelLayout):
-            own = self.layout
-            same = own is not None and (value is own or value.to_dict() == own.to_dict())
-            return {"$layout": None if same else value.to_dict()}
+            layout = self.layout
+            is_same_layout = layout is not None and (
+                value is layout or value.to_dict() == layout.to_dict()
+            )
+            return {"$layout": None if is_same_layout else value.to_dict()}
         if isinstance(value, HandKinematics):
             return {"$kinematics": value.to_dict()}
         if isinstance(value, BaseTransform):
             return {"$transform": self.transform(value)}
         raise _NotPlainError(f"'{type(value).__name__}' is no plain value")
 
-    def _check(self, described: dict[str, Any], transform: Any) -> None:
-        # What is built from the description must be the transform again, or its arguments are not
-        # the attributes of the same names.
-        if isinstance(transform, Compose):  # whose parts were checked one by one
+    def _check_round_trip(self, described: dict[str, Any], transform: Any) -> None:
+        # Arguments are read from the attributes of the same names, which may hold other values:
+        # only a transform that is built from them shows it.
+        if isinstance(transform, Compose):  # its items were checked one by one
             return
-        again = Builder(self.layout, self.tensors).transform(described)
-        other = Describer(self.layout)
-        arguments = other.value(_arguments_of(again))
-        if repr(again) != repr(transform) or not _equal(
-            arguments, other.tensors, described["arguments"], self.tensors
+        rebuilt = Builder(self.layout, self.tensors).transform(described)
+        describer = Describer(self.layout)
+        arguments = describer.value(_constructor_arguments(rebuilt))
+        if repr(rebuilt) != repr(transform) or not _are_equal_descriptions(
+            arguments, describer.tensors, described["arguments"], self.tensors
         ):
-            raise _NotPlainError(f"{transform!r} differs from what its arguments make")
+            raise _NotPlainError(f"{transform!r} differs from a transform with its arguments")
 
-    def _forget(self, mark: int) -> None:
-        for name in list(self.tensors)[mark:]:
+    def _drop_tensors(self, num_tensors: int) -> None:
+        for name in list(self.tensors)[num_tensors:]:
             del self.tensors[name]
 
 
-def _arguments_of(transform: Any) -> dict[str, Any]:
-    r"""Returns the arguments of a transform's constructor: what its method :obj:`arguments`
-    returns, or else its attributes of the same names.
+def _constructor_arguments(transform: Any) -> dict[str, Any]:
+    r"""Returns the constructor arguments of a transform, from its method :obj:`arguments` or else
+    from its attributes of the same names.
     """
     if hasattr(transform, "arguments"):
         arguments: dict[str, Any] = transform.arguments()
@@ -354,27 +387,27 @@ def _arguments_of(transform: Any) -> dict[str, Any]:
         return {}
     out = {}
     for name in list(inspect.signature(type(transform).__init__).parameters)[1:]:
-        kept = name if hasattr(transform, name) else ATTRIBUTE_NAMES.get(name, name)
-        if not hasattr(transform, kept):
-            raise _NotPlainError(f"{type(transform).__name__} keeps no '{name}'")
-        out[name] = getattr(transform, kept)
+        attribute = name if hasattr(transform, name) else ATTRIBUTE_NAMES.get(name, name)
+        if not hasattr(transform, attribute):
+            raise _NotPlainError(f"{type(transform).__name__} has no attribute '{name}'")
+        out[name] = getattr(transform, attribute)
     return out
 
 
-def _equal(
+def _are_equal_descriptions(
     a: Any, a_tensors: Mapping[str, Tensor], b: Any, b_tensors: Mapping[str, Tensor]
 ) -> bool:
-    # Descriptions with the numbers of their tensors in place of the tensors' names.
-    def text(value: Any, tensors: Mapping[str, Tensor]) -> str:
-        def filled(item: Any) -> Any:
+    # The names of tensors may differ: the numbers take their place.
+    def to_text(value: Any, tensors: Mapping[str, Tensor]) -> str:
+        def with_numbers(item: Any) -> Any:
             if isinstance(item, list):
-                return [filled(one) for one in item]
+                return [with_numbers(element) for element in item]
             if isinstance(item, dict):
                 if "$tensor" in item:
                     return tensors[item["$tensor"]].tolist()
-                return {key: filled(one) for key, one in item.items() if key != "state"}
+                return {key: with_numbers(entry) for key, entry in item.items() if key != "state"}
             return item
 
-        return json.dumps(filled(value))
+        return json.dumps(with_numbers(value))
 
-    return text(a, a_tensors) == text(b, b_tensors)
+    return to_text(a, a_tensors) == to_text(b, b_tensors)

@@ -1,4 +1,4 @@
-r"""How readings and recordings come to a predictor."""
+r"""Conversion of arrays to tensors, and the options with which a predictor reads files."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,8 +9,9 @@ from torch import Tensor
 
 ArrayLike = Tensor | np.ndarray | Sequence[Any]
 
-# Neither labels nor limits: a file to predict has no labels, and may be another's.
-_TYPES: dict[str, type | tuple[type, ...]] = {
+# Options that read labels or limit sizes are not among them: a file to predict has no labels, and a
+# predictor file from someone else must not set limits.
+_OPTION_TYPES: dict[str, type | tuple[type, ...]] = {
     "tactile": list,
     "joint": list,
     "num_channels": int,
@@ -24,74 +25,77 @@ _TYPES: dict[str, type | tuple[type, ...]] = {
 }
 
 
-def stored_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Returns what a predictor keeps of options of
-    :func:`~torch_geometric_tactile.io.read_recording`: how numbers are read, but neither labels nor
-    expressions.
+def select_read_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    r"""Returns those options of :func:`~torch_geometric_tactile.io.read_recording` that a predictor
+    stores: the ones that say how numbers are read. Labels and regular expressions are left out.
 
     Examples:
-        >>> stored_options({"tactile": ("thumb", "index"), "joint": "q.*", "label": "grasp"})
+        >>> select_read_options({"tactile": ("thumb", "index"), "joint": "q.*", "label": "grasp"})
         {'tactile': ['thumb', 'index']}
     """
-    plain = {k: list(v) if isinstance(v, tuple) else v for k, v in options.items()}
-    return {key: value for key, value in plain.items() if _is_valid(key, value)}
+    option_values = {k: list(v) if isinstance(v, tuple) else v for k, v in options.items()}
+    return {key: value for key, value in option_values.items() if _is_valid(key, value)}
 
 
-def checked_options(options: Any) -> dict[str, Any]:
-    r"""Returns options that :func:`stored_options` returned, from a file that may be another's."""
+def check_read_options(options: Any) -> dict[str, Any]:
+    r"""Checks options that were read from a predictor file, which may come from someone else, and
+    returns them.
+    """
     if not isinstance(options, Mapping):
         raise ValueError(f"its 'read_options' must be a mapping (got {str(options)[:80]})")
     for key, value in options.items():
         if not _is_valid(key, value):
             raise ValueError(
-                f"its 'read_options' must be some of {[*_TYPES]}, names as lists of texts (got "
-                f"{str(key)[:40]!r}: {str(value)[:80]})"
+                f"its 'read_options' must be some of {[*_OPTION_TYPES]}, names as lists of texts "
+                f"(got {str(key)[:40]!r}: {str(value)[:80]})"
             )
     return dict(options)
 
 
 def _is_valid(key: str, value: Any) -> bool:
-    if not isinstance(value, _TYPES.get(key, ())):
+    if not isinstance(value, _OPTION_TYPES.get(key, ())):
         return False
     if isinstance(value, list):
         return all(isinstance(name, str) for name in value)
-    return isinstance(value, bool) == (_TYPES[key] is bool)
+    return isinstance(value, bool) == (_OPTION_TYPES[key] is bool)
 
 
-def shape_of(value: ArrayLike) -> tuple[int, ...]:
+def array_shape(array: ArrayLike) -> tuple[int, ...]:
     r"""Returns the shape of an array, or of nested sequences."""
-    return tuple(value.shape) if hasattr(value, "shape") else np.shape(value)
+    return tuple(array.shape) if hasattr(array, "shape") else np.shape(array)
 
 
-def as_numbers(
-    name: str, value: ArrayLike, dtype: torch.dtype, device: torch.device | None
+def to_float_tensor(
+    name: str, array: ArrayLike, dtype: torch.dtype, device: torch.device | None
 ) -> Tensor:
-    r"""Returns an array as a tensor of floating-point numbers, NaN where there is none."""
+    r"""Returns an array as a tensor of floating-point numbers. Masked and infinite numbers become
+    NaN.
+    """
     try:
-        if isinstance(value, np.ma.MaskedArray):  # what is masked is missing
-            value = np.ma.filled(value.astype(np.result_type(value.dtype, np.float32)), np.nan)
-        elif isinstance(value, np.ndarray) and not value.flags.writeable:
-            value = value.copy()  # PyTorch has no tensors that cannot be written
-        tensor = torch.as_tensor(value).to(device=device, dtype=dtype)
-        return tensor.masked_fill(tensor.isinf(), torch.nan)  # no reading: it is missing too
+        if isinstance(array, np.ma.MaskedArray):
+            array = np.ma.filled(array.astype(np.result_type(array.dtype, np.float32)), np.nan)
+        elif isinstance(array, np.ndarray) and not array.flags.writeable:
+            array = array.copy()  # PyTorch has no read-only tensors and would warn
+        tensor = torch.as_tensor(array).to(device=device, dtype=dtype)
+        return tensor.masked_fill(tensor.isinf(), torch.nan)  # an infinite number is no reading
     except (TypeError, ValueError, RuntimeError) as error:
         raise ValueError(f"'{name}' must be an array of numbers ({error})") from error
 
 
 def joint_rows(angles: Tensor, num_frames: int, num_joints: int | None) -> Tensor:
-    r"""Returns the joint angles of frames, which are given as one row for all or a row for each.
+    r"""Returns one row of joint angles for each frame. A single row of :obj:`angles` is repeated.
 
     Shapes:
         - **output:** :math:`(B, J)`
     """
-    given = tuple(angles.shape)
+    angles_shape = tuple(angles.shape)
     if angles.dim() == 1:
         angles = angles.expand(num_frames, -1)
-    fits = angles.dim() == 2 and len(angles) == num_frames
-    if not fits or num_joints not in (None, angles.size(1)):
-        number = num_joints or "num_joints"
+    has_row_per_frame = angles.dim() == 2 and len(angles) == num_frames
+    if not has_row_per_frame or num_joints not in (None, angles.size(1)):
+        expected_size = num_joints or "num_joints"
         raise ValueError(
-            f"'joint' must have shape ({number},) or ({num_frames}, {number}), angles in radians "
-            f"(got {given})"
+            f"'joint' must have shape ({expected_size},) or ({num_frames}, {expected_size}), "
+            f"angles in radians (got {angles_shape})"
         )
     return angles

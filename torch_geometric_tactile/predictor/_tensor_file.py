@@ -1,7 +1,7 @@
-r"""Named tensors and texts in one file, in the format of safetensors: eight bytes with the length
-of a JSON header, the header, and the numbers. Nothing in such a file can run.
+r"""Files of named tensors and texts in the format of safetensors: eight bytes with the length of a
+JSON header, the header, and the numbers. Reading such a file runs no code from it.
 
-One of the texts is the SHA-256 of the whole file, taken with zeros in its own place.
+One of the texts is the SHA-256 of the file, computed with zeros in place of the digest.
 """
 
 import hashlib
@@ -36,11 +36,11 @@ _NAMES = {dtype: name for name, dtype in _DTYPES.items()}
 _METADATA = "__metadata__"
 _CHECKSUM = "torch_geometric_tactile.sha256"
 _ZEROS = "0" * 64
-_MAX_HEADER = 100_000_000  # bytes, the limit of safetensors
+_MAX_HEADER_BYTES = 100_000_000  # bytes, the limit of safetensors
 
 
 class TensorFile(NamedTuple):
-    r"""The contents of a file."""
+    r"""Tensors and texts of a file, and whether it has a checksum."""
 
     tensors: dict[str, Tensor]
     texts: dict[str, str]
@@ -50,10 +50,10 @@ class TensorFile(NamedTuple):
 def write_tensors(
     tensors: Mapping[str, Tensor], metadata: Mapping[str, str], path: PathLike
 ) -> None:
-    r"""Writes tensors and texts to a file, whole or not at all."""
+    r"""Writes tensors and texts to a file. If writing fails, no partial file is left."""
     header: dict[str, Any] = {_METADATA: {_CHECKSUM: _ZEROS, **metadata}}
-    parts, end = [], 0
-    # Widest numbers first, so that each tensor begins at a multiple of its own width.
+    dense_tensors, end = [], 0
+    # Widest numbers first, so that each tensor begins at a multiple of its number width.
     for name in sorted(tensors, key=lambda name: -tensors[name].element_size()):
         tensor = tensors[name].detach().cpu().contiguous()
         if tensor.dtype not in _NAMES or tensor.layout != torch.strided:
@@ -67,44 +67,52 @@ def write_tensors(
             "shape": list(tensor.shape),
             "data_offsets": [begin, end],
         }
-        parts.append(tensor)
-    text = json.dumps(header, allow_nan=False).encode()
-    text += b" " * (-len(text) % 8)
-    head = len(text).to_bytes(8, "little") + text
-    numbers = [tensor.flatten().view(torch.uint8).numpy().data for tensor in parts]
-    checksum = hashlib.sha256(head)
-    for part in numbers:
-        checksum.update(part)
+        dense_tensors.append(tensor)
+    header_text = json.dumps(header, allow_nan=False).encode()
+    header_text += b" " * (-len(header_text) % 8)
+    file_start = len(header_text).to_bytes(8, "little") + header_text
+    byte_views = [tensor.flatten().view(torch.uint8).numpy().data for tensor in dense_tensors]
+    checksum = hashlib.sha256(file_start)
+    for tensor_bytes in byte_views:
+        checksum.update(tensor_bytes)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        file.write(head.replace(_fragment(_ZEROS), _fragment(checksum.hexdigest()), 1))
-        for part in numbers:
-            file.write(part)
+        file.write(
+            file_start.replace(_checksum_field(_ZEROS), _checksum_field(checksum.hexdigest()), 1)
+        )
+        for tensor_bytes in byte_views:
+            file.write(tensor_bytes)
 
 
-def _fragment(checksum: str) -> bytes:
+def _checksum_field(checksum: str) -> bytes:
     return json.dumps({_CHECKSUM: checksum})[1:-1].encode()
 
 
-def _check(checksum: str, head: bytes, data: bytes | bytearray) -> None:
-    found = hashlib.sha256(head.replace(_fragment(checksum), _fragment(_ZEROS), 1))
-    found.update(data)
-    if not hmac.compare_digest(found.hexdigest().encode(), checksum.encode()):
+def _verify_checksum(checksum: str, head: bytes, body: bytes | bytearray) -> None:
+    digest = hashlib.sha256(head.replace(_checksum_field(checksum), _checksum_field(_ZEROS), 1))
+    digest.update(body)
+    if not hmac.compare_digest(digest.hexdigest().encode(), checksum.encode()):
         raise ValueError("it differs from its checksum: it is damaged, copy or write it again")
 
 
 def read_tensors(path: PathLike) -> TensorFile:
-    r"""Returns the tensors and texts of a file, after its checksum was compared if it has one. It
-    never asks for more memory than the file has bytes, whatever sizes its header claims.
+    r"""Reads the tensors and texts of a file, and compares its checksum if it has one. Allocates no
+    more memory than the size of the file, even if the header claims larger tensors.
+
+    Raises:
+        ValueError: If the file is damaged or of another format.
     """
     path = Path(path)
     size = path.stat().st_size
     with path.open("rb") as file:
-        start = file.read(8)
-        length = int.from_bytes(start, "little")
-        need(size >= 8 and length <= min(size - 8, _MAX_HEADER), f"it has no header ({size} bytes)")
+        length_bytes = file.read(8)
+        length = int.from_bytes(length_bytes, "little")
+        need(
+            size >= 8 and length <= min(size - 8, _MAX_HEADER_BYTES),
+            f"it has no header ({size} bytes)",
+        )
         try:
-            text = file.read(length)
-            header = json.loads(text.decode())
+            header_text = file.read(length)
+            header = json.loads(header_text.decode())
         except (ValueError, RecursionError) as error:
             raise ValueError(f"its header is no JSON ({error})") from error
         if not isinstance(header, dict):
@@ -116,19 +124,22 @@ def read_tensors(path: PathLike) -> TensorFile:
         raise ValueError("its metadata must be texts")
     checksum = metadata.pop(_CHECKSUM, None)
     if checksum is not None:
-        _check(checksum, start + text, data)
-    tensors = {name: _tensor(name, entry, data) for name, entry in header.items()}
-    used = sum(tensor.numel() * tensor.element_size() for tensor in tensors.values())
-    need(used == len(data), f"its tensors must fill it ({used} of {len(data)} bytes)")
+        _verify_checksum(checksum, length_bytes + header_text, data)
+    tensors = {name: _read_tensor(name, entry, data) for name, entry in header.items()}
+    num_used_bytes = sum(tensor.numel() * tensor.element_size() for tensor in tensors.values())
+    need(
+        num_used_bytes == len(data),
+        f"its tensors must fill it ({num_used_bytes} of {len(data)} bytes)",
+    )
     return TensorFile(tensors, metadata, checksum is not None)
 
 
-def _tensor(name: str, entry: Any, data: bytearray) -> Tensor:
+def _read_tensor(name: str, entry: Any, data: bytearray) -> Tensor:
     if not isinstance(entry, dict):
         raise ValueError(f"'{name}' must have a JSON object in its header")
     dtype = _DTYPES.get(str(entry.get("dtype")))
     shape, offsets = entry.get("shape"), entry.get("data_offsets")
-    if dtype is None or not _are_sizes(shape) or not _are_sizes(offsets) or len(offsets) != 2:
+    if dtype is None or not _is_size_list(shape) or not _is_size_list(offsets) or len(offsets) != 2:
         raise ValueError(f"'{name}' must have a dtype, a shape and offsets (got {entry})")
     begin, end = offsets
     width = torch.empty((), dtype=dtype).element_size()
@@ -142,16 +153,21 @@ def _tensor(name: str, entry: Any, data: bytearray) -> Tensor:
     raw = torch.frombuffer(data, dtype=torch.uint8, count=end - begin, offset=begin)
     if dtype == torch.bool:
         return (raw != 0).view(shape)
-    # Not a view of the buffer, where it may begin at any byte.
+    # A copy, since a tensor of a foreign file may begin at any byte of the buffer.
     return raw.clone().view(dtype).view(shape)
 
 
-def _are_sizes(value: Any) -> TypeGuard[list[int]]:
+def _is_size_list(value: Any) -> TypeGuard[list[int]]:
     return isinstance(value, list) and all(type(item) is int and item >= 0 for item in value)
 
 
-class explained:  # noqa: N801
-    r"""Makes one error that names the file of whatever a damaged or hostile one breaks."""
+class named_file_errors:  # noqa: N801
+    r"""Context that replaces any error of a damaged or hostile file by a :class:`ValueError` that
+    begins with a text, such as the name of the file.
+
+    Args:
+        text (str): Beginning of the message.
+    """
 
     def __init__(self, text: str) -> None:
         self.text = text

@@ -1,4 +1,4 @@
-r"""Cutting the frames of a recording as those of a data set were cut."""
+r"""Windows of the frames of a recording, cut as those of the training data."""
 
 import copy
 import math
@@ -21,14 +21,20 @@ from torch_geometric_tactile.data import (
 )
 from torch_geometric_tactile.sensors import TaxelLayout
 
-_MOST = 10**7  # frames
-_RAGGED = ("error", "pad", "crop_start", "crop_end")
+_MAX_FRAMES = 10**7  # a damaged file must not ask for more memory than this
+_RAGGED_MODES = ("error", "pad", "crop_start", "crop_end")
 
 
 @dataclass(frozen=True)
 class WindowCut:
-    r"""What :class:`~torch_geometric_tactile.data.Windows` or
-    :class:`~torch_geometric_tactile.data.Trials` cut out of a recording, as a value.
+    r"""The settings with which :class:`~torch_geometric_tactile.data.Windows` or
+    :class:`~torch_geometric_tactile.data.Trials` cut a recording.
+
+    Args:
+        length (int): Number of frames of a window.
+        hop (int): Number of frames from one window to the next; 0 if a recording is one sample.
+        ragged (str): Treatment of recordings of another length, as of
+            :class:`~torch_geometric_tactile.data.Trials`.
     """
 
     length: int
@@ -36,18 +42,21 @@ class WindowCut:
     ragged: str = "error"
 
     def __post_init__(self) -> None:
-        for name, least in (("length", 1), ("hop", 0)):
-            number = getattr(self, name)
-            if type(number) is not int or not least <= number <= _MOST:
+        for name, minimum in (("length", 1), ("hop", 0)):
+            num_frames = getattr(self, name)
+            if type(num_frames) is not int or not minimum <= num_frames <= _MAX_FRAMES:
                 raise ValueError(
-                    f"'{name}' must be a number of frames from {least} on (got {str(number)[:80]})"
+                    f"'{name}' must be a number of frames of at least {minimum} (got "
+                    f"{str(num_frames)[:80]})"
                 )
-        if self.ragged not in _RAGGED:
-            raise ValueError(f"'ragged' must be one of {list(_RAGGED)} (got {self.ragged!r:.80})")
+        if self.ragged not in _RAGGED_MODES:
+            raise ValueError(
+                f"'ragged' must be one of {list(_RAGGED_MODES)} (got {self.ragged!r:.80})"
+            )
 
     @classmethod
-    def of_dataset(cls, dataset: StaticDataset) -> Self | None:
-        r"""Returns how a data set cuts its frames; :obj:`None` if it does not."""
+    def from_dataset(cls, dataset: StaticDataset) -> Self | None:
+        r"""Returns the settings of a data set, or :obj:`None` if its samples are single frames."""
         if isinstance(dataset, Windows):
             return cls(dataset.length, dataset.hop)
         if isinstance(dataset, Trials):
@@ -56,7 +65,7 @@ class WindowCut:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds it from what :meth:`to_dict` returns."""
+        r"""Returns the settings that :meth:`to_dict` returned as a mapping."""
         if not isinstance(content, Mapping) or set(content) != {"length", "hop", "ragged"}:
             raise ValueError(
                 f"a window must have 'length', 'hop' and 'ragged' (got {str(content)[:80]})"
@@ -69,39 +78,42 @@ class WindowCut:
 
     @property
     def is_trial(self) -> bool:
-        r"""Whether a recording as a whole is one sample."""
+        r"""Whether each recording is one sample."""
         return self.hop == 0
 
     def cut(
         self, frames: StaticData, layout: TaxelLayout, part: Tensor
     ) -> tuple[StaticData, Tensor]:
-        r"""Returns the windows of the frames of one recording, and the last frame of each
-        :math:`(W,)`. Whole recordings are not cut at gaps.
+        r"""Returns the windows of one recording, and the index of the last frame of each window
+        :math:`(W,)`. Windows do not span gaps between continuous parts; trials do.
 
         Shapes:
-            - **part:** The number of the continuous part of each frame, increasing :math:`(T,)`.
+            - **part:** The number of the continuous part that each frame belongs to, increasing
+              :math:`(T,)`.
         """
-        count = frames.num_samples
-        need(count != 0, "there must be at least one frame to predict (got none)")
-        if self.ragged == "error" and self.is_trial and count != self.length:
+        num_frames = frames.num_samples
+        need(num_frames != 0, "there must be at least one frame to predict (got none)")
+        if self.ragged == "error" and self.is_trial and num_frames != self.length:
             raise ValueError(
                 f"a recording must have {self.length} frames, as the trials that the model was "
-                f"trained on (got {count})"
+                f"trained on (got {num_frames})"
             )
         lengths = part.unique_consecutive(return_counts=True)[1]
-        longest = count if self.is_trial else int(lengths.max())
+        longest = num_frames if self.is_trial else int(lengths.max())
         if self.ragged != "pad" and longest < self.length:
-            parts = f" between {len(lengths) - 1} gaps" if longest < count else ""
+            between_gaps = f" between {len(lengths) - 1} gaps" if longest < num_frames else ""
             raise ValueError(
                 f"a recording must have at least {self.length} frames, the length of a window "
-                f"(got {longest}{parts})"
+                f"(got {longest}{between_gaps})"
             )
-        kept = torch.arange(count)
+        selected = torch.arange(num_frames)
         if not self.is_trial and int(lengths.min()) < self.length:
-            kept = kept[(lengths >= self.length).repeat_interleave(lengths)]
-        frames = frames.index_select(slice(None) if len(kept) == count else kept)
-        frames.trial = torch.zeros(len(kept), dtype=torch.long) if self.is_trial else part[kept]
-        frames.step = kept
+            selected = selected[(lengths >= self.length).repeat_interleave(lengths)]
+        frames = frames.index_select(slice(None) if len(selected) == num_frames else selected)
+        frames.trial = (
+            torch.zeros(len(selected), dtype=torch.long) if self.is_trial else part[selected]
+        )
+        frames.step = selected
         source = StaticDataset._from_samples((frames, {}), layout, None, None, None)
         view: Windows | Trials
         if not self.is_trial:
@@ -109,7 +121,7 @@ class WindowCut:
         elif self.ragged == "error":
             view = Trials(source)
         else:
-            length = max(self.length, count) if self.ragged == "pad" else self.length
+            length = max(self.length, num_frames) if self.ragged == "pad" else self.length
             view = Trials(source, ragged=self.ragged, length=length)  # type: ignore[arg-type]
         windows = view.data
         last: Tensor = windows.step
@@ -117,22 +129,25 @@ class WindowCut:
         return windows, last
 
 
-def frame_by_frame(parts: Sequence[Any], windows: StaticData) -> StaticData:
-    r"""Applies transforms of frames to windows. Other attributes become those of the last frame."""
+def apply_to_frames(transforms: Sequence[Any], windows: StaticData) -> StaticData:
+    r"""Applies transforms of single frames to the frames of windows. Afterwards, attributes other
+    than the readings are those of the last frame of each window.
+    """
     num_frames = windows.num_frames
     data = copy.copy(windows)
-    of_samples = [
+    sample_keys = [
         key
         for key, value in windows.to_dict().items()
         if key != "x" and isinstance(value, Tensor) and not windows.is_shared(key)
     ]
-    for key in of_samples:  # with which the number of samples would have to agree
+    # They come back after `x` has changed, because all of them must have one row a sample.
+    for key in sample_keys:
         del data[key]
     data.x = split_frames(windows.x, num_frames).transpose(1, 2).flatten(0, 1)  # (B * T, N, C)
-    for key in of_samples:
+    for key in sample_keys:
         data[key] = windows[key].repeat_interleave(num_frames, dim=0)
-    for part in parts:
-        data = apply_transform(part, data)
+    for transform in transforms:
+        data = apply_transform(transform, data)
     x = data.x.unflatten(0, (-1, num_frames)).transpose(1, 2)
     data = data.index_select(slice(num_frames - 1, None, num_frames))
     data.x = join_frames(x)

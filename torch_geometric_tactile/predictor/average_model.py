@@ -1,4 +1,4 @@
-r"""Several models that answer together."""
+r"""The average of several models."""
 
 import math
 from collections.abc import Sequence
@@ -13,23 +13,23 @@ from torch_geometric_tactile.nn.models._calls import input_names, needs_edges, t
 
 
 class AverageModel(Module):
-    r"""Averages what several models of one task say: probabilities of classes, of which it returns
-    logarithms, or numbers, which it takes back to their unit if the models were trained on scaled
-    ones.
+    r"""The mean prediction of several models of one task. Of classes, it averages the probabilities
+    and returns their logarithms. Of a regression, it averages the numbers, and scales and shifts
+    them back to their unit if the models were trained on scaled ones.
 
     Args:
         models (sequence of torch.nn.Module): The models, which take the same inputs.
-        numbers (bool): Whether they predict numbers, not classes.
-        center (torch.Tensor, optional): What numbers are shifted by, after they are scaled
+        numbers (bool): Whether the models predict numbers; classes otherwise.
+        center (torch.Tensor, optional): Offset that is added to numbers after scaling
             :math:`(C,)`.
-        scale (torch.Tensor, optional): What numbers are multiplied by :math:`(C,)`.
+        scale (torch.Tensor, optional): Factor of numbers :math:`(C,)`.
 
     Shapes:
         - **x:** prepared readings :math:`(B, N, F)`
-        - **output:** :math:`(B, C)`
+        - **output:** logarithms of probabilities, or numbers :math:`(B, C)`
 
     Raises:
-        ValueError: If there is no model, or what they take differs.
+        ValueError: If there is no model, or the inputs of the models differ.
 
     Examples:
         >>> from torch_geometric_tactile.nn.models import TactileFNN
@@ -62,6 +62,7 @@ class AverageModel(Module):
         for name, value in (("center", center), ("scale", scale)):
             if value is not None and (not isinstance(value, Tensor) or value.dim() > 1):
                 raise ValueError(f"'{name}' must be a number of each output (got {value!r:.80})")
+            # Not persistent: they are saved with `init_arguments`.
             self.register_buffer(f"_{name}", value, persistent=False)
         self.init_arguments = {
             "models": list(models),
@@ -70,19 +71,20 @@ class AverageModel(Module):
             "scale": scale,
         }
 
-    def forward(self, x: Tensor, edge_index: Tensor | None = None, **given: Any) -> Tensor:
+    def forward(self, x: Tensor, edge_index: Tensor | None = None, **attributes: Any) -> Tensor:
         r"""Returns logarithms of probabilities :math:`(B, C)`, or numbers.
 
         Args:
             x (torch.Tensor): Prepared readings :math:`(B, N, F)`.
             edge_index (torch.Tensor, optional): Edges :math:`(2, |\mathcal{E}|)`.
-            **given (optional): The attributes that :obj:`modalities` names, and :obj:`batch` if
-                the models take it.
+            **attributes (optional): The attributes that :obj:`modalities` names, and :obj:`batch`
+                if the models take it.
         """
-        said = torch.stack([model(x, edge_index, **given) for model in self.models])
+        outputs = torch.stack([model(x, edge_index, **attributes) for model in self.models])
         if not self.numbers:
-            return said.log_softmax(dim=-1).logsumexp(dim=0) - math.log(len(self.models))
-        mean = said.double().mean(dim=0)
+            # The mean of probabilities, computed from logarithms so that it does not underflow.
+            return outputs.log_softmax(dim=-1).logsumexp(dim=0) - math.log(len(self.models))
+        mean = outputs.double().mean(dim=0)
         if self._scale is not None:
             mean = mean * self._scale
-        return (mean if self._center is None else mean + self._center).to(said.dtype)
+        return (mean if self._center is None else mean + self._center).to(outputs.dtype)

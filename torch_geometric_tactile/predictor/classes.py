@@ -1,4 +1,4 @@
-r"""The transforms and models that may be built from a file, by their names."""
+r"""Transforms and models that may be built from a file, by their names."""
 
 import inspect
 
@@ -12,16 +12,16 @@ from torch_geometric_tactile.predictor.estimator_model import EstimatorModel
 
 
 def transform_classes() -> dict[str, type]:
-    r"""Returns the transforms that are built by name: ours, and some of PyG's."""
-    named = {name: getattr(transforms, name) for name in transforms.__all__}
-    ours = {name: cls for name, cls in named.items() if inspect.isclass(cls)}
-    del ours["TactileTransform"]  # the base class
-    classes = {name: getattr(torch_geometric.transforms, name) for name in IN_FILES}
-    return classes | ours
+    r"""Returns the transforms that are built by name: those of this package, and some of PyG's."""
+    exports = {name: getattr(transforms, name) for name in transforms.__all__}
+    package_classes = {name: cls for name, cls in exports.items() if inspect.isclass(cls)}
+    del package_classes["TactileTransform"]  # the base class
+    pyg_classes = {name: getattr(torch_geometric.transforms, name) for name in IN_FILES}
+    return pyg_classes | package_classes
 
 
 def model_classes() -> dict[str, type]:
-    r"""Returns the models that are built by name."""
-    classes = {name: getattr(models, name) for name in models.__all__}
-    ours = {name: cls for name, cls in classes.items() if inspect.isclass(cls)}
-    return ours | {"AverageModel": AverageModel, "EstimatorModel": EstimatorModel}
+    r"""Returns the models that are built by name, all of this package."""
+    exports = {name: getattr(models, name) for name in models.__all__}
+    package_classes = {name: cls for name, cls in exports.items() if inspect.isclass(cls)}
+    return package_classes | {"AverageModel": AverageModel, "EstimatorModel": EstimatorModel}

@@ -1,4 +1,4 @@
-r"""The content of the file of a predictor, and of its entry in a checkpoint."""
+r"""Content of a predictor file, and of the entry of a predictor in a checkpoint."""
 
 import json
 import logging
@@ -19,7 +19,11 @@ from torch_geometric_tactile.data._torch_file import read_torch_file
 from torch_geometric_tactile.predictor._network import TASKS, Network
 from torch_geometric_tactile.predictor._plain_data import Builder, Describer, load_weights
 from torch_geometric_tactile.predictor._preparation import Preparation
-from torch_geometric_tactile.predictor._tensor_file import explained, read_tensors, write_tensors
+from torch_geometric_tactile.predictor._tensor_file import (
+    named_file_errors,
+    read_tensors,
+    write_tensors,
+)
 from torch_geometric_tactile.predictor._window_cut import WindowCut
 from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -27,17 +31,17 @@ from torch_geometric_tactile.sensors import TaxelLayout
 # Since 2, a file has a checksum; since 3, a threshold and windows of frames.
 _FORMAT = 3
 _OLD_FORMATS = (1, 2)
-_TRANSFORMS = ("frame_transform", "pre_transform", "transform")
-_MOST = 10**5  # channels of a taxel, joints of a hand
-_KEY = "torch_geometric_tactile.predictor"
-_WEIGHT = "model."
+_TRANSFORM_KEYS = ("frame_transform", "pre_transform", "transform")
+_MAX_COUNT = 10**5  # limit of channels and joints, so that a damaged file cannot fill the memory
+_HEADER_KEY = "torch_geometric_tactile.predictor"
+_WEIGHT_PREFIX = "model."
 _logger = logging.getLogger(__name__)
 
 
 def describe_predictor(
     preparation: Preparation, network: Network
 ) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    r"""Returns the header of a predictor, JSON values, and its tensors without the weights."""
+    r"""Returns the header of a predictor as JSON values, and its tensors except the weights."""
     describer = Describer(preparation.layout)
     shared = preparation.shared
     attributes = {key: shared[key] for key in shared.to_dict() if key != "x"}
@@ -60,7 +64,7 @@ def describe_predictor(
     header["frames"] = preparation.info.to_dict()
     header["contact"] = None if preparation.contact is None else preparation.contact.to_dict()
     header["window"] = None if preparation.window is None else preparation.window.to_dict()
-    for key in _TRANSFORMS:
+    for key in _TRANSFORM_KEYS:
         transform = getattr(preparation, key)
         header[key] = None if transform is None else describer.transform(transform)
     return header, describer.tensors
@@ -73,14 +77,14 @@ def checkpoint_entry(
     task: str,
     threshold: float | None = None,
 ) -> dict[str, Any]:
-    r"""Returns the data beside the weights that a checkpoint needs to be loaded as a predictor, as
-    plain data and tensors.
+    r"""Returns the entry of a checkpoint from which, together with the weights, a predictor can be
+    loaded. It consists of plain data and tensors.
 
     Args:
         model (torch.nn.Module): The model.
-        dataset (StaticDataset): The data set that it is trained on.
-        transform (callable, optional): What comes after the data set's own transform, fitted.
-        task (str): What the model does.
+        dataset (StaticDataset): The training data.
+        transform (callable, optional): Fitted transform that is applied after that of the data set.
+        task (str): As of :class:`Predictor`.
         threshold (float, optional): As of :class:`Predictor`.
 
     Examples:
@@ -91,7 +95,7 @@ def checkpoint_entry(
         >>> sorted(entry)
         ['header', 'tensors']
     """
-    preparation = Preparation.of_dataset(dataset, transform)
+    preparation = Preparation.from_dataset(dataset, transform)
     network = Network(model, dataset.class_names, task, threshold)
     header, tensors = describe_predictor(preparation, network)
     # Copies: a view would drag its whole storage into the checkpoint.
@@ -99,12 +103,14 @@ def checkpoint_entry(
 
 
 def model_entry(model: Module, layout: TaxelLayout | None) -> dict[str, Any]:
-    r"""Returns what :func:`build_model` builds a model of, as plain data and tensors: its name and
-    arguments, or of a user's own its name and text.
+    r"""Returns the description from which :func:`build_model` builds a model, as plain data and
+    tensors: the class name and arguments, or only the name and :obj:`repr` if the model cannot be
+    built from plain values.
 
     Args:
         model (torch.nn.Module): The model.
-        layout (TaxelLayout, optional): The layout of the sensor, which is not repeated.
+        layout (TaxelLayout, optional): The layout of the sensor. It is not part of the description,
+            even if it is an argument of the model.
 
     Examples:
         >>> from torch_geometric_tactile.nn.models import GraspGCN
@@ -125,17 +131,18 @@ def build_model(
     layout: TaxelLayout | None,
     model: Module | None = None,
 ) -> Module:
-    r"""Builds a model of what :func:`model_entry` returned, with weights that are still to be
-    loaded. Only models of this package are built by their names.
+    r"""Builds a model from its description, without loading the weights. Only models of this
+    package are built by their names.
 
     Args:
-        entry (Mapping): What :func:`model_entry` returned.
-        weights (Mapping of str to torch.Tensor): The weights, which limit its size.
+        entry (Mapping): The description from :func:`model_entry`.
+        weights (Mapping of str to torch.Tensor): The weights. Larger models are rejected.
         layout (TaxelLayout, optional): The layout of the sensor.
-        model (torch.nn.Module, optional): The model, if it is the user's own; it is copied.
+        model (torch.nn.Module, optional): The model, if it cannot be built from its description,
+            such as a model that you wrote. It is copied.
 
     Raises:
-        ValueError: If it is unknown, or the user's own is missing or another one.
+        ValueError: If the class is unknown, or :obj:`model` is missing or of another class.
 
     Examples:
         >>> from torch_geometric_tactile.nn.models import GraspGCN
@@ -153,7 +160,18 @@ def build_predictor(
     model: Module | None = None,
     transforms: Sequence[Transform] | None = None,
 ) -> tuple[Preparation, Network]:
-    r"""Builds the parts of a predictor."""
+    r"""Builds the preparation and the network of a predictor.
+
+    Args:
+        header (Mapping): The header from :func:`describe_predictor`.
+        tensors (Mapping of str to torch.Tensor): The tensors from :func:`describe_predictor`.
+        weights (Mapping of str to torch.Tensor): The weights of the model.
+        model (torch.nn.Module, optional): As of :meth:`Predictor.load`.
+        transforms (sequence of callable, optional): As of :meth:`Predictor.load`.
+
+    Raises:
+        ValueError: If a part is damaged, unknown, missing or of another version.
+    """
     if header.get("format") not in (_FORMAT, *_OLD_FORMATS):
         raise ValueError(
             f"its format must be {_FORMAT} (got {header.get('format')}, written by version "
@@ -173,44 +191,45 @@ def build_predictor(
     shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), **header["schema"])
     for key, value in builder.value(header["shared"]).items():
         shared[key] = value
-    parts = [
-        None if header.get(key) is None else builder.transform(header[key]) for key in _TRANSFORMS
+    transform_values = [
+        None if header.get(key) is None else builder.transform(header[key])
+        for key in _TRANSFORM_KEYS
     ]
-    window = header.get("window")  # older formats have none
-    contact = header.get("contact")  # files before this rule have none
+    window = header.get("window")  # missing in older formats
+    contact = header.get("contact")  # missing in older formats
     num_channels, num_joints = header["num_channels"], header["num_joints"]
-    for key, least in (("num_channels", 1), ("num_joints", 0)):
+    for key, minimum in (("num_channels", 1), ("num_joints", 0)):
         number = header[key]
-        if number is not None and (type(number) is not int or not least <= number <= _MOST):
+        if number is not None and (type(number) is not int or not minimum <= number <= _MAX_COUNT):
             raise ValueError(
-                f"its '{key}' must be a number from {least} to {_MOST} or null (got "
+                f"its '{key}' must be a number from {minimum} to {_MAX_COUNT} or null (got "
                 f"{str(number)[:80]})"
             )
     preparation = Preparation(
         layout,
         shared,
-        parts[1],
-        parts[2],
+        transform_values[1],
+        transform_values[2],
         num_channels,
         num_joints,
         window=None if window is None else WindowCut.from_dict(window),
-        frame_transform=parts[0],
-        read_options=header.get("read_options"),  # older files have none
+        frame_transform=transform_values[0],
+        read_options=header.get("read_options"),  # missing in older formats
         info=_frame_info(header),
         contact=None if contact is None else ContactRule.from_dict(contact),
     )
     for part in preparation.fitted:
-        fitted = part.center if part.attr == "joint" and num_joints else None
-        if fitted is not None and fitted.size(-1) != num_joints:
+        center = part.center if part.attr == "joint" and num_joints else None
+        if center is not None and center.size(-1) != num_joints:
             raise ValueError(
                 f"{part!r} must be fitted on {num_joints} joints, as 'num_joints' says (got "
-                f"{fitted.size(-1)})"
+                f"{center.size(-1)})"
             )
     preparation.session.number = header["session"]
     built = builder.model(header["model"], model)
     load_weights(built, weights)
     names = tuple(map(str, header["class_names"]))
-    score = header.get("score")  # most have none
+    score = header.get("score")  # missing in older formats
     score = None if score is None else MeasuredScore.from_dict(score)
     return preparation, Network(built, names, header["task"], threshold, score)
 
@@ -219,15 +238,15 @@ def _frame_info(header: Mapping[str, Any]) -> FrameInfo | None:
     if "frames" in header:
         return FrameInfo.from_dict(header["frames"])
     _logger.warning(
-        "a predictor of version %s does not say how its frames were made: the unit, rate and "
-        "thinning of recordings are not compared with those of its training",
+        "a predictor of version %s does not hold the unit, rate and thinning of its training "
+        "frames: those of recordings are not checked",
         header.get("package"),
     )
     return None
 
 
 def save(preparation: Preparation, network: Network, path: PathLike) -> None:
-    r"""Writes a predictor to a file, whole or not at all."""
+    r"""Writes a predictor to a file. If writing fails, no partial file is left."""
     header, tensors = describe_predictor(preparation, network)
     for name, value in network.model.state_dict().items():
         if not isinstance(value, Tensor):
@@ -235,8 +254,8 @@ def save(preparation: Preparation, network: Network, path: PathLike) -> None:
                 f"'model' must have tensors only in its state (got {type(value).__name__} in "
                 f"'{name}')"
             )
-        tensors[_WEIGHT + name] = value
-    write_tensors(tensors, {_KEY: json.dumps(header)}, path)
+        tensors[_WEIGHT_PREFIX + name] = value
+    write_tensors(tensors, {_HEADER_KEY: json.dumps(header)}, path)
 
 
 def load(
@@ -250,17 +269,19 @@ def load(
         )
     if is_checkpoint(path):
         raise ValueError(f"'{path}' is a checkpoint: read it with Predictor.from_checkpoint")
-    with explained(f"'{path}' is no predictor that can be read here"):
+    with named_file_errors(f"'{path}' is no predictor that can be read here"):
         tensors, texts, has_checksum = read_tensors(path)
         need(ENCODER_KEY not in texts, f"it is a pretrained encoder: {LAST_READER}")
-        need(_KEY in texts, "it is not a file of Predictor.save")
-        header = json.loads(texts[_KEY])
+        need(_HEADER_KEY in texts, "it is not a file of Predictor.save")
+        header = json.loads(texts[_HEADER_KEY])
         if not has_checksum and header.get("format") != _OLD_FORMATS[0]:
             raise ValueError("it must have a checksum (got none): it is damaged")
         if not has_checksum:
             _logger.warning("'%s' has no checksum: save it again with this version", path)
-        own = {name: t for name, t in tensors.items() if not name.startswith(_WEIGHT)}
-        return build_predictor(header, own, _weights(tensors), model, transforms)
+        plain_tensors = {
+            name: t for name, t in tensors.items() if not name.startswith(_WEIGHT_PREFIX)
+        }
+        return build_predictor(header, plain_tensors, _select_weights(tensors), model, transforms)
 
 
 def load_checkpoint(
@@ -269,22 +290,22 @@ def load_checkpoint(
     r"""Reads a predictor from a checkpoint of ``tactile fit``."""
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no checkpoint '{path}'")
-    with explained(f"'{path}' is no checkpoint that can be read here"):
+    with named_file_errors(f"'{path}' is no checkpoint that can be read here"):
         content = read_torch_file(path)
         entry = content.get("predictor") if isinstance(content, dict) else None
         if entry is None:
             raise ValueError(
-                "it has no predictor: it was written by an older version, or trained on samples "
-                "that share no layout, or without "
-                "TactileDataModule; train again, or build one with Predictor.from_dataset"
+                "it has no predictor: an older version wrote it, its samples share no layout, or "
+                "it was trained without TactileDataModule; train again, or build a predictor with "
+                "Predictor.from_dataset"
             )
-        weights = _weights(content["state_dict"])
+        weights = _select_weights(content["state_dict"])
         return build_predictor(entry["header"], entry["tensors"], weights, model, transforms)
 
 
-def _weights(tensors: Mapping[str, Any]) -> dict[str, Any]:
-    found = [name for name in tensors if name.startswith(_WEIGHT)]
-    return {name.removeprefix(_WEIGHT): tensors[name] for name in found}
+def _select_weights(tensors: Mapping[str, Any]) -> dict[str, Any]:
+    names = [name for name in tensors if name.startswith(_WEIGHT_PREFIX)]
+    return {name.removeprefix(_WEIGHT_PREFIX): tensors[name] for name in names}
 
 
 def is_checkpoint(path: PathLike) -> bool:

@@ -11,21 +11,21 @@ from torch_geometric_tactile.predictor._estimator_steps import ROWS, Chain
 
 
 class EstimatorModel(Module):
-    r"""What a fitted scikit-learn pipeline of :mod:`torch_geometric_tactile.baselines` computes, as
-    a model of tensors: support vectors, trees and weights. It is part of a predictor like any other
-    model, is exported to ONNX, and needs neither scikit-learn nor a pickle. See
-    :func:`estimator_predictor`, which makes it.
+    r"""A fitted scikit-learn pipeline of :mod:`torch_geometric_tactile.baselines` as a model of
+    tensors: support vectors, trees and weights. It can be part of a predictor and be exported to
+    ONNX, and needs neither scikit-learn nor a pickle. :func:`estimator_predictor` builds it.
 
-    It computes in double precision, whatever the readings have, as scikit-learn does.
+    It computes in double precision, as scikit-learn does, and returns the precision of the
+    readings.
 
     Args:
-        steps (sequence of mappings): What is computed one after the other: the features of samples,
-            and what was fitted to them. Each is the name of a step and its arguments, plain values
-            and tensors.
+        steps (sequence of mappings): The steps in their order. The first one computes features of
+            samples; the others are fitted scalers and estimators. Each mapping holds the name of a
+            step (:obj:`"step"`) and its arguments, plain values and tensors.
 
     Shapes:
         - **x:** prepared readings :math:`(B, N, F)`
-        - **output:** logarithms of probabilities :math:`(B, C)`, or numbers
+        - **output:** logarithms of probabilities, or numbers :math:`(B, C)`
 
     Raises:
         ValueError: If a step is unknown, or its arguments do not fit together.
@@ -46,13 +46,13 @@ class EstimatorModel(Module):
         super().__init__()
         if not isinstance(steps, Sequence) or len(steps) < 2:
             raise ValueError(f"'steps' must be features and more (got {steps!r:.80})")
-        first = dict(steps[0])
-        name = first.pop("step", None)
+        feature_step = dict(steps[0])
+        name = feature_step.pop("step", None)
         if name not in FEATURES:
             raise ValueError(f"the first step must be one of {', '.join(FEATURES)} (got {name!r})")
-        self.features = FEATURES[name](**first)
+        self.features = FEATURES[name](**feature_step)
         self.rows = Chain(steps[1:], ROWS)
-        self.init_arguments = {"steps": [dict(step) for step in steps]}  # what a file keeps
+        self.init_arguments = {"steps": [dict(step) for step in steps]}
 
     @classmethod
     def of(cls, estimator: Any, num_classes: int | None = None, **samples: Any) -> Self:
@@ -60,36 +60,38 @@ class EstimatorModel(Module):
 
         Args:
             estimator (estimator): A pipeline of :mod:`torch_geometric_tactile.baselines`.
-            num_classes (int, optional): Number of classes, of which the training part may lack
-                some; numbers are predicted if left out.
-            **samples (optional): Which of :obj:`normal` and :obj:`tangent` samples have.
+            num_classes (int, optional): Number of classes, including those that the training part
+                lacks; the model is a regression if left out.
+            **samples (bool, optional): :obj:`normal` and :obj:`tangent`, whether samples have these
+                attributes.
 
         Raises:
-            ValueError: If it is of a kind that has no such form, not fitted, or a classifier
-                without probabilities.
+            ValueError: If the estimator is not supported, not fitted, or a classifier without
+                probabilities.
         """
+        # Imported here: a model that is read from a file does not need scikit-learn.
         from torch_geometric_tactile.predictor._estimator_numbers import fitted_steps
 
         return cls(fitted_steps(estimator, num_classes, **samples))
 
     @property
     def modalities(self) -> tuple[str, ...]:
-        r"""Names of the attributes of a batch that :meth:`forward` takes besides readings."""
+        r"""Names of the attributes of a batch that :meth:`forward` takes besides the readings."""
         return self.features.modalities
 
     def float(self) -> Self:
-        r"""Returns the model as it is: it computes in double precision."""
+        r"""Returns the model unchanged, since it computes in double precision."""
         return self
 
-    def forward(self, x: Tensor, edge_index: Tensor | None = None, **given: Tensor) -> Tensor:
+    def forward(self, x: Tensor, edge_index: Tensor | None = None, **attributes: Tensor) -> Tensor:
         r"""Returns logarithms of probabilities :math:`(B, C)`, or numbers.
 
         Args:
             x (torch.Tensor): Prepared readings :math:`(B, N, F)`.
             edge_index (torch.Tensor, optional): Not used.
-            **given (torch.Tensor): The attributes that :obj:`modalities` names.
+            **attributes (torch.Tensor): The attributes that :obj:`modalities` names.
         """
-        out: Tensor = self.rows(self.features(x, given))
+        out: Tensor = self.rows(self.features(x, attributes))
         return out.to(x.dtype)
 
     def extra_repr(self) -> str:

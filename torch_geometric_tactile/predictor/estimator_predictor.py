@@ -8,7 +8,7 @@ from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data import StaticDataset, apply_transform
 from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.predictor._network import Network
-from torch_geometric_tactile.predictor._preparation import Preparation, with_shared
+from torch_geometric_tactile.predictor._preparation import Preparation, add_shared_attributes
 from torch_geometric_tactile.predictor.estimator_model import EstimatorModel
 from torch_geometric_tactile.predictor.predictor import Predictor
 from torch_geometric_tactile.transforms import TaxelDescriptors
@@ -18,17 +18,17 @@ def estimator_predictor(
     estimator: Any, dataset: StaticDataset, transform: Transform | None = None
 ) -> Predictor:
     r"""Returns the predictor of a scikit-learn pipeline of
-    :mod:`torch_geometric_tactile.baselines` that was fitted on a data set. Nothing is pickled: its
-    numbers become those of an :class:`EstimatorModel`.
+    :mod:`torch_geometric_tactile.baselines` that was fitted on a data set. Nothing is pickled: the
+    fitted numbers are copied to an :class:`EstimatorModel`.
 
     Args:
         estimator (estimator): The fitted pipeline. A support vector machine or a ridge classifier
-            must be within :class:`~torch_geometric_tactile.baselines.TemperatureScaling`.
+            must be wrapped in :class:`~torch_geometric_tactile.baselines.TemperatureScaling`.
         dataset (StaticDataset): The data set.
-        transform (callable, optional): What came after the data set's own transform, fitted.
+        transform (callable, optional): Fitted transform that is applied after that of the data set.
 
     Raises:
-        ValueError: If the estimator is of another kind, not fitted, or has no probabilities.
+        ValueError: If the estimator is not supported, not fitted, or has no probabilities.
 
     Examples:
         >>> from torch_geometric_tactile.baselines import flat_forest
@@ -42,24 +42,25 @@ def estimator_predictor(
         torch.Size([2])
     """
     y = dataset.column("y")
-    is_numbers = y is None or y.dim() > 1 or y.is_floating_point()
+    is_regression = y is None or y.dim() > 1 or y.is_floating_point()
     sample = dataset.batch([0])
     sample = sample if transform is None else apply_transform(transform, sample)
     layout = dataset.layout
     has_normal = sample.get("normal") is not None or layout.normal is not None
     model = EstimatorModel.of(
         estimator,
-        None if is_numbers else dataset.num_classes,
+        None if is_regression else dataset.num_classes,
         normal=has_normal,
         tangent=sample.get("tangent") is not None,
     )
+    # The pipeline computes descriptors in its first step, a predictor in a transform.
     if "descriptors" in model.modalities:
         pos = sample.get("pos")
-        describe = TaxelDescriptors(layout, posed=pos is not None and pos.dim() == 3)
-        transform = Compose([*flat(transform), describe])
+        descriptors = TaxelDescriptors(layout, posed=pos is not None and pos.dim() == 3)
+        transform = Compose([*flat(transform), descriptors])
     shared = {"pos": layout.pos}
     if layout.normal is not None:
         shared["normal"] = layout.normal
-    preparation = with_shared(Preparation.of_dataset(dataset, transform), **shared)
-    task = "regression" if is_numbers else "multiclass"
-    return Predictor._of(preparation, Network(model, dataset.class_names, task))
+    preparation = add_shared_attributes(Preparation.from_dataset(dataset, transform), **shared)
+    task = "regression" if is_regression else "multiclass"
+    return Predictor._from_parts(preparation, Network(model, dataset.class_names, task))

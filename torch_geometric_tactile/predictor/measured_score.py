@@ -1,29 +1,29 @@
-r"""The score that a model was chosen for."""
+r"""The score for which a model was selected."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Self
 
-_LONGEST = 200  # characters
+_MAX_CHARACTERS = 200  # characters
 
 
 @dataclass(frozen=True)
 class MeasuredScore:
-    r"""What models of one kind scored on held-out samples, as ``tactile compare`` measures it,
-    before one was trained on all samples. It goes into the file of a predictor.
+    r"""Score of one kind of model on held-out samples, as measured by ``tactile compare`` before
+    the final model was trained on all samples. It is saved with a predictor.
 
     Args:
         model (str): Name of the model in the comparison.
         metric (str): Name of the score.
         mean (float): Mean over the splits.
-        sd (float, optional): Standard deviation over the splits; :obj:`None` of one.
+        sd (float, optional): Standard deviation over the splits; :obj:`None` for a single split.
         num_splits (int): Number of splits.
-        protocol (str): What was held out.
-        trained_on (str): What the model in the file was trained on.
+        protocol (str): Description of the splits, such as :obj:`"5 folds by trial"`.
+        trained_on (str): Description of the samples that the saved model was trained on.
 
     Raises:
-        ValueError: If a value is of another type, or a text is longer than 200 characters.
+        ValueError: If a value has the wrong type, or a text is longer than 200 characters.
 
     Examples:
         >>> print(MeasuredScore("svm_rbf", "accuracy", 0.9583, 0.02, 5, "5 folds by trial", "all"))
@@ -41,9 +41,10 @@ class MeasuredScore:
     def __post_init__(self) -> None:
         for name in ("model", "metric", "protocol", "trained_on"):
             text = getattr(self, name)
-            if not isinstance(text, str) or len(text) > _LONGEST:
+            if not isinstance(text, str) or len(text) > _MAX_CHARACTERS:
                 raise ValueError(
-                    f"'{name}' must be a text of up to {_LONGEST} characters (got {text!r:.80})"
+                    f"'{name}' must be a text of up to {_MAX_CHARACTERS} characters (got "
+                    f"{text!r:.80})"
                 )
         for name, number in (("mean", self.mean), ("sd", 0.0 if self.sd is None else self.sd)):
             if not isinstance(number, float) or not math.isfinite(number):
@@ -53,10 +54,10 @@ class MeasuredScore:
 
     @classmethod
     def from_dict(cls, content: Any) -> Self:
-        r"""Builds it from what :meth:`to_dict` returns.
+        r"""Returns the score that :meth:`to_dict` returned as a mapping.
 
         Args:
-            content (Mapping): The arguments.
+            content (Mapping): The arguments by name.
         """
         names = [field.name for field in fields(cls)]
         if not isinstance(content, Mapping) or sorted(content) != sorted(names):

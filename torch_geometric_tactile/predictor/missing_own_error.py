@@ -1,12 +1,12 @@
-r"""The error of a class of the user's own that must be given."""
+r"""Error of a model or transform of the user that a file needs and that was not passed."""
 
 
 class MissingOwnError(ValueError):
-    r"""Raised when a model or transform that the user wrote must be passed and was not.
+    r"""Raised if a file needs a model or transform that the user wrote and that was not passed.
 
     Args:
         text (str): The message.
-        argument (str): What must be given: :obj:`"model"` or :obj:`"transforms"`.
+        argument (str): The missing argument: :obj:`"model"` or :obj:`"transforms"`.
 
     Examples:
         >>> error = MissingOwnError("pass the model that the predictor was saved with", "model")

@@ -1,10 +1,8 @@
-r"""From a reading to probabilities."""
+r"""Predictors: from raw readings to probabilities."""
 
 import copy
-import functools
-from collections.abc import Callable, Sequence
-from operator import attrgetter
-from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
+from collections.abc import Sequence
+from typing import Any, Self
 
 import torch
 from torch import Tensor
@@ -22,101 +20,66 @@ from torch_geometric_tactile.data import (
 from torch_geometric_tactile.predictor import content
 from torch_geometric_tactile.predictor._hub import predictor_file, push_predictor
 from torch_geometric_tactile.predictor._network import Network, Task
-from torch_geometric_tactile.predictor._preparation import Preparation, shared_by_frames, tared
-from torch_geometric_tactile.predictor._readings import ArrayLike, shape_of
-from torch_geometric_tactile.predictor._session import Session
+from torch_geometric_tactile.predictor._preparation import Preparation, add_tare, shared_attributes
+from torch_geometric_tactile.predictor._readings import ArrayLike, array_shape
 from torch_geometric_tactile.predictor._window_cut import WindowCut
 from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 from torch_geometric_tactile.sensors import TaxelLayout
 
-_P = ParamSpec("_P")
-_R = TypeVar("_R")
-
-
-def _method_of(
-    part: str, method: Callable[Concatenate[Any, _P], _R]
-) -> Callable[Concatenate[Any, _P], _R]:
-    r"""Returns a method that calls that of a part, with its documentation."""
-    owner = attrgetter(part)
-
-    @functools.wraps(method)
-    def call(self: Any, /, *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        return method(owner(self), *args, **kwargs)
-
-    return call
-
-
-class _Attribute(Generic[_R]):
-    r"""An attribute that a part keeps."""
-
-    def __init__(self, part: str) -> None:
-        self._part = part
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-
-    def __get__(self, owner: Any, kind: type | None = None) -> _R:
-        value: _R = getattr(getattr(owner, self._part), self._name)
-        return value
-
-    def __set__(self, owner: Any, value: _R) -> None:
-        setattr(getattr(owner, self._part), self._name, value)
-
 
 class Predictor:
     r"""A trained model together with everything that prepares its readings: the layout of the
-    sensor, the fitted transforms and the names of its classes. It takes readings as the sensor
-    gives them.
+    sensor, the fitted transforms and the names of its classes. It takes raw readings of the sensor.
 
-    Model and transforms are copied, and the model is always in evaluation mode. Whatever depends
-    on the layout only, such as a nearest-neighbour graph, is computed once.
+    The model and the transforms are copied. The model is always in evaluation mode. Attributes that
+    depend on the layout only, such as a nearest-neighbour graph, are computed once.
 
-    A missing reading (NaN) goes through the transforms like any other. Without
-    :class:`~torch_geometric_tactile.transforms.FillMissing` among them, the probabilities of its
-    frame are NaN, and :meth:`labels` gives it no label; other frames are not affected.
+    Missing readings (NaN) pass through the transforms like all others. Unless
+    :class:`~torch_geometric_tactile.transforms.FillMissing` is among them, the probabilities of
+    such a frame are NaN, and :meth:`labels` returns no label for it. Other frames are not affected.
 
     Args:
-        model (torch.nn.Module): Called as :obj:`model(x, edge_index)`, and with the attributes
-            that its :obj:`modalities` names, if it has them, by keyword; returns logits
-            :math:`(B, C)`. One whose :obj:`forward` has an argument :obj:`batch` is called on the
-            PyG batch of the frames.
+        model (torch.nn.Module): The model. It is called as :obj:`model(x, edge_index)`, with the
+            attributes that its :obj:`modalities` names as keywords, and returns logits
+            :math:`(B, C)`. If its :obj:`forward` has an argument :obj:`batch`, it is called with
+            the PyG batch of the frames.
         layout (TaxelLayout): The taxels.
-        transform (callable, optional): What a reading goes through: one transform, fitted where it
-            must be, or PyG's :class:`~torch_geometric.transforms.Compose` of several.
+        transform (callable, optional): The transform of each reading, fitted if it needs fitting.
+            PyG's :class:`~torch_geometric.transforms.Compose` combines several.
         class_names (sequence of str): Names of the classes or labels; their numbers if left out.
         task (str): :obj:`"multiclass"` (one class a frame), :obj:`"multilabel"` (0 or 1 for each
             label) or :obj:`"regression"` (numbers).
-        adjacency (str or torch.Tensor, optional): The edges before any transform: an adjacency of
-            the layout by its name, or :math:`(2, |\mathcal{E}|)`.
-        pre_transform (callable, optional): What a reading goes through first, once; data given to
-            :meth:`prepare_samples` has been through it.
+        adjacency (str or torch.Tensor, optional): The edges before any transform: the name of an
+            adjacency of the layout, or edges :math:`(2, |\mathcal{E}|)`.
+        pre_transform (callable, optional): The transform that is applied before :obj:`transform`.
+            Data for :meth:`prepare_samples` must have been transformed by it already.
         num_channels (int, optional): Number of channels of a taxel; not checked if left out.
-        num_joints (int, optional): Number of joint angles of a frame; likewise.
-        threshold (float, optional): Of two classes, the probability of class 1 above which
-            :meth:`labels` tells it; one half if left out.
-        info (FrameInfo, optional): How the frames of the training were made: unit, order of
-            columns, rate and thinning, with which those of recordings are compared. A predictor of
-            a data set has that of the data set.
-        contact (ContactRule, optional): What tells frames without contact, whose answer is NaN and
-            whose label is :obj:`"no contact"`. Its readings at rest are its own, or those that
-            :meth:`adapt` or :meth:`adapt_recording` measured last. The attribute can be set. A
-            window lacks contact if none of its frames has contact: it is answered as long as it has
-            seen a touch.
+        num_joints (int, optional): Number of joint angles of a frame; not checked if left out.
+        threshold (float, optional): For two classes, the probability of class 1 above which
+            :meth:`labels` returns class 1; one half if left out.
+        info (FrameInfo, optional): Unit, order of columns, rate and thinning of the training
+            frames. Recordings must agree with it. :meth:`from_dataset` takes it from the data set.
+        contact (ContactRule, optional): The rule that detects frames without contact. Their
+            probabilities are NaN, and their label is :obj:`"no contact"`. The rule compares
+            readings with its own readings at rest, or with those that :meth:`adapt` or
+            :meth:`adapt_recording` measured last. The attribute can be set. A window lacks contact
+            if none of its frames has contact.
 
     A model that was trained on :class:`~torch_geometric_tactile.data.Windows` or
-    :class:`~torch_geometric_tactile.data.Trials` takes windows of raw frames, as these cut them; of
-    a :class:`~torch_geometric_tactile.data.Recording`, it cuts them itself.
+    :class:`~torch_geometric_tactile.data.Trials` takes windows of raw frames.
+    :meth:`recording` and :meth:`windows` cut them from a
+    :class:`~torch_geometric_tactile.data.Recording`.
 
     Shapes:
         - **reading:** :math:`(N, F)` or :math:`(B, N, F)`; windows :math:`(N, C \cdot T)` or
           :math:`(B, N, C \cdot T)`
         - **joint:** angles in radians :math:`(J,)` or :math:`(B, J)`
-        - **output:** probabilities :math:`(C,)` for one frame, or :math:`(B, C)`; for a regression
-          the numbers themselves
+        - **output:** probabilities :math:`(C,)` for one frame, or :math:`(B, C)`; numbers for a
+          regression
 
     Raises:
-        ValueError: If :obj:`task` is unknown; on a call, if a reading has another shape, or what
-            the transforms or the model need is missing.
+        ValueError: If :obj:`task` is unknown. A call raises it if the shape of a reading is wrong,
+            or if an attribute that the transforms or the model need is missing.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -146,7 +109,7 @@ class Predictor:
         info: FrameInfo | None = None,
         contact: ContactRule | None = None,
     ) -> None:
-        shared = shared_by_frames(layout, adjacency)
+        shared = shared_attributes(layout, adjacency)
         preparation = Preparation(
             layout,
             shared,
@@ -157,17 +120,18 @@ class Predictor:
             info=info,
             contact=contact,
         )
-        self._join(preparation, Network(copy.deepcopy(model), class_names, task, threshold))
+        self._set_parts(preparation, Network(copy.deepcopy(model), class_names, task, threshold))
 
     @classmethod
-    def _of(cls, preparation: Preparation, network: Network) -> Self:
+    def _from_parts(cls, preparation: Preparation, network: Network) -> Self:
         predictor = cls.__new__(cls)
-        predictor._join(preparation, network)
+        predictor._set_parts(preparation, network)
         return predictor
 
-    def _join(self, preparation: Preparation, network: Network) -> None:
+    def _set_parts(self, preparation: Preparation, network: Network) -> None:
         self.preparation, self.network = preparation, network
         network.model.eval()
+        # A model may read joint angles that no transform reads.
         if "joint" in network.modalities:
             preparation.needs_joint = True
         self.to(network.device)
@@ -187,14 +151,14 @@ class Predictor:
         Args:
             model (torch.nn.Module): The model.
             dataset (StaticDataset): The data set.
-            transform (callable, optional): What came after the data set's own transform in
-                training, such as a fitted scaler.
+            transform (callable, optional): Transform that training applied after that of the data
+                set, such as a fitted scaler.
             task (str): As of the class.
             threshold (float, optional): As of the class.
         """
-        preparation = Preparation.of_dataset(dataset, transform)
+        preparation = Preparation.from_dataset(dataset, transform)
         network = Network(copy.deepcopy(model), dataset.class_names, task, threshold)
-        return cls._of(preparation, network)
+        return cls._from_parts(preparation, network)
 
     @classmethod
     def from_checkpoint(
@@ -214,7 +178,7 @@ class Predictor:
             FileNotFoundError: If there is no such file.
             ValueError: If the file cannot be read, or as :meth:`load`.
         """
-        return cls._of(*content.load_checkpoint(path, model, transforms))
+        return cls._from_parts(*content.load_checkpoint(path, model, transforms))
 
     @classmethod
     def load(
@@ -224,26 +188,27 @@ class Predictor:
         transforms: Sequence[Transform] | None = None,
     ) -> Self:
         r"""Reads a predictor from a file of :meth:`save`. Only models and transforms of this
-        package (and some of PyG's) are built by their names; nothing in the file runs.
+        package, and some of PyG's, are built by their names. No code in the file is run.
 
         Args:
             path (str or PathLike): The file.
-            model (torch.nn.Module, optional): A model of your own, of the class and sizes of the
-                one that was saved; its weights are those of the file.
-            transforms (sequence of callable, optional): Transforms of your own among those that
-                were saved, with the same class and :obj:`repr`; what they were fitted to is taken
-                from the file. Others are ignored.
+            model (torch.nn.Module, optional): The model, if it cannot be built from the file, such
+                as a model that you wrote. Class and sizes must be those of the saved model; the
+                weights come from the file.
+            transforms (sequence of callable, optional): The transforms that cannot be built from
+                the file, such as those that you wrote, with the same class and :obj:`repr`. Their
+                fitted state comes from the file. Further transforms are ignored.
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If the file is damaged or of another version, or :obj:`model` or
+            ValueError: If the file is damaged or of another version, or if :obj:`model` or
                 :obj:`transforms` are missing or differ from those that were saved.
         """
-        return cls._of(*content.load(path, model, transforms))
+        return cls._from_parts(*content.load(path, model, transforms))
 
     def save(self, path: PathLike) -> None:
-        r"""Writes the predictor to one file of JSON and tensors, in the format of safetensors. The
-        file is written whole or not at all.
+        r"""Writes the predictor to one file of JSON and tensors, in the format of safetensors. If
+        writing fails, no partial file is left.
 
         Args:
             path (str or PathLike): The file.
@@ -264,15 +229,15 @@ class Predictor:
         transforms: Sequence[Transform] | None = None,
     ) -> Self:
         r"""Reads a predictor from a repository of the Hugging Face Hub, or from a folder or a file.
-        The downloaded file is read as in :meth:`load`: nothing in it runs.
+        The downloaded file is read as in :meth:`load`: no code in it is run.
 
         Args:
             path_or_repo_id (str or PathLike): The name of the repository, such as
                 :obj:`"user/slip"`, the path of a file, or a folder with :obj:`model.predictor`.
             revision (str, optional): The branch, tag or commit; :obj:`"main"` if left out.
-            token (str or bool, optional): The access token; :obj:`False` for none, and the stored
-                one if left out.
-            cache_dir (str or PathLike, optional): The folder of downloaded files; that of
+            token (str or bool, optional): The access token. :obj:`False` sends no token; by default
+                the stored token is sent.
+            cache_dir (str or PathLike, optional): The folder of downloaded files; the cache of
                 :obj:`huggingface_hub` if left out.
             local_files_only (bool): Whether to use downloaded files only, without a connection.
             force_download (bool): Whether to download the file again.
@@ -283,9 +248,10 @@ class Predictor:
             ConnectionError: If the hub cannot be reached and the file was not downloaded before.
             FileNotFoundError: If there is no such repository, revision or file, or the token may
                 not read it.
-            ImportError: If :obj:`huggingface_hub` is missing, which folders and files do not need.
+            ImportError: If :obj:`huggingface_hub` is missing. Local files do not need it.
             PermissionError: If the terms of use of the repository are not accepted.
-            ValueError: If the name is not that of a repository, or as :meth:`load`.
+            ValueError: If the name is not a valid repository name, or for the reasons of
+                :meth:`load`.
 
         Examples:
             >>> Predictor.from_pretrained("user/slip")  # doctest: +SKIP
@@ -316,7 +282,7 @@ class Predictor:
 
         Args:
             repo_id (str): The name of the repository, such as :obj:`"user/slip"`.
-            token (str or bool, optional): The access token, which may write; the stored one if left
+            token (str or bool, optional): An access token that may write; the stored token if left
                 out.
             private (bool, optional): Whether a new repository is private; the default of the
                 account if left out.
@@ -328,7 +294,7 @@ class Predictor:
             ConnectionError: If the hub cannot be reached.
             ImportError: If :obj:`huggingface_hub` is missing.
             PermissionError: If the token may not write to the repository.
-            ValueError: If the name is not that of a repository, or the model cannot be saved.
+            ValueError: If the name is not a valid repository name, or the model cannot be saved.
 
         Examples:
             >>> predictor.push_to_hub("user/slip", private=True)  # doctest: +SKIP
@@ -349,44 +315,45 @@ class Predictor:
 
     @property
     def transform(self) -> Transform | None:
-        r"""What the samples of a data set go through, with its fitted state."""
+        r"""The transform of each reading, in its fitted state."""
         return self.preparation.transform
 
     @property
     def read_options(self) -> dict[str, Any]:
-        r"""The options of :func:`~torch_geometric_tactile.io.read_recording` that read a file as
-        those of the training: the names of the columns, the number of channels, and the like;
-        empty if the predictor does not know them.
+        r"""The options with which :func:`~torch_geometric_tactile.io.read_recording` reads files
+        like those of the training, such as column names and the number of channels. Empty if the
+        training data were not read from files.
         """
         return dict(self.preparation.read_options)
 
     @property
     def window(self) -> WindowCut | None:
-        r"""How windows are cut from the frames of a recording; :obj:`None` for single frames."""
+        r"""Length, hop and treatment of short recordings with which windows are cut; :obj:`None`
+        for a model of single frames.
+        """
         return self.preparation.window
 
     @property
     def info(self) -> FrameInfo:
-        r"""How the frames of the training were made; recordings and live frames of another unit, or
-        of another rate where that matters, are refused.
+        r"""Unit, columns, rate and thinning of the training frames. Recordings and live frames with
+        another unit are rejected, and those with another rate if the model depends on it.
         """
         return self.preparation.info
 
     @property
     def causal(self) -> bool:
-        r"""Whether an answer could be given with the last frame of its window: whether no transform
-        looks at frames to come. One that needs the whole window first, such as
-        :class:`~torch_geometric_tactile.transforms.Resample` of whole trials, says so by its
-        attribute :obj:`causal`.
+        r"""Whether a prediction uses no frames after the last frame of its window. A transform
+        that needs later frames, such as :class:`~torch_geometric_tactile.transforms.Resample` of
+        complete trials, sets its attribute :obj:`causal` to :obj:`False`.
         """
         return self.preparation.causal
 
     @property
     def measures_rest(self) -> bool:
-        r"""Whether a :class:`~torch_geometric_tactile.transforms.Tare` takes all readings that a
-        session is measured by for those at rest.
+        r"""Whether a :class:`~torch_geometric_tactile.transforms.Tare` averages all readings of
+        :meth:`adapt`, so that all of them must be at rest.
         """
-        return self.preparation.session.is_of_rest
+        return self.preparation.session.measures_rest
 
     def to(self, device: torch.device | str) -> Self:
         r"""Moves model and preparation to a device.
@@ -398,25 +365,219 @@ class Predictor:
         self.preparation.to(self.network.device, self.network.dtype)
         return self
 
-    model = _Attribute[Module]("network")
-    class_names = _Attribute[tuple[str, ...]]("network")
-    task = _Attribute[Task]("network")
-    threshold = _Attribute[float | None]("network")
-    score = _Attribute[MeasuredScore | None]("network")
-    contact = _Attribute[ContactRule | None]("preparation")
+    @property
+    def model(self) -> Module:
+        r"""The model, in evaluation mode."""
+        return self.network.model
 
-    logits = _method_of("network", Network.logits)
-    probability = _method_of("network", Network.probability)
-    names = _method_of("network", Network.names)
-    labels = _method_of("network", Network.labels)
-    prepare = _method_of("preparation", Preparation.prepare)
-    prepare_samples = _method_of("preparation", Preparation.prepare_samples)
-    prepare_frame = _method_of("preparation", Preparation.prepare_frame)
-    prepare_window = _method_of("preparation", Preparation.prepare_window)
-    windows = _method_of("preparation", Preparation.windows)
-    adapt = _method_of("preparation.session", Session.adapt)
-    adapt_recording = _method_of("preparation.session", Session.adapt_recording)
-    adapt_windows = _method_of("preparation.session", Session.adapt_windows)
+    @model.setter
+    def model(self, model: Module) -> None:
+        self.network.model = model
+
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        r"""Names of the classes or labels; empty if they have numbers only."""
+        return self.network.class_names
+
+    @class_names.setter
+    def class_names(self, names: tuple[str, ...]) -> None:
+        self.network.class_names = names
+
+    @property
+    def task(self) -> Task:
+        r"""The task: :obj:`"multiclass"`, :obj:`"multilabel"` or :obj:`"regression"`."""
+        return self.network.task
+
+    @task.setter
+    def task(self, task: Task) -> None:
+        self.network.task = task
+
+    @property
+    def threshold(self) -> float | None:
+        r"""For two classes, the probability of class 1 above which :meth:`labels` returns class 1;
+        one half if :obj:`None`.
+        """
+        return self.network.threshold
+
+    @threshold.setter
+    def threshold(self, threshold: float | None) -> None:
+        self.network.threshold = threshold
+
+    @property
+    def score(self) -> MeasuredScore | None:
+        r"""The score of the model on held-out samples, if it was measured."""
+        return self.network.score
+
+    @score.setter
+    def score(self, score: MeasuredScore | None) -> None:
+        self.network.score = score
+
+    @property
+    def contact(self) -> ContactRule | None:
+        r"""The rule that detects frames and windows without contact, or :obj:`None`."""
+        return self.preparation.contact
+
+    @contact.setter
+    def contact(self, rule: ContactRule | None) -> None:
+        self.preparation.contact = rule
+
+    def logits(self, data: StaticData) -> Tensor:
+        r"""Returns the output of the model for prepared data :math:`(B, C)`, with gradients.
+
+        Args:
+            data (StaticData): Samples from :meth:`prepare` or :meth:`prepare_samples`.
+        """
+        return self.network.logits(data)
+
+    def probability(self, logits: Tensor) -> Tensor:
+        r"""Returns the probabilities of the classes or labels. For a regression, returns the
+        numbers unchanged.
+
+        Args:
+            logits (torch.Tensor): Output of the model :math:`(B, C)`.
+        """
+        return self.network.probability(logits)
+
+    def names(self, num_outputs: int) -> list[str]:
+        r"""Returns the names of the outputs: the names of the classes or labels, or else their
+        numbers.
+
+        Args:
+            num_outputs (int): Number of outputs :math:`C`.
+
+        Raises:
+            ValueError: If the number of names is not :obj:`num_outputs`.
+        """
+        return self.network.names(num_outputs)
+
+    def labels(self, probability: Tensor, lacks_contact: Tensor | None = None) -> list[list[str]]:
+        r"""Returns the predicted labels of each frame: the most probable class, the class that the
+        :obj:`threshold` selects, or for a multilabel task all labels with a probability above one
+        half. Frames with NaN probabilities have no label. Frames without contact have the label
+        :obj:`"no contact"`.
+
+        Args:
+            probability (torch.Tensor): The probabilities :math:`(C,)` or :math:`(B, C)`.
+            lacks_contact (torch.Tensor, optional): For each frame, whether it lacks contact, from
+                :meth:`lacks_contact` :math:`(B,)`. If left out, all frames are taken to have
+                contact.
+
+        Raises:
+            ValueError: If :obj:`task` is :obj:`"regression"` and :obj:`lacks_contact` is left out,
+                or if there is a :obj:`threshold` and the number of classes is not two.
+        """
+        return self.network.labels(probability, lacks_contact)
+
+    def prepare(
+        self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
+    ) -> StaticData:
+        r"""Returns readings after all transforms, as input of the model.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): Raw readings, as for a call.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles, as for a call.
+            session (int, optional): Number of the session, as for a call.
+        """
+        return self.preparation.prepare(reading, joint, session)
+
+    def prepare_samples(self, data: StaticData) -> StaticData:
+        r"""Returns samples of a data set after its :obj:`transform`, as input of the model.
+
+        Args:
+            data (StaticData): The samples, after the :obj:`pre_transform` of the data set and
+                before its :obj:`transform`.
+        """
+        return self.preparation.prepare_samples(data)
+
+    def prepare_frame(self, reading: ArrayLike, joint: ArrayLike | None = None) -> StaticData:
+        r"""Returns one frame of a stream as input of the model. For a model of windows, only the
+        transforms of frames are applied; see :meth:`prepare_window`.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(N, C)`.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
+        """
+        return self.preparation.prepare_frame(reading, joint)
+
+    def prepare_window(self, frame: StaticData, window: Tensor) -> StaticData:
+        r"""Returns a window of a stream as input of the model.
+
+        Args:
+            frame (StaticData): The last frame of the window, from :meth:`prepare_frame`.
+            window (torch.Tensor): Readings of the prepared frames :math:`(N, C \cdot T)`, in the
+                order of :func:`~torch_geometric_tactile.data.join_frames`.
+        """
+        return self.preparation.prepare_window(frame, window)
+
+    def windows(self, recording: Recording, *, resample: bool = False) -> tuple[StaticData, Tensor]:
+        r"""Returns the windows of a recording, selected and cut as in training, before the
+        transforms of windows, and the index of the last frame of each window :math:`(W,)`.
+
+        Args:
+            recording (Recording): The recording.
+            resample (bool): Whether to resample a recording of another rate. The indices then
+                count the frames of
+                :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`.
+
+        Raises:
+            ValueError: If the model takes single frames, or for the reasons of :meth:`recording`.
+        """
+        return self.preparation.windows(recording, resample=resample)
+
+    def adapt(
+        self,
+        reading: ArrayLike,
+        joint: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> int:
+        r"""Measures a new recording session from some of its readings, which need no labels.
+        Returns the number of the session, which later calls use by default. See
+        :class:`~torch_geometric_tactile.transforms.SessionZScore` and
+        :class:`~torch_geometric_tactile.transforms.Tare`.
+
+        If no transform measures sessions, or a tare measures all readings, the same readings are
+        also the rest of :attr:`contact`.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(B, N, F)`. A model of
+                windows takes windows, or frames if a transform of frames measures the session.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians.
+            time (torch.Tensor or numpy.ndarray, optional): Time of each reading in seconds
+                :math:`(B,)`, if :class:`~torch_geometric_tactile.transforms.Tare` needs it.
+
+        Raises:
+            ValueError: If nothing measures sessions, or for the reasons of a call.
+        """
+        return self.preparation.session.adapt(reading, joint, time)
+
+    def adapt_recording(
+        self, recording: Recording, *, rest: float | None = None, resample: bool = False
+    ) -> int:
+        r"""Measures a new recording session from a recording, and returns its number. Works for
+        models of frames and of windows. The frames are selected as in training.
+
+        Args:
+            recording (Recording): The recording, or its first seconds.
+            rest (float, optional): Seconds at the beginning in which nothing touches the sensor.
+                :class:`~torch_geometric_tactile.transforms.Tare` and :attr:`contact` measure all of
+                these frames. If left out, they measure as many as in training.
+            resample (bool): Whether to resample a recording of another rate.
+
+        Raises:
+            ValueError: If nothing measures sessions, or for the reasons of :meth:`recording`.
+        """
+        return self.preparation.session.adapt_recording(recording, rest=rest, resample=resample)
+
+    def adapt_windows(self, windows: StaticData) -> int:
+        r"""Measures a new recording session from windows, and returns its number.
+
+        Args:
+            windows (StaticData): Windows from :meth:`windows`.
+
+        Raises:
+            ValueError: If nothing measures sessions, or a transform measures them on frames.
+        """
+        return self.preparation.session.adapt_windows(windows)
 
     def __call__(
         self,
@@ -424,59 +585,69 @@ class Predictor:
         joint: ArrayLike | None = None,
         session: int | None = None,
     ) -> Tensor:
-        r"""Returns the probabilities of the classes or labels."""
+        r"""Returns the probabilities of the classes or labels.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): One reading :math:`(N, F)` or several readings
+                :math:`(B, N, F)`; windows for a model of windows.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians, one row for
+                all readings :math:`(J,)` or one row for each :math:`(B, J)`.
+            session (int, optional): Number of the session from :meth:`adapt`; the last one if left
+                out.
+        """
         with torch.inference_mode():
             out = self.probability(self.logits(self.prepare(reading, joint, session)))
         if self.contact is not None:
-            out = _without_answer(out, self.preparation.lacks_contact(reading))
-        return out[0] if len(shape_of(reading)) == 2 else out
+            out = _mask_probability(out, self.preparation.lacks_contact(reading))
+        return out[0] if len(array_shape(reading)) == 2 else out
 
     def with_tare(self) -> Self:
-        r"""Returns a predictor of raw readings, where this one takes readings relative to rest,
-        such as those of :obj:`AllegroUSkin(tare="hover")`: :class:`~torch_geometric_tactile.
-        transforms.Tare` comes first, and :meth:`adapt` measures the rest.
+        r"""Returns a copy of this predictor that takes raw readings, for a predictor that takes
+        readings relative to rest, such as those of :obj:`AllegroUSkin(tare="hover")`. Its first
+        transform is a :class:`~torch_geometric_tactile.transforms.Tare`; :meth:`adapt` measures
+        the rest.
 
         Raises:
-            ValueError: If a transform measures sessions already, or frames go through a transform
-                before they are cut to windows.
+            ValueError: If a transform measures sessions already, or a transform is applied before
+                windows are cut.
         """
-        return self._of(tared(self.preparation), copy.deepcopy(self.network))
+        return self._from_parts(add_tare(self.preparation), copy.deepcopy(self.network))
 
     def recording(
         self, recording: Recording, batch_size: int = 256, *, resample: bool = False
     ) -> Tensor:
-        r"""Returns the probabilities of all frames of a recording :math:`(T, C)`, or of a model of
-        windows those of its windows :math:`(W, C)`, thinned and cut as in training.
+        r"""Returns the probabilities of all frames of a recording :math:`(T, C)`. For a model of
+        windows, returns those of its windows :math:`(W, C)`, selected and cut as in training.
 
         Args:
-            recording (Recording): The recording, at the rest (tare) of those that the model was
-                trained on.
+            recording (Recording): The recording, tared if the training recordings were.
             batch_size (int): Number of frames or windows that are computed at a time.
-            resample (bool): Whether to resample a recording of another rate, where windows need
-                that of the training.
+            resample (bool): Whether to resample a recording whose rate differs from that of the
+                training, for a model of windows.
 
         Raises:
-            ValueError: If it has other taxels, channels, joints or names of columns, another unit
-                or rate, or too few frames for a window.
+            ValueError: If the taxels, channels, joints, column names, unit or rate of the recording
+                differ from those of the training, or it has too few frames for a window.
         """
         preparation = self.preparation
         if self.window is not None:
-            recording = preparation.matched(recording, resample=resample)
-            windows, last = preparation.matched_windows(recording)
+            recording = preparation.match_recording(recording, resample=resample)
+            windows, last = preparation.cut_recording(recording)
             out = self.of_windows(windows, batch_size)
             if self.contact is None:
                 return out
-            return _without_answer(out, preparation.windows_lacking_contact(recording, last))
-        _check_size(batch_size)
-        recording = preparation.matched(recording)
+            return _mask_probability(out, preparation.windows_lacking_contact(recording, last))
+        _check_batch_size(batch_size)
+        recording = preparation.match_recording(recording)
+        # At least one chunk, so that an empty recording has an output (0, C).
         starts = range(0, max(recording.num_frames, 1), batch_size)
         chunks = [recording.select(slice(start, start + batch_size)) for start in starts]
         return torch.cat([self(chunk.tactile, chunk.joint) for chunk in chunks])
 
     def lacks_contact(self, reading: ArrayLike | Recording, *, resample: bool = False) -> Tensor:
-        r"""Returns which frames lack contact, by :attr:`contact`, or of a model of windows which
-        windows, whose frames all do. Their probabilities are NaN; :meth:`labels` calls them
-        :obj:`"no contact"`. Without a rule, none does.
+        r"""Returns for each frame whether it lacks contact by the rule :attr:`contact`, or for each
+        window of a model of windows whether all of its frames do. Their probabilities are NaN, and
+        :meth:`labels` returns :obj:`"no contact"`. Without a rule, all have contact.
 
         Args:
             reading (Recording or torch.Tensor or numpy.ndarray): A recording, or readings as for a
@@ -487,37 +658,37 @@ class Predictor:
             - **output:** :math:`(T,)` for frames, :math:`(W,)` for windows
 
         Raises:
-            ValueError: If the rule has no readings at rest, or as for a call.
+            ValueError: If the rule has no readings at rest, or for the reasons of a call.
         """
         preparation = self.preparation
         if not isinstance(reading, Recording):
             return preparation.lacks_contact(reading)
-        recording = preparation.matched(reading, resample=resample)
+        recording = preparation.match_recording(reading, resample=resample)
         if self.window is None:
             return preparation.lacks_contact(recording.tactile)
-        last = preparation.matched_windows(recording)[1]
+        last = preparation.cut_recording(recording)[1]
         return preparation.windows_lacking_contact(recording, last)
 
     def of_windows(self, windows: StaticData, batch_size: int = 256) -> Tensor:
-        r"""Returns the probabilities of windows :math:`(W, C)`, also of those without contact:
-        their raw readings are not known here.
+        r"""Returns the probabilities of windows :math:`(W, C)`. Windows without contact are not
+        masked, since the rule :attr:`contact` needs raw readings.
 
         Args:
-            windows (StaticData): What :meth:`windows` returned.
+            windows (StaticData): Windows from :meth:`windows`.
             batch_size (int): Number of windows that are computed at a time.
 
         Raises:
             ValueError: If :obj:`batch_size` is below one.
         """
-        _check_size(batch_size)
-        self.preparation.session.mark(windows)
-        parts = []
+        _check_batch_size(batch_size)
+        self.preparation.session.set_session_number(windows)
+        probabilities = []
         with torch.inference_mode():
             for start in range(0, windows.num_samples, batch_size):
-                part = windows.index_select(slice(start, start + batch_size))
-                data = self.preparation.prepared_windows(part)
-                parts.append(self.probability(self.logits(data)))
-        return torch.cat(parts)
+                batch = windows.index_select(slice(start, start + batch_size))
+                data = self.preparation.apply_sample_transforms(batch)
+                probabilities.append(self.probability(self.logits(data)))
+        return torch.cat(probabilities)
 
     def __repr__(self) -> str:
         return (
@@ -526,17 +697,17 @@ class Predictor:
         )
 
 
-def _without_answer(probability: Tensor, lacks_contact: Tensor) -> Tensor:
-    r"""Returns probabilities, NaN in rows without contact: no number that a program could take
-    for an answer.
+def _mask_probability(probability: Tensor, lacks_contact: Tensor) -> Tensor:
+    r"""Returns probabilities with NaN in the rows without contact, so that no program takes them
+    for a prediction.
 
     Shapes:
         - **probability:** :math:`(B, C)`
         - **lacks_contact:** :math:`(B,)`
     """
-    rows = lacks_contact.to(probability.device).unsqueeze(1)
-    return probability.masked_fill(rows, torch.nan)
+    is_missing = lacks_contact.to(probability.device).unsqueeze(1)
+    return probability.masked_fill(is_missing, torch.nan)
 
 
-def _check_size(size: int) -> None:
+def _check_batch_size(size: int) -> None:
     need(size >= 1, "'batch_size' must be at least 1", size)

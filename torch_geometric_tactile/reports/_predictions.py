@@ -51,7 +51,7 @@ def write_recordings(
         for path in paths:
             recording = open_recording(predictor, path, options)
             try:
-                recording = predictor.preparation.matched(
+                recording = predictor.preparation.match_recording(
                     in_column_order(recording, columns), resample=resample
                 )
                 # The first recording with named columns sets their order for all others.

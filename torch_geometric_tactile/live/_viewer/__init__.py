@@ -1,1 +1,1 @@
-r"""What the viewer is made of: scene, screen, clients and their messages."""
+r"""Parts of the viewer: the page, its clients and messages, and the scene."""

@@ -1,4 +1,4 @@
-r"""The viewer's page, and what each open one is sent."""
+r"""The page of the viewer, and the messages to each open page."""
 
 import asyncio
 import base64
@@ -22,11 +22,11 @@ from torch_geometric_tactile.live.rest import Rest
 if TYPE_CHECKING:
     from torch_geometric_tactile.live.viewer import Viewer
 
-_RATE = 30.0  # frames per second
-_LOOK = 1 / 120  # seconds between two looks for a new frame
-_QUIET = 0.25  # seconds after which a page is told that there is none
-_FACTS = 0.2  # seconds between two messages with the health of the stream
-_LEAD = 0.004  # seconds that a sleep may be late
+_MAX_RATE = 30.0  # frames per second
+_POLL_SECONDS = 1 / 120
+_QUIET_SECONDS = 0.25  # without a frame for so long, the state is sent alone
+_STATE_SECONDS = 0.2  # time between two messages with the state of the stream
+_SLEEP_MARGIN = 0.004  # a sleep may end late by this time
 _HEADERS = {
     "Content-Type": "text/html; charset=utf-8",
     "Cache-Control": "no-store",
@@ -39,8 +39,8 @@ _HEADERS = {
 
 
 class FirstSecond(Rest):
-    r"""The mean of the first second, whatever it holds: what is shown is only shown. Frames of
-    another shape begin it anew.
+    r"""Mean of the first second of a stream, also if the sensor is touched: it is only used for
+    display. Starts again if the shape of frames changes.
     """
 
     def __init__(self) -> None:
@@ -48,35 +48,40 @@ class FirstSecond(Rest):
         self.min_frames, self.max_movement = 1, math.inf
 
     def add(self, frame: LiveFrame) -> bool:
-        r"""As of :class:`Rest`."""
+        r"""Adds the next frame, as :meth:`Rest.add` does."""
         if self.shape not in (None, frame.tactile.shape):
             self.retare()
         return super().add(frame)
 
 
 class ViewerClient:
-    r"""Sends one page the newest frame, and the next one only after the page has shown it: however
-    slow the page is, nothing waits in between, and what it shows is new.
+    r"""Sends the newest frame to one page, and the next frame only after the page has shown it. No
+    frames queue up, so that a slow page shows recent frames too.
+
+    Args:
+        socket (websockets.asyncio.server.ServerConnection): The connection to the page.
+        viewer (Viewer): The viewer.
+        call_lock (asyncio.Lock): Lock that runs the callbacks of buttons one after another.
     """
 
-    def __init__(self, socket: Any, viewer: "Viewer", turn: asyncio.Lock) -> None:
-        self._socket, self._viewer, self._turn = socket, viewer, turn
+    def __init__(self, socket: Any, viewer: "Viewer", call_lock: asyncio.Lock) -> None:
+        self._socket, self._viewer, self._call_lock = socket, viewer, call_lock
         self._subscription = viewer.stream.subscribe("newest")
-        self._ended = False
-        self._gone = False
-        self._shown = asyncio.Event()
-        self._shown.set()
+        self._has_ended = False
+        self._is_closed = False
+        self._frame_shown = asyncio.Event()
+        self._frame_shown.set()
         self._scene: Scene | None = None
-        self._channels = 0
+        self._num_channels = 0
         self._pose: np.ndarray | None = None
-        self._sent: LiveFrame | None = None  # under way
-        self._seen: LiveFrame | None = None  # on the screen
-        self._kept: LiveFrame | None = None  # until the page has the layout
-        self._age = self._oldest = float("nan")
+        self._sent_frame: LiveFrame | None = None  # sent, not confirmed yet
+        self._shown_frame: LiveFrame | None = None  # confirmed by the page
+        self._next_frame: LiveFrame | None = None  # waits until the page has the layout
+        self._frame_age = self._replaced_age = float("nan")
         self._last_note = 0
-        self._facts_due = 0.0
-        self._calls: set[asyncio.Task[None]] = set()
-        self._waiting: dict[str, tuple[Any, ...]] = {}  # what each button asks for, not yet begun
+        self._state_due = 0.0
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._pending_calls: dict[str, tuple[Any, ...]] = {}  # one for each button
 
     async def run(self) -> None:
         r"""Serves the page until it is closed."""
@@ -84,13 +89,13 @@ class ViewerClient:
         try:
             due = 0.0
             while True:
-                await self._shown.wait()
-                if self._gone:
+                await self._frame_shown.wait()
+                if self._is_closed:
                     return
-                self._shown.clear()
+                self._frame_shown.clear()
                 await asyncio.sleep(max(0.0, due - time.perf_counter()))
-                message = await self._next()
-                due = time.perf_counter() + 1 / _RATE - _LEAD
+                message = await self._next_message()
+                due = time.perf_counter() + 1 / _MAX_RATE - _SLEEP_MARGIN
                 await self._socket.send(message)
         finally:
             self._subscription.close()
@@ -99,94 +104,98 @@ class ViewerClient:
     async def _listen(self) -> None:
         try:
             async for text in self._socket:
-                self._take(_parsed(text))
+                self._handle_message(_parse_message(text))
         finally:
-            self._gone = True
-            self._shown.set()
+            self._is_closed = True
+            self._frame_shown.set()
 
-    def _take(self, message: dict[str, Any]) -> None:
+    def _handle_message(self, message: dict[str, Any]) -> None:
         kind = message.get("kind")
         if kind == "shown":
-            self._note_age()
-            self._shown.set()
+            self._measure_age()
+            self._frame_shown.set()
         elif kind == "tare":
-            self._call(kind, self._viewer._press_tare)
+            self._queue_call(kind, self._viewer._press_tare)
         elif kind == "record":
-            self._call(kind, self._viewer._press_record, bool(message.get("on")))
+            self._queue_call(kind, self._viewer._press_record, bool(message.get("on")))
 
-    def _call(self, kind: str, *call: Any) -> None:
-        # Of many presses of a button, one waits: the last.
-        waits, self._waiting[kind] = kind in self._waiting, call
-        if not waits:
-            task = asyncio.create_task(self._called(kind))
-            self._calls.add(task)
-            task.add_done_callback(self._calls.discard)
+    def _queue_call(self, kind: str, *call: Any) -> None:
+        # If a button is pressed repeatedly, only the last call is queued.
+        is_queued, self._pending_calls[kind] = kind in self._pending_calls, call
+        if not is_queued:
+            task = asyncio.create_task(self._run_call(kind))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
 
-    async def _called(self, kind: str) -> None:
-        # In a thread, as what the caller does for a button must not stop the picture; in order.
-        async with self._turn:
-            await asyncio.to_thread(*self._waiting.pop(kind))
+    async def _run_call(self, kind: str) -> None:
+        # In a thread, since a slow callback must not stop the page; the lock keeps the order.
+        async with self._call_lock:
+            await asyncio.to_thread(*self._pending_calls.pop(kind))
 
-    def _note_age(self) -> None:
-        if self._sent is None:
+    def _measure_age(self) -> None:
+        if self._sent_frame is None:
             return
         now = time.perf_counter_ns()
-        self._age = (now - self._sent.received) / 1e6
-        if self._seen is not None:
-            self._oldest = (now - self._seen.received) / 1e6
-        self._seen, self._sent = self._sent, None
+        self._frame_age = (now - self._sent_frame.received) / 1e6
+        if self._shown_frame is not None:
+            self._replaced_age = (now - self._shown_frame.received) / 1e6
+        self._shown_frame, self._sent_frame = self._sent_frame, None
 
-    async def _next(self) -> bytes:
-        quiet = time.perf_counter() + _QUIET
+    async def _next_message(self) -> bytes:
+        deadline = time.perf_counter() + _QUIET_SECONDS
         while True:
-            frame = self._newest() or self._kept
+            frame = self._newest_frame() or self._next_frame
             if frame is not None:
-                return await self._picture(frame)
-            if time.perf_counter() >= quiet or self._gone:
-                return pack_message({"kind": "facts", **self._facts()})
-            await asyncio.sleep(_LOOK)
+                return await self._frame_message(frame)
+            if time.perf_counter() >= deadline or self._is_closed:
+                return pack_message({"kind": "facts", **self._state_message()})
+            await asyncio.sleep(_POLL_SECONDS)
 
-    def _newest(self) -> LiveFrame | None:
-        if self._ended:
+    def _newest_frame(self) -> LiveFrame | None:
+        if self._has_ended:
             return None
         try:
             frame: LiveFrame = self._subscription.get(timeout=0)
         except TimeoutError:
             return None
-        except Exception:  # the end, or what ended the stream: `health` and `error` tell it
-            self._ended = True
+        except Exception:  # the state message contains the end or the error of the stream
+            self._has_ended = True
             return None
         return frame
 
-    async def _picture(self, frame: LiveFrame) -> bytes:
-        num_taxels, channels = frame.tactile.shape
+    async def _frame_message(self, frame: LiveFrame) -> bytes:
+        num_taxels, num_channels = frame.tactile.shape
         scene = self._scene
-        if scene is None or scene.num_taxels != num_taxels:  # the first one may take seconds
+        if scene is None or scene.num_taxels != num_taxels:  # the first scene may take seconds
             scene = await asyncio.to_thread(self._viewer.scenes.scene, num_taxels)
-        if scene is not self._scene or channels != self._channels:
-            self._scene, self._channels, self._pose = scene, channels, None
-            self._kept = frame
-            return self._viewer._layout_message(scene, channels)
+        if scene is not self._scene or num_channels != self._num_channels:
+            self._scene, self._num_channels, self._pose = scene, num_channels, None
+            self._next_frame = frame
+            return self._viewer._layout_message(scene, num_channels)
         arrays = {"tactile": self._viewer._relative(frame)}
         pose = self._viewer.scenes.pose(scene, frame.joint)
         if pose is not self._pose:
             self._pose = arrays["pose"] = pose
-        self._sent, self._kept = frame, None
+        self._sent_frame, self._next_frame = frame, None
         head: dict[str, Any] = {"kind": "frame", "sequence": frame.sequence}
-        head |= {"age": self._age, "oldest": self._oldest, "place": self._viewer._place(frame)}
-        if time.perf_counter() >= self._facts_due:
-            head |= self._facts()
+        head |= {
+            "age": self._frame_age,
+            "oldest": self._replaced_age,
+            "place": self._viewer._replay_position(frame),
+        }
+        if time.perf_counter() >= self._state_due:
+            head |= self._state_message()
         return pack_message(head, arrays)
 
-    def _facts(self) -> dict[str, Any]:
-        self._facts_due = time.perf_counter() + _FACTS
-        facts = self._viewer._facts(self._last_note)
-        if facts["notes"]:
-            self._last_note = facts["notes"][-1][0]
-        return facts
+    def _state_message(self) -> dict[str, Any]:
+        self._state_due = time.perf_counter() + _STATE_SECONDS
+        state = self._viewer._state_message(self._last_note)
+        if state["notes"]:
+            self._last_note = state["notes"][-1][0]
+        return state
 
 
-def _parsed(text: str | bytes) -> dict[str, Any]:
+def _parse_message(text: str | bytes) -> dict[str, Any]:
     try:
         message = json.loads(text)
     except (ValueError, RecursionError):
@@ -195,54 +204,55 @@ def _parsed(text: str | bytes) -> dict[str, Any]:
 
 
 def pack_message(head: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None = None) -> bytes:
-    r"""Returns a message to the page: the number of bytes of the head (32 bits, little-endian), the
-    head as JSON, and the arrays as float32, little-endian. The head names the arrays and their
-    shapes in order, under :obj:`"arrays"`; they begin at a multiple of four bytes.
+    r"""Returns a message to the page: the length of the head in bytes (32 bits, little-endian), the
+    head as JSON, and the arrays as little-endian float32. The head lists the names and shapes of
+    the arrays under :obj:`"arrays"`. The arrays begin at a multiple of four bytes.
     """
     arrays = arrays or {}
     shapes = [[name, list(array.shape)] for name, array in arrays.items()]
-    text = json.dumps(_finite({**head, "arrays": shapes}), separators=(",", ":")).encode()
+    text = json.dumps(_to_json_value({**head, "arrays": shapes}), separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     parts = [np.ascontiguousarray(array, dtype="<f4").tobytes() for array in arrays.values()]
     return b"".join([struct.pack("<I", len(text)), text, *parts])
 
 
-def _finite(value: Any) -> Any:
+def _to_json_value(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, np.integer):
         return int(value)
     if isinstance(value, Mapping):
-        return {str(key): _finite(one) for key, one in value.items()}
+        return {str(key): _to_json_value(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
+        return [_to_json_value(entry) for entry in value]
     return value
 
 
-def answer(connection: Any, request: Any, full: bool) -> Any:
-    r"""Returns the answer to who may ask for the page: the page, with a policy by which the browser
-    runs and loads nothing else; :obj:`None` if the request may go on as a web socket.
+def page_response(connection: Any, request: Any, is_full: bool) -> Any:
+    r"""Returns the response to a request that was not rejected: the page, with a security policy
+    under which the browser runs and loads nothing else, or :obj:`None` if the request may continue
+    as a WebSocket.
     """
     path = request.path.partition("?")[0]
     if path == "/live":
-        return connection.respond(503, "Too many pages are open.\n") if full else None
+        return connection.respond(503, "Too many pages are open.\n") if is_full else None
     if path != "/":
         return connection.respond(404, "There is only one page: /\n")
-    page, policy = _page()
-    response = connection.respond(200, page)
+    html, policy = _load_page()
+    response = connection.respond(200, html)
     del response.headers["Content-Type"]
-    # Some browsers do not count a web socket of the same host as 'self'.
+    # In some browsers, 'self' does not include a WebSocket of the same host.
     policy += f"; connect-src 'self' ws://{request.headers['Host']}"
     response.headers.update(_HEADERS | {"Content-Security-Policy": policy})
     return response
 
 
 @cache
-def _page() -> tuple[str, str]:
-    # The page, and a policy under which nothing runs and nothing is loaded but what is in it.
-    page = files(__package__).joinpath("viewer.html").read_text(encoding="utf-8")
+def _load_page() -> tuple[str, str]:
+    # The page, and a policy that allows only the scripts and styles in it, by their hashes.
+    html = files(__package__).joinpath("viewer.html").read_text(encoding="utf-8")
     script, style = (
-        " ".join(_digest(text) for text in re.findall(rf"<{tag}>(.*?)</{tag}>", page, re.DOTALL))
+        " ".join(_csp_hash(text) for text in re.findall(rf"<{tag}>(.*?)</{tag}>", html, re.DOTALL))
         for tag in ("script", "style")
     )
     rules = {
@@ -254,8 +264,8 @@ def _page() -> tuple[str, str]:
         "form-action": "'none'",
         "frame-ancestors": "'none'",
     }
-    return page, "; ".join(f"{name} {value}" for name, value in rules.items())
+    return html, "; ".join(f"{name} {value}" for name, value in rules.items())
 
 
-def _digest(text: str) -> str:
+def _csp_hash(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
