@@ -55,7 +55,7 @@ _MAX_DIMS = 8  # dimensions of a further signal in a frame
 _TIME_TOLERANCE = 1e-4  # seconds
 _DTYPES = ("bool", *(f"{sign}int{n}" for sign in ("", "u") for n in (8, 16, 32, 64)))
 _DTYPES += ("float16", "float32", "float64")
-_Item = TypeVar("_Any")
+_Item = TypeVar("_Item")
 
 
 def check_new_folder(root: Path) -> None:
