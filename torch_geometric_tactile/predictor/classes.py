@@ -1,6 +1,7 @@
-r"""Transforms and models that may be built from a file, by their names."""
+r"""Transforms and models that may be built from a file, by their names.
 
-import inspect
+Names are only ever added: files that an earlier version wrote must still open.
+"""
 
 import torch_geometric.transforms
 
@@ -10,18 +11,69 @@ from torch_geometric_tactile.nn import models
 from torch_geometric_tactile.predictor.average_model import AverageModel
 from torch_geometric_tactile.predictor.estimator_model import EstimatorModel
 
+_TRANSFORMS = (
+    "AbsoluteMorphology",
+    "Calibrate",
+    "CommonMode",
+    "ContactCrop",
+    "DropPatches",
+    "DropTaxels",
+    "FillMissing",
+    "FittedTransform",
+    "GeometricEdgeAttr",
+    "KNNGraph",
+    "NormalizeRMS",
+    "RandomContrast",
+    "RandomGain",
+    "RandomInversion",
+    "RandomMirror",
+    "RandomNoise",
+    "RandomOffset",
+    "RandomShift",
+    "RandomTimeShift",
+    "Resample",
+    "SectorGraph",
+    "SelectChannels",
+    "SessionZScore",
+    "SquareRoot",
+    "Tare",
+    "TaxelDescriptors",
+    "TaxelForce",
+    "TaxelPose",
+    "TopologicalSegmentation",
+    "ZScore",
+)
+_MODELS = (
+    "BMFCNN",
+    "CNNThread",
+    "GCNThread",
+    "GraspGCN",
+    "GraspLSTM",
+    "HandCNN",
+    "MSCNN",
+    "MTCNN",
+    "MTGCN",
+    "PooledMLP",
+    "PosedTaxelNet",
+    "SegmentedThread",
+    "SmallCNN",
+    "TactileFNN",
+    "TactileGCN",
+    "TactileModel",
+    "TaxelNet",
+    "TemporalCNN",
+    "TemporalTaxelNet",
+    "Thread",
+)
+
 
 def transform_classes() -> dict[str, type]:
     r"""Returns the transforms that are built by name: those of this package, and some of PyG's."""
-    exports = {name: getattr(transforms, name) for name in transforms.__all__}
-    package_classes = {name: cls for name, cls in exports.items() if inspect.isclass(cls)}
-    del package_classes["TactileTransform"]  # the base class
-    pyg_classes = {name: getattr(torch_geometric.transforms, name) for name in IN_FILES}
-    return pyg_classes | package_classes
+    package_classes = {name: getattr(transforms, name) for name in _TRANSFORMS}
+    return {name: getattr(torch_geometric.transforms, name) for name in IN_FILES} | package_classes
 
 
 def model_classes() -> dict[str, type]:
     r"""Returns the models that are built by name, all of this package."""
-    exports = {name: getattr(models, name) for name in models.__all__}
-    package_classes = {name: cls for name, cls in exports.items() if inspect.isclass(cls)}
+    package_classes = {name: getattr(models, name) for name in _MODELS}
     return package_classes | {"AverageModel": AverageModel, "EstimatorModel": EstimatorModel}
