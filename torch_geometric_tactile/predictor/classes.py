@@ -22,6 +22,7 @@ _TRANSFORMS = (
     "FittedTransform",
     "GeometricEdgeAttr",
     "KNNGraph",
+    "Normalize",
     "NormalizeRMS",
     "RandomContrast",
     "RandomGain",
