@@ -182,9 +182,9 @@ def test_validation_holds_out_what_given_parts_hold_out(tmp_path, group, unit):
 def test_choice_is_made_on_a_part_of_many_samples(tmp_path):
     touches(tmp_path / "a.npz", num_trials=18)
     one = experiment(tmp_path / "a.npz")
-    train, _, cuts = choice_cuts(one, 2, most=10)
+    train, _, cuts = choice_cuts(one, 2, max_samples=10)
     assert [len(part) for part, _ in cuts] == [10, 10]
     assert len(train) == 48
-    again = choice_cuts(one, 2, most=10)[2]
+    again = choice_cuts(one, 2, max_samples=10)[2]
     assert [a.trial.tolist() for a, _ in again] == [a.trial.tolist() for a, _ in cuts]
     assert [len(val) for _, val in cuts] == [len(val) for _, val in choice_cuts(one, 2)[2]]

@@ -414,12 +414,12 @@ def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
 
 def _row(run: "PlanRun") -> str:
     # The score of a model that has been tested on every split.
-    from torch_geometric_tactile.experiments._scores import NAMES, shown_number
+    from torch_geometric_tactile.experiments._scores import NAMES, format_score
     from torch_geometric_tactile.experiments.comparison import summarize
 
     comparison = summarize(run)
     (result,), metric = comparison.results, comparison.metric
-    mean, sd = (shown_number(metric, value) for value in result.scores[metric])
+    mean, sd = (format_score(metric, value) for value in result.scores[metric])
     spread = f" ± {sd}" if len(run.results) > 1 else ""
     runs = "seed" if comparison.has_given_parts else "split"
     name = result.model.name

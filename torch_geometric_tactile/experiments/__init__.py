@@ -1,4 +1,4 @@
-r"""Experiments as values, and what runs and compares them. Needs the extra ``train``."""
+r"""Experiments: data sources, plans, runs, comparisons and tables. Needs the extra ``train``."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-r"""Which model of a comparison is recommended: the rule, without words."""
+r"""The rule by which a model of a comparison is recommended."""
 
 import math
 from typing import Literal, NamedTuple
@@ -9,15 +9,15 @@ from torch_geometric_tactile.experiments.differences import Difference
 
 
 class Recommendation(NamedTuple):
-    r"""The model that is recommended, or the reason for none.
+    r"""The recommended model, or the reason why none is recommended.
 
     Args:
-        result (ModelResult, optional): The model.
-        best (ModelResult, optional): The model with the best mean (of given parts on validation
-            parts), which is another one where a simpler model is recommended.
-        obstacle (str): Why none is recommended: no model has a result for every split, given parts
-            share trials, the constant answer is the best, or the best is not ahead of it by more
-            than one standard error on the test parts.
+        result (ModelResult, optional): The recommended model.
+        best (ModelResult, optional): The model with the best mean score, on validation parts if the
+            parts are given. It differs from :obj:`result` if a simpler model is recommended.
+        obstacle (str): The reason why none is recommended: no model has a result for every split,
+            given parts share trials, the constant answer is the best, or the best model is not
+            ahead of it by more than one standard error on the test parts.
     """
 
     result: ModelResult | None
@@ -26,12 +26,12 @@ class Recommendation(NamedTuple):
 
 
 def recommend(comparison: Comparison) -> Recommendation:
-    r"""Recommends the model with the best mean, unless a simpler one is about as good: within one
-    standard error of the difference and within the tolerance, with at most half the weights, and
-    not slower. Of several such models the smallest is recommended.
+    r"""Recommends the model with the best mean score, unless a simpler model is about as good:
+    within one standard error of the difference and within the tolerance, with at most half the
+    weights, and not slower. Of several such models, the smallest is recommended.
 
-    With given parts, means and differences are those on validation parts, so that the test part
-    chooses nothing but whether a model is better than the constant answer.
+    With given parts, scores and differences are those on validation parts. The test part then only
+    decides whether the model is better than the constant answer.
 
     Args:
         comparison (Comparison): The scores.
@@ -48,25 +48,26 @@ def recommend(comparison: Comparison) -> Recommendation:
     if has_floor and not _is_ahead_of_floor(comparison, best):
         return Recommendation(None, best, "near constant")
     models = [result for result in comparison.results if result.model.name != FLOOR]
-    near = [r for r in models if _is_simpler(r, best) and _is_close(comparison, best, r)]
-    return Recommendation(min(near, key=_size, default=best), best)
+    simpler = [r for r in models if _is_simpler(r, best) and _is_close(comparison, best, r)]
+    return Recommendation(min(simpler, key=_size, default=best), best)
 
 
 def _is_ahead_of_floor(comparison: Comparison, result: ModelResult) -> bool:
     difference = comparison.difference(result.model.name, FLOOR)
     gain = -difference.mean if comparison.metric == "mae" else difference.mean
-    return gain > _error(difference)
+    return gain > _known_error(difference)
 
 
-def _is_close(comparison: Comparison, best: ModelResult, other: ModelResult) -> bool:
-    if not comparison.merit(best) - comparison.merit(other) <= comparison.tolerance + 1e-12:
+def _is_close(comparison: Comparison, best: ModelResult, result: ModelResult) -> bool:
+    # The small number allows for rounding of a gap that equals the tolerance.
+    if not comparison.merit(best) - comparison.merit(result) <= comparison.tolerance + 1e-12:
         return False
-    differ = comparison.validation_difference if comparison.is_validated else comparison.difference
-    difference = differ(best.model.name, other.model.name)
-    return not abs(difference.mean) > _error(difference)
+    compute = comparison.validation_difference if comparison.is_validated else comparison.difference
+    difference = compute(best.model.name, result.model.name)
+    return not abs(difference.mean) > _known_error(difference)
 
 
-def _error(difference: Difference) -> float:
+def _known_error(difference: Difference) -> float:
     return 0.0 if math.isnan(difference.error) else difference.error
 
 

@@ -77,7 +77,7 @@ def _parts(plan: Plan) -> str:
 
 
 def _training(plan: Plan) -> str:
-    networks = [e for e in map(plan.of_cell, plan.table.cells) if not e.is_estimator]
+    networks = [e for e in map(plan.cell_experiment, plan.table.cells) if not e.is_estimator]
     if not networks:
         return "after the training (nothing was chosen by the test part)."
     recipes = dict.fromkeys((_optimizer(e), e.epochs, e.batch_size) for e in networks)

@@ -109,7 +109,7 @@ def _of(run: PlanRun, found: _Found, study: str) -> Iterator[tuple[Cell, Any]]:
     seen = set()
     for cell in run.plan.table.cells:
         entry = found.get(cell.experiment, {}).get(study)
-        code = run.plan.of_cell(cell).code
+        code = run.plan.cell_experiment(cell).code
         if entry is not None and code not in seen:  # two places may be of one configuration
             seen.add(code)
             yield cell, entry

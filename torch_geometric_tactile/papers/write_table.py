@@ -200,7 +200,9 @@ def markdown(run: PlanRun) -> str:
 def _named_models(plan: Plan) -> dict[str, Cell]:
     # Two places may have one model, which is trained once. Two models of one configuration, with
     # other data or transforms, are named by their experiments.
-    codes = {c.experiment: replace(plan.of_cell(c), studies=[]).code for c in plan.table.cells}
+    codes = {
+        c.experiment: replace(plan.cell_experiment(c), studies=[]).code for c in plan.table.cells
+    }
     of_config: dict[str, set[str]] = {}
     for cell in plan.table.cells:
         of_config.setdefault(_config_name(cell), set()).add(codes[cell.experiment])

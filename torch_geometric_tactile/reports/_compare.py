@@ -19,8 +19,8 @@ from torch_geometric_tactile.experiments._held_out import column_of
 from torch_geometric_tactile.experiments._scores import (
     NAMES,
     RULE,
+    format_score,
     prediction_scores,
-    shown_number,
 )
 from torch_geometric_tactile.experiments._setting_words import describe_setting
 from torch_geometric_tactile.experiments.advice import advice, to_dict
@@ -106,20 +106,20 @@ def _row(comparison: Comparison, result: ModelResult) -> list[str]:
     scores = []
     for key in comparison.metrics:
         mean, sd = result.scores[key]
-        text = shown_number(key, mean)
-        scores.append(text if math.isnan(sd) else f"{text} ± {shown_number(key, sd)}")
+        text = format_score(key, mean)
+        scores.append(text if math.isnan(sd) else f"{text} ± {format_score(key, sd)}")
     if comparison.is_validated:
         value = math.nan if result.validation is None else result.validation
-        scores.append(shown_number(comparison.metric, value))
+        scores.append(format_score(comparison.metric, value))
     errors = _errors(comparison, result.difference)
     difference = [] if comparison.best_plain is None else [""] * (1 + len(errors))
     if result.difference is not None:
         mean = result.difference.mean
         sign = "+" if mean > 0 else ""
-        number = shown_number(comparison.metric, mean)
+        number = format_score(comparison.metric, mean)
         mark = " *" if result.difference.is_beyond_noise else ""
         difference = [f"{sign}{number}{mark}"]
-        difference += [f"± {shown_number(comparison.metric, error)}" for _, error in errors]
+        difference += [f"± {format_score(comparison.metric, error)}" for _, error in errors]
     size = "" if result.num_parameters is None else f"{result.num_parameters:,.0f}"
     kind = "graph" if result.model.is_graph else "plain"
     times = [f"{result.seconds:,.1f}", f"{result.milliseconds:.2g}"]
@@ -218,7 +218,7 @@ def _chosen(comparison: Comparison) -> list[list[str]]:
     transforms = {e.name: e.transform for e in comparison.run.plan.experiments}
     for result in comparison.results:
         transform = transforms[result.model.name]
-        texts = [describe_setting(chosen["setting"], transform) for chosen in result.chosen]
+        texts = [describe_setting(chosen["setting"], transform) for chosen in result.selections]
         counted = {text: texts.count(text) for text in texts}
         said = "; ".join(f"{text} ({n} x)" if n > 1 else text for text, n in counted.items())
         rows.append([result.model.name, result.model.title, said])
@@ -296,7 +296,7 @@ def _part_tables(comparison: Comparison) -> Iterator[tuple[str, list[str], list[
         for name, count in zip(names.tolist(), counts.tolist(), strict=True):
             parts = [joined[model].select(of_model[model] == name) for model in joined]
             scores = (prediction_scores(p.y, p.prediction, metric == "mae")[metric] for p in parts)
-            rows.append([name, f"{count:,}", *(shown_number(metric, score) for score in scores)])
+            rows.append([name, f"{count:,}", *(format_score(metric, score) for score in scores)])
         yield kind, [kind, "test samples", *joined], rows
 
 
