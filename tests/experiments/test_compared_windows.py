@@ -22,7 +22,7 @@ from torch_geometric_tactile.experiments.comparison import (
     comparison_plan,
     summarize,
 )
-from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.io import write_npz
 from torch_geometric_tactile.nn import TemporalTaxelNet

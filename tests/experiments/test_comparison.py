@@ -30,8 +30,9 @@ from torch_geometric_tactile.experiments.comparison import (
     summarize,
 )
 from torch_geometric_tactile.experiments.deploy import deploy
+from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import PlanRun, _estimate_seconds, run_plan
+from torch_geometric_tactile.experiments.run_plan import _estimate_seconds, run_plan
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.reports._compare import (
     comparison_csv,

@@ -29,7 +29,7 @@ from torch_geometric_tactile.commands._runs import (
 if TYPE_CHECKING:
     from torch_geometric_tactile.experiments.compared_windows import FrameCut
     from torch_geometric_tactile.experiments.comparison import Comparison
-    from torch_geometric_tactile.experiments.run_plan import PlanRun
+    from torch_geometric_tactile.experiments.plan import PlanRun
 
 # The names in `experiments`, which is too heavy to import for them.
 MODELS = {

@@ -31,9 +31,9 @@ from torch_geometric_tactile.experiments.differences import (
     paired_difference,
     run_difference,
 )
-from torch_geometric_tactile.experiments.plan import Plan, Settings, list_experiments
+from torch_geometric_tactile.experiments.plan import Plan, PlanRun, Settings, list_experiments
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, run_plan
+from torch_geometric_tactile.experiments.run_plan import OnProgress, run_plan
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 

@@ -3,16 +3,14 @@ r"""Paired differences of two models on the same samples, with the rule for sign
 import math
 import statistics
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import t
 
 from torch_geometric_tactile.experiments._scores import MIN_PAIRS, sample_scores
+from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.predictions import Predictions
-
-if TYPE_CHECKING:  # a module that runs experiments, which select settings by these differences
-    from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 
 class Signs(NamedTuple):
@@ -183,7 +181,7 @@ def paired_difference(
 
 
 def run_difference(
-    run: "PlanRun",
+    run: PlanRun,
     first: str,
     second: str,
     protocol: str,

@@ -1,11 +1,11 @@
-r"""Plans: tables resolved into their experiments."""
+r"""Plans, which are tables resolved into their experiments, and their runs."""
 
 import json
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile.data._shared_samples import describe_shared
@@ -99,6 +99,32 @@ class Plan:
             cell (Cell): The cell.
         """
         return next(e for e in self.experiments if e.name == cell.experiment)
+
+
+class PlanRun(NamedTuple):
+    r"""The run of a plan.
+
+    Args:
+        plan (Plan): The plan.
+        results (list of tuple): The finished experiments with their results.
+        num_reused (int): Number of finished experiments that were stored before.
+        failed (dict): The error message of each failed experiment, by its label.
+        missing (int): Number of experiments without a result.
+    """
+
+    plan: Plan
+    results: list[tuple[Experiment, dict[str, Any]]]
+    num_reused: int
+    failed: dict[str, str]
+    missing: int
+
+    def describe(self) -> str:
+        r"""Returns the numbers of finished and missing runs in one line."""
+        total = len(self.results) + self.missing
+        reused = f" ({self.num_reused} kept from before)" if self.num_reused else ""
+        missing = f", {self.missing} missing" if self.missing else ""
+        num_finished = len(self.results)
+        return f"{self.plan.table.name}: {num_finished} of {total} runs finished{reused}{missing}"
 
 
 def make_plan(

@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 
@@ -23,7 +23,7 @@ from torch_geometric_tactile.experiments._held_out import Parts, choice_cuts
 from torch_geometric_tactile.experiments._run_experiment import fit
 from torch_geometric_tactile.experiments._run_store import RunStore
 from torch_geometric_tactile.experiments._worker import close_process, run_safely
-from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments.plan import Plan, PlanRun
 
 _logger = logging.getLogger(__name__)
 _NUM_PROBE_SAMPLES = 256
@@ -32,32 +32,6 @@ _PROBE_EPOCHS = 3
 _QUADRATIC_ESTIMATORS = ("rbf_svm", "signal_svm")  # time grows with the square of the samples
 # Called after each run with its experiment, the number of ended runs, and the number of runs.
 OnProgress = Callable[[Experiment, int, int], None]
-
-
-class PlanRun(NamedTuple):
-    r"""The run of a plan.
-
-    Args:
-        plan (Plan): The plan.
-        results (list of tuple): The finished experiments with their results.
-        num_reused (int): Number of finished experiments that were stored before.
-        failed (dict): The error message of each failed experiment, by its label.
-        missing (int): Number of experiments without a result.
-    """
-
-    plan: Plan
-    results: list[tuple[Experiment, dict[str, Any]]]
-    num_reused: int
-    failed: dict[str, str]
-    missing: int
-
-    def describe(self) -> str:
-        r"""Returns the numbers of finished and missing runs in one line."""
-        total = len(self.results) + self.missing
-        reused = f" ({self.num_reused} kept from before)" if self.num_reused else ""
-        missing = f", {self.missing} missing" if self.missing else ""
-        num_finished = len(self.results)
-        return f"{self.plan.table.name}: {num_finished} of {total} runs finished{reused}{missing}"
 
 
 def run_plan(

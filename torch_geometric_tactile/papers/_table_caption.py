@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments.plan import Plan
-from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.plan import Plan, PlanRun
 from torch_geometric_tactile.experiments.source import DataSource
 
 NOTHING = "\N{EN DASH}"

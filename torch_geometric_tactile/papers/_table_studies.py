@@ -11,8 +11,8 @@ import torch
 
 from torch_geometric_tactile._texts import markdown_table, markdown_text
 from torch_geometric_tactile.analysis import class_confusion
+from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.papers._table_caption import NOTHING
 from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_predictions

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import markdown_table, markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.experiments.plan import Plan
-from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.plan import Plan, PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.io._csv_table import safe_cell
 from torch_geometric_tactile.papers._table_caption import NOTHING, caption, cost_note
