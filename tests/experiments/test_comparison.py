@@ -809,7 +809,7 @@ def test_model_without_source_is_not_kept(tmp_path, caplog):
     finally:
         del sys.modules["made_nets"]
     assert not (tmp_path / "out" / "runs").exists()
-    assert "runs with 'made_nets' are not kept" in caplog.text
+    assert "runs with 'made_nets' are not stored" in caplog.text
 
 
 def test_model_that_is_edited_during_its_run_is_not_kept(tmp_path, edited_nets, caplog):

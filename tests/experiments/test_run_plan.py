@@ -161,7 +161,11 @@ def test_damaged_run_is_named(changed_run, content):
         ("result", lambda result: result.pop("machine"), "its result differs from its checksum"),
         ("result", lambda result: result.clear(), "its result differs from its checksum"),
         ("", lambda run: run.update(sha255=run.pop("sha256")), "is damaged"),
-        ("identity", lambda identity: identity.update(epochs=2), "is not what its name says"),
+        (
+            "identity",
+            lambda identity: identity.update(epochs=2),
+            "is the file of another",
+        ),
     ],
 )
 def test_run_with_another_content_is_named(changed_run, place, change, message):

@@ -87,7 +87,7 @@ def test_damaged_summary_of_a_simulation_is_named(text, tmp_path):
     (tmp_path / "simulation.json").write_text(text)
     dataset = SimpleNamespace(root=tmp_path)
     with pytest.raises(
-        ValueError, match=r"simulation\.json' is not what 'tactile simulate' writes"
+        ValueError, match=r"simulation\.json' must be a summary of 'tactile simulate'"
     ):
         data_source._caption(dataset, "simulated", DataFacts(10, 2, 1, 1))
 

@@ -261,11 +261,11 @@ def versions(model: Mapping[str, Any]) -> dict[str, str]:
         "torch-geometric-tactile": __version__,
         "torch": torch.__version__,
         "torch-geometric": torch_geometric.__version__,
-        **{name: _version(name) for name in libraries},
+        **{name: _library_version(name) for name in libraries},
     }
 
 
-def _version(library: str) -> str:
+def _library_version(library: str) -> str:
     try:
         return version(library)
     except PackageNotFoundError:  # of a missing extra: the run raises an error

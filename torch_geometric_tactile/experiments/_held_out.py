@@ -102,7 +102,7 @@ def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protoco
     num_units = _count_units(dataset, by)
     if num_units < _MIN_UNITS:
         smaller_units = {"group": "trial or by frame", "trial": "frame"}.get(by)
-        hint = f"; compare by {smaller_units}, which tells less" if smaller_units else ""
+        hint = f"; compare by {smaller_units}, a weaker test of new data" if smaller_units else ""
         raise ValueError(
             f"'dataset' must have at least {_MIN_UNITS} {by}s, to train, to choose and to test on "
             f"(got {num_units}){hint}"
@@ -127,16 +127,16 @@ def _default_unit(dataset: SampleSet) -> str:
         if not obstacle:
             _logger.warning(
                 "the samples have no 'trial', and are split by %s (%d of them): the scores are for "
-                "a new %s; '--by frame' splits them one by one, if no two are of one touch and new "
-                "%ss do not matter",
+                "a new %s. If no two samples are of the same touch and new %ss do not matter, add "
+                "'--by frame' to split single samples",
                 *(kind, num_groups, kind, kind),
             )
             return "group"
     units = [by for by in ("group", "session") if dataset.column(by) is not None]
     hints = " or ".join(f"'--by {by}'" for by in units)
     _logger.warning(
-        "the samples have no 'trial', and are split one by one%s: if several are of one touch, the "
-        "scores tell how well models recognise that touch again, and are too high for a new one%s",
+        "the samples have no 'trial', and are split one by one%s: if several samples are of one "
+        "touch, the scores are too high for a new touch%s",
         f", since {obstacle}" if obstacle else "",
         f" ({hints} holds out whole {'s or '.join(units)}s)" if units else "",
     )
@@ -159,7 +159,7 @@ def _describe_group_obstacle(dataset: SampleSet, num_groups: int) -> str:
     num_single = sum(len(np.unique(group[y == label])) == 1 for label in classes)
     if 2 * num_single > len(classes):  # such as groups of objects that are the classes
         counts = f"{num_single} of {len(classes)} classes"
-        return f"{counts} are in one group only, and could not be learned"
+        return f"{counts} are in one group only, and cannot be learned"
     return ""
 
 
@@ -174,11 +174,11 @@ def _check_frames_apart(dataset: SampleSet, by: str) -> None:
             raise ArgumentError(
                 Argument("by"),
                 f" must be 'trial' or 'group' where {parts} overlap (got 'frame', with windows "
-                f"of {dataset.length} frames every {dataset.hop}): their frames would be on both "
-                f"sides of a split; or let 'hop' be at least {reach}",
+                f"of {dataset.length} frames every {dataset.hop}), so that no frame is in both "
+                f"parts of a split; or set 'hop' to at least {reach}",
             )
         _logger.warning(
-            "windows are split one by one: those of one trial are on both sides, and the scores "
+            "windows are split one by one: windows of one trial are in both parts, and the scores "
             "are too high for a new trial"
         )
     if by in ("group", "session", "given"):

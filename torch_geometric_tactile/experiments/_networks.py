@@ -177,12 +177,12 @@ def fit_classifier(
     # A copy, since jsonargparse changes the configuration.
     classifier = classifier_from_config(copy.deepcopy(model), data)
     with silent_training():
-        trainer = _trainer(settings, max_epochs=epochs, callbacks=list(callbacks))
+        trainer = _make_trainer(settings, max_epochs=epochs, callbacks=list(callbacks))
         trainer.fit(classifier, datamodule=data)
     return classifier
 
 
-def _trainer(settings: dict[str, Any], **arguments: Any) -> L.Trainer:
+def _make_trainer(settings: dict[str, Any], **arguments: Any) -> L.Trainer:
     arguments = {**settings, **arguments, "devices": 1}
     # Logging would take a tenth of the training time of small models.
     if set(settings) <= _BAREBONES_SETTINGS:
@@ -199,7 +199,7 @@ def warm_up(accelerator: str) -> None:
     batch = StaticData(x=torch.zeros(2, 1, 2), y=torch.tensor([0, 1]), edge_index=_NO_EDGES)
     classifier = TactileModule(_TinyModel())
     with silent_training():
-        trainer = _trainer({"accelerator": accelerator}, max_epochs=1)
+        trainer = _make_trainer({"accelerator": accelerator}, max_epochs=1)
         batches: Any = [batch]
         trainer.fit(classifier, DataLoader(batches, batch_size=None))
 

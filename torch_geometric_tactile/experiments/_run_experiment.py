@@ -86,7 +86,7 @@ def run_experiment(experiment: Experiment) -> dict[str, Any]:
     return {
         **result,
         "seconds": time.perf_counter() - start,
-        "machine": _machine(experiment.accelerator, experiment.threads),
+        "machine": _describe_machine(experiment.accelerator, experiment.threads),
     }
 
 
@@ -109,7 +109,7 @@ def _train_and_test(experiment: Experiment) -> dict[str, Any]:
     fitted = fit(experiment, train, test, val, studies)
     predictions = _predictions_for(experiment, fitted, test)
     return {
-        "metrics": _metrics(experiment, fitted, predictions),
+        "metrics": _compute_metrics(experiment, fitted, predictions),
         **({} if fitted.threshold is None else {"threshold": fitted.threshold}),
         **({"studies": _study_results(studies, fitted.trained)} if studies else {}),
         "label_names": fitted.label_names,
@@ -248,7 +248,7 @@ def _predictions_for(experiment: Experiment, fitted: Fitted, test: SampleSet) ->
     )
 
 
-def _metrics(
+def _compute_metrics(
     experiment: Experiment, fitted: Fitted, predictions: Predictions
 ) -> dict[str, float | None]:
     if experiment.choice is not None:
@@ -263,7 +263,7 @@ def _metrics(
 
 
 @cache
-def _machine(accelerator: str, threads: int) -> str:
+def _describe_machine(accelerator: str, threads: int) -> str:
     # Describes the machine: GPU, processor, number of cores and threads.
     name = platform.processor() or platform.machine()
     cpuinfo = Path("/proc/cpuinfo")

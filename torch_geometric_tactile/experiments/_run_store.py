@@ -49,7 +49,7 @@ class RunStore:
             is_same = content["identity"] == experiment.identity()
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise ValueError(f"'{path}' is damaged: delete it to run it again ({error})") from error
-        need(is_same, f"'{path}' is not what its name says: delete it to run it again")
+        need(is_same, f"'{path}' is the file of another experiment: delete it to run this one")
         return result
 
     def write(self, experiment: Experiment, result: dict[str, Any]) -> None:

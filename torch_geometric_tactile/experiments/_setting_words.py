@@ -126,7 +126,7 @@ def _changed_steps(
     transform: Mapping[str, Any] | None, default: Mapping[str, Any] | None
 ) -> Iterator[str]:
     # Describes steps that the default transform lacks, changed arguments and removed steps.
-    steps, default_steps = _steps(transform), _steps(default)
+    steps, default_steps = _steps_by_class(transform), _steps_by_class(default)
     for path, step in steps.items():
         if path not in default_steps:
             yield _step_words(step)
@@ -150,7 +150,7 @@ def _changed_steps(
             yield f"without {_class_words(path)}"
 
 
-def _steps(transform: Mapping[str, Any] | None) -> dict[str, Mapping[str, Any]]:
+def _steps_by_class(transform: Mapping[str, Any] | None) -> dict[str, Mapping[str, Any]]:
     # Returns the steps of a transform by the import path of their class.
     if transform is None:
         return {}

@@ -161,7 +161,7 @@ def paired_difference(
     means = np.array([np.mean(values) for values in by_part.values()])
     count, mean = len(means), float(means.mean())
     spread = float(means.std(ddof=1)) if count > 1 else math.nan
-    over_units, num_units, unit_signs = _over_units(mean, gains, units)
+    over_units, num_units, unit_signs = _unit_statistics(mean, gains, units)
     seeds = next(iter(by_part.values())) if count == 1 else [mean]
     return Difference(
         mean,
@@ -171,7 +171,7 @@ def paired_difference(
         num_units,
         unit or ("sample" if first[0].trial is None else "trial"),
         has_one_test_part=count == 1,
-        splits=_signs(means),
+        splits=_count_signs(means),
         units=unit_signs,
         over_seeds=float(np.std(seeds, ddof=1)) / math.sqrt(len(seeds))
         if len(seeds) > 1
@@ -219,14 +219,14 @@ def run_difference(
     return paired_difference(first_predictions, second_predictions, metric, overlap, unit)
 
 
-def _over_units(
+def _unit_statistics(
     mean: float, gains: Sequence[np.ndarray], units: Sequence[np.ndarray]
 ) -> tuple[float, int, Signs]:
     # Returns the standard error of the mean over splits, where the contribution of a unit is one
     # observation, the number of units, and the signs of their gains.
     names, unit_index = np.unique(np.concatenate(units), return_inverse=True)
     unit_index = unit_index.reshape(-1)
-    signs = _signs(np.bincount(unit_index, np.concatenate(gains), minlength=len(names)))
+    signs = _count_signs(np.bincount(unit_index, np.concatenate(gains), minlength=len(names)))
     if len(names) < 2:
         return math.nan, len(names), signs
     share = np.concatenate([(gain - mean) / len(gain) for gain in gains]) / len(gains)
@@ -235,6 +235,6 @@ def _over_units(
     return float(math.sqrt(scale * np.square(by_unit).sum())), len(names), signs
 
 
-def _signs(values: np.ndarray) -> Signs:
+def _count_signs(values: np.ndarray) -> Signs:
     rounding = 1e-12  # sums of equal scores may differ by rounding
     return Signs(int((values > rounding).sum()), int((values < -rounding).sum()))

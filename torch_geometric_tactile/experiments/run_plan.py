@@ -141,7 +141,7 @@ def _warn_unknown_sources(experiments: Iterable[Experiment]) -> None:
     unknown = {name: reason for e in experiments for name, reason in e.sources.unknown.items()}
     for name, reason in unknown.items():
         _logger.warning(
-            "runs with '%s' are not kept, since its source code is not known: %s", name, reason
+            "runs with '%s' are not stored, since its source code is unknown: %s", name, reason
         )
 
 
@@ -152,8 +152,8 @@ def _can_store(experiment: Experiment) -> bool:
     if experiment.read_sources() == experiment.sources:
         return True
     _logger.warning(
-        "%s is not kept: its source code (%s) was edited during the run, which may be of the old "
-        "code or of the new; run the same command again",
+        "%s is not stored: its source code (%s) was edited during the run, which may have used the "
+        "old or the new code; run the same command again",
         experiment.label,
         ", ".join(experiment.sources.modules),
     )

@@ -143,7 +143,7 @@ class DataSource:
         r"""Returns the data set without :obj:`selection`. Each process caches the last four data
         sets.
         """
-        dataset = _DATASETS.get(self._stored)
+        dataset = _DATASETS.get(self._cache_key)
         dataset = self._build(self.arguments) if dataset is None else dataset
         self._cache(dataset)
         return dataset
@@ -208,13 +208,13 @@ class DataSource:
         return content
 
     @property
-    def _stored(self) -> "DataSource":
+    def _cache_key(self) -> "DataSource":
         # The key of the cache: sources with other captions or selections share a loaded data set.
         return replace(self, selection={}, kind="", caption="")
 
     def _cache(self, dataset: SampleSet) -> None:
-        _DATASETS.pop(self._stored, None)
-        _DATASETS[self._stored] = dataset
+        _DATASETS.pop(self._cache_key, None)
+        _DATASETS[self._cache_key] = dataset
         for oldest in list(_DATASETS)[:-_MAX_CACHED_DATASETS]:
             del _DATASETS[oldest]
 
@@ -311,13 +311,13 @@ class DataFacts:
     @classmethod
     def from_dataset(cls, dataset: SampleSet) -> Self:
         r"""Returns the facts of a data set, whose samples are all selected."""
-        counts = [_count(dataset.column(key)) for key in ("trial", "group")]
+        counts = [_count_unique(dataset.column(key)) for key in ("trial", "group")]
         frames = None if isinstance(dataset, GraphSamples) else dataset.column("num_frames")
         return cls(
             num_samples=len(dataset),
             num_trials=counts[0],
             num_groups=counts[1],
-            num_classes=0 if _is_one_number(dataset.column("y")) else dataset.num_classes,
+            num_classes=0 if _is_scalar_target(dataset.column("y")) else dataset.num_classes,
             class_names=tuple(dataset.class_names),
             session_names=tuple(dataset.session_names),
             num_frames=None if frames is None else int(torch.as_tensor(frames).view(-1)[0]),
@@ -336,11 +336,11 @@ def _selected_indices(source: DataSource) -> Tensor:
     return torch.as_tensor(list(dataset.indices()))
 
 
-def _count(column: Tensor | None) -> int:
+def _count_unique(column: Tensor | None) -> int:
     return 0 if column is None else len(column.unique())
 
 
-def _is_one_number(y: Tensor | None) -> bool:
+def _is_scalar_target(y: Tensor | None) -> bool:
     return y is not None and y.dim() == 1 and y.is_floating_point()
 
 
@@ -360,8 +360,8 @@ def _caption(dataset: SampleSet, kind: str, facts: DataFacts) -> str:
         sensor = "array" if simulation.get("generator") == "letters" else "hand"
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(
-            f"'{summaries[0]}' is not what 'tactile simulate' writes ({error}): delete it, or run "
-            "the command again"
+            f"'{summaries[0]}' must be a summary of 'tactile simulate' ({error}): delete it, or "
+            "run the command again"
         ) from error
     return (
         f"**Simulated**, not a result of a real {sensor}: {size} of `tactile simulate` "
