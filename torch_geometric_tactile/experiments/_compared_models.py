@@ -231,7 +231,7 @@ def _descriptor_candidates(task: ComparedTask) -> _Candidates:
 
 
 def _normalized_candidates(task: ComparedTask) -> _Candidates:
-    # Only of small training parts: with many samples a network learns to ignore the contact force.
+    # Only for small training parts: with many samples, a network learns the role of strength.
     return [{"transform": task.transform(normalized=True)}] if task.has_few_samples else []
 
 
@@ -275,7 +275,7 @@ def _cnn_candidates(task: ComparedTask) -> _Candidates:
 
 
 def _mirrored_candidates(task: ComparedTask, setting: dict[str, Any]) -> _Candidates:
-    # Only of one channel: mirroring changes the sign of a shear channel, and it is not known which.
+    # Only for one channel: mirroring changes the sign of one shear channel, of unknown number.
     if task.num_channels > 1 or not task.has_few_samples:
         return []
     return [{**setting, "train_transform": task.shift(mirrored=True)}]
@@ -544,12 +544,12 @@ def find_model(name: str) -> ComparedModel:
         text = str(error) if isinstance(error, AttributeError | ImportError) else repr(error)
         raise ArgumentError(
             Argument("models"),
-            f" must be names of ours or import paths of your own (got '{name}': {text})",
+            f" must be names of stock models or import paths of your own (got '{name}': {text})",
         ) from error
     need_argument(
         callable(constructor),
         "models",
-        f"must be names of ours, or import paths of a class or function of your own (got "
+        f"must be names of stock models, or import paths of a class or function of yours (got "
         f"'{name}', which is of type {type(constructor).__name__})",
     )
     title = f"{name}, a model of your own"
