@@ -151,7 +151,7 @@ def _cross_entropy(outputs: Outputs) -> float:
 def _trained_model(classifier: TactileModule, data: TactileDataModule, seed: int) -> Trained:
     model = classifier.model.eval().cpu()
     train, test = (data.peek(part, len(part)) for part in (data.part("train"), data.part("test")))
-    assert data.layout is not None  # a table has studies for data of one layout only
+    assert data.layout is not None  # studies need data of one layout
     return Trained(model, train, test, data.class_names, data.layout, seed)
 
 
@@ -187,8 +187,13 @@ def _make_trainer(settings: dict[str, Any], **arguments: Any) -> L.Trainer:
     # Logging would take a tenth of the training time of small models.
     if set(settings) <= _BAREBONES_SETTINGS:
         return L.Trainer(barebones=True, **arguments)
-    outputs = ("logger", "enable_checkpointing", "enable_progress_bar", "enable_model_summary")
-    return L.Trainer(**{**arguments, **dict.fromkeys(outputs, False)})
+    output_options = (
+        "logger",
+        "enable_checkpointing",
+        "enable_progress_bar",
+        "enable_model_summary",
+    )
+    return L.Trainer(**{**arguments, **dict.fromkeys(output_options, False)})
 
 
 @cache
