@@ -18,8 +18,8 @@ from torch_geometric_tactile.baselines._visual_words import enlarge
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.experiments._estimators import (
     class_scores,
+    count_parameters,
     estimator_input,
-    num_numbers,
     seeded_estimator,
 )
 from torch_geometric_tactile.sensors import TaxelLayout, grid, letter_array
@@ -174,7 +174,7 @@ def test_experiments_fill_layout_and_seed_and_count_numbers(model, kernel):
         expected = NUM_CLASSES * (40 + 1)
     else:
         expected = svm.support_vectors_.size + svm.dual_coef_.size + NUM_CLASSES * 3 // 2
-    assert num_numbers(estimator) == estimator.words_.size + expected
+    assert count_parameters(estimator) == estimator.words_.size + expected
 
 
 @MODELS

@@ -133,6 +133,6 @@ def test_what_cannot_be_imported_is_told_before_the_runs(
     (tmp_path / f"{own}.py").write_text(text)
     assert compare(f"{own}.{model},constant") == 1
     error = capsys.readouterr().err
-    assert error.startswith("tactile: error: '--models' must be names of ours")
+    assert error.startswith("tactile: error: '--models' must be names of stock models")
     assert reason in error
     assert not (tmp_path / "out").exists()

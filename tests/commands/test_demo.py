@@ -135,7 +135,7 @@ def test_data_is_generated_without_a_network(monkeypatch, caplog):
     assert data.caption.startswith("Data: GENERATED")
     assert len(data.caption) < 90  # one line of the report
     assert "could not be downloaded" in caplog.text
-    assert len(data.load()) == _demo._NUM_GENERATED["num_samples"]
+    assert len(data.load()) == _demo._GENERATED_ARGUMENTS["num_samples"]
 
 
 def test_loose_files_are_found_and_their_folder_is_left_unchanged(bts3_recordings):

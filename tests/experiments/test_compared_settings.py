@@ -15,7 +15,7 @@ from torch_geometric_tactile.baselines import DescriptorFeatures
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.experiments import _compared_models as compared_models
 from torch_geometric_tactile.experiments import comparison as comparing
-from torch_geometric_tactile.experiments._compared_models import MODELS, model_of
+from torch_geometric_tactile.experiments._compared_models import MODELS, find_model
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments.compared_windows import data_source
@@ -32,7 +32,7 @@ SHIFT = "torch_geometric_tactile.transforms"
 def test_each_setting_of_a_forest_has_features_of_its_own(size, num_frames):
     layout = grid(*size, 0.004)
     task = ComparedTask(layout, "accuracy", 100, num_frames=num_frames, num_channels=2)
-    settings = model_of("descriptors_forest").to_cell(task).choice.settings
+    settings = find_model("descriptors_forest").to_cell(task).choice.settings
     samples = StaticData(x=torch.rand(2, layout.num_taxels, 2 * (num_frames or 1)))
     if num_frames is not None:
         samples.num_frames = num_frames
@@ -48,7 +48,7 @@ def test_each_setting_of_a_forest_has_features_of_its_own(size, num_frames):
 @pytest.mark.parametrize("name", ["forest", "descriptors_forest", "posed_forest"])
 def test_settings_of_a_forest_are_compared_with_fewer_trees(name):
     task = ComparedTask(grid(3, 4, 0.004), "accuracy", 100)
-    cell = model_of(name).to_cell(task)
+    cell = find_model(name).to_cell(task)
     assert cell.choice.draft == {"init_args": {"num_trees": 100}}
     assert "num_trees" not in cell.estimator["init_args"]  # the default of 300 to be tested
 
@@ -56,10 +56,10 @@ def test_settings_of_a_forest_are_compared_with_fewer_trees(name):
 @pytest.mark.parametrize("name", ["forest", "descriptors_forest"])
 @pytest.mark.parametrize(("size", "count"), [((3, 4), 1001), ((28, 50), 800)])
 def test_what_takes_long_is_tried_twice_and_has_fewer_trees(name, size, count):
-    cell = model_of(name).to_cell(ComparedTask(grid(*size, 0.01), "accuracy", count))
+    cell = find_model(name).to_cell(ComparedTask(grid(*size, 0.01), "accuracy", count))
     assert cell.estimator["init_args"]["num_trees"] == 150
     assert cell.choice.repeats == 2
-    few = model_of(name).to_cell(ComparedTask(grid(*size, 0.01), "accuracy", 100))
+    few = find_model(name).to_cell(ComparedTask(grid(*size, 0.01), "accuracy", 100))
     assert few.choice.repeats == 3
 
 
@@ -82,7 +82,7 @@ def test_only_forests_have_a_draft():
 def test_a_network_may_be_trained_on_readings_in_units_of_their_size(tmp_path, monkeypatch):
     pytest.importorskip("onnxscript", reason="needs the extra 'export'")
     onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra 'export'")
-    fnn = model_of("fnn")
+    fnn = find_model("fnn")
     only = type(fnn)(
         fnn.name,
         fnn.title,
@@ -96,7 +96,7 @@ def test_a_network_may_be_trained_on_readings_in_units_of_their_size(tmp_path, m
     source = data_source(tmp_path / "a.npz", grid="3x4")
     settings = ComparisonSettings(models=("fnn",), folds=3, epochs=20, members=2)
     comparison = comparing.compare(source, settings, tmp_path / "out")
-    assert comparison.of("fnn").scores["accuracy"].mean > 0.6  # of three classes
+    assert comparison.model_result("fnn").scores["accuracy"].mean > 0.6  # of three classes
     predictor = deploy(comparison, "fnn")
     x = source.resolve()[0].load().data.x
     expected = predictor(x)
@@ -111,7 +111,7 @@ def test_a_network_may_be_trained_on_readings_in_units_of_their_size(tmp_path, m
 
 
 def network_settings(name, task):
-    return model_of(name).to_cell(task).choice.settings
+    return find_model(name).to_cell(task).choice.settings
 
 
 def augmentations(settings):
@@ -136,7 +136,7 @@ def test_images_are_shifted_by_a_sixteenth_in_training(name):
 def test_readings_that_are_no_image_are_not_shifted(layout):
     task = ComparedTask(as_layout(layout), "accuracy", 100)
     for model in MODELS:
-        if not model.lacks(task):
+        if not model.obstacle(task):
             assert not augmentations(model.to_cell(task).choice.settings)
 
 
@@ -209,7 +209,7 @@ def test_an_augmentation_is_of_training_only(tmp_path):
 
 def test_a_saved_model_has_no_augmentation(tmp_path, monkeypatch):
     touches(tmp_path / "a.npz")
-    fnn = model_of("fnn")
+    fnn = find_model("fnn")
     small = {"class_path": f"{SHIFT}.RandomShift", "init_args": {"rows": 0, "columns": 0}}
     only = replace(fnn, settings=[{"train_transform": small}])
     monkeypatch.setitem(compared_models._BY_NAME, "fnn", only)

@@ -12,7 +12,7 @@ from moving import motions
 
 from torch_geometric_tactile.data import Recording, StaticDataset, Trials, Windows
 from torch_geometric_tactile.experiments._building import build_object
-from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models
+from torch_geometric_tactile.experiments._compared_models import MODELS, select_models
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments._held_out import choice_parts
 from torch_geometric_tactile.experiments.advice import to_dict
@@ -22,7 +22,7 @@ from torch_geometric_tactile.experiments.comparison import (
     comparison_plan,
     summarize,
 )
-from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.io import write_npz
 from torch_geometric_tactile.nn import TemporalTaxelNet
@@ -85,18 +85,18 @@ def test_horizon_takes_the_label_ahead(tmp_path):
 def test_models_say_what_they_need():
     frames = ComparedTask(LAYOUT, "accuracy", 100)
     windows = ComparedTask(LAYOUT, "accuracy", 100, num_frames=20, num_channels=2)
-    assert not OF_FRAMES & {model.name for model in chosen_models(None, frames)}
-    assert not POSED & {model.name for model in chosen_models(None, windows)}
+    assert not OF_FRAMES & {model.name for model in select_models(None, frames)}
+    assert not POSED & {model.name for model in select_models(None, windows)}
     with pytest.raises(ValueError, match=r"got 'lstm', but the samples are single frames: cut win"):
-        chosen_models(["lstm"], frames)
+        select_models(["lstm"], frames)
     with pytest.raises(ValueError, match=r"got 'posed_ridge', but it is for single frames"):
-        chosen_models(["posed_ridge"], windows)
+        select_models(["posed_ridge"], windows)
 
 
 @pytest.mark.parametrize("num_frames", [2, 16, 60, 64, 65, 128, 129, 700])
 def test_temporal_model_rests_on_all_frames(num_frames):
     task = ComparedTask(LAYOUT, "accuracy", 100, num_frames=num_frames)
-    (model,) = chosen_models(["temporal"], task)
+    (model,) = select_models(["temporal"], task)
     arguments = model.to_cell(task).config["model"]["model"]["init_args"]
     reach = TemporalTaxelNet(LAYOUT, 2, **arguments).receptive_field
     assert max(64, num_frames) <= reach < 2 * max(64, num_frames)
@@ -105,7 +105,7 @@ def test_temporal_model_rests_on_all_frames(num_frames):
 def test_frames_of_a_window_have_one_scale(tmp_path):
     found = plan(tmp_path, FrameCut(window=20))
     dataset = found.data.load()
-    task = ComparedTask.of(dataset, "accuracy", 60, num_frames=found.facts.num_frames)
+    task = ComparedTask.from_dataset(dataset, "accuracy", 60, num_frames=found.facts.num_frames)
     assert (task.num_frames, task.num_channels) == (20, 2)
     grown = dataset.data
     ramp, offset = torch.arange(20.0).repeat(2), torch.arange(24.0)[:, None, None]

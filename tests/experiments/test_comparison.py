@@ -17,7 +17,7 @@ from own_models import neighbours
 
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments import _networks as networks
-from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models, model_of
+from torch_geometric_tactile.experiments._compared_models import MODELS, find_model, select_models
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments._held_out import choice_cuts, mean_training_size
 from torch_geometric_tactile.experiments._score_units import ScoreUnits, comparison_splits
@@ -30,8 +30,9 @@ from torch_geometric_tactile.experiments.comparison import (
     summarize,
 )
 from torch_geometric_tactile.experiments.deploy import deploy
+from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import PlanRun, _estimate_seconds, run_plan
+from torch_geometric_tactile.experiments.run_plan import _estimate_seconds, run_plan
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.reports._compare import (
     comparison_csv,
@@ -120,27 +121,27 @@ def test_data_set_is_built_once(tmp_path, monkeypatch):
 
 def test_models_without_a_place_are_told():
     task = ComparedTask(biotac_sp(), "accuracy", 100)
-    assert "cnn" not in [model.name for model in chosen_models(None, task)]
+    assert "cnn" not in [model.name for model in select_models(None, task)]
     with pytest.raises(ValueError, match=r"got 'cnn', but the layout has no image_map"):
-        chosen_models(["cnn"], task)
+        select_models(["cnn"], task)
     with pytest.raises(ValueError, match=r"'models' must be some of taxel_net, .* \(got 'cnnn'\)"):
-        chosen_models(["cnnn"], task)
+        select_models(["cnnn"], task)
 
 
 def test_large_maps_have_bmf_cnn():
     for size, has_it in (((20, 25), True), ((19, 25), False), ((25, 19), False)):
         task = ComparedTask(grid(*size, 0.01), "accuracy", 100)
-        assert ("bmf_cnn" in [model.name for model in chosen_models(None, task)]) == has_it
+        assert ("bmf_cnn" in [model.name for model in select_models(None, task)]) == has_it
     with pytest.raises(ValueError, match=r"the layout has fewer than 20 x 20 cells"):
-        chosen_models(["bmf_cnn"], task)
+        select_models(["bmf_cnn"], task)
     with pytest.raises(ValueError, match=r"got 'bmf_cnn', but the layout has no image_map"):
-        chosen_models(["bmf_cnn"], ComparedTask(biotac_sp(), "accuracy", 100))
+        select_models(["bmf_cnn"], ComparedTask(biotac_sp(), "accuracy", 100))
 
 
 def test_map_has_as_many_convolutions_as_it_carries():
     for size, widths in (((28, 50), [16, 32, 64, 64]), ((8, 8), [32, 64]), ((16, 9), [32, 64])):
         task = ComparedTask(grid(*size, 0.01), "accuracy", 100)
-        (cnn,) = (model.to_cell(task) for model in chosen_models(["cnn"], task))
+        (cnn,) = (model.to_cell(task) for model in select_models(["cnn"], task))
         assert cnn.config["model"]["model"]["init_args"]["widths"] == widths
 
 
@@ -148,8 +149,8 @@ def test_map_has_as_many_convolutions_as_it_carries():
 def test_slow_models_are_left_out_on_many_taxels_unless_named(name):
     for size, has_it in (((20, 25), True), ((20, 26), False)):
         task = ComparedTask(grid(*size, 0.01), "accuracy", 100)
-        assert (name in [model.name for model in chosen_models(None, task)]) == has_it
-        assert [model.name for model in chosen_models([name], task)] == [name]
+        assert (name in [model.name for model in select_models(None, task)]) == has_it
+        assert [model.name for model in select_models([name], task)] == [name]
 
 
 @pytest.mark.parametrize(
@@ -158,7 +159,7 @@ def test_slow_models_are_left_out_on_many_taxels_unless_named(name):
 )
 def test_one_network_is_trained_on_many_readings_of_many_taxels(size, samples, settings, members):
     task = ComparedTask(grid(*size, 0.01), "accuracy", samples, members=None)
-    fnn, forest = (model.to_cell(task) for model in chosen_models(["fnn", "forest"], task))
+    fnn, forest = (model.to_cell(task) for model in select_models(["fnn", "forest"], task))
     assert (len(fnn.choice.settings), fnn.choice.members) == (settings, members)
     assert (len(forest.choice.settings), forest.choice.repeats) == (3, 3 if members == 3 else 2)
     assert forest.choice.most_samples == 1000
@@ -167,12 +168,12 @@ def test_one_network_is_trained_on_many_readings_of_many_taxels(size, samples, s
 def test_taxels_are_placed_where_joints_and_links_are_known(grasps):
     source = data_source("AllegroUSkin", arguments={"root": str(grasps), "split": None})
     dataset = source.resolve()[0].load()
-    assert ComparedTask.of(dataset, "accuracy", 60).posed
+    assert ComparedTask.from_dataset(dataset, "accuracy", 60).has_pose
     arrays = {"x": torch.zeros(6, 12, 1), "y": torch.tensor([0, 1] * 3), "layout": grid(3, 4, 0.01)}
     from torch_geometric_tactile.data import StaticDataset
 
     other = StaticDataset.from_arrays(joint=torch.zeros(6, 16), **arrays)
-    assert not ComparedTask.of(other, "accuracy", 60).posed
+    assert not ComparedTask.from_dataset(other, "accuracy", 60).has_pose
 
 
 def test_networks_are_trained_by_the_recipe():
@@ -184,7 +185,7 @@ def test_networks_are_trained_by_the_recipe():
 
 @pytest.mark.parametrize("metric", ["balanced_accuracy", "mae"])
 def test_every_model_is_told_what_counts(metric):
-    task = ComparedTask(grid(3, 4, 0.01), metric, 100, posed=True)
+    task = ComparedTask(grid(3, 4, 0.01), metric, 100, has_pose=True)
     for model in MODELS:
         cell = model.to_cell(task)
         assert cell.choice.metric == metric
@@ -618,7 +619,7 @@ def test_steps_of_a_few_new_persons_are_no_units(tmp_path, num_seen):
     person[:num_seen] = 5
     changes = {"group": person, "trial": None, "part": np.repeat([0, 2], 180)}
     found = plan(tmp_path, replace(THREE, by="given"), num_trials=360, frames=1, **changes)
-    units = ScoreUnits.of(found.data.load(), comparison_splits(found))
+    units = ScoreUnits.from_splits(found.data.load(), comparison_splits(found))
     assert (units.name, units.num_seen) == ("group", num_seen)
     assert len(np.unique(units.numbers[180:])) == 3
     held_out = [set(part.group.tolist()) for part in choice_cuts(found.experiments[0], 1)[2][0]]
@@ -631,7 +632,7 @@ def test_trials_in_both_parts_are_told_though_most_persons_are_new(tmp_path):
     found = plan(
         tmp_path, replace(THREE, by="given"), group=person, trial=trial, part=np.repeat([0, 2], 24)
     )
-    units = ScoreUnits.of(found.data.load(), comparison_splits(found))
+    units = ScoreUnits.from_splits(found.data.load(), comparison_splits(found))
     assert (units.num_seen, units.num_leaked) == (1, 1)
     comparison = made_up(found, {"gcn": [1.0], "fnn": [0.2], "constant": [0.2]})
     assert advice(comparison).startswith("Take none: 1 trial of the test part is in the training")
@@ -667,7 +668,7 @@ def test_model_that_lacks_a_split_is_left_out(tmp_path):
     assert to_dict(comparison)["failed"] == {"gcn, by trial, seed 0, fold 1": "it must not"}
     assert "it must not" in comparison_markdown(comparison)
     with pytest.raises(ValueError, match=r"'name' must be one of \['fnn'\] \(got 'gcn'\)"):
-        comparison.of("gcn")
+        comparison.model_result("gcn")
 
 
 def test_pages_hold_the_numbers(tmp_path):
@@ -746,7 +747,7 @@ def test_models_of_ones_own_stand_behind_ours(tmp_path):
     assert list(cells) == ["constant", *own]
     assert cells[own[0]].estimator == {"class_path": own[0], "init_args": {}}
     assert cells[own[1]].config["model"]["model"]["class_path"] == own[1]
-    assert [model_of(name).is_graph for name in own] == [False, True, False]
+    assert [find_model(name).is_graph for name in own] == [False, True, False]
 
 
 def test_import_path_of_no_model(tmp_path):
@@ -784,17 +785,17 @@ def edited_nets(tmp_path, monkeypatch):
 
 
 def test_edited_model_of_ones_own_is_trained_again(tmp_path, edited_nets):
-    assert own_run(tmp_path).kept == 0
-    assert own_run(tmp_path).kept == 2
+    assert own_run(tmp_path).num_reused == 0
+    assert own_run(tmp_path).num_reused == 2
     edited_nets.write_text(ESTIMATOR.format(k=24))
     importlib.reload(sys.modules["edited_nets"])
     again = own_run(tmp_path)
-    assert again.kept == 0
+    assert again.num_reused == 0
     accuracy = summarize(again).results[0].scores["accuracy"].mean
     assert accuracy < 0.5  # the votes of all are those of the most frequent class
     edited_nets.write_text(ESTIMATOR.format(k=1))
     importlib.reload(sys.modules["edited_nets"])
-    assert own_run(tmp_path).kept == 2  # as it was
+    assert own_run(tmp_path).num_reused == 2  # as it was
 
 
 def test_model_without_source_is_not_kept(tmp_path, caplog):
@@ -804,11 +805,11 @@ def test_model_without_source_is_not_kept(tmp_path, caplog):
     try:
         for _ in range(2):
             run = own_run(tmp_path, "made_nets.nearest")
-            assert (run.kept, len(run.results), run.missing) == (0, 2, 0)
+            assert (run.num_reused, len(run.results), run.missing) == (0, 2, 0)
     finally:
         del sys.modules["made_nets"]
     assert not (tmp_path / "out" / "runs").exists()
-    assert "runs with 'made_nets' are not kept" in caplog.text
+    assert "runs with 'made_nets' are not stored" in caplog.text
 
 
 def test_model_that_is_edited_during_its_run_is_not_kept(tmp_path, edited_nets, caplog):

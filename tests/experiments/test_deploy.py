@@ -21,7 +21,7 @@ from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._estimators import seeded_estimator
 from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source
 from torch_geometric_tactile.experiments.comparison import ComparisonSettings
-from torch_geometric_tactile.experiments.deploy import _setting
+from torch_geometric_tactile.experiments.deploy import _most_frequent_setting
 from torch_geometric_tactile.io import write_npz
 from torch_geometric_tactile.predictor import AverageModel, EstimatorModel, export_onnx
 from torch_geometric_tactile.transforms import fit_transform
@@ -71,14 +71,19 @@ def test_a_forest_is_that_of_scikit_learn(touched):
     samples = touched.run.plan.data.load()
     predictor = deploy(touched, "forest")
     assert isinstance(predictor.model, EstimatorModel)
-    if _setting(touched.of("forest"), touched.run.plan.experiments[0].choice) == {}:
+    if (
+        _most_frequent_setting(
+            touched.model_result("forest"), touched.run.plan.experiments[0].choice
+        )
+        == {}
+    ):
         pipeline, seen = by_hand(touched, "forest", samples)
         expected = pipeline.predict_proba(seen)
         np.testing.assert_allclose(predictor(samples.data.x), expected, atol=1e-6)
 
 
 def test_labels_of_a_machine_are_those_of_the_compared_one(touched, monkeypatch):
-    monkeypatch.setattr(sys.modules[deploy.__module__], "_setting", lambda *_: {})
+    monkeypatch.setattr(sys.modules[deploy.__module__], "_most_frequent_setting", lambda *_: {})
     samples = touched.run.plan.data.load()
     pipeline, seen = by_hand(touched, "svm_rbf", samples)
     predictor = deploy(touched, "svm_rbf")
@@ -102,11 +107,11 @@ def test_networks_are_averaged_and_are_drawn_as_in_the_comparison(touched, tmp_p
 
 
 def test_the_setting_chosen_most_often_is_trained_with(touched):
-    result, choice = touched.of("forest"), touched.run.plan.experiments[-2].choice
+    result, choice = touched.model_result("forest"), touched.run.plan.experiments[-2].choice
     assert len(choice.settings) == 3
     for numbers, expected in (([0, 1, 1], 1), ([1, 0], 0), ([0, 1, 0], 0)):
         chosen = tuple({"number": number} for number in numbers)
-        found = _setting(replace(result, chosen=chosen), choice)
+        found = _most_frequent_setting(replace(result, selections=chosen), choice)
         assert found == choice.settings[expected]
 
 

@@ -161,7 +161,7 @@ def test_more_folds_could_prove_a_difference(mean, over_units, expected):
 def test_mean_of_sample_scores_is_the_score(metric):
     draw = np.random.default_rng(0)
     y, prediction = draw.integers(0, 4, 50), draw.integers(0, 4, 50)
-    expected = prediction_scores(y, prediction, numbers=False)[metric]
+    expected = prediction_scores(y, prediction, is_regression=False)[metric]
     assert sample_scores(y, prediction, metric).mean() == pytest.approx(expected)
 
 
@@ -169,7 +169,7 @@ def test_errors_of_numbers():
     y = np.array([[0.0, 1.0], [2.0, 3.0]])
     prediction = np.array([[1.0, 1.0], [0.0, 3.0]])
     assert sample_scores(y, prediction, "mae").tolist() == [0.5, 1.0]
-    assert prediction_scores(y, prediction, numbers=True)["mae"] == 0.75
+    assert prediction_scores(y, prediction, is_regression=True)["mae"] == 0.75
 
 
 def test_all_labels_of_a_sample_must_be_right():
@@ -185,10 +185,10 @@ def test_scores_are_those_of_scikit_learn():
 
     draw = np.random.default_rng(1)
     y, prediction = draw.integers(0, 3, 40), draw.integers(0, 5, 40)
-    found = prediction_scores(y, prediction, numbers=False)
+    found = prediction_scores(y, prediction, is_regression=False)
     assert found["f1"] == pytest.approx(f1_score(y, prediction, average="macro"))
     y, prediction = np.append(y[prediction < 3], 3), np.append(prediction[prediction < 3], 3)
-    found = prediction_scores(y, prediction, numbers=False)  # with a class of one sample
+    found = prediction_scores(y, prediction, is_regression=False)  # with a class of one sample
     expected = balanced_accuracy_score(y, prediction)
     assert found["balanced_accuracy"] == pytest.approx(expected)
 

@@ -111,7 +111,11 @@ PERSONS = np.repeat(["ann", "bo", "cy", "di"], 12)
     ("changes", "by", "message"),
     [
         ({"group": PERSONS}, "group", "are split by group (4 of them): the scores are for a new"),
-        ({"group": PERSONS, "y": np.arange(48) / 7}, "group", "'--by frame' splits them one by"),
+        (
+            {"group": PERSONS, "y": np.arange(48) / 7},
+            "group",
+            "'--by frame' to split single samples",
+        ),
         (
             {"group": PERSONS == "ann"},
             "frame",
@@ -121,10 +125,10 @@ PERSONS = np.repeat(["ann", "bo", "cy", "di"], 12)
         (
             {"group": PERSONS, "y": PERSONS},  # objects that are the classes
             "frame",
-            "since 4 of 4 classes are in one group only, and could not be learned: if several",
+            "since 4 of 4 classes are in one group only, and cannot be learned: if several",
         ),
         ({"session": PERSONS}, "frame", "('--by session' holds out whole sessions)"),
-        ({}, "frame", "too high for a new one"),
+        ({}, "frame", "too high for a new touch"),
     ],
 )
 def test_samples_without_trials_are_split_by_group_if_there_are_several(
@@ -139,7 +143,7 @@ def test_samples_without_trials_are_split_by_group_if_there_are_several(
 @pytest.mark.parametrize(
     ("changes", "by", "match"),
     [
-        ({"trial": np.arange(48) % 2}, "trial", r"3 trials, .* \(got 2\); compare by frame, which"),
+        ({"trial": np.arange(48) % 2}, "trial", r"3 trials, .* \(got 2\); compare by frame, a"),
         ({"group": np.arange(48) % 2}, "group", r"3 groups, .* compare by trial or by frame"),
         ({"trial": None}, "trial", "'dataset' must have 'trial', a number or name for each sample"),
     ],
@@ -182,9 +186,9 @@ def test_validation_holds_out_what_given_parts_hold_out(tmp_path, group, unit):
 def test_choice_is_made_on_a_part_of_many_samples(tmp_path):
     touches(tmp_path / "a.npz", num_trials=18)
     one = experiment(tmp_path / "a.npz")
-    train, _, cuts = choice_cuts(one, 2, most=10)
+    train, _, cuts = choice_cuts(one, 2, max_samples=10)
     assert [len(part) for part, _ in cuts] == [10, 10]
     assert len(train) == 48
-    again = choice_cuts(one, 2, most=10)[2]
+    again = choice_cuts(one, 2, max_samples=10)[2]
     assert [a.trial.tolist() for a, _ in again] == [a.trial.tolist() for a, _ in cuts]
     assert [len(val) for _, val in cuts] == [len(val) for _, val in choice_cuts(one, 2)[2]]

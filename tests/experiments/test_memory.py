@@ -31,8 +31,8 @@ def test_peak_of_nothing_is_nothing():
 
 
 def test_without_reset_the_highest_point_of_the_process_counts(tmp_path, monkeypatch):
-    monkeypatch.setattr(memory, "_CLEAR", tmp_path / "none" / "clear_refs")
-    assert not PeakMemory.can_start_anew()
+    monkeypatch.setattr(memory, "_CLEAR_REFS_FILE", tmp_path / "none" / "clear_refs")
+    assert not PeakMemory.reset_peak()
     block = torch.ones(100 * MB)
     del block
     measured = PeakMemory()

@@ -48,7 +48,7 @@ def test_plan_has_every_fold_of_every_protocol():
     ]
     assert folds == [0, 1, 2, 3]
     assert (plan.facts.num_samples, plan.facts.num_groups, plan.facts.num_classes) == (40, 4, 2)
-    svm, gcn = (plan.of_cell(cell) for cell in TABLE.cells)
+    svm, gcn = (plan.cell_experiment(cell) for cell in TABLE.cells)
     assert svm.is_estimator
     assert (gcn.epochs, gcn.batch_size) == (8, 256)
     assert gcn.transform == SESSION  # the configuration's own

@@ -135,15 +135,15 @@ def test_default_stays_unless_another_setting_is_better_beyond_the_noise(
         setting["init_args"]["C"]: right for setting, right in zip(settings, rights, strict=True)
     }
 
-    def judge(setting, choice, part, val):
-        right = said[setting.experiment.model["init_args"]["C"]]
-        cut = len(setting.said)
-        setting.said.append(said_of(right)[cut])
-        setting.values.append(right[cut] / 10)
-        setting.losses.append(0.0)
+    def evaluate(candidate, choice, part, val):
+        right = said[candidate.experiment.model["init_args"]["C"]]
+        cut = len(candidate.predictions)
+        candidate.predictions.append(said_of(right)[cut])
+        candidate.scores.append(right[cut] / 10)
+        candidate.losses.append(0.0)
 
-    monkeypatch.setattr(run._Tried, "judge", judge)
-    chosen_one, chosen = run._choose(one, one.choice, choice_cuts(one, len(rights[0]))[2])
+    monkeypatch.setattr(run._Candidate, "evaluate", evaluate)
+    chosen_one, chosen = run._select_setting(one, one.choice, choice_cuts(one, len(rights[0]))[2])
     assert chosen["chosen"]["number"] == number
     assert chosen_one.model["init_args"]["C"] == number + 1
 
@@ -338,7 +338,7 @@ def test_scaled_targets_come_back(tmp_path):
     y = np.array([[1.0, 7.0], [3.0, 7.0]] * 24)
     touches(tmp_path / "a.npz", y=y)
     dataset = SamplesFile(tmp_path / "a.npz", grid="3x4")
-    scale = TargetScale.of(dataset)
+    scale = TargetScale.from_samples(dataset)
     data = scale(dataset.data)
     assert data.y[:2].tolist() == [[-1.0, 0.0], [1.0, 0.0]]
     assert scale.back(data.y).tolist() == y.tolist()

@@ -87,7 +87,7 @@ def test_damaged_summary_of_a_simulation_is_named(text, tmp_path):
     (tmp_path / "simulation.json").write_text(text)
     dataset = SimpleNamespace(root=tmp_path)
     with pytest.raises(
-        ValueError, match=r"simulation\.json' is not what 'tactile simulate' writes"
+        ValueError, match=r"simulation\.json' must be a summary of 'tactile simulate'"
     ):
         data_source._caption(dataset, "simulated", DataFacts(10, 2, 1, 1))
 
@@ -174,6 +174,6 @@ def test_source_is_one_value_for_all_processes(tmp_path):
     ("split", "note"), [("test", " (the part 'test' of the data set)"), (None, "")]
 )
 def test_facts_say_which_part_the_samples_are(split, note):
-    assert DataFacts.of(FakeTactileDataset(20, split)).part_note == note
+    assert DataFacts.from_dataset(FakeTactileDataset(20, split)).part_note == note
     windows = Windows(FakeTactileDataset(20, split), 1)
-    assert DataFacts.of(windows).part == split
+    assert DataFacts.from_dataset(windows).part == split

@@ -65,7 +65,7 @@ def test_caption_tells_the_success_rates_of_a_simulation(tmp_path):
     assert "(box 8, of which 25.0 % are a success; seed 3, MuJoCo 3.3.0)" in source.caption
     summary["objects"]["box"]["grasps"] = 0
     (root / "raw" / "simulation.json").write_text(json.dumps(summary))
-    with pytest.raises(ValueError, match="is not what 'tactile simulate' writes"):
+    with pytest.raises(ValueError, match="must be a summary of 'tactile simulate'"):
         DATA.with_arguments({"root": str(root)}).resolve()
 
 

@@ -10,8 +10,8 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments.plan import make_plan
-from torch_geometric_tactile.experiments.run_plan import PlanRun, run_plan
+from torch_geometric_tactile.experiments.plan import PlanRun, make_plan
+from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Cell, Table, TableProtocol
 from torch_geometric_tactile.papers._table_studies import study_lines, study_pictures

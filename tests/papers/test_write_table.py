@@ -9,9 +9,8 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments.plan import Plan, PlanRun
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.source import DataFacts
 from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers import load_table

@@ -288,7 +288,7 @@ def demo() -> Job:
     from torch_geometric_tactile.commands import demo as verb
     from torch_geometric_tactile.experiments import _demo
 
-    _demo._NUM_GENERATED = {"num_samples": 120, "num_test": 60, "num_objects": 6}
+    _demo._GENERATED_ARGUMENTS = {"num_samples": 120, "num_test": 60, "num_objects": 6}
     given = ["--generated", "--seeds", "1", "--folds", "2", "--epochs", "1", "--jobs", "1"]
     parser = argparse.ArgumentParser()
     verb.add_arguments(parser)

@@ -13,8 +13,7 @@ from torch_geometric_tactile.commands._arguments import positive, small_count
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.experiments._experiment import Experiment
-    from torch_geometric_tactile.experiments.plan import Plan
-    from torch_geometric_tactile.experiments.run_plan import PlanRun
+    from torch_geometric_tactile.experiments.plan import Plan, PlanRun
 
 
 @contextmanager

@@ -29,7 +29,7 @@ from torch_geometric_tactile.commands._runs import (
 if TYPE_CHECKING:
     from torch_geometric_tactile.experiments.compared_windows import FrameCut
     from torch_geometric_tactile.experiments.comparison import Comparison
-    from torch_geometric_tactile.experiments.run_plan import PlanRun
+    from torch_geometric_tactile.experiments.plan import PlanRun
 
 # Repeats the names in `experiments`, which is too slow to import for the help.
 MODELS = {
@@ -417,12 +417,12 @@ def _print_comparison(comparison: "Comparison", paths: list[Path], as_json: bool
 
 def _score_line(run: "PlanRun") -> str:
     # The score of a model over all splits.
-    from torch_geometric_tactile.experiments._scores import NAMES, shown_number
+    from torch_geometric_tactile.experiments._scores import NAMES, format_score
     from torch_geometric_tactile.experiments.comparison import summarize
 
     comparison = summarize(run)
     (result,), metric = comparison.results, comparison.metric
-    mean, sd = (shown_number(metric, value) for value in result.scores[metric])
+    mean, sd = (format_score(metric, value) for value in result.scores[metric])
     spread = f" ± {sd}" if len(run.results) > 1 else ""
     unit = "seed" if comparison.has_given_parts else "split"
     name = result.model.name

@@ -1,4 +1,4 @@
-r"""Experiments as values, and what runs and compares them. Needs the extra ``train``."""
+r"""Experiments: data sources, plans, runs, comparisons and tables. Needs the extra ``train``."""
 
 from typing import TYPE_CHECKING
 
@@ -21,9 +21,9 @@ from torch_geometric_tactile.experiments.differences import (
     paired_difference,
     run_difference,
 )
-from torch_geometric_tactile.experiments.plan import Plan, Settings, make_plan
+from torch_geometric_tactile.experiments.plan import Plan, PlanRun, Settings, make_plan
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import PlanRun, run_plan
+from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.experiments.source import DataFacts, DataSource
 from torch_geometric_tactile.experiments.studies import Confusion, Study, Trained
 from torch_geometric_tactile.experiments.tables import (

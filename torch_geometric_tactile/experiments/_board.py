@@ -22,19 +22,20 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class BoardSet:
-    r"""One column of the board.
+    r"""One column of the board: a data set with its fixed protocol.
 
     Args:
-        name (str): Its name.
-        dataset (str): The class of :mod:`torch_geometric_tactile.datasets`.
-        task (str): What is predicted, and what is new in the test part.
-        by (str): What a split keeps together, as in :class:`ComparisonSettings`.
-        arguments (dict): Arguments of the class, but for its root.
-        stride (int, optional): Which frames of each trial.
-        trials (int, optional): The number of frames that whole trials are resampled to.
-        rest (int, optional): How many first frames of each trial are at rest.
-        ranks (bool): Whether it counts for the mean place; not where a trap of the data set or
-            perfect scores tell nothing of models.
+        name (str): Name of the column.
+        dataset (str): Name of a class of :mod:`torch_geometric_tactile.datasets`.
+        task (str): The classes, and the novelty of the test part, in words.
+        by (str): The unit that a split keeps together, as in :class:`ComparisonSettings`.
+        arguments (dict): Arguments of the class without its root.
+        stride (int, optional): Keeps every :obj:`stride`-th frame of each trial.
+        trials (int, optional): Number of frames that whole trials are resampled to.
+        rest (int, optional): Number of frames at the start of each trial in which nothing touches
+            the sensor.
+        ranks (bool): Whether it counts for the mean place. False where a shortcut in the data set
+            or perfect scores make models look alike.
     """
 
     name: str
@@ -111,7 +112,7 @@ BOARD: tuple[BoardSet, ...] = (
         "DigitImages",
         "ten digits of ink; new images, five folds",
         "trial",
-        {"root": None},  # they come with scikit-learn
+        {"root": None},  # scikit-learn contains them
     ),
     BoardSet(
         "iCub",
@@ -134,20 +135,26 @@ BOARD: tuple[BoardSet, ...] = (
 
 
 class BoardColumn(NamedTuple):
-    r"""What came of one data set: the comparison of the stock models, and those of one's own."""
+    r"""Comparisons on one data set: that of the stock models, and that of the user's models."""
 
     board_set: BoardSet
     comparisons: Sequence[Comparison]
 
     @property
     def results(self) -> dict[str, ModelResult]:
-        r"""What came of each model, the best first."""
-        found = [(one.goodness(r), r) for one in self.comparisons for r in one.results]
-        found.sort(key=lambda pair: -pair[0])
-        return {result.model.name: result for _, result in found}
+        r"""Result of each model by its name, the best first."""
+        scored_results = [
+            (comparison.goodness(result), result)
+            for comparison in self.comparisons
+            for result in comparison.results
+        ]
+        scored_results.sort(key=lambda pair: -pair[0])
+        return {result.model.name: result for _, result in scored_results}
 
     def places(self) -> dict[str, float]:
-        r"""The place of each model, 1 for the best; models with one score share the mean place."""
+        r"""Returns the place of each model, 1 for the best. Models with equal scores share the mean
+        of their places.
+        """
         scores = {n: round(r.scores["accuracy"].mean, 6) for n, r in self.results.items()}
         return {
             name: 1 + sum(s > score for s in scores.values())
@@ -157,23 +164,30 @@ class BoardColumn(NamedTuple):
 
 
 def board_plans(
-    data: PathLike | None, own: Sequence[str] = (), names: Sequence[str] | None = None, **more: Any
+    data: PathLike | None,
+    user_models: Sequence[str] = (),
+    names: Sequence[str] | None = None,
+    **overrides: Any,
 ) -> Iterator[tuple[BoardSet, list[Plan]]]:
-    r"""Yields the data sets of the board that can be opened, with the plan of our models that fit
-    them, and that of the user's own. A set whose files are missing is named in the log.
+    r"""Yields the data sets of the board that can be opened, each with the plan of the stock models
+    that fit it and, if there are any, the plan of the user's models. Data sets with missing files
+    are logged and skipped.
 
     Args:
-        data (str or PathLike, optional): The folder that has a folder for each data set, named
-            like its class; the default root of each if left out.
-        own (sequence of str): Import paths of models of one's own.
-        names (sequence of str, optional): Names of the sets; all if left out.
-        **more (Any): Further :class:`ComparisonSettings`.
+        data (str or PathLike, optional): A folder with a subfolder for each data set, named like
+            its class. If left out, each data set is read from its default root.
+        user_models (sequence of str): Import paths of the user's models.
+        names (sequence of str, optional): Names of the columns; all if left out.
+        **overrides (Any): Further :class:`ComparisonSettings`.
+
+    Raises:
+        ValueError: If a name is unknown.
     """
-    known = [board_set.name for board_set in BOARD]
-    unknown = [name for name in names or () if name not in known]
+    board_names = [board_set.name for board_set in BOARD]
+    unknown = [name for name in names or () if name not in board_names]
     if unknown:
         raise ArgumentError(
-            Argument("names"), f" must be some of {', '.join(known)} (got '{unknown[0]}')"
+            Argument("names"), f" must be some of {', '.join(board_names)} (got '{unknown[0]}')"
         )
     for board_set in BOARD:
         if names is not None and board_set.name not in names:
@@ -183,15 +197,15 @@ def board_plans(
             arguments.setdefault("root", str(Path(data) / board_set.dataset))
         cut = None if board_set.trials is None else FrameCut(trials=board_set.trials)
         tare = None if board_set.rest is None else {"key": "trial", "first": board_set.rest}
-        settings = {"by": board_set.by, "tare": tare, "metric": "accuracy", **more}
+        settings = {"by": board_set.by, "tare": tare, "metric": "accuracy", **overrides}
         try:
             path = f"torch_geometric_tactile.datasets.{board_set.dataset}"
             source = data_source(path, arguments=arguments, stride=board_set.stride, cut=cut)
             plans = [
                 comparison_plan(
-                    source, ComparisonSettings(models=m, **settings), name=board_set.name
+                    source, ComparisonSettings(models=models, **settings), name=board_set.name
                 )
-                for m in (None, *((tuple(own),) if own else ()))
+                for models in (None, *((tuple(user_models),) if user_models else ()))
             ]
         except (FileNotFoundError, ConnectionError) as error:
             reason = str(error).partition("\n")[0]

@@ -1,4 +1,4 @@
-r"""Objects from plain data: a class by its import path, and its arguments."""
+r"""Objects built from plain data: the import path of a class, and its arguments."""
 
 import inspect
 from collections.abc import Mapping
@@ -10,11 +10,15 @@ from torch_geometric_tactile.sensors import TaxelLayout
 
 
 def find_class(class_path: str) -> Any:
-    r"""Returns a class by its import path."""
+    r"""Returns the class, or function, of an import path.
+
+    Raises:
+        ValueError: If it cannot be imported.
+    """
     module, _, name = class_path.rpartition(".")
     try:
         return getattr(import_user_module(module), name)
-    except Exception as error:  # whatever a module raises that is imported
+    except Exception as error:  # importing runs code, which may raise anything
         is_plain = isinstance(error, AttributeError | ImportError | ValueError)
         text = str(error) if is_plain else repr(error)
         raise ValueError(
@@ -23,7 +27,7 @@ def find_class(class_path: str) -> Any:
 
 
 def argument_names(class_path: str) -> list[str] | None:
-    r"""Returns the names of a class's arguments; :obj:`None` if it takes any."""
+    r"""Returns the names of a class's arguments, or :obj:`None` if it accepts any keyword."""
     parameters = inspect.signature(find_class(class_path)).parameters.values()
     if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
         return None
@@ -31,24 +35,32 @@ def argument_names(class_path: str) -> list[str] | None:
 
 
 def check_arguments(class_path: str, arguments: Mapping[str, Any]) -> None:
-    r"""Checks that a class has arguments of some names."""
-    known = argument_names(class_path)
+    r"""Checks that a class has arguments of these names, also inside nested objects.
+
+    Raises:
+        ValueError: If a name is not one of its arguments.
+    """
+    names = argument_names(class_path)
     for name in arguments:
-        if known is not None and name not in known:
+        if names is not None and name not in names:
             raise ArgumentError(
                 Argument(name),
                 f" must be an argument of {class_path.rpartition('.')[2]}: "
-                f"{', '.join(known)} (got none)",
+                f"{', '.join(names)} (got none)",
             )
-    for value in arguments.values():  # also of the data set that a view shows
+    for value in arguments.values():  # such as the data set that a view is cut from
         if isinstance(value, Mapping) and "class_path" in value:
             check_arguments(value["class_path"], value.get("init_args") or {})
 
 
 def build_object(content: Any, layout: TaxelLayout | None = None) -> Any:
-    r"""Builds what plain data describes: a mapping with :obj:`class_path`, and :obj:`init_args` if
-    it has arguments, becomes an object of that class, also inside lists and arguments. Everything
-    else stays as it is. A class with an argument :obj:`layout` that is left out gets this one.
+    r"""Builds objects from plain data. A mapping with :obj:`class_path`, and :obj:`init_args` if
+    there are arguments, becomes an object of that class, also inside lists and arguments. All other
+    values are returned unchanged.
+
+    Args:
+        content (Any): The plain data.
+        layout (TaxelLayout, optional): Default of an argument :obj:`layout`.
 
     Examples:
         >>> build_object({"class_path": "torch_geometric_tactile.transforms.ZScore"})
@@ -59,10 +71,10 @@ def build_object(content: Any, layout: TaxelLayout | None = None) -> Any:
             return {key: build_object(value, layout) for key, value in content.items()}
         arguments = content.get("init_args") or {}
         check_arguments(content["class_path"], arguments)
-        built = {name: build_object(value, layout) for name, value in arguments.items()}
+        objects = {name: build_object(value, layout) for name, value in arguments.items()}
         if layout is not None and "layout" in (argument_names(content["class_path"]) or ()):
-            built.setdefault("layout", layout)
-        return find_class(content["class_path"])(**built)
+            objects.setdefault("layout", layout)
+        return find_class(content["class_path"])(**objects)
     if isinstance(content, list | tuple):
         return [build_object(value, layout) for value in content]
     return content

@@ -1,4 +1,4 @@
-r"""The models of a comparison: their task, what each is and tries, and where it has no place."""
+r"""The models of a comparison, with their candidate settings and requirements on the data."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -11,14 +11,14 @@ from torch_geometric_tactile._user_modules import import_user_module
 from torch_geometric_tactile.baselines._readings import num_repeats
 from torch_geometric_tactile.experiments._building import find_class
 from torch_geometric_tactile.experiments._compared_task import (
-    MANY_TAXELS,
+    LARGE_SENSOR_TAXELS,
     ComparedTask,
-    lacks_a_frame,
-    lacks_a_large_map,
-    lacks_a_map,
-    lacks_a_pose,
-    lacks_frames,
-    lacks_many_frames,
+    describe_frame_obstacle,
+    describe_minirocket_obstacle,
+    describe_missing_map,
+    describe_missing_pose,
+    describe_missing_windows,
+    describe_small_map,
 )
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.nn.models._calls import takes_batch
@@ -26,45 +26,62 @@ from torch_geometric_tactile.transforms import TaxelDescriptors
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
-_MOST_SVM_SAMPLES = 10_000
-_Tried = Sequence[dict[str, Any]]
+_MAX_SVM_SAMPLES = 10_000  # the training time of a kernel grows with their square
+_Candidates = Sequence[dict[str, Any]]
 _Arguments = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class ComparedModel:
-    r"""A model of a comparison: its class, the settings that are tried, and its arguments. Both may
-    follow from the task.
+    r"""A model of a comparison.
+
+    Args:
+        name (str): Its name in commands and results.
+        title (str): A description for reports.
+        class_name (str): Name of its class, or import path of a user's model.
+        settings (sequence of dict or callable): The candidate settings, the default first, or a
+            function that returns them for a task.
+        arguments (dict or callable): Arguments of the class, or a function that returns them for a
+            task.
+        module_prefix (str): The module of the class with a final dot; empty for an import path.
+        is_graph (bool): Whether it reads edges.
+        obstacle (callable): Returns why it cannot be compared on a task; empty if it can.
+        max_taxels (int, optional): With more taxels it is compared only if named, since its
+            training takes long.
     """
 
     name: str
     title: str
     class_name: str
-    settings: _Tried | Callable[[ComparedTask], _Tried] = ({},)
+    settings: _Candidates | Callable[[ComparedTask], _Candidates] = ({},)
     arguments: _Arguments | Callable[[ComparedTask], _Arguments] = field(default_factory=dict)
-    room: str = ""  # the module of the class; that of the user's own is in its name
+    module_prefix: str = ""
     is_graph: bool = False
-    lacks: Callable[[ComparedTask], str] = lambda task: ""
-    most_taxels: int | None = None  # with more it is compared only if named, for its time
+    obstacle: Callable[[ComparedTask], str] = lambda task: ""
+    max_taxels: int | None = None
 
     def to_cell(self, task: ComparedTask) -> Cell:
-        r"""Returns its place of a table."""
+        r"""Returns the cell of the model in the table of a comparison."""
         settings = self.settings(task) if callable(self.settings) else self.settings
         arguments = self.arguments(task) if callable(self.arguments) else self.arguments
-        given = self._given(task, settings, dict(arguments))
-        return Cell(row=self.name, column="", experiment=self.name, **given)
+        cell_arguments = self._cell_arguments(task, settings, dict(arguments))
+        return Cell(row=self.name, column="", experiment=self.name, **cell_arguments)
 
-    def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
+    def _cell_arguments(
+        self, task: ComparedTask, settings: _Candidates, arguments: _Arguments
+    ) -> dict[str, Any]:
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class _Network(ComparedModel):
-    room: str = _MODELS
-    lr: float | None = None  # that of the recipe if left out
+    module_prefix: str = _MODELS
+    lr: float | None = None  # of the training recipe if None
     is_posed: bool = False
 
-    def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
+    def _cell_arguments(
+        self, task: ComparedTask, settings: _Candidates, arguments: _Arguments
+    ) -> dict[str, Any]:
         recipe = task.recipe
         optimizer = {
             "lr": recipe.lr if self.lr is None else self.lr,
@@ -72,10 +89,13 @@ class _Network(ComparedModel):
             "fused": True,
         }
         section: dict[str, Any] = {
-            "model": {"class_path": f"{self.room}{self.class_name}", "init_args": arguments},
+            "model": {
+                "class_path": f"{self.module_prefix}{self.class_name}",
+                "init_args": arguments,
+            },
             "optimizer": {"class_path": "torch.optim.AdamW", "init_args": optimizer},
         }
-        if task.numbers:
+        if task.is_regression:
             section |= {"task": "regression", "loss": "huber"}
         else:
             section["label_smoothing"] = recipe.label_smoothing
@@ -92,81 +112,89 @@ class _Network(ComparedModel):
 
 @dataclass(frozen=True)
 class _Estimator(ComparedModel):
-    room: str = _BASELINES
-    sums_patches: bool = False  # of readings that are neither scaled nor filled
+    module_prefix: str = _BASELINES
+    sums_patches: bool = False  # reads sums of patches, which need unscaled readings
     centred: bool = True
-    draft: _Arguments = field(default_factory=dict)  # while settings are compared
+    draft: _Arguments = field(default_factory=dict)  # arguments while settings are compared
 
-    def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
+    def _cell_arguments(
+        self, task: ComparedTask, settings: _Candidates, arguments: _Arguments
+    ) -> dict[str, Any]:
         scaled = not self.sums_patches
-        form = {"scaled": scaled, "filled": scaled, "centred": self.centred}
-        form["posed"] = self.sums_patches and task.posed
-        path = f"{self.room}{self.class_name}"
-        if self.room:
-            arguments["task"] = "regression" if task.numbers else "multiclass"
-        if self.room and task.metric == "balanced_accuracy" and self.name != FLOOR:
+        options = {"scaled": scaled, "filled": scaled, "centred": self.centred}
+        options["posed"] = self.sums_patches and task.has_pose
+        path = f"{self.module_prefix}{self.class_name}"
+        if self.module_prefix:  # models of the user need not have our arguments
+            arguments["task"] = "regression" if task.is_regression else "multiclass"
+        if self.module_prefix and task.metric == "balanced_accuracy" and self.name != FLOOR:
             arguments["class_weight"] = "balanced"
         return {
             "estimator": {"class_path": path, "init_args": arguments},
-            "transform": task.transform(**form),
+            "transform": task.transform(**options),
             "choice": task.choice(
-                [_of_readings(task, form, setting) for setting in settings],
+                [_estimator_setting(task, options, setting) for setting in settings],
                 is_estimator=True,
                 draft={"init_args": self.draft} if self.draft else None,
             ),
         }
 
 
-def _of_readings(task: ComparedTask, form: dict[str, bool], setting: dict[str, Any]) -> _Arguments:
-    # A setting of an estimator, of which some are of the readings.
-    of_readings = {*form, "rooted", "normalized"}
-    over = {key: value for key, value in setting.items() if key in of_readings}
-    arguments = {key: value for key, value in setting.items() if key not in over}
-    found: _Arguments = {"init_args": arguments} if arguments or not over else {}
-    return found | ({"transform": task.transform(**form | over)} if over else {})
+def _estimator_setting(
+    task: ComparedTask, options: dict[str, bool], setting: dict[str, Any]
+) -> _Arguments:
+    # Returns a setting as plain data. Options of the transform replace the transform as a whole.
+    option_names = {*options, "square_root", "normalized"}
+    overrides = {key: value for key, value in setting.items() if key in option_names}
+    arguments = {key: value for key, value in setting.items() if key not in overrides}
+    content: _Arguments = {"init_args": arguments} if arguments or not overrides else {}
+    return content | ({"transform": task.transform(**options | overrides)} if overrides else {})
 
 
-def _decay(weight_decay: float, **arguments: Any) -> dict[str, Any]:
+def _weight_decay_setting(weight_decay: float, **arguments: Any) -> dict[str, Any]:
     setting: dict[str, Any] = {"optimizer": {"init_args": {"weight_decay": weight_decay}}}
     return {**setting, "model": {"init_args": arguments}} if arguments else setting
 
 
-_LEAVES = [{}, {"min_samples_leaf": 4}]
-_PLAIN_LEAVES: _Tried = [*_LEAVES, {"normalized": True}]
-_LINEAR = [{"C": c} for c in (0.001, 0.01, 0.1, 1.0)] + [{"rooted": True, "C": 0.001}]
-_RADIAL = [
+_LEAF_CANDIDATES = [{}, {"min_samples_leaf": 4}]
+_FOREST_CANDIDATES: _Candidates = [*_LEAF_CANDIDATES, {"normalized": True}]
+_LINEAR_SVM_CANDIDATES = [{"C": c} for c in (0.001, 0.01, 0.1, 1.0)] + [
+    {"square_root": True, "C": 0.001}
+]
+_RBF_SVM_CANDIDATES = [
     {"C": c, "width": width}
     for c, width in ((1.0, 1.0), (10.0, 1.0), (100.0, 1.0), (10.0, 0.3), (100.0, 0.3), (10.0, 3.0))
-] + [{"C": 10.0, "width": 1.0, **over} for over in ({"rooted": True}, {"normalized": True})]
-_DESCRIBED: _Tried = [
+] + [
+    {"C": 10.0, "width": 1.0, **option} for option in ({"square_root": True}, {"normalized": True})
+]
+_DESCRIPTOR_SVM_CANDIDATES: _Candidates = [
     {},
     {"C": 1.0},
     {"with_readings": True},
-    {"rooted": True},
-    {"with_readings": True, "rooted": True},
+    {"square_root": True},
+    {"with_readings": True, "square_root": True},
     {"centred": True},
     {"normalized": True},
 ]
-_DESCRIBED_LEAVES: _Tried = [
+_DESCRIPTOR_FOREST_CANDIDATES: _Candidates = [
     {},
     {"balanced": False},
-    {"rooted": True},
+    {"square_root": True},
     {"centred": True},
     {"normalized": True},
-    {"normalized": True, "rooted": True},
-    {"normalized": True, "rooted": True, "balanced": False},
+    {"normalized": True, "square_root": True},
+    {"normalized": True, "square_root": True, "balanced": False},
 ]
-_FEWER_TREES = {"num_trees": 100}
-_TREES_OF_MANY = 150  # of samples or readings that are many
-_RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
-_DROPOUT = [{}, _decay(0.1, dropout=0.5)]
-_NO_TAXEL_DROPOUT = {"taxel_dropout": 0.0}  # where each taxel carries what no other does
-_OPERATORS: _Tried = [
+_DRAFT_TREES = {"num_trees": 100}
+_NUM_TREES_LARGE = 150  # for many samples or readings, where each tree takes long
+_RIDGE_CANDIDATES = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
+_DROPOUT_CANDIDATES = [{}, _weight_decay_setting(0.1, dropout=0.5)]
+_NO_TAXEL_DROPOUT = {"taxel_dropout": 0.0}  # where each taxel has unique information
+_OPERATOR_CANDIDATES: _Candidates = [
     {},
     {"model": {"init_args": _NO_TAXEL_DROPOUT}},
     {"model": {"init_args": {**_NO_TAXEL_DROPOUT, "conv": "self"}}},
 ]
-# As a convolutional network: few convolutions, and pooling to a few taxels before the head.
+# TaxelNet like a CNN for images: convolutions, then pooling to eight taxels before the head.
 PYRAMID = {
     "depth": 1,
     "max_taxels": 32,
@@ -175,8 +203,8 @@ PYRAMID = {
     "dropout": 0.3,
     **_NO_TAXEL_DROPOUT,
 }
-_DEEP = {"max_taxels": 4, **_NO_TAXEL_DROPOUT}  # convolutions also on the few taxels
-_WHOLE_WINDOW = {"pool": "mean", **_NO_TAXEL_DROPOUT}
+_DEEP_PYRAMID = {"max_taxels": 4, **_NO_TAXEL_DROPOUT}  # convolutions down to four taxels
+_MEAN_OVER_FRAMES = {"pool": "mean", **_NO_TAXEL_DROPOUT}
 MIXED_TAXELS = {
     "pool": "mean_max",
     "mixed_channels": 128,
@@ -189,85 +217,96 @@ MIXED_TAXELS = {
     "dropout": 0.0,
     **_NO_TAXEL_DROPOUT,
 }
-_MORE_DECAY = [{}, _decay(0.5)]
-_FINGERS_APART = {"model": {"init_args": {"fusion": "feature"}}}
-_SIGNALS = [{"C": c} for c in (1.0, 0.1, 10.0, 100.0)]
+_WEIGHT_DECAY_CANDIDATES = [{}, _weight_decay_setting(0.5)]
+_FEATURE_FUSION = {"model": {"init_args": {"fusion": "feature"}}}
+_SIGNAL_SVM_CANDIDATES = [{"C": c} for c in (1.0, 0.1, 10.0, 100.0)]
 
 
-def _described(task: ComparedTask) -> _Tried:
-    # Descriptors of single frames beside what a network finds itself.
+def _descriptor_candidates(task: ComparedTask) -> _Candidates:
+    # Descriptors of single frames, in addition to the features that the network learns.
     if task.num_frames is not None:
         return []
     arguments = {"init_args": {"descriptor_channels": 64}}
     return [{"model": arguments, "transform": task.transform(centred=False)}]
 
 
-def _normalized(task: ComparedTask) -> _Tried:
-    # With many samples a network learns what strength means.
-    return [{"transform": task.transform(normalized=True)}] if task.is_few else []
+def _normalized_candidates(task: ComparedTask) -> _Candidates:
+    # Only for small training parts: with many samples, a network learns the role of strength.
+    return [{"transform": task.transform(normalized=True)}] if task.has_few_samples else []
 
 
-def _more_decay(task: ComparedTask) -> _Tried:
-    return _MORE_DECAY if task.is_few else [{}]
+def _weight_decay_candidates(task: ComparedTask) -> _Candidates:
+    return _WEIGHT_DECAY_CANDIDATES if task.has_few_samples else [{}]
 
 
-def _taxel_net(task: ComparedTask) -> _Tried:
+def _taxel_net_candidates(task: ComparedTask) -> _Candidates:
     if not task.is_image:
-        return [*_OPERATORS, *_normalized(task), *_described(task)]
+        return [*_OPERATOR_CANDIDATES, *_normalized_candidates(task), *_descriptor_candidates(task)]
     pyramid = {"model": {"init_args": {**PYRAMID, "widths": task.cnn_widths}}}
     shifted = {**pyramid, "train_transform": task.shift()}
-    if task.is_slow:  # one setting is trained
+    if task.is_slow:  # only the first setting is trained
         return [shifted]
-    deep = {"model": {"init_args": _DEEP}, "train_transform": task.shift()}
-    if task.is_large:
-        return [{}, shifted, deep, *_described(task)]
-    unmirrored = [*_OPERATORS[:2], pyramid, shifted, deep]
-    return [*unmirrored, *_mirrored(task, pyramid), *_normalized(task), *_described(task)]
+    deep = {"model": {"init_args": _DEEP_PYRAMID}, "train_transform": task.shift()}
+    if task.has_many_taxels:
+        return [{}, shifted, deep, *_descriptor_candidates(task)]
+    unmirrored = [*_OPERATOR_CANDIDATES[:2], pyramid, shifted, deep]
+    return [
+        *unmirrored,
+        *_mirrored_candidates(task, pyramid),
+        *_normalized_candidates(task),
+        *_descriptor_candidates(task),
+    ]
 
 
-def _cnn(task: ComparedTask) -> _Tried:
+def _cnn_candidates(task: ComparedTask) -> _Candidates:
     if not task.is_image:
-        return [*_DROPOUT, *_normalized(task)]
+        return [*_DROPOUT_CANDIDATES, *_normalized_candidates(task)]
     shifted = {"train_transform": task.shift()}
     if task.is_slow:
         return [shifted]
-    if task.is_large:
+    if task.has_many_taxels:
         return [{}, shifted]
-    return [*_DROPOUT, shifted, *_mirrored(task, {}), *_normalized(task)]
+    return [
+        *_DROPOUT_CANDIDATES,
+        shifted,
+        *_mirrored_candidates(task, {}),
+        *_normalized_candidates(task),
+    ]
 
 
-def _mirrored(task: ComparedTask, setting: dict[str, Any]) -> _Tried:
-    # Of shear, one channel would change its sign: which one is not known.
-    if task.num_channels > 1 or not task.is_few:
+def _mirrored_candidates(task: ComparedTask, setting: dict[str, Any]) -> _Candidates:
+    # Only for one channel: mirroring changes the sign of one shear channel, of unknown number.
+    if task.num_channels > 1 or not task.has_few_samples:
         return []
     return [{**setting, "train_transform": task.shift(mirrored=True)}]
 
 
-def _temporal(task: ComparedTask) -> _Tried:
+def _temporal_candidates(task: ComparedTask) -> _Candidates:
     mixed = {"model": {"init_args": MIXED_TAXELS}}
     shifted = {**mixed, "train_transform": task.time_shift()}
-    whole = {"model": {"init_args": _WHOLE_WINDOW}}
-    if not task.is_few:
-        return [{}, whole, mixed]
-    return [*_OPERATORS[:2], whole, mixed, shifted, *_normalized(task)]
+    averaged = {"model": {"init_args": _MEAN_OVER_FRAMES}}
+    if not task.has_few_samples:
+        return [{}, averaged, mixed]
+    return [*_OPERATOR_CANDIDATES[:2], averaged, mixed, shifted, *_normalized_candidates(task)]
 
 
-def _temporal_cnn(task: ComparedTask) -> _Tried:
-    if not task.is_few:
+def _temporal_cnn_candidates(task: ComparedTask) -> _Candidates:
+    if not task.has_few_samples:
         return [{}]
-    return [{}, {"train_transform": task.time_shift()}, *_normalized(task)]
+    return [{}, {"train_transform": task.time_shift()}, *_normalized_candidates(task)]
 
 
-def _num_trees(task: ComparedTask) -> _Arguments:
-    return {} if task.is_quick else {"num_trees": _TREES_OF_MANY}
+def _tree_arguments(task: ComparedTask) -> _Arguments:
+    return {} if task.is_quick else {"num_trees": _NUM_TREES_LARGE}
 
 
-def _described_leaves(task: ComparedTask) -> _Tried:
-    # Without repeated descriptors, drawing features by their number is the default.
+def _descriptor_forest_candidates(task: ComparedTask) -> _Candidates:
+    # Forests repeat descriptors where readings are more numerous, so that trees draw both equally
+    # often. Without repetition, the setting that turns it off equals the default.
     assert task.layout is not None
     names = TaxelDescriptors(task.layout).names(of_windows=task.num_frames is not None)
     is_repeated = num_repeats(task.num_taxels * (task.num_frames or 1), len(names)) > 1
-    return [s for s in _DESCRIBED_LEAVES if is_repeated or "balanced" not in s]
+    return [s for s in _DESCRIPTOR_FOREST_CANDIDATES if is_repeated or "balanced" not in s]
 
 
 FLOOR = "constant"
@@ -276,51 +315,54 @@ MODELS: tuple[ComparedModel, ...] = (
         "taxel_net",
         "TaxelNet, the default graph model",
         "TaxelNet",
-        _taxel_net,
+        _taxel_net_candidates,
         is_graph=True,
     ),
     _Network(
         "posed_taxel_net",
         "PosedTaxelNet, on taxels placed by the joint angles",
         "PosedTaxelNet",
-        _DROPOUT,
+        _DROPOUT_CANDIDATES,
         is_graph=True,
         is_posed=True,
-        lacks=lacks_a_pose,
+        obstacle=describe_missing_pose,
     ),
     _Network(
         "temporal",
         "TemporalTaxelNet, the graph model of windows and streams",
         "TemporalTaxelNet",
-        _temporal,
+        _temporal_candidates,
         lambda task: {"num_blocks": task.num_blocks},
         is_graph=True,
-        lacks=lacks_frames,
+        obstacle=describe_missing_windows,
     ),
     _Network(
         "gcn",
         "TactileGCN, a plain GCN",
         "TactileGCN",
-        _more_decay,
+        _weight_decay_candidates,
         {"widths": [32, 32], "pools": [1, 1], "head_widths": [128], "head_pools": [1]},
         is_graph=True,
         lr=1e-3,
-        most_taxels=MANY_TAXELS,
+        max_taxels=LARGE_SENSOR_TAXELS,
     ),
     _Network(
         "grasp_gcn",
         "GraspGCN, a graph convolution on all frames of a taxel",
         "GraspGCN",
-        lambda task: [*_more_decay(task), *([_FINGERS_APART] if task.num_channels > 1 else [])],
+        lambda task: [
+            *_weight_decay_candidates(task),
+            *([_FEATURE_FUSION] if task.num_channels > 1 else []),
+        ],
         is_graph=True,
         lr=1e-3,
-        lacks=lacks_frames,
+        obstacle=describe_missing_windows,
     ),
     _Network(
         "fnn",
         "TactileFNN, fully connected",
         "TactileFNN",
-        lambda task: [*_more_decay(task), *_normalized(task)],
+        lambda task: [*_weight_decay_candidates(task), *_normalized_candidates(task)],
         {"widths": [256, 64], "pools": [1, 1]},
         lr=1e-3,
     ),
@@ -328,171 +370,190 @@ MODELS: tuple[ComparedModel, ...] = (
         "cnn",
         "SmallCNN, on the map of the layout",
         "SmallCNN",
-        _cnn,
+        _cnn_candidates,
         lambda task: {"widths": task.cnn_widths},
-        lacks=lacks_a_map,
+        obstacle=describe_missing_map,
     ),
     _Network(
         "bmf_cnn",
         "BMFCNN, bilinear features on the map of the layout",
         "BMFCNN",
-        _more_decay,
+        _weight_decay_candidates,
         lr=1e-3,
-        lacks=lacks_a_large_map,
-        most_taxels=MANY_TAXELS,
+        obstacle=describe_small_map,
+        max_taxels=LARGE_SENSOR_TAXELS,
     ),
     _Network(
         "lstm",
         "GraspLSTM, recurrent, on the readings of each frame",
         "GraspLSTM",
-        _more_decay,
+        _weight_decay_candidates,
         lr=1e-3,
-        lacks=lacks_frames,
+        obstacle=describe_missing_windows,
     ),
     _Network(
         "temporal_cnn",
         "TemporalCNN, a residual network over time on the readings of each frame",
         "TemporalCNN",
-        _temporal_cnn,
-        lacks=lacks_frames,
+        _temporal_cnn_candidates,
+        obstacle=describe_missing_windows,
     ),
     _Estimator(
         "svm_rbf",
         "support vector machine, radial kernel",
         "rbf_svm",
-        _RADIAL,
-        {"most_samples": _MOST_SVM_SAMPLES},
+        _RBF_SVM_CANDIDATES,
+        {"most_samples": _MAX_SVM_SAMPLES},
     ),
-    _Estimator("svm_linear", "support vector machine, linear", "linear_svm", _LINEAR),
+    _Estimator(
+        "svm_linear", "support vector machine, linear", "linear_svm", _LINEAR_SVM_CANDIDATES
+    ),
     _Estimator(
         "svm_signal",
         "support vector machine on 12 statistical features of each signal",
         "signal_svm",
-        _SIGNALS,
-        lambda task: {"num_channels": task.num_channels, "most_samples": _MOST_SVM_SAMPLES},
-        lacks=lacks_frames,
+        _SIGNAL_SVM_CANDIDATES,
+        lambda task: {"num_channels": task.num_channels, "most_samples": _MAX_SVM_SAMPLES},
+        obstacle=describe_missing_windows,
     ),
     _Estimator(
         "minirocket",
         "ridge on random convolutions of each window",
         "minirocket",
         arguments=lambda task: {"num_channels": task.num_channels},
-        lacks=lacks_many_frames,
+        obstacle=describe_minirocket_obstacle,
     ),
     _Estimator(
         "forest",
         "random forest on the readings",
         "flat_forest",
-        _PLAIN_LEAVES,
-        _num_trees,
-        draft=_FEWER_TREES,
+        _FOREST_CANDIDATES,
+        _tree_arguments,
+        draft=_DRAFT_TREES,
     ),
     _Estimator(
         "descriptors_svm",
         "support vector machine on descriptors of the layout",
         "descriptor_svm",
-        _DESCRIBED,
-        {"most_samples": _MOST_SVM_SAMPLES},
+        _DESCRIPTOR_SVM_CANDIDATES,
+        {"most_samples": _MAX_SVM_SAMPLES},
         centred=False,
     ),
     _Estimator(
         "descriptors_forest",
         "extra trees on descriptors of the layout and readings",
         "descriptor_forest",
-        _described_leaves,
-        _num_trees,
+        _descriptor_forest_candidates,
+        _tree_arguments,
         centred=False,
-        draft=_FEWER_TREES,
+        draft=_DRAFT_TREES,
     ),
     _Estimator(
         "posed_forest",
         "random forest on sums of each patch",
         "posed_forest",
-        _LEAVES,
+        _LEAF_CANDIDATES,
         sums_patches=True,
-        lacks=lacks_a_frame,
-        draft=_FEWER_TREES,
+        obstacle=describe_frame_obstacle,
+        draft=_DRAFT_TREES,
     ),
     _Estimator(
         "posed_ridge",
         "ridge on sums of each patch",
         "posed_ridge",
-        _RIDGE,
+        _RIDGE_CANDIDATES,
         sums_patches=True,
-        lacks=lacks_a_frame,
+        obstacle=describe_frame_obstacle,
     ),
     _Estimator(FLOOR, "most frequent class, or mean", "constant"),
 )
 _BY_NAME = {model.name: model for model in MODELS}
 
 
-def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[ComparedModel, ...]:
-    r"""Returns models by their names, in the order of all, and then the user's own."""
+def select_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[ComparedModel, ...]:
+    r"""Returns models by their names, stock models first, in their fixed order.
+
+    Args:
+        names (sequence of str, optional): Names, or import paths of the user's models. If left out,
+            all stock models that fit the task, without those too slow for its number of taxels.
+        task (ComparedTask): The task.
+
+    Raises:
+        ValueError: If a name is unknown, or a named model does not fit the data.
+    """
     if names is None:
         size = task.num_taxels
         return tuple(
             model
             for model in MODELS
-            if not what_it_lacks(model, task) and size <= (model.most_taxels or size)
+            if not describe_obstacle(model, task) and size <= (model.max_taxels or size)
         )
     check_model_names(names)
     for name in names:
-        reason = what_it_lacks(model_of(name), task)
+        reason = describe_obstacle(find_model(name), task)
         if reason:
             raise ArgumentError(
                 Argument("models"), f" must fit the data (got '{name}', but {reason})"
             )
-    own = [model_of(name) for name in names if name not in _BY_NAME]
-    return (*(model for model in MODELS if model.name in names), *own)
+    user_models = [find_model(name) for name in names if name not in _BY_NAME]
+    return (*(model for model in MODELS if model.name in names), *user_models)
 
 
-def what_it_lacks(model: ComparedModel, task: ComparedTask) -> str:
-    r"""Tells what a model lacks in the data, if anything: of ours, all but the constant answer are
-    for one layout, and so are rows of readings.
+def describe_obstacle(model: ComparedModel, task: ComparedTask) -> str:
+    r"""Returns why a model cannot be compared on a task; empty if it can. Without a common layout,
+    only the constant answer and a user's network for batches of PyG can.
     """
     if task.layout is not None:
-        return model.lacks(task)
+        return model.obstacle(task)
     if model.name == FLOOR:
         return ""
-    several = f"the samples, which have {task.several}, have no layout that all share"
+    layouts = f"the samples, which have {task.taxel_counts}, have no layout that all share"
     if model.name in _BY_NAME:
-        return f"it is a model of one layout, and {several}"
+        return f"it is a model of one layout, and {layouts}"
     if isinstance(model, _Estimator):
-        return f"it takes rows of readings of one sensor, and {several}"
+        return f"it takes rows of readings of one sensor, and {layouts}"
     if not takes_batch(find_class(model.class_name)):
-        return f"it is not called as forward(x, edge_index, batch), and {several}"
+        return f"it is not called as forward(x, edge_index, batch), and {layouts}"
     return ""
 
 
 def check_model_names(names: Sequence[str]) -> None:
-    r"""Checks that names are those of models, or import paths."""
-    known = f"must be some of {', '.join(_BY_NAME)}, or import paths of your own"
+    r"""Checks that names are those of stock models, or import paths.
+
+    Raises:
+        ValueError: If a name is neither, or there are no names.
+    """
+    requirement = f"must be some of {', '.join(_BY_NAME)}, or import paths of your own"
     unknown = [f"'{name}'" for name in names if name not in _BY_NAME and "." not in name]
-    need_argument(names and not unknown, "models", known, unknown[0] if unknown else "none")
+    need_argument(names and not unknown, "models", requirement, unknown[0] if unknown else "none")
 
 
-def model_of(name: str) -> ComparedModel:
-    r"""Returns a model by its name, or by the import path of the user's own: a class of a network,
-    or what returns an estimator of scikit-learn.
+def find_model(name: str) -> ComparedModel:
+    r"""Returns a stock model by its name, or a user's model by its import path: the class of a
+    network, or a class or function that returns an estimator of scikit-learn.
+
+    Raises:
+        ValueError: If it cannot be imported, or is not callable.
     """
     if name in _BY_NAME:
         return _BY_NAME[name]
     module, _, attribute = name.rpartition(".")
     try:
-        found = getattr(import_user_module(module), attribute)
-    except Exception as error:  # whatever a module raises that is imported
+        constructor = getattr(import_user_module(module), attribute)
+    except Exception as error:  # importing runs code of the user, which may raise anything
         text = str(error) if isinstance(error, AttributeError | ImportError) else repr(error)
         raise ArgumentError(
             Argument("models"),
-            f" must be names of ours or import paths of your own (got '{name}': {text})",
+            f" must be names of stock models or import paths of your own (got '{name}': {text})",
         ) from error
     need_argument(
-        callable(found),
+        callable(constructor),
         "models",
-        f"must be names of ours, or import paths of a class or function of your own (got "
-        f"'{name}', which is of type {type(found).__name__})",
+        f"must be names of stock models, or import paths of a class or function of yours (got "
+        f"'{name}', which is of type {type(constructor).__name__})",
     )
     title = f"{name}, a model of your own"
-    if not (isinstance(found, type) and issubclass(found, Module)):
-        return _Estimator(name, title, name, room="")
-    return _Network(name, title, name, is_graph=getattr(found, "needs_edges", False), room="")
+    if not (isinstance(constructor, type) and issubclass(constructor, Module)):
+        return _Estimator(name, title, name, module_prefix="")
+    is_graph = getattr(constructor, "needs_edges", False)
+    return _Network(name, title, name, is_graph=is_graph, module_prefix="")

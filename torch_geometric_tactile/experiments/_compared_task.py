@@ -1,4 +1,4 @@
-r"""What the models of a comparison have to do."""
+r"""The task of the models in a comparison: the data and the sizes that settings depend on."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,113 +15,137 @@ from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_l
 from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
 
 _TRANSFORMS = "torch_geometric_tactile.transforms."
-# To train on. With more, an average of networks gains little, and one validation part has to do
-# for them. Estimators are tried on several, which may hold out few trials or persons each.
-_FEW_SAMPLES = 1000
-_MEMBERS = 3
-_REPEATS = 3
-_REPEATS_OF_MANY = 2  # of estimators
-# On which models are scored to choose one, where there is one given test part: all fifths of few
-# samples, since each has very few, unless samples of many taxels take long.
-_VALIDATION_CUTS, _VALIDATION_CUTS_OF_FEW = 3, 5
-_MOST_TRIED = 1000  # samples of a cut that an estimator is trained on
-# With more taxels and readings of all training samples, a network is one, of the first setting.
-MANY_TAXELS = 500
-_MANY_READINGS = 500_000
-# Why nothing is saved.
+# With more training samples, averaging networks gains little, and a network is selected on one
+# validation part. Estimators still need two, since a part may hold few trials or persons.
+_SMALL_TRAINING_SIZE = 1000
+_NUM_MEMBERS = 3
+_NUM_REPEATS = 3
+_NUM_REPEATS_LARGE = 2  # for estimators
+# Cuts on which models are scored where they share a given test part. Small training parts use all
+# five fifths, since each has very few samples, unless a large sensor makes training slow.
+_NUM_VALIDATION_CUTS, _NUM_VALIDATION_CUTS_SMALL = 3, 5
+_MAX_SELECTION_SAMPLES = 1000  # to fit an estimator on while settings are compared
+# Above both limits, only the first setting of a network is trained, and a single network.
+LARGE_SENSOR_TAXELS = 500
+_SLOW_TRAINING_READINGS = 500_000  # taxels times training samples
 NO_PREDICTOR = (
     "a predictor is of one layout, and the samples have none that all share: train the network "
     "with TactileModule, and keep its checkpoint"
 )
-_MIN_IMAGE_SIZE = 8  # rows and columns of an image that may be shifted in training
-_ROCKET_FRAMES = 9  # that a kernel of MiniRocket spans
+_MIN_IMAGE_SIZE = 8  # rows and columns; smaller images are not shifted in training
+_MINIROCKET_KERNEL_FRAMES = 9  # the length of its kernels
 
 
 @dataclass(frozen=True)
 class ComparedTask:
-    r"""What the models of a comparison have to do."""
+    r"""The task of the models in a comparison.
 
-    layout: TaxelLayout | None  # None where samples may be of several sensors
+    Args:
+        layout (TaxelLayout, optional): The taxels; :obj:`None` if samples may have different
+            sensors.
+        metric (str): The score that is compared.
+        num_train (int): Number of training samples.
+        has_pose (bool): Whether the joint angles of the samples place the taxels.
+        epochs (int, optional): Epochs of networks; by the number of samples if left out.
+        tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`.
+        members (int, optional): Number of averaged networks; by the number of samples if
+            :obj:`None`.
+        num_frames (int, optional): Number of frames in a sample; :obj:`None` for single frames.
+        num_channels (int): Number of channels of a taxel in a frame.
+        taxel_counts (str): Without a layout, the numbers of taxels in words.
+        max_taxels (int): Without a layout, the number of taxels of the largest sample.
+        has_given_parts (bool): Whether the training and test parts are given by the data set.
+    """
+
+    layout: TaxelLayout | None
     metric: str
     num_train: int
-    posed: bool = False
+    has_pose: bool = False
     epochs: int | None = None
     tare: dict[str, Any] | None = None
     members: int | None = 1
     num_frames: int | None = None
     num_channels: int = 1
-    several: str = ""  # without a layout, the numbers of taxels in words
-    most_taxels: int = 1  # without a layout
+    taxel_counts: str = ""
+    max_taxels: int = 1
     has_given_parts: bool = False
 
     @classmethod
-    def of(
+    def from_dataset(
         cls,
         dataset: SampleSet,
         metric: str,
         num_train: int,
         num_frames: int | None = None,
-        **more: Any,
+        **options: Any,
     ) -> "ComparedTask":
-        r"""Returns the task of a data set, of which so many samples are trained on."""
+        r"""Returns the task of a data set.
+
+        Args:
+            dataset (StaticDataset): The samples.
+            metric (str): The score that is compared.
+            num_train (int): Number of training samples.
+            num_frames (int, optional): Number of frames in a sample of several.
+            **options (Any): Further arguments of the task.
+        """
         width = dataset.batch(torch.tensor([0])).x.shape[-1]
         if isinstance(dataset, GraphSamples):
-            more["several"] = dataset.describe_taxels()
-            more["most_taxels"] = dataset.num_taxels[1]
+            options["taxel_counts"] = dataset.describe_taxels()
+            options["max_taxels"] = dataset.num_taxels[1]
         return cls(
             dataset.layout,
             metric,
             num_train,
-            posed=num_frames is None and _can_be_posed(dataset),
+            has_pose=num_frames is None and _has_pose(dataset),
             num_frames=num_frames,
             num_channels=width // (num_frames or 1),
-            **more,
+            **options,
         )
 
     @property
     def num_taxels(self) -> int:
-        r"""The number of taxels, or that of the sample with most."""
-        return self.most_taxels if self.layout is None else self.layout.num_taxels
+        r"""The number of taxels; without a layout, of the largest sample."""
+        return self.max_taxels if self.layout is None else self.layout.num_taxels
 
     @property
-    def numbers(self) -> bool:
-        r"""Whether numbers are predicted, not classes."""
+    def is_regression(self) -> bool:
+        r"""Whether the targets are numbers, not classes."""
         return self.metric == "mae"
 
     @property
     def recipe(self) -> TrainingRecipe:
-        r"""How networks are trained."""
+        r"""The training recipe of networks."""
         recipe = training_recipe(self.num_train)
         return recipe if self.epochs is None else recipe._replace(max_epochs=self.epochs)
 
     @property
-    def is_few(self) -> bool:
-        r"""Whether the samples to train on are few."""
-        return self.num_train <= _FEW_SAMPLES
+    def has_few_samples(self) -> bool:
+        r"""Whether there are at most 1,000 training samples."""
+        return self.num_train <= _SMALL_TRAINING_SIZE
 
     @property
-    def is_large(self) -> bool:
-        r"""Whether a sample has many taxels."""
-        return self.num_taxels > MANY_TAXELS
+    def has_many_taxels(self) -> bool:
+        r"""Whether a sample has more than 500 taxels."""
+        return self.num_taxels > LARGE_SENSOR_TAXELS
 
     @property
     def is_slow(self) -> bool:
-        r"""Whether a sample has many taxels, and the readings to train a network on are many."""
-        return self.is_large and self.num_taxels * self.num_train > _MANY_READINGS
+        r"""Whether training a network is slow, with many taxels and more than 500,000 readings."""
+        return self.has_many_taxels and self.num_taxels * self.num_train > _SLOW_TRAINING_READINGS
 
     @property
     def is_quick(self) -> bool:
-        r"""Whether the samples to train on are few, and do not have many readings."""
-        return self.is_few and not self.is_slow
+        r"""Whether there are few training samples, and training is not slow."""
+        return self.has_few_samples and not self.is_slow
 
     @property
     def num_blocks(self) -> int:
-        r"""The blocks of a TemporalTaxelNet whose answer rests on all frames, also more than 64."""
+        r"""The number of blocks of a TemporalTaxelNet whose receptive field covers all frames."""
         return max(2, math.ceil(math.log2((self.num_frames or 1) / 16)))
 
     @property
     def map_size(self) -> tuple[int, int]:
-        r"""Rows and columns of the layout's image map; none without one."""
+        r"""Rows and columns of the layout's image map; zeros without a map."""
         if self.layout is None or self.layout.image_map is None:
             return 0, 0
         rows, columns = (self.layout.image_map.amax(dim=0) + 1).tolist()
@@ -129,7 +153,7 @@ class ComparedTask:
 
     @property
     def is_image(self) -> bool:
-        r"""Whether the readings are an image of at least 8 x 8 cells, on one patch."""
+        r"""Whether the taxels are an image of at least 8 x 8 cells, on a single patch."""
         if self.layout is None or min(self.map_size) < _MIN_IMAGE_SIZE:
             return False
         patch, link = self.layout.patch, self.layout.link
@@ -139,25 +163,26 @@ class ComparedTask:
 
     @property
     def cnn_widths(self) -> list[int]:
-        r"""A stage for each halving of the map down to two or three cells."""
+        r"""Channels of each stage of a CNN, which halves the map, down to two or three cells."""
         stages = round(math.log2(min(self.map_size))) - 1
         return [16, 32, *[64] * (stages - 2)] if stages > 2 else [32, 64]
 
     def shift(self, *, mirrored: bool = False) -> dict[str, Any]:
-        r"""Returns shifts of the image by up to a sixteenth of its size, and mirror images of half
-        of the samples if wanted, as an augmentation, as plain data.
+        r"""Returns an augmentation as plain data: random shifts of the image by up to a sixteenth
+        of its size.
+
+        Args:
+            mirrored (bool): If :obj:`True`, also mirrors half of the samples.
         """
         rows, columns = (max(1, round(size / 16)) for size in self.map_size)
         steps = [_step("RandomShift", {"rows": rows, "columns": columns})]
-        return _composed([*steps, *([_step("RandomMirror")] if mirrored else [])])
+        return _compose([*steps, *([_step("RandomMirror")] if mirrored else [])])
 
     def time_shift(self) -> dict[str, Any]:
-        r"""Returns shifts in time by up to a sixteenth of the window, as an augmentation, as plain
-        data.
+        r"""Returns an augmentation as plain data: random shifts in time by up to a sixteenth of the
+        window.
         """
-        return _composed(
-            [_step("RandomTimeShift", {"steps": max(1, (self.num_frames or 1) // 16)})]
-        )
+        return _compose([_step("RandomTimeShift", {"steps": max(1, (self.num_frames or 1) // 16)})])
 
     def choice(
         self,
@@ -166,18 +191,26 @@ class ComparedTask:
         is_estimator: bool = False,
         draft: Mapping[str, Any] | None = None,
     ) -> Choice:
-        r"""Returns what is chosen for a model, which is changed by :obj:`draft` until then."""
-        members = self.members or (_MEMBERS if self.is_quick else 1)
-        has_all_cuts = self.is_few and not self.is_large
-        cuts = _VALIDATION_CUTS_OF_FEW if has_all_cuts else _VALIDATION_CUTS
+        r"""Returns the selection of settings of a model, with numbers of cuts, samples and networks
+        that fit the size of the task.
+
+        Args:
+            settings (sequence of dict): The settings, the default first.
+            is_estimator (bool): Whether the model is an estimator of scikit-learn.
+            draft (Mapping, optional): As of :class:`Choice`.
+        """
+        members = self.members or (_NUM_MEMBERS if self.is_quick else 1)
+        has_all_cuts = self.has_few_samples and not self.has_many_taxels
+        cuts = _NUM_VALIDATION_CUTS_SMALL if has_all_cuts else _NUM_VALIDATION_CUTS
         cuts = cuts if self.has_given_parts else 0
         if is_estimator:
-            repeats = _REPEATS if self.is_quick else _REPEATS_OF_MANY
+            repeats = _NUM_REPEATS if self.is_quick else _NUM_REPEATS_LARGE
             return Choice(
-                *(settings, self.metric, members, repeats, _MOST_TRIED, cuts), draft=draft or {}
+                *(settings, self.metric, members, repeats, _MAX_SELECTION_SAMPLES, cuts),
+                draft=draft or {},
             )
         settings = settings[:1] if self.is_slow else settings
-        repeats = _REPEATS if self.is_few else 1
+        repeats = _NUM_REPEATS if self.has_few_samples else 1
         return Choice(settings, self.metric, members, repeats, num_validation_cuts=cuts)
 
     def transform(
@@ -186,31 +219,40 @@ class ComparedTask:
         scaled: bool = True,
         posed: bool = False,
         filled: bool = True,
-        rooted: bool = False,
+        square_root: bool = False,
         normalized: bool = False,
         centred: bool = True,
     ) -> dict[str, Any]:
-        r"""Returns what every batch goes through, as plain data."""
+        r"""Returns the transform of all batches as plain data.
+
+        Args:
+            scaled (bool): Whether to scale readings by :class:`ZScore`.
+            posed (bool): Whether to place the taxels by the joint angles.
+            filled (bool): Whether to fill missing readings.
+            square_root (bool): Whether to take square roots of the readings.
+            normalized (bool): Whether to divide each sample by its RMS.
+            centred (bool): Whether scaling subtracts the mean.
+        """
         steps = [] if self.tare is None else [_step("Tare", self.tare)]
-        if rooted:
+        if square_root:
             steps.append(_step("SquareRoot"))
         if normalized:
             steps.append(_step("NormalizeRMS"))
         if scaled:
-            given: dict[str, Any] = {} if self.num_frames is None else {"per": "signal"}
+            scaling: dict[str, Any] = {} if self.num_frames is None else {"per": "signal"}
             if self.layout is None:
-                given["per"] = "channel"
-            given |= {"scale_per": "channel"} | ({} if centred else {"with_mean": False})
-            steps.append(_step("ZScore", given))
+                scaling["per"] = "channel"
+            scaling |= {"scale_per": "channel"} | ({} if centred else {"with_mean": False})
+            steps.append(_step("ZScore", scaling))
         if filled:
             steps.append(_step("FillMissing"))
         if posed:
             assert self.layout is not None
             steps.append(_step("TaxelPose", {"layout": self.layout.name, "tangent": True}))
-        return _composed(steps)
+        return _compose(steps)
 
 
-def _can_be_posed(dataset: SampleSet) -> bool:
+def _has_pose(dataset: SampleSet) -> bool:
     if isinstance(dataset, GraphSamples):
         return False
     joint, layout = dataset.column("joint"), dataset.layout
@@ -224,7 +266,7 @@ def _can_be_posed(dataset: SampleSet) -> bool:
     return len(layout.link_names) > 1 and set(layout.link_names) <= set(hand.link_names)
 
 
-def _composed(steps: list[dict[str, Any]]) -> dict[str, Any]:
+def _compose(steps: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "class_path": "torch_geometric.transforms.Compose",
         "init_args": {"transforms": steps},
@@ -235,41 +277,44 @@ def _step(name: str, arguments: dict[str, Any] | None = None) -> dict[str, Any]:
     return {"class_path": f"{_TRANSFORMS}{name}", "init_args": arguments or {}}
 
 
-def lacks_frames(task: ComparedTask) -> str:
-    r"""Tells what a model lacks in the data, if anything."""
+def describe_missing_windows(task: ComparedTask) -> str:
+    r"""Returns why a model of several frames cannot be compared; empty if it can."""
     if task.num_frames is not None:
         return ""
     return "the samples are single frames: cut windows ('window') or whole trials ('trials')"
 
 
-def lacks_many_frames(task: ComparedTask) -> str:
-    r"""Tells what a model lacks in the data, if anything."""
-    if task.num_frames is None or task.num_frames < _ROCKET_FRAMES:
-        return lacks_frames(task) or f"the windows have less than {_ROCKET_FRAMES} frames"
+def describe_minirocket_obstacle(task: ComparedTask) -> str:
+    r"""Returns why MiniRocket cannot be compared; empty if it can."""
+    if task.num_frames is None or task.num_frames < _MINIROCKET_KERNEL_FRAMES:
+        return (
+            describe_missing_windows(task)
+            or f"the windows have less than {_MINIROCKET_KERNEL_FRAMES} frames"
+        )
     return "" if find_spec("sktime") else "sktime is missing (the extra 'series')"
 
 
-def lacks_a_frame(task: ComparedTask) -> str:
-    r"""Tells what a model lacks in the data, if anything."""
+def describe_frame_obstacle(task: ComparedTask) -> str:
+    r"""Returns why a model of single frames cannot be compared; empty if it can."""
     return "" if task.num_frames is None else "it is for single frames, and the samples have more"
 
 
-def lacks_a_pose(task: ComparedTask) -> str:
-    r"""Tells what a model lacks in the data, if anything."""
-    return lacks_a_frame(task) or (
-        "" if task.posed else "the taxels are not placed by joint angles"
+def describe_missing_pose(task: ComparedTask) -> str:
+    r"""Returns why a model of taxel poses cannot be compared; empty if it can."""
+    return describe_frame_obstacle(task) or (
+        "" if task.has_pose else "the taxels are not placed by joint angles"
     )
 
 
-def lacks_a_map(task: ComparedTask) -> str:
-    r"""Tells what a model lacks in the data, if anything."""
+def describe_missing_map(task: ComparedTask) -> str:
+    r"""Returns why a model of images cannot be compared; empty if it can."""
     has_map = task.layout is not None and task.layout.image_map is not None
     return "" if has_map else "the layout has no image_map"
 
 
-def lacks_a_large_map(task: ComparedTask) -> str:
-    r"""Tells what a model lacks in the data, if anything."""
+def describe_small_map(task: ComparedTask) -> str:
+    r"""Returns why a model of larger images cannot be compared; empty if it can."""
     image_map = None if task.layout is None else task.layout.image_map
     if image_map is None or int(image_map.amax(dim=0).min()) + 1 >= MIN_MAP_SIZE:
-        return lacks_a_map(task)
+        return describe_missing_map(task)
     return f"the image_map of the layout has fewer than {MIN_MAP_SIZE} x {MIN_MAP_SIZE} cells"

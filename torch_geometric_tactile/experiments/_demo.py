@@ -1,4 +1,4 @@
-r"""The comparisons of ``tactile demo``: will an object slip, by what is held out."""
+r"""The comparisons of ``tactile demo``: slip prediction, for several kinds of test parts."""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -14,16 +14,20 @@ from torch_geometric_tactile.experiments.source import DataSource
 _logger = logging.getLogger(__name__)
 _DATASETS = "torch_geometric_tactile.datasets."
 _TRANSFORMS = "torch_geometric_tactile.transforms."
-_NUM_GENERATED: dict[str, Any] = {"num_samples": 2000, "num_test": 600, "num_objects": 20}
+_GENERATED_ARGUMENTS: dict[str, Any] = {"num_samples": 2000, "num_test": 600, "num_objects": 20}
 _MODELS = ("taxel_net", "svm_rbf", "svm_linear", "constant")
-_NEIGHBOURS = {"class_path": f"{_TRANSFORMS}KNNGraph", "init_args": {"k": 2}}
+_KNN_GRAPH = {"class_path": f"{_TRANSFORMS}KNNGraph", "init_args": {"k": 2}}
 RANDOM_GRASPS, OFFICIAL_TEST = "random grasps", "official test"
 RAW, COMMON_MODE = "raw, all fingers", "common mode, middle + thumb"
 
 
 class HeldOut(NamedTuple):
-    r"""A kind of test samples: its name, :obj:`by` of :class:`ComparisonSettings`, and the part of
-    the data set that is split.
+    r"""A kind of test part.
+
+    Args:
+        name (str): Its name in the report.
+        by (str): As of :class:`ComparisonSettings`.
+        split (str, optional): The part of the data set that is split; all of it if :obj:`None`.
     """
 
     name: str
@@ -47,7 +51,13 @@ READINGS: dict[str, Sequence[dict[str, Any]]] = {
 
 
 class DemoPlan(NamedTuple):
-    r"""One comparison of the demo: how readings are prepared, what is held out, and its runs."""
+    r"""One comparison of the demo.
+
+    Args:
+        readings (str): Name of the preparation of the readings, a key of :obj:`READINGS`.
+        held_out (str): Name of the kind of test part.
+        plan (Plan): Its experiments.
+    """
 
     readings: str
     held_out: str
@@ -55,12 +65,12 @@ class DemoPlan(NamedTuple):
 
 
 def demo_data(root: PathLike | None = None, generated: bool = False) -> DataSource:
-    r"""Returns the BioTac SP stability set, found or downloaded, or generated grasps, labelled so,
-    if it cannot be downloaded.
+    r"""Returns the BioTac SP stability set, which is downloaded if it is not on disk. If the
+    download fails, returns generated grasps, whose caption says so.
 
     Args:
         root (str or PathLike, optional): Folder with its six CSV files, or the parent folder.
-        generated (bool): Whether to generate grasps in any case.
+        generated (bool): If :obj:`True`, generates grasps even if the recordings are available.
 
     Raises:
         FileNotFoundError: If :obj:`root` is no folder.
@@ -68,12 +78,12 @@ def demo_data(root: PathLike | None = None, generated: bool = False) -> DataSour
     """
     reason = "generated data was asked for"
     if not generated:
-        home = default_root("BioTacSP") if root is None else _root_in(Path(root).expanduser())
+        path = default_root("BioTacSP") if root is None else _find_root(Path(root).expanduser())
         caption = (
             "Data: real. BioTac SP stability set v2 (BTS3), "
             "github.com/3dperceptionlab/biotacsp-stability-set-v2, checksums verified."
         )
-        arguments = {"root": str(home), "split": "train", "pre_transform": _NEIGHBOURS}
+        arguments = {"root": str(path), "split": "train", "pre_transform": _KNN_GRAPH}
         source = DataSource(f"{_DATASETS}BioTacSP", arguments, kind="measured", caption=caption)
         try:
             return source.resolve()[0]
@@ -81,14 +91,14 @@ def demo_data(root: PathLike | None = None, generated: bool = False) -> DataSour
             reason = str(error)
     _logger.warning("no real data: %s", reason)
     caption = "Data: GENERATED, not measured: no number below says anything about a real hand."
-    arguments = {**_NUM_GENERATED, "split": "train", "pre_transform": _NEIGHBOURS}
-    path = f"{_DATASETS}FakeTactileDataset"
-    return DataSource(path, arguments, kind="generated", caption=caption)
+    arguments = {**_GENERATED_ARGUMENTS, "split": "train", "pre_transform": _KNN_GRAPH}
+    class_path = f"{_DATASETS}FakeTactileDataset"
+    return DataSource(class_path, arguments, kind="generated", caption=caption)
 
 
 def demo_plans(source: DataSource, folds: int, seeds: int, epochs: int) -> Iterator[DemoPlan]:
-    r"""Yields the comparisons of the demo. The official test, which is one part, is tested by as
-    many trainings as the others have folds.
+    r"""Yields the comparisons of the demo. The official test has a single test part: its models are
+    trained once for each fold of the other kinds, each time with another seed.
     """
     for readings, steps in READINGS.items():
         transform = {
@@ -99,7 +109,7 @@ def demo_plans(source: DataSource, folds: int, seeds: int, epochs: int) -> Itera
             settings = ComparisonSettings(
                 models=_MODELS,
                 by=by,
-                folds=max(folds, 3) if by == "session" else folds,  # each of three is left out
+                folds=max(folds, 3) if by == "session" else folds,  # one fold for each session
                 seeds=seeds * folds if by == "given" else seeds,
                 epochs=epochs,
             )
@@ -109,16 +119,16 @@ def demo_plans(source: DataSource, folds: int, seeds: int, epochs: int) -> Itera
             yield DemoPlan(readings, name, comparison_plan(samples, settings, name=name))
 
 
-def _root_in(folder: Path) -> Path:
-    # The root of the data set; loose files are copied out of a folder that may not be ours to
-    # write to.
+def _find_root(folder: Path) -> Path:
+    # Returns the root of the data set. CSV files outside a 'raw' folder are copied to the default
+    # root, since the folder of the user may be read-only.
     if not folder.is_dir():
         raise FileNotFoundError(f"'--root' must be a folder (got '{folder}')")
-    for home in (folder, folder / "BioTacSP"):
-        if (home / "raw").is_dir():
-            return home
-    home = default_root("BioTacSP")
-    if home.parent.resolve() == folder.resolve():  # $TACTILE_DATA itself
-        BioTacSP.import_raw(folder, home)
-        return home
-    return home if BioTacSP.import_raw(folder, home) else folder / "BioTacSP"
+    for root in (folder, folder / "BioTacSP"):
+        if (root / "raw").is_dir():
+            return root
+    root = default_root("BioTacSP")
+    if root.parent.resolve() == folder.resolve():  # $TACTILE_DATA itself
+        BioTacSP.import_raw(folder, root)
+        return root
+    return root if BioTacSP.import_raw(folder, root) else folder / "BioTacSP"

@@ -1,4 +1,4 @@
-r"""Estimators of scikit-learn as models of experiments."""
+r"""Experiments with estimators of scikit-learn."""
 
 import inspect
 import time
@@ -27,26 +27,36 @@ def fit_estimator(
     test: SampleSet,
     val: SampleSet | None = None,
 ) -> Fitted:
-    r"""Fits an estimator and returns what it says of other samples."""
+    r"""Fits an estimator on one part and predicts another.
+
+    Args:
+        experiment (Experiment): The estimator and its settings.
+        train (StaticDataset): The samples to fit on.
+        test (StaticDataset): The samples to predict.
+        val (StaticDataset, optional): The samples on which a decision threshold is chosen.
+    """
     transform = build_object(experiment.transform)
-    seen = fitted_samples(transform, train)
-    held_out = fitted_samples(transform, test, adapt=True)
+    train_samples = fitted_samples(transform, train)
+    test_samples = fitted_samples(transform, test, adapt=True)
     estimator = seeded_estimator(experiment.model, train.layout, experiment.seed)
-    x, x_test = (estimator_input(estimator, part) for part in (seen, held_out))
+    x, x_test = (estimator_input(estimator, part) for part in (train_samples, test_samples))
     start = time.perf_counter()
-    estimator.fit(x, seen.y.numpy())
+    estimator.fit(x, train_samples.y.numpy())
     seconds = time.perf_counter() - start
     start = time.perf_counter()
     prediction = np.asarray(estimator.predict(x_test))
-    predicting = time.perf_counter() - start
-    is_chosen, threshold = experiment.choice is not None, None
-    score = prediction if is_chosen else class_scores(estimator, x_test, train.num_classes)
+    predict_seconds = time.perf_counter() - start
+    has_choice, threshold = experiment.choice is not None, None
+    # A comparison scores predictions only; class scores would take time, and regressors have none.
+    score = prediction if has_choice else class_scores(estimator, x_test, train.num_classes)
     if val is not None and experiment.threshold is not None:
-        other = fitted_samples(transform, val, adapt=True)
-        seen_score = class_scores(estimator, estimator_input(estimator, other), train.num_classes)
+        val_samples = fitted_samples(transform, val, adapt=True)
+        val_score = class_scores(
+            estimator, estimator_input(estimator, val_samples), train.num_classes
+        )
         threshold = choose_threshold(
-            _positive_score(seen_score),
-            other.y.numpy(),
+            _positive_score(val_score),
+            val_samples.y.numpy(),
             experiment.threshold,
             default=0.0 if score.ndim == 1 else 0.5,
         )
@@ -54,28 +64,45 @@ def fit_estimator(
     return Fitted(
         score=score,
         prediction=prediction,
-        y=held_out.y.numpy(),
-        num_parameters=num_numbers(estimator) if is_chosen else None,
+        y=test_samples.y.numpy(),
+        num_parameters=count_parameters(estimator) if has_choice else None,
         seconds=seconds,
-        predict_seconds=predicting,
+        predict_seconds=predict_seconds,
         threshold=threshold,
         trained=None
         if train.layout is None
-        else Trained(estimator, seen, held_out, train.class_names, train.layout, experiment.seed),
+        else Trained(
+            estimator,
+            train_samples,
+            test_samples,
+            train.class_names,
+            train.layout,
+            experiment.seed,
+        ),
     )
 
 
 def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout | None, seed: int) -> Any:
-    # Its `layout`, if it has such an argument, is that of the data; its random state, if it is left
-    # open, is the seed.
+    r"""Builds an estimator from plain data. An argument :obj:`layout` that is left out is the
+    layout of the data; a random state that is left out is the seed.
+
+    Args:
+        model (Mapping): Its :obj:`class_path` and :obj:`init_args`.
+        layout (TaxelLayout, optional): The layout of the data.
+        seed (int): The seed.
+
+    Raises:
+        ValueError: If an argument other than :obj:`layout` has no default, or the object is not an
+            estimator of scikit-learn.
+    """
     arguments = dict(model.get("init_args") or {})
     path = model["class_path"]
-    known = inspect.signature(find_class(path)).parameters
-    if "layout" in known:
+    parameters = inspect.signature(find_class(path)).parameters
+    if "layout" in parameters:
         arguments.setdefault("layout", layout)
     missing = [
         name
-        for name, parameter in known.items()
+        for name, parameter in parameters.items()
         if parameter.default is parameter.empty
         and parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
         and name not in arguments
@@ -91,22 +118,27 @@ def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout | None, seed:
         f"'{path}' must return an estimator of scikit-learn; of a network, give the class itself",
         type(estimator).__name__,
     )
-    parameters = estimator.get_params()
-    open_states = [
+    arguments_with_steps = estimator.get_params()
+    unseeded = [
         name
-        for name, value in parameters.items()
+        for name, value in arguments_with_steps.items()
         if name.rpartition("__")[2] == "random_state" and value is None
     ]
-    return estimator.set_params(**dict.fromkeys(open_states, seed))
+    return estimator.set_params(**dict.fromkeys(unseeded, seed))
 
 
 def fitted_samples(
     transform: BaseTransform | None, part: SampleSet, *, adapt: bool = False
 ) -> StaticData:
-    r"""Returns all samples of a part in memory, behind the transform of their data set, as networks
-    see them, and behind another, which is fitted on them.
+    r"""Returns all samples of a part, after the transform of their data set, as for networks, and
+    after another transform, which is fitted on them.
+
+    Args:
+        transform (BaseTransform, optional): The transform to fit.
+        part (StaticDataset): The samples.
+        adapt (bool): If :obj:`True`, only adapts the fitted transform to new sessions or trials.
     """
-    if isinstance(part, GraphSamples):  # for the constant answer, which reads labels only
+    if isinstance(part, GraphSamples):  # only for the constant answer, which ignores readings
         return StaticData(x=torch.zeros(len(part), 1, 1), y=part.column("y"))
     data: StaticData = part.data
     data = data if part.transform is None else apply_transform(part.transform, data)
@@ -114,8 +146,9 @@ def fitted_samples(
 
 
 def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndarray:
-    r"""Returns what an estimator is fitted on: samples if its first step takes them, readings
-    :math:`(S, N, F)` if its tags tell that it knows taxels, and otherwise rows of numbers.
+    r"""Returns the input of an estimator: the samples if its first step has :obj:`takes_samples`,
+    readings :math:`(S, N, F)` if its tags allow arrays of three dimensions, otherwise rows
+    :math:`(S, N \cdot F)`.
     """
     first = estimator.steps[0][1] if hasattr(estimator, "steps") else estimator
     if getattr(first, "takes_samples", False):
@@ -125,39 +158,42 @@ def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndar
 
 
 def class_scores(estimator: Any, x: Any, num_classes: int) -> np.ndarray:
-    r"""Returns scores of the classes :math:`(S, C)`, or of class 1 of two :math:`(S,)`."""
+    r"""Returns the scores of the classes :math:`(S, C)`, or of class 1 of two :math:`(S,)`. A class
+    that is missing in the training part gets the lowest score.
+    """
     method = "decision_function" if hasattr(estimator, "decision_function") else "predict_proba"
     scores: np.ndarray = getattr(estimator, method)(x)
     if scores.ndim == 1 or scores.shape[1] == num_classes:
         return scores
-    # The training part lacks classes.
     complete = np.full((len(scores), num_classes), scores.min())
     complete[:, estimator.classes_] = scores
     return complete
 
 
 def _positive_score(score: np.ndarray) -> np.ndarray:
-    # One number a sample (S,), higher where class 1 of two is expected.
+    # Returns one score a sample (S,), higher where class 1 of two is expected.
     if score.ndim == 2 and score.shape[1] != 2:
         raise ValueError(f"'threshold' must be None unless of two classes (got {score.shape[1]})")
     return score if score.ndim == 1 else np.asarray(score[:, 1])
 
 
-def num_numbers(estimator: Any) -> int | None:
-    # How many fitted numbers it holds: weights and biases of a linear one, support vectors
-    # with their weights, nodes of trees, visual words; None for other estimators.
+def count_parameters(estimator: Any) -> int | None:
+    r"""Returns the number of fitted numbers of an estimator: weights and biases of linear models,
+    support vectors with their weights, nodes of trees, and visual words. Returns :obj:`None` for
+    other estimators.
+    """
     last = estimator.steps[-1][1] if hasattr(estimator, "steps") else estimator
     last = getattr(last, "regressor_", last)
     parts = getattr(last, "estimators_", [last])
     parts = parts.ravel().tolist() if isinstance(parts, np.ndarray) else list(parts)
-    found = [_of_one(part) for part in parts]
-    return None if None in found else sum(found)  # type: ignore[arg-type]
+    sizes = [_count_part_parameters(part) for part in parts]
+    return None if None in sizes else sum(sizes)  # type: ignore[arg-type]
 
 
-def _of_one(part: Any) -> int | None:
+def _count_part_parameters(part: Any) -> int | None:
     if hasattr(part, "words_"):
-        machine = _of_one(part.svm_)
-        return None if machine is None else int(part.words_.size) + machine
+        num_svm = _count_part_parameters(part.svm_)
+        return None if num_svm is None else int(part.words_.size) + num_svm
     if hasattr(part, "tree_"):
         return int(part.tree_.node_count)
     if hasattr(part, "support_vectors_"):

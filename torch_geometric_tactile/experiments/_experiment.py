@@ -1,4 +1,4 @@
-r"""One experiment as a value: what is trained and tested, and what came of the training."""
+r"""An experiment: one model, trained and tested on one split of a data set."""
 
 import hashlib
 import json
@@ -29,22 +29,26 @@ _MINIROCKET = "torch_geometric_tactile.baselines.minirocket"
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    r"""How the settings of a model are chosen: they are trained and scored on :obj:`repeats` cuts
-    of the training part, by the protocol of the test, each with at most :obj:`most_samples` samples
-    to train on. The first setting, which is the default, stays unless another is better by more
-    than the standard error of the difference (the larger of those over cuts and over trials); the
-    best of these is trained on the whole training part. A setting that is not ahead of the default
-    is tried on no further cut.
+    r"""Selection of the settings of a model within the training part.
 
-    With :obj:`num_validation_cuts`, the setting that is chosen, also a single one, is then trained
-    as it will be for the test (all :obj:`members`, no limit of samples) on so many cuts, without
-    their validation parts, and scored on these. Models are chosen by these scores where all are
-    tested on one given part.
+    Each setting is trained and scored on :obj:`repeats` cuts of the training part, which are drawn
+    by the protocol of the test. The first setting is the default. It is replaced by the best
+    setting whose gain exceeds the standard error of the difference (the larger of those over cuts
+    and over trials). The selected setting is then trained on the whole training part. A setting
+    that is not ahead of the default is not trained on further cuts.
 
-    A setting is merged into the model, but for its :obj:`"transform"` and
-    :obj:`"train_transform"`, which take the place of the experiment's. While settings
-    are compared, :obj:`draft` is merged into the model first, such as a smaller number of trees;
-    the chosen setting is trained without it.
+    Args:
+        settings (sequence of Mapping): The settings. A setting is merged into the model; its
+            :obj:`"transform"` and :obj:`"train_transform"` replace those of the experiment.
+        metric (str): The score: :obj:`"accuracy"`, :obj:`"balanced_accuracy"` or :obj:`"mae"`.
+        members (int): Number of networks that are trained and averaged.
+        repeats (int): Number of cuts.
+        most_samples (int): Largest number of samples to train on in a cut.
+        num_validation_cuts (int): Number of cuts on which the selected setting is trained once
+            more, as for the test (all :obj:`members`, no limit of samples), and scored on the
+            validation parts. Models are compared by these scores if they share a given test part.
+        draft (Mapping): Merged into the model while settings are compared, such as a smaller number
+            of trees. The selected setting is trained without it.
     """
 
     settings: Sequence[Mapping[str, Any]] = ({},)
@@ -69,15 +73,18 @@ class Choice:
         )
 
     @property
-    def of_numbers(self) -> bool:
-        r"""Whether :obj:`y` is numbers, not classes."""
+    def is_regression(self) -> bool:
+        r"""Whether :obj:`y` holds numbers, not classes."""
         return self.metric == "mae"
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns the arguments as JSON values."""
+        r"""Returns the arguments as JSON values, as stored with a run."""
         settings = [dict(setting) for setting in self.settings]
         content = {**asdict(self), "settings": settings, "draft": dict(self.draft)}
-        for name in ("num_validation_cuts", "draft"):  # runs stored before these stay valid
+        for name in (
+            "num_validation_cuts",
+            "draft",
+        ):  # absent in older runs
             if not content[name]:
                 del content[name]
         return content
@@ -85,7 +92,31 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    r"""What is trained and tested."""
+    r"""One model that is trained and tested on one split of a data set.
+
+    Args:
+        name (str): Name of the model.
+        data (DataSource): The samples.
+        protocol (Protocol): The splits.
+        protocol_name (str): Name of the protocol in the table.
+        model (dict): The section :obj:`model` of a configuration, or an estimator as
+            :obj:`class_path` and :obj:`init_args`.
+        transform (dict, optional): Transform of all batches, as plain data.
+        train_transform (dict, optional): Transform of training batches of a network.
+        seed (int): Seed of the split and the training.
+        fold (int): Number of the fold that is tested.
+        epochs (int): Epochs of a network.
+        batch_size (int): Batch size of a network.
+        trainer (dict): Further arguments of :class:`lightning.Trainer`.
+        accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
+        threads (int): Number of threads of torch.
+        measure_memory (bool): If :obj:`True`, trains in a separate process to measure its peak
+            memory.
+        choice (Choice, optional): Selection of settings; none for a single setting.
+        threshold (str, optional): Metric by which a decision threshold is chosen on a validation
+            part.
+        studies (list of dict): Studies of the trained model, as plain data.
+    """
 
     name: str
     data: DataSource
@@ -93,7 +124,7 @@ class Experiment:
     protocol_name: str
     model: dict[str, Any]
     transform: dict[str, Any] | None = None
-    train_transform: dict[str, Any] | None = None  # of training batches only; networks
+    train_transform: dict[str, Any] | None = None
     seed: int = 0
     fold: int = 0
     epochs: int = 0
@@ -108,33 +139,35 @@ class Experiment:
 
     @property
     def is_estimator(self) -> bool:
-        r"""Whether the model is scikit-learn's."""
+        r"""Whether the model is an estimator of scikit-learn."""
         return "class_path" in self.model
 
     def with_setting(self, setting: Mapping[str, Any]) -> Self:
-        r"""Returns it with a setting of its choice."""
-        over = dict(setting)
+        r"""Returns the experiment with a setting of its choice merged into the model."""
+        overrides = dict(setting)
         transforms = {
-            name: over.pop(name, getattr(self, name)) for name in ("transform", "train_transform")
+            name: overrides.pop(name, getattr(self, name))
+            for name in ("transform", "train_transform")
         }
-        return replace(self, model=merged(self.model, over), **transforms)
+        return replace(self, model=merged(self.model, overrides), **transforms)
 
     def identity(self) -> dict[str, Any]:
-        r"""Returns all that the result follows from. Two experiments of one configuration are one,
-        whatever their names; threads and the place of the recordings do not count.
+        r"""Returns everything that determines the result, as JSON values. Names, the number of
+        threads and the location of the recordings do not count.
         """
         config = {"model": self.model, "transform": self.transform, "trainer": self.trainer}
         if self.train_transform is not None:
             config["train_transform"] = self.train_transform
-        chosen: dict[str, Any] = {} if self.choice is None else {"choice": self.choice.to_dict()}
+        # Optional entries are left out when empty: runs stored before they existed are found.
+        options: dict[str, Any] = {} if self.choice is None else {"choice": self.choice.to_dict()}
         if self.threshold is not None:
-            chosen["threshold"] = self.threshold
+            options["threshold"] = self.threshold
         if self.studies:
-            chosen["studies"] = self.studies
+            options["studies"] = self.studies
         if self.sources.modules:
-            chosen["sources"] = self.sources.modules
+            options["sources"] = self.sources.modules
         return {
-            **chosen,
+            **options,
             "config": _sha256(config),
             "data": self.data.identity(),
             "protocol": self.protocol.to_dict(),
@@ -149,13 +182,13 @@ class Experiment:
 
     @cached_property
     def sources(self) -> UserSources:
-        r"""The source code of the user's own models, estimators, transforms, data sets and studies,
-        when it was first asked for.
+        r"""The source code of the user's models, estimators, transforms, data sets and studies. It
+        is read once, and does not follow later edits.
         """
         return self.read_sources()
 
     def read_sources(self) -> UserSources:
-        r"""Returns the source code of the user's own classes and functions as it is now."""
+        r"""Reads the current source code of the user's classes and functions."""
         content = [self.model, self.transform, self.train_transform, self.trainer, self.studies]
         content.append(self.data.identity())
         choice = None if self.choice is None else self.choice.to_dict()
@@ -163,24 +196,42 @@ class Experiment:
 
     @cached_property
     def code(self) -> str:
-        r"""A short code of the identity."""
+        r"""Hash of the identity, of 12 hexadecimal digits."""
         return _sha256(self.identity())[:12]
 
     @property
     def label(self) -> str:
-        r"""What a user reads: name, protocol, seed and fold."""
+        r"""Name, protocol, seed and fold, for messages and file names."""
         fold = "" if self.protocol.folds is None and not self.fold else f", fold {self.fold}"
         return f"{self.name}, {self.protocol_name}, seed {self.seed}{fold}"
 
     @property
     def file_name(self) -> str:
-        r"""The name of the file of its result."""
+        r"""Name of the file of the run."""
         readable = re.sub(r"[^\w.-]+", "-", self.label.replace(", ", "_").replace("seed ", "seed"))
         return f"{readable}_{self.code}.json"
 
 
 class Fitted(NamedTuple):
-    r"""What a trained model says of the samples that it is judged on, and what that took."""
+    r"""Predictions of a trained model for its test part, with the cost of training.
+
+    Args:
+        score (ndarray): Class scores :math:`(S, C)` or :math:`(S,)`; the predictions in experiments
+            with a choice.
+        prediction (ndarray): Predicted classes or numbers :math:`(S,)`, or labels :math:`(S, C)`.
+        y (ndarray): The true values, of the same shape as :obj:`prediction`.
+        num_parameters (int, optional): Number of weights, or of fitted numbers of an estimator.
+        seconds (float): Seconds of training.
+        predict_seconds (float): Seconds of predicting the test part.
+        task (str): The task.
+        threshold (float, optional): The decision threshold.
+        loss (float): Cross entropy on the test part, which decides between settings of one score.
+        peak_memory_mb (float, optional): Peak memory of the training, in megabytes.
+        measures (str, optional): Name of the measured memory.
+        label_names (list of str, optional): Names of the labels of a multi-label task.
+        trained (Trained, optional): The model with its samples, for studies.
+        is_graph (bool, optional): Whether a network reads edges.
+    """
 
     score: np.ndarray
     prediction: np.ndarray
@@ -195,14 +246,12 @@ class Fitted(NamedTuple):
     measures: str | None = None
     label_names: list[str] | None = None
     trained: Trained | None = None
-    is_graph: bool | None = None  # of a network: whether it reads edges
+    is_graph: bool | None = None
 
 
 def versions(model: Mapping[str, Any]) -> dict[str, str]:
-    r"""Returns the versions of this package and of the libraries that draw splits and train a
-    model.
-    """
-    libraries = ["scikit-learn"]  # draws the folds as well
+    r"""Returns the versions of this package and of the libraries that determine a result."""
+    libraries = ["scikit-learn"]  # of networks as well, since it draws the folds
     path = model.get("class_path")
     if path is None:
         libraries.append("lightning")
@@ -212,19 +261,19 @@ def versions(model: Mapping[str, Any]) -> dict[str, str]:
         "torch-geometric-tactile": __version__,
         "torch": torch.__version__,
         "torch-geometric": torch_geometric.__version__,
-        **{name: _version(name) for name in libraries},
+        **{name: _library_version(name) for name in libraries},
     }
 
 
-def _version(library: str) -> str:
+def _library_version(library: str) -> str:
     try:
         return version(library)
-    except PackageNotFoundError:  # an extra that is missing: the run tells
+    except PackageNotFoundError:  # of a missing extra: the run raises an error
         return "none"
 
 
 def _import_paths(content: Any) -> Iterator[str]:
-    # Every text with a dot: a class, or a function that is given by its import path.
+    # Yields every text with a dot, which may be the import path of a class or function.
     if isinstance(content, Mapping):
         for value in content.values():
             yield from _import_paths(value)

@@ -1,4 +1,4 @@
-r"""What is held out of a data set to test on and, of the rest, to choose on."""
+r"""Test parts of a data set, and validation parts of the training samples."""
 
 import logging
 import statistics
@@ -18,13 +18,13 @@ from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments.source import DataSource
 
 _logger = logging.getLogger(__name__)
-_FOLDS = 5
-_LEAST = 3  # units: to train, to choose and to test on
+_NUM_FOLDS = 5
+_MIN_UNITS = 3  # one each for training, model selection and test
 
 
 class Parts(NamedTuple):
-    r"""The parts of an experiment with a choice: :obj:`fit` to train and :obj:`val` to choose on,
-    both together :obj:`train`, and :obj:`test`.
+    r"""The parts of an experiment with a choice: :obj:`fit` to train the candidate settings,
+    :obj:`val` to choose among them, both together as :obj:`train`, and :obj:`test`.
     """
 
     fit: SampleSet
@@ -34,24 +34,33 @@ class Parts(NamedTuple):
 
 
 def balanced_protocol(
-    dataset: SampleSet, by: str, folds: int = _FOLDS, *, quiet: bool = False
+    dataset: SampleSet, by: str, folds: int = _NUM_FOLDS, *, quiet: bool = False
 ) -> Protocol:
-    r"""Returns folds by frame, trial, group or session, with every class in every fold where that
-    is possible.
+    r"""Returns a protocol with folds by frame, trial, group or session, which are stratified by
+    class if possible, with fewer folds if necessary.
+
+    Args:
+        dataset (StaticDataset): The samples.
+        by (str): The unit that a split keeps together.
+        folds (int): The number of folds, unless there are fewer units.
+        quiet (bool): If :obj:`True`, suppresses warnings of classes with few units.
+
+    Raises:
+        ValueError: If there are fewer than two units.
     """
-    count = _num_units(dataset, by)
-    need(count >= 2, f"'dataset' must have at least 2 {by}s to be split by {by}", count)
-    plain = Protocol(by, folds=min(folds, count))  # type: ignore[arg-type]
+    num_units = _count_units(dataset, by)
+    need(num_units >= 2, f"'dataset' must have at least 2 {by}s to be split by {by}", num_units)
+    plain = Protocol(by, folds=min(folds, num_units))  # type: ignore[arg-type]
     y = dataset.column("y")
     if y is None or y.dim() != 1 or y.is_floating_point():
         return plain
-    for number in range(min(folds, count), 1, -1):
-        stratified = Protocol(by, folds=number, stratify="y")  # type: ignore[arg-type]
+    for num_folds in range(min(folds, num_units), 1, -1):
+        stratified = Protocol(by, folds=num_folds, stratify="y")  # type: ignore[arg-type]
         with sharing_ignored():
             if quiet:
                 warnings.simplefilter("ignore")
             try:
-                splits = [stratified.split(dataset, 0, fold) for fold in range(number)]
+                splits = [stratified.split(dataset, 0, fold) for fold in range(num_folds)]
             except ValueError:  # the most frequent class has fewer units than folds
                 continue
         if all(len(split.test) for split in splits):
@@ -59,8 +68,8 @@ def balanced_protocol(
     return plain
 
 
-def _num_units(dataset: SampleSet, by: str) -> int:
-    # What a split never tears apart.
+def _count_units(dataset: SampleSet, by: str) -> int:
+    # Returns the number of units that a split keeps together.
     if by == "frame":
         return len(dataset)
     unit = dataset.column(by)
@@ -73,104 +82,113 @@ def _num_units(dataset: SampleSet, by: str) -> int:
 
 
 def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protocol:
-    r"""Returns how a comparison holds out samples. If :obj:`by` is left out, that is by trial; of
-    samples without trials by group, where there are enough groups, and otherwise by frame.
+    r"""Returns the protocol of a comparison. If :obj:`by` is left out, samples are split by trial;
+    samples without trials by group if there are enough groups, otherwise by frame.
+
+    Args:
+        dataset (StaticDataset): The samples.
+        by (str, optional): The unit that a split keeps together, or :obj:`"given"`.
+        folds (int): The number of folds.
+
+    Raises:
+        ValueError: If there are fewer than three units, or windows of several parts overlap.
     """
     by = by or _default_unit(dataset)
     if by == "given":
         with sharing_ignored():
-            Protocol("given").split(dataset)  # tells that there are no parts
-        _check_cut(dataset, by)
+            Protocol("given").split(dataset)  # raises an error if there are no parts
+        _check_frames_apart(dataset, by)
         return Protocol("given")
-    count = _num_units(dataset, by)
-    if count < _LEAST:
-        others = {"group": "trial or by frame", "trial": "frame"}.get(by)
-        hint = f"; compare by {others}, which tells less" if others else ""
+    num_units = _count_units(dataset, by)
+    if num_units < _MIN_UNITS:
+        smaller_units = {"group": "trial or by frame", "trial": "frame"}.get(by)
+        hint = f"; compare by {smaller_units}, a weaker test of new data" if smaller_units else ""
         raise ValueError(
-            f"'dataset' must have at least {_LEAST} {by}s, to train, to choose and to test on "
-            f"(got {count}){hint}"
+            f"'dataset' must have at least {_MIN_UNITS} {by}s, to train, to choose and to test on "
+            f"(got {num_units}){hint}"
         )
     need_argument(
-        count > _LEAST or folds >= _LEAST,
+        num_units > _MIN_UNITS or folds >= _MIN_UNITS,
         "folds",
         f"must be at least 3 for 3 {by}s, so that 2 are left to train and to choose on",
         folds,
     )
-    _check_cut(dataset, by)
+    _check_frames_apart(dataset, by)
     return balanced_protocol(dataset, by, folds)
 
 
 def _default_unit(dataset: SampleSet) -> str:
     if dataset.column("trial") is not None:
         return "trial"
-    kind = dataset.group_kind  # of frames: windows and whole trials have trials
-    count, obstacle = _num_groups(dataset), ""
-    if count:
-        obstacle = _obstacle_to_groups(dataset, count)
+    kind = dataset.group_kind
+    num_groups, obstacle = _count_groups(dataset), ""
+    if num_groups:
+        obstacle = _describe_group_obstacle(dataset, num_groups)
         if not obstacle:
             _logger.warning(
                 "the samples have no 'trial', and are split by %s (%d of them): the scores are for "
-                "a new %s; '--by frame' splits them one by one, if no two are of one touch and new "
-                "%ss do not matter",
-                *(kind, count, kind, kind),
+                "a new %s. If no two samples are of the same touch and new %ss do not matter, add "
+                "'--by frame' to split single samples",
+                *(kind, num_groups, kind, kind),
             )
             return "group"
     units = [by for by in ("group", "session") if dataset.column(by) is not None]
     hints = " or ".join(f"'--by {by}'" for by in units)
     _logger.warning(
-        "the samples have no 'trial', and are split one by one%s: if several are of one touch, the "
-        "scores tell how well models recognise that touch again, and are too high for a new one%s",
+        "the samples have no 'trial', and are split one by one%s: if several samples are of one "
+        "touch, the scores are too high for a new touch%s",
         f", since {obstacle}" if obstacle else "",
         f" ({hints} holds out whole {'s or '.join(units)}s)" if units else "",
     )
     return "frame"
 
 
-def _num_groups(dataset: SampleSet) -> int:
+def _count_groups(dataset: SampleSet) -> int:
     group = column_of(dataset, "group")
     return 0 if group is None else len(np.unique(group))
 
 
-def _obstacle_to_groups(dataset: SampleSet, count: int) -> str:
-    # Why samples without trials are not split by group, in words.
-    if count < _LEAST:
-        return f"{_LEAST} groups or more are needed to split by group (got {count})"
+def _describe_group_obstacle(dataset: SampleSet, num_groups: int) -> str:
+    # Returns the reason why samples without trials are not split by group; empty if they can be.
+    if num_groups < _MIN_UNITS:
+        return f"{_MIN_UNITS} groups or more are needed to split by group (got {num_groups})"
     group, y = column_of(dataset, "group"), column_of(dataset, "y")
     if group is None or y is None or y.ndim != 1 or y.dtype.kind == "f":
         return ""
     classes = np.unique(y)
-    in_one = sum(len(np.unique(group[y == label])) == 1 for label in classes)
-    if 2 * in_one > len(classes):  # as of objects that are the classes
-        return f"{in_one} of {len(classes)} classes are in one group only, and could not be learned"
+    num_single = sum(len(np.unique(group[y == label])) == 1 for label in classes)
+    if 2 * num_single > len(classes):  # such as groups of objects that are the classes
+        counts = f"{num_single} of {len(classes)} classes"
+        return f"{counts} are in one group only, and cannot be learned"
     return ""
 
 
-def _check_cut(dataset: SampleSet, by: str) -> None:
-    # A split must put no frame into two parts.
+def _check_frames_apart(dataset: SampleSet, by: str) -> None:
+    # Checks that no frame of a window or trial can be in two parts of a split.
     if not isinstance(dataset, FrameView):
         return
     if by == "frame" and isinstance(dataset, Windows):
         reach = dataset.length + dataset.horizon
         if dataset.hop < reach:
-            what = "windows" if not dataset.horizon else "windows and the frames of their labels"
+            parts = "windows" if not dataset.horizon else "windows and the frames of their labels"
             raise ArgumentError(
                 Argument("by"),
-                f" must be 'trial' or 'group' where {what} overlap (got 'frame', with windows "
-                f"of {dataset.length} frames every {dataset.hop}): their frames would be on both "
-                f"sides of a split; or let 'hop' be at least {reach}",
+                f" must be 'trial' or 'group' where {parts} overlap (got 'frame', with windows "
+                f"of {dataset.length} frames every {dataset.hop}), so that no frame is in both "
+                f"parts of a split; or set 'hop' to at least {reach}",
             )
         _logger.warning(
-            "windows are split one by one: those of one trial are on both sides, and the scores "
+            "windows are split one by one: windows of one trial are in both parts, and the scores "
             "are too high for a new trial"
         )
     if by in ("group", "session", "given"):
-        _check_one_part(dataset.dataset, "part" if by == "given" else by)
+        _check_constant_in_trials(dataset.dataset, "part" if by == "given" else by)
 
 
-def _check_one_part(frames: SampleSet, key: str) -> None:
+def _check_constant_in_trials(frames: SampleSet, key: str) -> None:
     value, trial = frames.column(key), frames.column("trial")
     if not isinstance(value, Tensor) or trial is None or not len(trial):
-        return  # the split tells what is missing
+        return  # the split raises an error for a missing column
     changed = (value[1:] != value[:-1]) & (trial[1:] == trial[:-1])
     if changed.any():
         number = int(trial[int(changed.nonzero()[0])])
@@ -181,13 +199,12 @@ def _check_one_part(frames: SampleSet, key: str) -> None:
 
 
 def mean_training_size(source: DataSource, protocol: Protocol) -> float:
-    r"""Returns the number of samples that a model is trained on, to be tested: the mean over the
-    folds, of given parts that of both to train and to validate on. Only samples that are selected
-    count.
+    r"""Returns the number of selected samples in a training part, as the mean over the folds. Given
+    validation parts belong to the training part.
 
     Args:
         source (DataSource): The samples.
-        protocol (Protocol): Its folds, or :obj:`"given"`.
+        protocol (Protocol): The splits.
     """
     splits = [source.split(protocol, fold=fold) for fold in range(protocol.folds or 1)]
     return statistics.fmean(len(split.train) + len(split.val) for split in splits)
@@ -202,52 +219,64 @@ def choice_parts(experiment: Experiment) -> Parts:
 
 
 def choice_cuts(
-    experiment: Experiment, repeats: int, most: int | None = None
+    experiment: Experiment, repeats: int, max_samples: int | None = None
 ) -> tuple[SampleSet, SampleSet, list[tuple[SampleSet, SampleSet]]]:
-    r"""Returns the training part, the test part, and several cuts of the training part in two, to
-    train on (:obj:`most` samples, if there are more) and to choose on. The second is a fifth, by
-    what the test is held out by, and differs from cut to cut; given parts bring their own, and
-    there is one cut.
+    r"""Returns the training part, the test part, and cuts of the training part into a part to train
+    on and a validation part. A validation part is a fifth of the training part, other samples in
+    each cut, by the same unit as the test part. A given validation part is used as it is, in a
+    single cut.
+
+    Args:
+        experiment (Experiment): The experiment.
+        repeats (int): The largest number of cuts.
+        max_samples (int, optional): Largest number of samples to train on. More are thinned at
+            random.
     """
     protocol = experiment.protocol
     if protocol.by == "given":
         dataset, split = experiment.data.load(), experiment.data.split(protocol)
         if len(split.val):
             train = torch.cat([split.train, split.val]).sort().values
-            part = _some(dataset[split.train], most, experiment.seed)
+            part = _draw_samples(dataset[split.train], max_samples, experiment.seed)
             return dataset[train], dataset[split.test], [(part, dataset[split.val])]
     train_part, test = experiment.data.parts(protocol, experiment.seed, experiment.fold)
-    by = _held_out_by(train_part, test) if protocol.by == "given" else protocol.by
+    by = _new_unit(train_part, test) if protocol.by == "given" else protocol.by
     inner = balanced_protocol(train_part, by, quiet=True)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of classes with few units, which the test told of
+        # Splitting off the test part warned of classes with few units already.
+        warnings.simplefilter("ignore")
         folds = range(min(repeats, inner.folds or 1))
         cuts = [inner.split(train_part, experiment.seed, fold=fold) for fold in folds]
     parts = [(train_part[cut.train], train_part[cut.test]) for cut in cuts]
-    return train_part, test, [(_some(part, most, experiment.seed), val) for part, val in parts]
+    return (
+        train_part,
+        test,
+        [(_draw_samples(part, max_samples, experiment.seed), val) for part, val in parts],
+    )
 
 
-def _held_out_by(train: SampleSet, test: SampleSet) -> str:
-    # The largest unit that is new in the test part; of groups most have to be (see ScoreUnits).
+def _new_unit(train: SampleSet, test: SampleSet) -> str:
+    # Returns the largest unit that is new in the test part. Of groups, more than half must be new
+    # (see ScoreUnits).
     for by in ("group", "trial"):
-        known, tested = (column_of(part, by) for part in (train, test))
-        if known is None or tested is None or len(np.unique(known)) < 2:
+        train_units, test_units = (column_of(part, by) for part in (train, test))
+        if train_units is None or test_units is None or len(np.unique(train_units)) < 2:
             continue
-        units = np.unique(tested)
-        num_seen = int(np.isin(units, known).sum())
-        if num_seen == 0 or (by == "group" and 2 * num_seen < len(units)):
+        units = np.unique(test_units)
+        num_leaked = int(np.isin(units, train_units).sum())
+        if num_leaked == 0 or (by == "group" and 2 * num_leaked < len(units)):
             return by
     return "frame"
 
 
-def _some(part: SampleSet, most: int | None, seed: int) -> SampleSet:
-    if most is None or len(part) <= most:
+def _draw_samples(part: SampleSet, max_samples: int | None, seed: int) -> SampleSet:
+    if max_samples is None or len(part) <= max_samples:
         return part
-    draw = np.random.default_rng(seed)
-    return part[torch.from_numpy(np.sort(draw.permutation(len(part))[:most]))]
+    rng = np.random.default_rng(seed)
+    return part[torch.from_numpy(np.sort(rng.permutation(len(part))[:max_samples]))]
 
 
 def column_of(dataset: SampleSet, key: str) -> np.ndarray | None:
-    r"""Returns an attribute of the samples as an array, or :obj:`None` if there is no such."""
+    r"""Returns an attribute of the samples as an array, or :obj:`None` if they have none."""
     column = dataset.column(key)
     return None if column is None else np.asarray(column.numpy(force=True))

@@ -1,4 +1,4 @@
-r"""How much memory a piece of work takes."""
+r"""Measures the peak memory of a piece of work."""
 
 import ctypes
 import gc
@@ -7,19 +7,22 @@ from pathlib import Path
 
 import torch
 
-_STATUS = Path("/proc/self/status")
-_CLEAR = Path("/proc/self/clear_refs")
-_MB = 2**20
+_STATUS_FILE = Path("/proc/self/status")
+_CLEAR_REFS_FILE = Path("/proc/self/clear_refs")
+_BYTES_PER_MB = 2**20
 
 
 class PeakMemory:
-    r"""Measures how far the memory of this process grows: from :meth:`start` to the highest point
-    before :meth:`stop`, in megabytes (of :math:`2^{20}` bytes).
+    r"""Measures the memory growth of this process, from :meth:`start` to the highest point before
+    :meth:`stop`, in megabytes (of :math:`2^{20}` bytes).
 
-    On the CPU it is resident memory, and free memory is given back to the system before, so that
-    its reuse counts. Linux knows the highest point since the start; elsewhere it is that of the
-    whole life of the process, and work that stays below what came before counts as nothing: use a
-    process of its own. On a GPU it is what torch has allocated there.
+    On the CPU, this is resident memory. :meth:`start` returns free heap memory to the system, so
+    that its reuse counts. Linux can reset the recorded peak. Other systems report the peak of the
+    whole process, so work that stays below an earlier peak measures zero: measure it in a new
+    process. On a GPU, this is the memory allocated by torch.
+
+    Args:
+        device (str or torch.device): The device of the work.
 
     Examples:
         >>> memory = PeakMemory()
@@ -31,61 +34,65 @@ class PeakMemory:
 
     def __init__(self, device: torch.device | str = "cpu") -> None:
         self.device = torch.device(device)
-        self._before: float  # set by start
+        self._start_megabytes: float  # set by start
 
     @property
     def measure(self) -> str:
-        r"""What is measured, in words."""
+        r"""Name of the measured memory, for captions."""
         if self.device.type == "cuda":
             return "memory allocated by torch on the GPU"
         return "resident memory of the process"
 
     @staticmethod
-    def can_start_anew() -> bool:
-        r"""Forgets the highest point so far, and tells whether that was possible."""
+    def reset_peak() -> bool:
+        r"""Resets the peak that Linux records. Returns :obj:`False` where that is impossible."""
         try:
-            _CLEAR.write_text("5", encoding="ascii")  # resets VmHWM
+            _CLEAR_REFS_FILE.write_text("5", encoding="ascii")  # resets VmHWM
         except OSError:
             return False
         return True
 
     def start(self) -> None:
-        r"""Begins."""
+        r"""Records the memory in use, from which growth is measured."""
         gc.collect()
         if self.device.type == "cuda":
             torch.cuda.reset_peak_memory_stats(self.device)
-            self._before = torch.cuda.memory_allocated(self.device) / _MB
+            self._start_megabytes = torch.cuda.memory_allocated(self.device) / _BYTES_PER_MB
             return
-        _give_back()
-        self._before = _status("VmRSS") if self.can_start_anew() else _highest()
+        _release_free_heap()
+        self._start_megabytes = (
+            _status_megabytes("VmRSS") if self.reset_peak() else _peak_megabytes()
+        )
 
     def stop(self) -> float:
-        r"""Returns the growth in megabytes."""
+        r"""Returns the growth to the highest point since :meth:`start`, in megabytes."""
         if self.device.type == "cuda":
-            return torch.cuda.max_memory_allocated(self.device) / _MB - self._before
-        return max(0.0, _highest() - self._before)
+            return (
+                torch.cuda.max_memory_allocated(self.device) / _BYTES_PER_MB - self._start_megabytes
+            )
+        return max(0.0, _peak_megabytes() - self._start_megabytes)
 
 
-def _give_back() -> None:
+def _release_free_heap() -> None:
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of glibc only
         if trim is not None:
             trim(0)
 
 
-def _highest() -> float:
-    if _STATUS.is_file():
-        return _status("VmHWM")
+def _peak_megabytes() -> float:
+    if _STATUS_FILE.is_file():
+        return _status_megabytes("VmHWM")
     try:
         import resource
     except ImportError:  # Windows
         return float("nan")
-    highest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return highest / (_MB if sys.platform == "darwin" else 1024)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (_BYTES_PER_MB if sys.platform == "darwin" else 1024)  # bytes or kB
 
 
-def _status(name: str) -> float:
-    for line in _STATUS.read_text("utf-8", "replace").splitlines():
+def _status_megabytes(name: str) -> float:
+    for line in _STATUS_FILE.read_text("utf-8", "replace").splitlines():
         key, _, value = line.partition(":")
         if key == name:
             return int(value.split()[0]) / 1024  # of kB

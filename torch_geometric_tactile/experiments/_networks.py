@@ -1,4 +1,4 @@
-r"""Networks as models of experiments: trained quietly, and what they say of other samples."""
+r"""Experiments with networks."""
 
 import copy
 import math
@@ -34,9 +34,9 @@ from torch_geometric_tactile.training.one_cycle import OneCycle
 from torch_geometric_tactile.transforms import KNNGraph
 
 _NO_EDGES = torch.zeros(2, 0, dtype=torch.long)
-_PLAIN = {"accelerator", "limit_val_batches"}
-_NEIGHBOURS = 6
-_NEXT_SEED = 1000  # of the next network, beyond the seeds of experiments
+_BAREBONES_SETTINGS = {"accelerator", "limit_val_batches"}  # allowed with Lightning's barebones
+_NUM_NEIGHBOURS = 6
+_MEMBER_SEED_STEP = 1000  # larger than the seeds of experiments, so that no two members share one
 
 
 def fit_network(
@@ -46,21 +46,28 @@ def fit_network(
     val: SampleSet | None = None,
     studies: Sequence[Study] = (),
 ) -> Fitted:
-    r"""Trains a network, or as many as :obj:`experiment.choice` has members, and returns what they
-    say on average.
+    r"""Trains a network, or as many as :obj:`experiment.choice` has members, and predicts the test
+    part with their average.
+
+    Args:
+        experiment (Experiment): The network and its settings.
+        train (StaticDataset): The samples to train on.
+        test (StaticDataset): The samples to predict.
+        val (StaticDataset, optional): The samples on which a decision threshold is chosen.
+        studies (sequence of Study): Studies with callbacks for the training.
     """
     choice = experiment.choice
     section, members, scale = dict(experiment.model), 1, None
     if choice is not None:
         members = choice.members
-        if choice.of_numbers:
-            scale = TargetScale.of(train)
+        if choice.is_regression:
+            scale = TargetScale.from_samples(train)
         else:
             section.setdefault("num_classes", train.num_classes)
-        train, test = (prepared_part(part, scale) for part in (train, test))
+        train, test = (prepare_part(part, scale) for part in (train, test))
     data = TactileDataModule(
         train,
-        test,  # its sessions, if anything is scaled by session, are measured too
+        test,  # a transform that scales each session adapts to its sessions
         split="frame",
         val_dataset=test[:0] if val is None else val,
         transform=build_object(experiment.transform),
@@ -72,77 +79,79 @@ def fit_network(
     memory = PeakMemory("cuda" if experiment.accelerator == "gpu" else "cpu")
     settings = {"accelerator": experiment.accelerator, "limit_val_batches": 0}
     settings |= experiment.trainer
-    said, peaks, seconds, predicting, size = [], [], 0.0, 0.0, 0
+    outputs, peaks, seconds, predict_seconds, num_parameters = [], [], 0.0, 0.0, 0
     for member in range(members):
         clock, seed = Clock(), member_seed(experiment.seed, member)
-        watching = [found for study in studies if (found := study.callback(data)) is not None]
-        watching += [] if choice is None else [OneCycle()]
+        callbacks = [
+            callback for study in studies if (callback := study.callback(data)) is not None
+        ]
+        callbacks += [] if choice is None else [OneCycle()]
         if experiment.measure_memory:
             memory.start()
         classifier = fit_classifier(
-            section, data, seed, settings, experiment.epochs, clock, *watching
+            section, data, seed, settings, experiment.epochs, clock, *callbacks
         )
         if experiment.measure_memory:
             peaks.append(memory.stop())
         seconds += clock.seconds
-        size += sum(weight.numel() for weight in classifier.model.parameters())
+        num_parameters += sum(weight.numel() for weight in classifier.model.parameters())
         device = classifier.trainer.strategy.root_device if choice is None else None
         if val is not None and experiment.threshold is not None:
-            seen = collect_predictions(classifier, data.val_dataloader(), device)
+            val_outputs = collect_predictions(classifier, data.val_dataloader(), device)
             classifier.decision_threshold = choose_threshold(
-                seen.probability[:, 1].numpy(), seen.y.numpy(), experiment.threshold
+                val_outputs.probability[:, 1].numpy(), val_outputs.y.numpy(), experiment.threshold
             )
         start = time.perf_counter()
-        said.append(collect_predictions(classifier, data.test_dataloader(), device))
-        predicting += time.perf_counter() - start
-    score, prediction = _answers(said, classifier, scale)
+        outputs.append(collect_predictions(classifier, data.test_dataloader(), device))
+        predict_seconds += time.perf_counter() - start
+    score, prediction = _average_outputs(outputs, classifier, scale)
     peak = max(peaks, default=math.nan)
     return Fitted(
         score=prediction if choice is not None else score,
         prediction=prediction,
-        y=(said[0].y if scale is None else scale.back(said[0].y)).numpy(),
-        num_parameters=size,
+        y=(outputs[0].y if scale is None else scale.unscale(outputs[0].y)).numpy(),
+        num_parameters=num_parameters,
         seconds=seconds,
-        predict_seconds=predicting,
+        predict_seconds=predict_seconds,
         task=classifier.task,
         threshold=classifier.decision_threshold,
-        loss=_loss(said[0]) if choice is not None and scale is None else 0.0,
+        loss=_cross_entropy(outputs[0]) if choice is not None and scale is None else 0.0,
         peak_memory_mb=peak if math.isfinite(peak) else None,
         measures=memory.measure if experiment.measure_memory else None,
         label_names=data.class_names if classifier.task == "multilabel" else None,
-        trained=_trained(classifier, data, experiment.seed) if studies else None,
+        trained=_trained_model(classifier, data, experiment.seed) if studies else None,
         is_graph=is_graph_model(classifier.model),
     )
 
 
 def member_seed(seed: int, member: int) -> int:
-    r"""Returns the seed of one of several networks."""
-    return seed + _NEXT_SEED * member
+    r"""Returns the seed of a member of an average of networks."""
+    return seed + _MEMBER_SEED_STEP * member
 
 
-def _answers(
-    said: Sequence[Outputs], classifier: TactileModule, scale: "TargetScale | None"
+def _average_outputs(
+    outputs: Sequence[Outputs], classifier: TactileModule, scale: "TargetScale | None"
 ) -> tuple[np.ndarray, np.ndarray]:
-    # What several networks say on average: the scores, and what is predicted by them.
+    # Returns the mean scores of the members, and the predictions by these.
     if scale is not None:
-        logits = torch.stack([one.logits for one in said]).mean(dim=0)
-        numbers = scale.back(logits.view(said[0].y.shape)).numpy()
+        logits = torch.stack([member.logits for member in outputs]).mean(dim=0)
+        numbers = scale.unscale(logits.view(outputs[0].y.shape)).numpy()
         return numbers, numbers
-    probability = torch.stack([one.probability for one in said]).mean(dim=0)
+    probability = torch.stack([member.probability for member in outputs]).mean(dim=0)
     if classifier.task == "multilabel":
         return probability.numpy(), (probability > 0.5).long().numpy()
     predicted = predicted_classes(probability, classifier.decision_threshold)
     return probability.numpy(), predicted.numpy()
 
 
-def _loss(said: Outputs) -> float:
-    return float(F.cross_entropy(said.logits, said.y))
+def _cross_entropy(outputs: Outputs) -> float:
+    return float(F.cross_entropy(outputs.logits, outputs.y))
 
 
-def _trained(classifier: TactileModule, data: TactileDataModule, seed: int) -> Trained:
+def _trained_model(classifier: TactileModule, data: TactileDataModule, seed: int) -> Trained:
     model = classifier.model.eval().cpu()
     train, test = (data.peek(part, len(part)) for part in (data.part("train"), data.part("test")))
-    assert data.layout is not None  # tables are of static data
+    assert data.layout is not None  # studies need data of one layout
     return Trained(model, train, test, data.class_names, data.layout, seed)
 
 
@@ -154,37 +163,53 @@ def fit_classifier(
     epochs: int,
     *callbacks: L.Callback,
 ) -> TactileModule:
-    r"""Trains the classifier of a configuration; nothing is shown, logged or kept."""
+    r"""Trains the classifier of a configuration without output, logs or checkpoints.
+
+    Args:
+        model (dict): The section :obj:`model` of a configuration.
+        data (TactileDataModule): The samples.
+        seed (int): Seed of the weights and batches.
+        settings (dict): Arguments of :class:`lightning.Trainer`.
+        epochs (int): Number of epochs.
+        *callbacks (Callback): Callbacks of the training.
+    """
     L.seed_everything(seed, verbose=False)
-    # jsonargparse writes into the configuration.
+    # A copy, since jsonargparse changes the configuration.
     classifier = classifier_from_config(copy.deepcopy(model), data)
     with silent_training():
-        trainer = _trainer(settings, max_epochs=epochs, callbacks=list(callbacks))
+        trainer = _make_trainer(settings, max_epochs=epochs, callbacks=list(callbacks))
         trainer.fit(classifier, datamodule=data)
     return classifier
 
 
-def _trainer(settings: dict[str, Any], **arguments: Any) -> L.Trainer:
+def _make_trainer(settings: dict[str, Any], **arguments: Any) -> L.Trainer:
     arguments = {**settings, **arguments, "devices": 1}
-    if set(settings) <= _PLAIN:  # logging would take a tenth of the time of small models
+    # Logging would take a tenth of the training time of small models.
+    if set(settings) <= _BAREBONES_SETTINGS:
         return L.Trainer(barebones=True, **arguments)
-    off = ("logger", "enable_checkpointing", "enable_progress_bar", "enable_model_summary")
-    return L.Trainer(**{**arguments, **dict.fromkeys(off, False)})
+    output_options = (
+        "logger",
+        "enable_checkpointing",
+        "enable_progress_bar",
+        "enable_model_summary",
+    )
+    return L.Trainer(**{**arguments, **dict.fromkeys(output_options, False)})
 
 
 @cache
 def warm_up(accelerator: str) -> None:
-    r"""Trains a tiny model once in a process."""
-    # What is loaded at a process's first training is not to count as memory or time of a model.
+    r"""Trains a tiny model, once in a process. Modules that the first training imports then do not
+    count as memory or time of a compared model.
+    """
     batch = StaticData(x=torch.zeros(2, 1, 2), y=torch.tensor([0, 1]), edge_index=_NO_EDGES)
-    classifier = TactileModule(_Linear())
+    classifier = TactileModule(_TinyModel())
     with silent_training():
-        trainer = _trainer({"accelerator": accelerator}, max_epochs=1)
+        trainer = _make_trainer({"accelerator": accelerator}, max_epochs=1)
         batches: Any = [batch]
         trainer.fit(classifier, DataLoader(batches, batch_size=None))
 
 
-class _Linear(torch.nn.Module):
+class _TinyModel(torch.nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.lin = torch.nn.Linear(2, 2)
@@ -195,24 +220,28 @@ class _Linear(torch.nn.Module):
 
 
 class Clock(L.Callback):
-    r"""Measures the seconds of training."""
+    r"""Measures the seconds of a training, as :obj:`seconds`."""
 
     seconds = math.nan
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        r"""Begins."""
+        r"""Starts the clock."""
         self._start = time.perf_counter()
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        r"""Ends."""
+        r"""Stops the clock, on a GPU after all its work is done."""
         if trainer.strategy.root_device.type == "cuda":
             torch.cuda.synchronize()
         self.seconds = time.perf_counter() - self._start
 
 
 class TargetScale(BaseTransform):
-    r"""Shifts and scales the numbers to be predicted to mean zero and standard deviation one over
-    the training part.
+    r"""Shifts and scales regression targets to mean zero and standard deviation one over the
+    training part.
+
+    Args:
+        center (torch.Tensor): Mean of each target :math:`(C,)`, or of the only one.
+        scale (torch.Tensor): Standard deviation of each target, of the same shape.
     """
 
     supports_static = True
@@ -222,8 +251,8 @@ class TargetScale(BaseTransform):
         self.scale = scale
 
     @classmethod
-    def of(cls, train: SampleSet) -> "TargetScale":
-        r"""Measures a training part."""
+    def from_samples(cls, train: SampleSet) -> "TargetScale":
+        r"""Computes mean and standard deviation of a training part."""
         labels = train.column("y")
         assert labels is not None
         y = labels.double()
@@ -231,17 +260,17 @@ class TargetScale(BaseTransform):
         return cls(y.mean(dim=0), torch.where(scale > 0, scale, 1.0))
 
     def forward(self, data: Data) -> Data:
-        r"""Sets :obj:`y`."""
-        y = torch.as_tensor(data.y)  # a number, in a sample of PyG
+        r"""Replaces :obj:`y` by scaled targets."""
+        y = torch.as_tensor(data.y)  # samples of PyG may have a plain number
         data.y = ((y.double() - self.center) / self.scale).float()
         return data
 
-    def back(self, y: Tensor) -> Tensor:
-        r"""Returns numbers in their own unit."""
+    def unscale(self, y: Tensor) -> Tensor:
+        r"""Returns scaled targets in their original unit."""
         return y.double() * self.scale + self.center
 
 
-class _Edges(BaseTransform):
+class _AddEdges(BaseTransform):
     supports_static = True
 
     def __init__(self, edge_index: Tensor) -> None:
@@ -253,28 +282,29 @@ class _Edges(BaseTransform):
 
 
 def layout_edges(layout: TaxelLayout) -> Tensor:
-    r"""Returns the edges of samples that have none: the layout's :obj:`"original"` or first
-    adjacency, or else the six nearest neighbours of each taxel.
+    r"""Returns the edges for samples without edges: the adjacency :obj:`"original"` of the layout,
+    its first one, or without any the six nearest neighbours of each taxel.
     """
     if layout.adjacency:
         names = list(layout.adjacency)
         return layout.edge_index("original" if "original" in names else names[0])
     if layout.num_taxels == 1:
         return torch.zeros(2, 0, dtype=torch.long)
-    k = min(_NEIGHBOURS, layout.num_taxels - 1)
+    k = min(_NUM_NEIGHBOURS, layout.num_taxels - 1)
     edges: Tensor = KNNGraph(k)(Data(pos=layout.pos)).edge_index
     return edges
 
 
-def prepared_part(part: SampleSet, scale: TargetScale | None) -> SampleSet:
+def prepare_part(part: SampleSet, scale: TargetScale | None) -> SampleSet:
+    r"""Returns a copy of a part that adds edges to samples without edges, and scales targets."""
     steps: list[BaseTransform] = [] if part.transform is None else [part.transform]
     if isinstance(part, GraphSamples):
         if part.first().edge_index is None:
-            steps.append(KNNGraph(min(_NEIGHBOURS, part.num_taxels[0] - 1)))
+            steps.append(KNNGraph(min(_NUM_NEIGHBOURS, part.num_taxels[0] - 1)))
     elif part[:1].batch([0]).edge_index is None:
-        steps.append(_Edges(layout_edges(part.layout)))
+        steps.append(_AddEdges(layout_edges(part.layout)))
     if scale is not None:
         steps.append(scale)
-    out = copy.copy(part)
-    out.transform = Compose(steps) if steps else None
-    return out
+    prepared = copy.copy(part)
+    prepared.transform = Compose(steps) if steps else None
+    return prepared

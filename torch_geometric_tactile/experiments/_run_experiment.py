@@ -1,4 +1,4 @@
-r"""One experiment: a model is fitted, its settings chosen or given, and judged once."""
+r"""Runs one experiment: selects settings, trains the model and tests it once."""
 
 import math
 import os
@@ -27,47 +27,50 @@ from torch_geometric_tactile.experiments.studies import Study, Trained
 from torch_geometric_tactile.training.metrics import classification_metrics
 
 
-class _Tried:
-    # A setting in the race: what it said of each validation part, its scores, the higher the
-    # better, and the losses that decide between equals.
+class _Candidate:
+    # A setting with its predictions for each validation part, its scores (higher is better) and its
+    # losses, which decide between equal scores.
     def __init__(self, experiment: Experiment) -> None:
         self.experiment = experiment
-        self.said: list[Predictions] = []
-        self.values: list[float] = []
+        self.predictions: list[Predictions] = []
+        self.scores: list[float] = []
         self.losses: list[float] = []
-        self.failed = False
+        self.has_failed = False
 
     @property
-    def value(self) -> float:
-        return -math.inf if self.failed or not self.values else float(np.mean(self.values))
+    def score(self) -> float:
+        return -math.inf if self.has_failed or not self.scores else float(np.mean(self.scores))
 
     @property
     def loss(self) -> float:
         return float(np.mean(self.losses)) if self.losses else math.inf
 
-    def judge(self, choice: Choice, part: SampleSet, val: SampleSet) -> None:
-        # A setting with which a training fails, such as a learning rate that makes it diverge, is
-        # not chosen.
+    def evaluate(self, choice: Choice, part: SampleSet, val: SampleSet) -> None:
+        # Settings with a failed training are never selected, such as a learning rate that diverges.
         try:
             fitted = fit(self.experiment, part, val)
         except ValueError:
-            self.failed = True
+            self.has_failed = True
             return
-        self.said.append(_judge(self.experiment, fitted, val))
-        value = prediction_scores(fitted.y, fitted.prediction, choice.of_numbers)[choice.metric]
-        self.values.append(-value if choice.metric == "mae" else value)
+        self.predictions.append(_predictions_for(self.experiment, fitted, val))
+        score = prediction_scores(fitted.y, fitted.prediction, choice.is_regression)[choice.metric]
+        self.scores.append(-score if choice.metric == "mae" else score)
         self.losses.append(fitted.loss)
 
 
 def run_experiment(experiment: Experiment) -> dict[str, Any]:
-    r"""Trains a model and tests it once, at the end; nothing is chosen by the test part.
+    r"""Trains a model, tests it once and returns the result as JSON values. The test part never
+    influences the selection of settings.
 
-    With :obj:`experiment.choice`, its settings are tried on validation parts, and the one that is
-    chosen is trained on the whole training part.
+    With :obj:`experiment.choice`, its settings are compared on validation parts, and the selected
+    setting is trained on the whole training part.
 
     Peak memory is the growth from before the model is built, with the recordings loaded and the
     scaling fitted, to the highest point of training: parameters, gradients, the optimizer's state,
     activations and one batch.
+
+    Raises:
+        ValueError: If the experiment needs a missing GPU, or its training fails.
     """
     start = time.perf_counter()
     if experiment.accelerator == "gpu" and not torch.cuda.is_available():
@@ -77,38 +80,38 @@ def run_experiment(experiment: Experiment) -> dict[str, Any]:
     threads = torch.get_num_threads()
     torch.set_num_threads(experiment.threads)
     try:
-        result = _run(experiment)
+        result = _train_and_test(experiment)
     finally:
         torch.set_num_threads(threads)
     return {
         **result,
         "seconds": time.perf_counter() - start,
-        "machine": _machine(experiment.accelerator, experiment.threads),
+        "machine": _describe_machine(experiment.accelerator, experiment.threads),
     }
 
 
-def _run(experiment: Experiment) -> dict[str, Any]:
+def _train_and_test(experiment: Experiment) -> dict[str, Any]:
     choice = experiment.choice
     if choice is not None and experiment.studies:
         raise ValueError("'studies' must be empty for an experiment with a choice")
     val = None
-    chosen: dict[str, Any] = {}
+    selection: dict[str, Any] = {}
     if choice is not None:
         train, test, cuts = choice_cuts(experiment, choice.repeats, choice.most_samples)
-        experiment, chosen = _choose(experiment, choice, cuts)
+        experiment, selection = _select_setting(experiment, choice, cuts)
         if choice.num_validation_cuts:
-            chosen |= _validate(experiment, choice, chosen["choose_seconds"])
+            selection |= _validate(experiment, choice, selection["choose_seconds"])
     elif experiment.threshold is not None:
         train, val, _, test = choice_parts(experiment)
     else:
         train, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
     studies = _build_studies(experiment)
     fitted = fit(experiment, train, test, val, studies)
-    predicted = _judge(experiment, fitted, test)
+    predictions = _predictions_for(experiment, fitted, test)
     return {
-        "metrics": _metrics(experiment, fitted, predicted),
+        "metrics": _compute_metrics(experiment, fitted, predictions),
         **({} if fitted.threshold is None else {"threshold": fitted.threshold}),
-        **({"studies": _measure(studies, fitted.trained)} if studies else {}),
+        **({"studies": _study_results(studies, fitted.trained)} if studies else {}),
         "label_names": fitted.label_names,
         "frames_per_second": len(train) * max(1, experiment.epochs) / fitted.seconds,
         "peak_memory_mb": fitted.peak_memory_mb,
@@ -117,8 +120,8 @@ def _run(experiment: Experiment) -> dict[str, Any]:
         "is_graph": fitted.is_graph,
         "train_seconds": fitted.seconds,
         "predict_seconds": fitted.predict_seconds,
-        **chosen,
-        "predictions": predicted.to_dict(),
+        **selection,
+        "predictions": predictions.to_dict(),
         "num_train": len(train),
         "num_test": len(test),
     }
@@ -131,56 +134,73 @@ def fit(
     val: SampleSet | None = None,
     studies: Sequence[Study] = (),
 ) -> Fitted:
-    r"""Trains a model on one part and returns what it says of another. A threshold is chosen on
-    :obj:`val`.
+    r"""Trains a model on one part and predicts another.
+
+    Args:
+        experiment (Experiment): The model and its settings.
+        train (StaticDataset): The samples to train on.
+        test (StaticDataset): The samples to predict.
+        val (StaticDataset, optional): The samples on which a decision threshold is chosen.
+        studies (sequence of Study): Studies of a network with callbacks for the training.
     """
     if experiment.is_estimator:
         return fit_estimator(experiment, train, test, val)
     return fit_network(experiment, train, test, val, studies)
 
 
-def _choose(
+def _select_setting(
     experiment: Experiment,
     choice: Choice,
     cuts: Sequence[tuple[SampleSet, SampleSet]],
 ) -> tuple[Experiment, dict[str, Any]]:
-    # The experiment with the setting that is chosen, and what is told of the choice.
+    # Returns the experiment with the selected setting, and the entries of the result about it.
     start = time.perf_counter()
     draft = replace(experiment, choice=replace(choice, members=1)).with_setting(choice.draft)
-    tried = [_Tried(draft.with_setting(setting)) for setting in choice.settings]
-    racing = tried if len(tried) > 1 else []
+    candidates = [_Candidate(draft.with_setting(setting)) for setting in choice.settings]
+    # Candidates behind the default are dropped after each cut, which saves most of the trainings.
+    remaining = candidates if len(candidates) > 1 else []
     for part, val in cuts:
-        for setting in racing:
-            setting.judge(choice, part, val)
-        racing = [s for s in racing if s is tried[0] or s.value > tried[0].value]
+        for candidate in remaining:
+            candidate.evaluate(choice, part, val)
+        remaining = [
+            candidate
+            for candidate in remaining
+            if candidate is candidates[0] or candidate.score > candidates[0].score
+        ]
     overlap = len(cuts[0][1]) / len(cuts[0][0])
-    full = [i for i in range(1, len(tried)) if len(tried[i].said) == len(cuts)]
+    finalists = [
+        i for i in range(1, len(candidates)) if len(candidates[i].predictions) == len(cuts)
+    ]
     best = 0
-    for i in sorted(full, key=lambda i: (-tried[i].value, tried[i].loss)):
-        if _is_better(tried[i], tried[0], choice.metric, overlap):
+    for i in sorted(finalists, key=lambda i: (-candidates[i].score, candidates[i].loss)):
+        if _is_better(candidates[i], candidates[0], choice.metric, overlap):
             best = i
             break
-    values = [setting.value for setting in tried] if len(tried) > 1 else []
-    chosen = {
+    scores = [candidate.score for candidate in candidates] if len(candidates) > 1 else []
+    entry = {
         "setting": dict(choice.settings[best]),
         "number": best,
-        "validation": [value if math.isfinite(value) else None for value in values],
+        "validation": [score if math.isfinite(score) else None for score in scores],
     }
     seconds = time.perf_counter() - start
-    chosen_one = experiment.with_setting(choice.settings[best])
-    return chosen_one, {"choose_seconds": seconds, "chosen": chosen}
+    selected = experiment.with_setting(choice.settings[best])
+    return selected, {"choose_seconds": seconds, "chosen": entry}
 
 
 def _validate(experiment: Experiment, choice: Choice, choose_seconds: float) -> dict[str, Any]:
-    # The scores of the chosen setting on validation parts, trained as it is for the test.
+    # Scores the selected setting on validation parts, trained as for the test. Returns the entries
+    # of the result.
     start = time.perf_counter()
     cuts = choice_cuts(experiment, choice.num_validation_cuts)[2]
     try:
-        predictions = [_judge(experiment, fit(experiment, part, val), val) for part, val in cuts]
-    except ValueError:  # as of a network that diverges
+        predictions = [
+            _predictions_for(experiment, fit(experiment, part, val), val) for part, val in cuts
+        ]
+    except ValueError:  # such as a network that diverges
         predictions = []
     scores = [
-        prediction_scores(p.y, p.prediction, choice.of_numbers)[choice.metric] for p in predictions
+        prediction_scores(p.y, p.prediction, choice.is_regression)[choice.metric]
+        for p in predictions
     ]
     return {
         "choose_seconds": choose_seconds + time.perf_counter() - start,
@@ -192,12 +212,12 @@ def _validate(experiment: Experiment, choice: Choice, choose_seconds: float) -> 
     }
 
 
-def _is_better(setting: _Tried, default: _Tried, metric: str, overlap: float) -> bool:
-    if default.failed or not default.said:
-        return setting.value > default.value
-    difference = paired_difference(setting.said, default.said, metric, overlap)
-    gain = setting.value - default.value
-    return gain > 0 and not gain <= difference.error
+def _is_better(candidate: _Candidate, default: _Candidate, metric: str, overlap: float) -> bool:
+    if default.has_failed or not default.predictions:
+        return candidate.score > default.score
+    difference = paired_difference(candidate.predictions, default.predictions, metric, overlap)
+    gain = candidate.score - default.score
+    return gain > 0 and not gain <= difference.error  # true if the error is NaN, as of one cut
 
 
 def _build_studies(experiment: Experiment) -> list[Study]:
@@ -208,15 +228,15 @@ def _build_studies(experiment: Experiment) -> list[Study]:
     return studies
 
 
-def _measure(studies: Sequence[Study], trained: Trained | None) -> dict[str, Any]:
-    # What each study finds, by the name of its class.
+def _study_results(studies: Sequence[Study], trained: Trained | None) -> dict[str, Any]:
+    # Returns the result of each study by the name of its class.
     assert trained is not None
-    found = {type(study).__name__: study.measure(trained) for study in studies}
-    return {name: result for name, result in found.items() if result is not None}
+    results = {type(study).__name__: study.measure(trained) for study in studies}
+    return {name: result for name, result in results.items() if result is not None}
 
 
-def _judge(experiment: Experiment, fitted: Fitted, test: SampleSet) -> Predictions:
-    y = column_of(test, "y")  # of `data`, all windows would be cut for them
+def _predictions_for(experiment: Experiment, fitted: Fitted, test: SampleSet) -> Predictions:
+    y = column_of(test, "y")  # not test.data.y, which would cut all windows
     assert y is not None
     return Predictions(
         score=fitted.score,
@@ -228,23 +248,23 @@ def _judge(experiment: Experiment, fitted: Fitted, test: SampleSet) -> Predictio
     )
 
 
-def _metrics(
-    experiment: Experiment, fitted: Fitted, predicted: Predictions
+def _compute_metrics(
+    experiment: Experiment, fitted: Fitted, predictions: Predictions
 ) -> dict[str, float | None]:
     if experiment.choice is not None:
-        of_numbers = experiment.choice.of_numbers
-        metrics = prediction_scores(predicted.y, predicted.prediction, of_numbers)
+        is_regression = experiment.choice.is_regression
+        metrics = prediction_scores(predictions.y, predictions.prediction, is_regression)
     elif experiment.is_estimator:
-        metrics = predicted.metrics()
+        metrics = predictions.metrics()
     else:
-        score, y = torch.from_numpy(predicted.score), torch.from_numpy(predicted.y)
+        score, y = torch.from_numpy(predictions.score), torch.from_numpy(predictions.y)
         metrics = classification_metrics(score, y, fitted.task, fitted.threshold)
     return {name: value if math.isfinite(value) else None for name, value in metrics.items()}
 
 
 @cache
-def _machine(accelerator: str, threads: int) -> str:
-    # This machine in a few words.
+def _describe_machine(accelerator: str, threads: int) -> str:
+    # Describes the machine: GPU, processor, number of cores and threads.
     name = platform.processor() or platform.machine()
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():

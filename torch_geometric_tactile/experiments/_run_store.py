@@ -1,4 +1,4 @@
-r"""Finished runs, kept on disk."""
+r"""Files of finished runs."""
 
 import hashlib
 import json
@@ -12,22 +12,31 @@ from torch_geometric_tactile._files import atomic_path, remove_leftovers
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.experiments._experiment import Experiment
 
-_KEYS = {"experiment", "finished", "identity", "result"}
+_KEYS_WITHOUT_CHECKSUM = {"experiment", "finished", "identity", "result"}
 
 
 class RunStore:
-    r"""The finished runs of a folder, one JSON file each, whole or absent."""
+    r"""The finished runs of a folder, one JSON file each. Files are written atomically.
+
+    Args:
+        folder (str or PathLike): The folder, which may not exist yet.
+    """
 
     def __init__(self, folder: PathLike) -> None:
         self.folder = Path(folder)
+        # The code at the end of a file name identifies the experiment, whatever its name is.
         self._paths = {path.stem.rpartition("_")[2]: path for path in self.folder.glob("*.json")}
 
     def path(self, experiment: Experiment) -> Path:
-        r"""Returns where a run is or would be."""
+        r"""Returns the path of the file of a run, which may not exist yet."""
         return self._paths.get(experiment.code, self.folder / experiment.file_name)
 
     def read(self, experiment: Experiment) -> dict[str, Any] | None:
-        r"""Returns the result of a run, or :obj:`None` if it is not finished."""
+        r"""Returns the result of a run, or :obj:`None` if it is not finished.
+
+        Raises:
+            ValueError: If the file is damaged, or of another experiment.
+        """
         path = self.path(experiment)
         if not path.is_file():
             return None
@@ -35,16 +44,16 @@ class RunStore:
             content = json.loads(path.read_text(encoding="utf-8"))
             result: dict[str, Any] = content["result"]
             # Runs of earlier versions have no checksum, and exactly these keys.
-            if content.keys() != _KEYS and content["sha256"] != _sha256(result):
+            if content.keys() != _KEYS_WITHOUT_CHECKSUM and content["sha256"] != _sha256(result):
                 raise ValueError("its result differs from its checksum")
-            same = content["identity"] == experiment.identity()
+            is_same = content["identity"] == experiment.identity()
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise ValueError(f"'{path}' is damaged: delete it to run it again ({error})") from error
-        need(same, f"'{path}' is not what its name says: delete it to run it again")
+        need(is_same, f"'{path}' is the file of another experiment: delete it to run this one")
         return result
 
     def write(self, experiment: Experiment, result: dict[str, Any]) -> None:
-        r"""Writes the result of a run, whole or not at all."""
+        r"""Writes the file of a finished run, atomically."""
         content = {
             "experiment": experiment.name,
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -56,11 +65,11 @@ class RunStore:
             temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
     def clean(self, experiments: Sequence[Experiment]) -> None:
-        r"""Removes what killed runs had begun to write, and nothing of a run that is alive."""
+        r"""Removes temporary files of killed processes. Those of running processes stay."""
         for experiment in experiments:
             remove_leftovers(self.folder / experiment.file_name)
 
 
 def _sha256(result: Any) -> str:
-    # Of what the file holds, whatever its lines and spaces are.
+    # The checksum of the content, which does not depend on indentation or the order of keys.
     return hashlib.sha256(json.dumps(result, sort_keys=True).encode()).hexdigest()

@@ -1,4 +1,4 @@
-r"""How much an accuracy varies over draws of the samples tested on."""
+r"""Variance of an accuracy over random draws of the test samples."""
 
 from dataclasses import dataclass
 
@@ -9,9 +9,15 @@ from torch_geometric_tactile.experiments.predictions import Predictions
 
 @dataclass(frozen=True)
 class Draws:
-    r"""Draws of the samples tested on, without replacement, as the "Morphology-Specific
-    Convolutional Neural Networks for Tactile Object Recognition with a Multi-Fingered Hand" paper
-    has them: ten, each of 1,500 of the 2,500 samples. The model is one, trained once.
+    r"""Random draws of the test samples, without replacement, as in the "Morphology-Specific
+    Convolutional Neural Networks for Tactile Object Recognition with a Multi-Fingered Hand" paper:
+    ten draws, each of 1,500 of the 2,500 samples. The model is trained once and tested on each
+    draw.
+
+    Args:
+        count (int): Number of draws.
+        part (float): Share of the test samples in a draw, between 0 and 1.
+        seed (int): Seed of the draws.
 
     Examples:
         >>> round(100**2 * Draws().variance(0.5, 2500), 2), round(Draws().num_drawn(2500))
@@ -23,43 +29,53 @@ class Draws:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name, least in (("count", 2), ("seed", 0)):
+        for name, minimum in (("count", 2), ("seed", 0)):
             value = getattr(self, name)
-            if type(value) is not int or value < least:
+            if type(value) is not int or value < minimum:  # True is an int, too
                 raise ValueError(
-                    f"'{name}' of draws must be a whole number from {least} on (got {value!r})"
+                    f"'{name}' of draws must be a whole number from {minimum} on (got {value!r})"
                 )
         if not isinstance(self.part, float) or not 0 < self.part < 1:
             raise ValueError(f"'part' of draws must be between 0 and 1 (got {self.part!r})")
 
     def num_drawn(self, num_samples: int) -> int:
-        r"""Returns how many samples a draw has."""
+        r"""Returns the number of samples in a draw."""
         return max(1, round(self.part * num_samples))
 
     def accuracies(self, predicted: Predictions) -> np.ndarray:
-        r"""Returns the accuracy of each draw, from 0 to 1."""
-        right = predicted.prediction == predicted.y
-        right = right if right.ndim == 1 else right.all(axis=1)
-        rng, size = np.random.default_rng(self.seed), self.num_drawn(len(right))
-        draws = [rng.choice(len(right), size, replace=False) for _ in range(self.count)]
-        return np.array([right[drawn].mean() for drawn in draws])
+        r"""Returns the accuracy of each draw, from 0 to 1. A sample with several labels counts as
+        correct if all of them are.
+        """
+        is_correct = predicted.prediction == predicted.y
+        is_correct = is_correct if is_correct.ndim == 1 else is_correct.all(axis=1)
+        rng, size = np.random.default_rng(self.seed), self.num_drawn(len(is_correct))
+        draws = [rng.choice(len(is_correct), size, replace=False) for _ in range(self.count)]
+        return np.array([is_correct[indices].mean() for indices in draws])
 
     def metrics(self, predicted: Predictions) -> dict[str, float]:
-        r"""Returns :obj:`draws_accuracy`, the mean over the draws, and :obj:`draws_variance`, the
-        unbiased estimate of their variance, of accuracies from 0 to 1.
+        r"""Returns :obj:`draws_accuracy`, the mean accuracy of the draws, and
+        :obj:`draws_variance`, the unbiased estimate of their variance. Accuracies are from 0 to 1.
         """
-        found = self.accuracies(predicted)
-        return {"draws_accuracy": float(found.mean()), "draws_variance": float(found.var(ddof=1))}
+        accuracies = self.accuracies(predicted)
+        return {
+            "draws_accuracy": float(accuracies.mean()),
+            "draws_variance": float(accuracies.var(ddof=1)),
+        }
 
     def variance(self, accuracy: float, num_samples: int) -> float:
-        r"""Returns the variance that draws can be expected to have: of :math:`n` of :math:`N`
-        samples, of which a part :math:`p` is right, that of the hypergeometric distribution,
+        r"""Returns the expected variance of the accuracies. For draws of :math:`n` of :math:`N`
+        samples, of which a share :math:`p` is classified correctly, it is the variance of the
+        hypergeometric distribution,
 
         .. math::
             \frac{p (1 - p)}{n} \cdot \frac{N - n}{N - 1}
 
-        which is largest for :math:`p = 1/2`.
+        and largest for :math:`p = 1/2`.
+
+        Args:
+            accuracy (float): The accuracy :math:`p` on all test samples.
+            num_samples (int): The number of test samples :math:`N`.
         """
         size = self.num_drawn(num_samples)
-        rest = (num_samples - size) / max(num_samples - 1, 1)
-        return accuracy * (1.0 - accuracy) / size * rest
+        finite_correction = (num_samples - size) / max(num_samples - 1, 1)
+        return accuracy * (1.0 - accuracy) / size * finite_correction

@@ -1,4 +1,4 @@
-r"""The units of a comparison: what a test part has that no model has seen in training."""
+r"""Units of a comparison: the trials, persons or objects that are new in the test parts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,47 +16,49 @@ from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.predictions import Predictions
 
 _KEYS = ("trial", "group", "session")
-_LARGE = ("group", "session")  # that have several trials
+_KEYS_OVER_TRIALS = ("group", "session")  # a group or session has several trials
 
 
-class SeenAndTest(NamedTuple):
-    r"""The samples of a split, by their places in the data set: :obj:`seen` to train and choose on,
-    and those to :obj:`test` on.
+class TrainTestIndices(NamedTuple):
+    r"""Indices of the samples of a split: :obj:`train`, for training and model selection, and
+    :obj:`test`.
     """
 
-    seen: np.ndarray
+    train: np.ndarray
     test: np.ndarray
 
 
-def comparison_splits(plan: Plan) -> list[SeenAndTest]:
-    r"""Returns the splits of a comparison.
+def comparison_splits(plan: Plan) -> list[TrainTestIndices]:
+    r"""Returns the splits of a comparison as indices of samples.
 
     Args:
         plan (Plan): The comparison.
     """
     splits = {(e.seed, e.fold): e for e in plan.experiments}.values()
-    parts = []
+    indices = []
     for experiment in splits:
         train, val, test = plan.data.split(experiment.protocol, experiment.seed, experiment.fold)
-        parts.append(SeenAndTest(torch.cat([train, val]).numpy(), test.numpy()))
-    return parts
+        indices.append(TrainTestIndices(torch.cat([train, val]).numpy(), test.numpy()))
+    return indices
 
 
 @dataclass(frozen=True, eq=False)
 class ScoreUnits:
-    r"""The largest of group, session and trial of which no member is in both parts of a split. Of a
-    single split, as of given parts, a group or session is a unit if most of those that are tested
-    are new: samples of one person are no independent observations, whoever else was seen.
+    r"""The units that count as one observation each: the groups, sessions or trials, whichever
+    are fewest, that no split has in both its parts.
+
+    Where all splits have the same test part, as given parts do, groups or sessions are units if
+    most of those in the test part are new: samples of one person are not independent observations,
+    even if other persons are in both parts.
 
     Args:
-        name (str): What one is called, such as :obj:`"trial"` or :obj:`"person"`; :obj:`"sample"`
-            where each sample is one.
-        numbers (ndarray, optional): The number of the unit of each stored sample; :obj:`None`
-            where each sample is one.
-        num_leaked (int): How many trials are in both parts of some split: no score then says
-            anything about a new trial.
-        num_seen (int): How many of the units that are tested are in the training part too, where
-            the others are new.
+        name (str): Name of a unit, such as :obj:`"trial"` or :obj:`"person"`; :obj:`"sample"` if
+            each sample is a unit.
+        numbers (ndarray, optional): Unit of each stored sample :math:`(S,)`; :obj:`None` if each
+            sample is a unit.
+        num_leaked (int): Number of trials that are in both parts of a split. If there are any, the
+            scores say nothing about new trials.
+        num_seen (int): Number of units of the test part that are in the training part as well.
     """
 
     name: str
@@ -65,47 +67,52 @@ class ScoreUnits:
     num_seen: int = 0
 
     @classmethod
-    def of(cls, dataset: SampleSet, splits: Sequence[SeenAndTest]) -> Self:
+    def from_splits(cls, dataset: SampleSet, splits: Sequence[TrainTestIndices]) -> Self:
         r"""Finds the units of the splits of a data set.
 
         Args:
             dataset (StaticDataset): The data set.
-            splits (sequence of SeenAndTest): Its splits.
+            splits (sequence of TrainTestIndices): Its splits.
         """
         columns = {key: column_of(dataset, key) for key in _KEYS}
         numbers = {key: column for key, column in columns.items() if column is not None}
         shared = [shared_units(dataset, [torch.from_numpy(part) for part in s]) for s in splits]
-        leaked = {key: {n for units in shared for n in units[key]} for key in numbers}
-        tested = np.concatenate([split.test for split in splits])
-        num_tested = {key: len(np.unique(column[tested])) for key, column in numbers.items()}
-        new_keys = [key for key in numbers if not leaked[key]]
+        leaked_units = {key: {n for units in shared for n in units[key]} for key in numbers}
+        test = np.concatenate([split.test for split in splits])
+        num_test_units = {key: len(np.unique(column[test])) for key, column in numbers.items()}
+        new_keys = [key for key in numbers if not leaked_units[key]]
         if len({split.test.tobytes() for split in splits}) == 1:
-            new_keys += [k for k in _LARGE if 0 < 2 * len(leaked.get(k, ())) < num_tested.get(k, 0)]
+            new_keys += [
+                key
+                for key in _KEYS_OVER_TRIALS
+                if 0 < 2 * len(leaked_units.get(key, ())) < num_test_units.get(key, 0)
+            ]
         if new_keys:
-            key = min(new_keys, key=lambda key: num_tested[key])
+            key = min(new_keys, key=lambda key: num_test_units[key])
             name = innermost(dataset).group_kind if key == "group" else key
-            num_seen = len(leaked[key])
-            num_leaked = len(leaked.get("trial", ())) if num_seen else 0
-            return cls(name, _by_stored_place(dataset, numbers[key]), num_leaked, num_seen)
+            num_seen = len(leaked_units[key])
+            num_leaked = len(leaked_units.get("trial", ())) if num_seen else 0
+            return cls(name, _by_stored_index(dataset, numbers[key]), num_leaked, num_seen)
         if "trial" not in numbers:
             return cls("sample")
-        trials = _by_stored_place(dataset, numbers["trial"])
-        return cls("trial", trials, num_leaked=len(leaked["trial"]))
+        trials = _by_stored_index(dataset, numbers["trial"])
+        return cls("trial", trials, num_leaked=len(leaked_units["trial"]))
 
-    def num_of(self, predictions: Sequence[Predictions]) -> int:
-        r"""Returns the number of units of predictions that :meth:`of_predictions` returned.
+    def count_units(self, predictions: Sequence[Predictions]) -> int:
+        r"""Returns the number of different units in predictions that :meth:`replace_trials`
+        returned.
 
         Args:
-            predictions (sequence of Predictions): Those of several splits.
+            predictions (sequence of Predictions): Predictions for several splits.
         """
-        places = [p.index if p.trial is None else p.trial for p in predictions]
-        return len(np.unique(np.concatenate([p for p in places if p is not None])))
+        units = [p.index if p.trial is None else p.trial for p in predictions]
+        return len(np.unique(np.concatenate([numbers for numbers in units if numbers is not None])))
 
-    def of_predictions(self, predictions: Predictions) -> Predictions:
-        r"""Returns predictions with the units in place of the trials.
+    def replace_trials(self, predictions: Predictions) -> Predictions:
+        r"""Returns predictions whose :obj:`trial` is the unit of each sample.
 
         Args:
-            predictions (Predictions): Those of one split.
+            predictions (Predictions): Predictions for one split.
         """
         if self.numbers is None or predictions.index is None:
             return replace(predictions, trial=None)
@@ -113,28 +120,32 @@ class ScoreUnits:
 
 
 class ConstantAnswer(NamedTuple):
-    r"""The answer that is most frequent in training, or the mean, and its mean score."""
+    r"""The constant answer and its mean score over the splits: the most frequent class of the
+    training part, or the mean of its numbers.
+    """
 
     name: str
     score: float
 
     @classmethod
-    def of(cls, dataset: SampleSet, splits: Sequence[SeenAndTest], metric: str) -> Self:
+    def from_splits(
+        cls, dataset: SampleSet, splits: Sequence[TrainTestIndices], metric: str
+    ) -> Self:
         r"""Computes the answer and its score.
 
         Args:
             dataset (StaticDataset): The data set.
-            splits (sequence of SeenAndTest): Its splits.
-            metric (str): As of a comparison.
+            splits (sequence of TrainTestIndices): Its splits.
+            metric (str): As of :class:`ComparisonSettings`.
         """
         y = column_of(dataset, "y")
         assert y is not None
         scores, answers = [], []
-        for seen, test in splits:
+        for train, test in splits:
             if metric == "mae":
-                constant = np.broadcast_to(y[seen].mean(axis=0), y[test].shape)
+                constant = np.broadcast_to(y[train].mean(axis=0), y[test].shape)
             else:
-                answers.append(int(np.bincount(y[seen]).argmax()))
+                answers.append(int(np.bincount(y[train]).argmax()))
                 constant = np.full(len(test), answers[-1])
             scores.append(prediction_scores(y[test], constant, metric == "mae")[metric])
         if metric == "mae":
@@ -145,8 +156,8 @@ class ConstantAnswer(NamedTuple):
         return cls(f"'{name}'", float(np.mean(scores)))
 
 
-def _by_stored_place(dataset: SampleSet, column: np.ndarray) -> np.ndarray:
-    # Predictions know the place of a sample among all that are stored, selected or not.
+def _by_stored_index(dataset: SampleSet, column: np.ndarray) -> np.ndarray:
+    # The index in predictions counts all stored samples, including those that are not selected.
     stored = np.zeros(dataset.len(), dtype=np.int64)
     stored[np.asarray(dataset.indices())] = column
     return stored

@@ -1,4 +1,4 @@
-r"""Scores: computed, in words, and when a difference of two is beyond the noise."""
+r"""Scores of predictions, their names and number formats, and the rule for differences."""
 
 import math
 
@@ -16,29 +16,32 @@ NAMES = {
     "r2": "R2",
 }
 PERCENT = ("accuracy", "balanced_accuracy", "f1")
-LEAST_PAIRS = 3
+MIN_PAIRS = 3  # splits or units, below which a standard error says too little for a verdict
 RULE = (
     "A difference is beyond the noise if it is larger than both standard errors times Student's t "
     "(two-sided, 5 %); the error over the splits is corrected for training sets that overlap "
     "(Nadeau and Bengio, 2003). Seeds of one test part are one split: their mean is judged, by the "
-    f"error over the units and the seeds together. There is no verdict on fewer than {LEAST_PAIRS} "
-    f"splits (unless all test on one given part), nor on fewer than {LEAST_PAIRS} units: the "
+    f"error over the units and the seeds together. There is no verdict on fewer than {MIN_PAIRS} "
+    f"splits (unless all test on one given part), nor on fewer than {MIN_PAIRS} units: the "
     "trials, persons or objects that are new in the test parts."
 )
 
 
-def prediction_scores(y: np.ndarray, prediction: np.ndarray, numbers: bool) -> dict[str, float]:
-    r"""Returns :obj:`accuracy`, :obj:`balanced_accuracy` (the mean recall of the classes in
-    :obj:`y`) and :obj:`f1` (macro) of classes; :obj:`mae`, :obj:`rmse` and :obj:`r2` of numbers.
+def prediction_scores(
+    y: np.ndarray, prediction: np.ndarray, is_regression: bool
+) -> dict[str, float]:
+    r"""Returns the scores of predictions. For classes, these are :obj:`accuracy`,
+    :obj:`balanced_accuracy` (the mean recall of the classes in :obj:`y`) and :obj:`f1` (macro); for
+    numbers :obj:`mae`, :obj:`rmse` and :obj:`r2`.
 
     Examples:
-        >>> prediction_scores(np.array([0, 0, 0, 1]), np.array([0, 0, 0, 0]), numbers=False)
+        >>> prediction_scores(np.array([0, 0, 0, 1]), np.array([0, 0, 0, 0]), is_regression=False)
         {'accuracy': 0.75, 'balanced_accuracy': 0.5, 'f1': 0.42857142857142855}
 
     Shapes:
         - **y:** Classes :math:`(S,)`, or numbers :math:`(S,)` or :math:`(S, C)`.
     """
-    if numbers:
+    if is_regression:
         return regression_metrics(np.ascontiguousarray(prediction).reshape(y.shape), y)
     _, recall, f1, support = precision_recall_fscore_support(y, prediction, zero_division=0.0)
     return {
@@ -49,31 +52,32 @@ def prediction_scores(y: np.ndarray, prediction: np.ndarray, numbers: bool) -> d
 
 
 def sample_scores(y: np.ndarray, prediction: np.ndarray, metric: str) -> np.ndarray:
-    r"""Returns what each sample adds to a score, such that their mean is the score :math:`(S,)`.
+    r"""Returns the contribution of each sample to a score :math:`(S,)`. The mean of the
+    contributions is the score.
 
     Examples:
         >>> sample_scores(np.array([0, 0, 0, 1]), np.array([0, 0, 1, 1]), "balanced_accuracy")
         array([0.66666667, 0.66666667, 0.        , 2.        ])
 
     Shapes:
-        - **y:** Classes :math:`(S,)`, labels :math:`(S, C)`, all of which must be right, or numbers
-          :math:`(S,)` or :math:`(S, C)`.
+        - **y:** Classes :math:`(S,)`, labels :math:`(S, C)`, all of which must be correct, or
+          numbers :math:`(S,)` or :math:`(S, C)`.
     """
     if metric == "mae":
         error = np.abs(prediction.reshape(y.shape).astype(np.float64) - y)
         return error.reshape(len(y), -1).mean(axis=1)
-    hit = (y == prediction).reshape(len(y), -1).all(axis=1).astype(np.float64)
+    is_correct = (y == prediction).reshape(len(y), -1).all(axis=1).astype(np.float64)
     if metric == "accuracy":
-        return hit
-    _, place, count = np.unique(y, return_inverse=True, return_counts=True)
-    return hit * len(y) / (len(count) * count[place])
+        return is_correct
+    _, class_index, counts = np.unique(y, return_inverse=True, return_counts=True)
+    return is_correct * len(y) / (len(counts) * counts[class_index])
 
 
-def shown_number(metric: str, value: float) -> str:
-    r"""Returns a score as text, in percent where that is usual.
+def format_score(metric: str, value: float) -> str:
+    r"""Formats a score: accuracies and F1 scores in percent, errors with three digits.
 
     Examples:
-        >>> shown_number("accuracy", 0.918), shown_number("mae", 0.00435)
+        >>> format_score("accuracy", 0.918), format_score("mae", 0.00435)
         ('91.8', '0.00435')
     """
     if math.isnan(value):

@@ -1,4 +1,4 @@
-r"""The settings of a choice in words, for pages and terminals."""
+r"""Describes the settings of a choice in words, for reports and terminals."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -7,8 +7,8 @@ from typing import Any
 from torch_geometric_tactile.training._config_files import merged
 
 DEFAULT = "the default"
-# Arguments whose names alone say too little.
-_ARGUMENTS: dict[str, str] = {
+# Arguments whose names alone would not be understood.
+_ARGUMENT_TEMPLATES: dict[str, str] = {
     "C": "C = {}",
     "alpha": "alpha = {}",
     "width": "kernel width {}",
@@ -21,7 +21,7 @@ _ARGUMENTS: dict[str, str] = {
     "lr": "learning rate {}",
     "pool": "the {} over the frames",
 }
-_VALUES: dict[tuple[str, object], str] = {
+_VALUE_WORDS: dict[tuple[str, object], str] = {
     ("balanced", False): "descriptors and readings drawn by their number",
     ("balanced", True): "descriptors drawn as often as readings",
     ("with_readings", True): "with the readings",
@@ -33,7 +33,7 @@ _VALUES: dict[tuple[str, object], str] = {
     ("with_mean", True): "less the mean of the training part",
     ("with_mean", False): "zero kept as rest",
 }
-_CLASSES = {
+_CLASS_WORDS = {
     "ZScore": "scaling",
     "SquareRoot": "square roots of the readings",
     "NormalizeRMS": "readings in units of their size (RMS)",
@@ -42,8 +42,8 @@ _CLASSES = {
     "RandomTimeShift": "random shifts in time",
 }
 _ABBREVIATIONS = ("RMS", "PCA", "SVM", "CNN", "GCN")
-# Arguments with these defaults, which a configuration may leave out.
-_LEFT_OUT = {"with_mean": True}
+# Defaults of arguments that one of two compared configurations may leave out.
+_IMPLICIT_DEFAULTS = {"with_mean": True}
 _TRANSFORMS = ("transform", "train_transform")
 _CONTAINERS = ("model", "optimizer", "data", "trainer", "init_args")
 
@@ -53,8 +53,8 @@ def describe_setting(setting: Mapping[str, Any], transform: Mapping[str, Any] | 
 
     Args:
         setting (Mapping): The setting, as it is merged into a model.
-        transform (Mapping, optional): The transform of the experiment. A setting with a transform
-            of its own differs from it by what is named.
+        transform (Mapping, optional): The transform of the experiment. Of a setting with another
+            transform, only the differences to this one are described.
 
     Examples:
         >>> describe_setting({})
@@ -62,10 +62,12 @@ def describe_setting(setting: Mapping[str, Any], transform: Mapping[str, Any] | 
         >>> describe_setting({"init_args": {"C": 10.0, "width": 0.3}})
         'C = 10, kernel width 0.3'
     """
-    return ", ".join(_parts(setting, transform)) or DEFAULT
+    return ", ".join(_describe_parts(setting, transform)) or DEFAULT
 
 
-def _parts(setting: Mapping[str, Any], transform: Mapping[str, Any] | None) -> Iterator[str]:
+def _describe_parts(
+    setting: Mapping[str, Any], transform: Mapping[str, Any] | None
+) -> Iterator[str]:
     for key, value in setting.items():
         if key in _TRANSFORMS:
             default = transform if key == "transform" else None
@@ -73,18 +75,18 @@ def _parts(setting: Mapping[str, Any], transform: Mapping[str, Any] | None) -> I
         elif key == "class_path":
             yield _class_words(value)
         elif key in _CONTAINERS and isinstance(value, Mapping):
-            yield from _parts(value, transform)
+            yield from _describe_parts(value, transform)
         else:
             yield _argument_words(key, value)
 
 
 def _argument_words(name: str, value: object) -> str:
-    if isinstance(value, str | bool) and (name, value) in _VALUES:
-        return _VALUES[name, value]
+    if isinstance(value, str | bool) and (name, value) in _VALUE_WORDS:
+        return _VALUE_WORDS[name, value]
     if isinstance(value, bool):
         return f"{'with' if value else 'without'} {_plain_words(name)}"
     words = _value_words(value)
-    template = _ARGUMENTS.get(name)
+    template = _ARGUMENT_TEMPLATES.get(name)
     return f"{_plain_words(name)} {words}" if template is None else template.format(words)
 
 
@@ -108,14 +110,14 @@ def _plain_words(name: str) -> str:
 
 def _class_words(path: str) -> str:
     name = path.rpartition(".")[2]
-    if name in _CLASSES:
-        return _CLASSES[name]
+    if name in _CLASS_WORDS:
+        return _CLASS_WORDS[name]
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|_", " ", name)
-    return " ".join(w if w in _ABBREVIATIONS else w.lower() for w in spaced.split())
+    return " ".join(word if word in _ABBREVIATIONS else word.lower() for word in spaced.split())
 
 
 def _step_words(step: Mapping[str, Any]) -> str:
-    arguments = _parts(step.get("init_args") or {}, None)
+    arguments = _describe_parts(step.get("init_args") or {}, None)
     inner = ", ".join(arguments)
     return _class_words(step["class_path"]) + (f" ({inner})" if inner else "")
 
@@ -123,32 +125,34 @@ def _step_words(step: Mapping[str, Any]) -> str:
 def _changed_steps(
     transform: Mapping[str, Any] | None, default: Mapping[str, Any] | None
 ) -> Iterator[str]:
-    # What a transform has more than the default, less, or with other arguments.
-    steps, of_default = _steps(transform), _steps(default)
+    # Describes steps that the default transform lacks, changed arguments and removed steps.
+    steps, default_steps = _steps_by_class(transform), _steps_by_class(default)
     for path, step in steps.items():
-        if path not in of_default:
+        if path not in default_steps:
             yield _step_words(step)
             continue
         arguments = step.get("init_args") or {}
-        default_arguments = of_default[path].get("init_args") or {}
-        left_out = {
-            key: _LEFT_OUT[key] for key in _LEFT_OUT if key in {**arguments, **default_arguments}
+        default_arguments = default_steps[path].get("init_args") or {}
+        implicit = {
+            key: _IMPLICIT_DEFAULTS[key]
+            for key in _IMPLICIT_DEFAULTS
+            if key in {**arguments, **default_arguments}
         }
         arguments, default_arguments = (
-            merged(left_out, arguments),
-            merged(left_out, default_arguments),
+            merged(implicit, arguments),
+            merged(implicit, default_arguments),
         )
         for key in arguments:
             if arguments[key] != default_arguments.get(key):
                 yield _argument_words(key, arguments[key])
-    for path in of_default:
+    for path in default_steps:
         if path not in steps:
             yield f"without {_class_words(path)}"
 
 
-def _steps(transform: Mapping[str, Any] | None) -> dict[str, Mapping[str, Any]]:
-    # The steps by their class.
+def _steps_by_class(transform: Mapping[str, Any] | None) -> dict[str, Mapping[str, Any]]:
+    # Returns the steps of a transform by the import path of their class.
     if transform is None:
         return {}
     steps = (transform.get("init_args") or {}).get("transforms")
-    return {s["class_path"]: s for s in ([transform] if steps is None else steps)}
+    return {step["class_path"]: step for step in ([transform] if steps is None else steps)}

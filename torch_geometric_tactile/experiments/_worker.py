@@ -1,8 +1,8 @@
-r"""Runs experiments in a separate process, which measures its peak memory and may be killed.
+r"""Runs experiments in a separate process, whose peak memory is measured.
 
-:func:`run_worker` reads pickled experiments, one line of base64 each, and answers with one line of
-JSON each. It ends with its input, so that it never outlives the process that started it, and after
-some idle seconds.
+:func:`run_worker` reads pickled experiments, one line of base64 each, and writes one line of JSON
+for each. It ends at the end of its input, so that it never outlives its parent process, and after
+20 idle seconds.
 """
 
 import base64
@@ -18,8 +18,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-# PyTorch imports it when a process ends, and would then take a file of the working directory where
-# this comes first on the search path, as in 'python -c' and 'python -m'.
+# PyTorch imports tabulate when a process ends. With 'python -c' and 'python -m' it would then
+# import a file of this name from the working directory.
 import tabulate  # noqa: F401
 
 from torch_geometric_tactile._checks import ArgumentError
@@ -28,23 +28,23 @@ from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._memory import PeakMemory
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
 
-# With the search path of the process that starts it behind its own, and without the working
-# directory, whose files must not take the place of installed modules.
+# Appends the search path of the parent process, with the user's modules. The working directory is
+# not on the path ('-P'), so that its files cannot hide installed modules.
 _START = f"""\
 import sys
 sys.path += [folder for folder in sys.argv[1:] if folder not in sys.path]
 from {__name__} import run_worker
 run_worker()
 """
-_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _IDLE_SECONDS = 20.0
 _SIGKILL = -9
-_mine = threading.local()  # a worker of a cluster may run several jobs in threads
+_thread_state = threading.local()  # workers of a cluster may run jobs in several threads
 
 
 def run_safely(experiment: Experiment) -> dict[str, Any]:
-    r"""Runs an experiment and returns its result, or :obj:`{"error": ...}` if it failed: in a
-    process of its own if its memory is to be measured, and otherwise here.
+    r"""Runs an experiment and returns its result, or :obj:`{"error": ...}` if it failed. It runs in
+    a separate process if its memory is measured, otherwise in this one.
     """
     return run_in_process(experiment) if experiment.measure_memory else run_here(experiment)
 
@@ -64,14 +64,14 @@ def run_in_process(experiment: Experiment) -> dict[str, Any]:
     r"""Runs an experiment in another process and returns its result, or :obj:`{"error": ...}` if it
     failed or was killed.
 
-    The process is used again for the next experiment of this thread, which saves its start, if it
-    can measure the peak memory of each.
+    The process is reused for the next experiment of this thread, which saves its start, if the
+    recorded peak memory can be reset.
     """
     while True:
-        process = getattr(_mine, "process", None)
-        if process is None or process.threads != experiment.threads or not process.alive:
+        process = getattr(_thread_state, "process", None)
+        if process is None or process.threads != experiment.threads or not process.is_alive:
             close_process()
-            process = _mine.process = _Process(experiment.threads)
+            process = _thread_state.process = _Process(experiment.threads)
         try:
             result = process.run(experiment)
         except BaseException:
@@ -82,35 +82,39 @@ def run_in_process(experiment: Experiment) -> dict[str, Any]:
 
 
 def close_process() -> None:
-    r"""Ends the process of this thread, if there is one."""
-    process = getattr(_mine, "process", None)
+    r"""Ends the worker process of this thread, if there is one."""
+    process = getattr(_thread_state, "process", None)
     if process is not None:
-        _mine.process = None
+        _thread_state.process = None
         process.close()
 
 
 class _Process:
     def __init__(self, threads: int) -> None:
         self.threads = threads
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
-        environment = {**MALLOC_VARIABLES, **os.environ, **dict.fromkeys(_THREADS, str(threads))}
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
+        environment = {
+            **MALLOC_VARIABLES,
+            **os.environ,
+            **dict.fromkeys(_THREAD_VARIABLES, str(threads)),
+        }
         self._popen = subprocess.Popen(
             [sys.executable, "-P", "-c", _START, *filter(None, sys.path)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=self._said,
+            stderr=self._stderr,
             env=environment,
         )
 
     @property
-    def alive(self) -> bool:
+    def is_alive(self) -> bool:
         return self._popen.poll() is None
 
     def run(self, experiment: Experiment) -> dict[str, Any] | None:
-        # None if the process had nothing to do and ended just now.
+        # Returns None if the process had been idle and ended before it read the experiment.
         assert self._popen.stdin is not None
         assert self._popen.stdout is not None
-        with suppress(BrokenPipeError):  # it has ended
+        with suppress(BrokenPipeError):  # the process has ended
             self._popen.stdin.write(base64.b64encode(pickle.dumps(experiment)) + b"\n")
             self._popen.stdin.flush()
         line = self._popen.stdout.readline()
@@ -122,25 +126,25 @@ class _Process:
             return None
         if status == _SIGKILL:
             return {"error": "its process was killed, perhaps for lack of memory"}
-        self._said.seek(0)
-        said = self._said.read().decode("utf-8", "replace").strip().splitlines()
-        return {"error": said[-1] if said else f"its process ended with status {status}"}
+        self._stderr.seek(0)
+        lines = self._stderr.read().decode("utf-8", "replace").strip().splitlines()
+        return {"error": lines[-1] if lines else f"its process ended with status {status}"}
 
     def close(self) -> None:
         self._popen.kill()
         self._popen.wait()
-        for file in (self._popen.stdin, self._popen.stdout, self._said):
+        for file in (self._popen.stdin, self._popen.stdout, self._stderr):
             if file is not None:
-                with suppress(BrokenPipeError):  # it was killed before it read all
+                with suppress(BrokenPipeError):  # killed before it read all its input
                     file.close()
 
 
 def run_worker() -> None:
-    r"""Serves :func:`run_in_process`."""
+    r"""Runs the experiments that :func:`run_in_process` sends, until the input ends."""
     lines: queue.Queue[bytes] = queue.Queue()
-    threading.Thread(target=_read, args=(lines.put,), daemon=True).start()
+    threading.Thread(target=_forward_lines, args=(lines.put,), daemon=True).start()
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what libraries print must not get between
+    os.dup2(2, 1)  # output of libraries must not mix with the answers
     while True:
         try:
             line = lines.get(timeout=_IDLE_SECONDS)
@@ -149,12 +153,13 @@ def run_worker() -> None:
         result = run_here(pickle.loads(base64.b64decode(line)))
         answers.write(json.dumps(result) + "\n")
         answers.flush()
-        if "error" in result or not PeakMemory.can_start_anew():
+        if "error" in result or not PeakMemory.reset_peak():
             return
 
 
-def _read(put: Callable[[bytes], None]) -> None:
-    # Not through sys.stdin, whose lock this thread would hold when the process ends.
+def _forward_lines(put: Callable[[bytes], None]) -> None:
+    # Reads the file descriptor, since this thread would hold the lock of sys.stdin when the process
+    # ends, and block it.
     with open(0, "rb", buffering=0, closefd=False) as file:
         for line in iter(file.readline, b""):
             put(line)

@@ -1,57 +1,72 @@
-r"""The recommendation of a comparison in words, and the comparison as plain data."""
+r"""Advice on a comparison in words, and the comparison as JSON values."""
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.stats import t
 
 from torch_geometric_tactile.experiments._compared_models import FLOOR
-from torch_geometric_tactile.experiments._recommendation import Recommendation, recommend
 from torch_geometric_tactile.experiments._scores import (
-    LEAST_PAIRS,
+    MIN_PAIRS,
     NAMES,
     PERCENT,
+    format_score,
     prediction_scores,
-    shown_number,
 )
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult, Summary
 from torch_geometric_tactile.experiments.differences import Difference, paired_difference
 from torch_geometric_tactile.experiments.predictions import Predictions
 
-_VERSION = 4
-_FEW_UNITS = 5  # with fewer the choice is called uncertain
-_FOLDS = 10  # that are suggested where fewer cannot prove a difference
-_LISTED_UNITS = 50  # whose lowest and highest scores are told
-_VERBS = {
+_VERSION = 4  # of the JSON format
+_MIN_CERTAIN_UNITS = 5  # with fewer, the advice says that new units may change it
+_SUGGESTED_FOLDS = 10  # where fewer folds cannot prove a difference
+_MAX_RANGE_UNITS = 50  # with more, an interval is given, since the extremes of many say little
+_SCORE_PHRASES = {
     "accuracy": "is right in",
     "balanced_accuracy": "has a balanced accuracy of",
     "mae": "has a mean absolute error of",
 }
-_SAMPLES_PER_UNIT = 5  # of a unit that has a score of its own
+_MIN_SAMPLES_PER_UNIT = 5  # on average, to give the scores of single units
+
+
+class _Recommendation(NamedTuple):
+    r"""The recommended model, or the reason why none is recommended.
+
+    Args:
+        result (ModelResult, optional): The recommended model.
+        best (ModelResult, optional): The model with the best mean score, on validation parts if the
+            parts are given. It differs from :obj:`result` if a simpler model is recommended.
+        obstacle (str): The reason why none is recommended: no model has a result for every split,
+            given parts share trials, the constant answer is the best, or the best model is not
+            ahead of it by more than one standard error on the test parts.
+    """
+
+    result: ModelResult | None
+    best: ModelResult | None
+    obstacle: Literal["", "no results", "shared trials", "constant", "near constant"] = ""
 
 
 def advice(comparison: Comparison) -> str:
-    r"""Returns three things in plain words. **The recommendation** is the model with the best mean,
-    with given parts on validation parts, unless a simpler one is about as good
-    (:func:`recommended`). **The verdict** says what is proved
-    about it, against the best model of the other kind (graph or plain) and against the constant
-    answer. **The last sentence** can be quoted: the score, what is new in the test parts, and how
-    much the score varies.
+    r"""Returns the recommendation of a comparison in words, in three parts. **The recommendation**
+    is the model with the best mean score, on validation parts if the parts are given, unless a
+    simpler model is about as good (:func:`recommended`). **The verdict** compares it with the best
+    model of the other kind (graph or plain) and with the constant answer. **The last sentence**
+    can be quoted: the score, its variation, and the novelty of the test parts.
 
     Args:
         comparison (Comparison): The scores.
     """
-    recommendation = recommend(comparison)
+    recommendation = _recommend(comparison)
     result = recommendation.result
     if result is None:
         return _no_recommendation(comparison, recommendation)
     sentences = [
-        *_choice(comparison, recommendation, result),
-        _contradiction(comparison, result),
-        _over_constant(comparison, result),
-        _few_units(comparison),
+        *_model_sentences(comparison, recommendation, result),
+        _contradiction_sentence(comparison, result),
+        _constant_sentence(comparison, result),
+        _units_sentence(comparison),
         *(f"{text[0].upper()}{text[1:]}." for text in comparison.run.plan.shared),
         quotation(comparison, result),
     ]
@@ -61,28 +76,84 @@ def advice(comparison: Comparison) -> str:
 def recommended(comparison: Comparison) -> ModelResult | None:
     r"""Returns the model that :func:`advice` recommends, or :obj:`None` if it recommends none.
 
-    It is the model with the best mean, unless another one is within one standard error of the
-    paired difference (the larger of those over splits and over units) and within the tolerance of
-    the comparison, has at most half the weights, and is not slower. Of several such models it is
-    the smallest. With given parts, means and differences are those on validation parts.
+    This is the model with the best mean score, unless another model is within one standard error of
+    the paired difference (the larger of those over splits and over units) and within the tolerance
+    of the comparison, has at most half the weights, and is not slower. Of several such models, it
+    is the smallest. With given parts, scores and differences are those on validation parts.
 
-    None is recommended if the best is not ahead of the constant answer by more than one standard
-    error on the test parts, or if given parts share trials.
+    No model is recommended if the best model is not ahead of the constant answer by more than one
+    standard error on the test parts, or if given parts share trials.
 
     Args:
         comparison (Comparison): The scores.
     """
-    return recommend(comparison).result
+    return _recommend(comparison).result
 
 
-def _no_recommendation(comparison: Comparison, recommendation: Recommendation) -> str:
+def _recommend(comparison: Comparison) -> _Recommendation:
+    r"""Recommends the model with the best mean score, unless a simpler model is about as good:
+    within one standard error of the difference and within the tolerance, with at most half the
+    weights, and not slower. Of several such models, the smallest is recommended.
+
+    With given parts, scores and differences are those on validation parts. The test part then only
+    decides whether the model is better than the constant answer.
+
+    Args:
+        comparison (Comparison): The scores.
+    """
+    best = comparison.best
+    if best is None:
+        return _Recommendation(None, None, "no results")
+    (protocol,) = comparison.run.plan.protocols
+    if comparison.units.num_leaked and protocol.protocol.by == "given":
+        return _Recommendation(None, best, "shared trials")
+    if best.model.name == FLOOR:
+        return _Recommendation(None, best, "constant")
+    has_floor = any(result.model.name == FLOOR for result in comparison.results)
+    if has_floor and not _is_ahead_of_floor(comparison, best):
+        return _Recommendation(None, best, "near constant")
+    models = [result for result in comparison.results if result.model.name != FLOOR]
+    simpler = [r for r in models if _is_simpler(r, best) and _is_close(comparison, best, r)]
+    return _Recommendation(min(simpler, key=_size, default=best), best)
+
+
+def _is_ahead_of_floor(comparison: Comparison, result: ModelResult) -> bool:
+    difference = comparison.difference(result.model.name, FLOOR)
+    gain = -difference.mean if comparison.metric == "mae" else difference.mean
+    return gain > _error_or_zero(difference)
+
+
+def _is_close(comparison: Comparison, best: ModelResult, result: ModelResult) -> bool:
+    # The small number allows for rounding of a gap that equals the tolerance.
+    if not comparison.merit(best) - comparison.merit(result) <= comparison.tolerance + 1e-12:
+        return False
+    compute = comparison.validation_difference if comparison.is_validated else comparison.difference
+    difference = compute(best.model.name, result.model.name)
+    return not abs(difference.mean) > _error_or_zero(difference)
+
+
+def _error_or_zero(difference: Difference) -> float:
+    return 0.0 if math.isnan(difference.error) else difference.error
+
+
+def _is_simpler(result: ModelResult, best: ModelResult) -> bool:
+    return 2 * _size(result) <= _size(best) < math.inf and (
+        result.milliseconds <= best.milliseconds
+    )
+
+
+def _size(result: ModelResult) -> float:
+    return math.inf if result.num_parameters is None else result.num_parameters
+
+
+def _no_recommendation(comparison: Comparison, recommendation: _Recommendation) -> str:
     best, units, constant = recommendation.best, comparison.units, comparison.constant
     if best is None:
         return "No model has a result for every split yet: run the same command again."
-    floor = f"always answering {constant.name} ({_number(comparison, constant.score)})"
+    floor = f"always answering {constant.name} ({_format_number(comparison, constant.score)})"
     if recommendation.obstacle == "shared trials":
         return (
-            f"Take none: {_count(units.num_leaked, 'trial')} of the test part "
+            f"Take none: {_format_count(units.num_leaked, 'trial')} of the test part "
             f"{'is' if units.num_leaked == 1 else 'are'} in the training part too, so the scores "
             "say nothing about new trials. Put each trial into one part, or split by trial."
         )
@@ -93,59 +164,59 @@ def _no_recommendation(comparison: Comparison, recommendation: Recommendation) -
         )
     difference = comparison.difference(best.model.name, FLOOR)
     return (
-        f"Take none yet: {_with_score(comparison, best)}, the best model, is "
-        f"{_relation_to_floor(comparison, best)} {floor} ({_errors(comparison, difference)}). More "
-        f"{units.name}s would tell."
+        f"Take none yet: {_name_with_score(comparison, best)}, the best model, is "
+        f"{_relation_to_constant(comparison, best)} {floor} "
+        f"({_describe_errors(comparison, difference)}). More {units.name}s would tell."
     )
 
 
-def _relation_to_floor(comparison: Comparison, result: ModelResult) -> str:
-    is_worse = comparison.goodness(result) < comparison.goodness(comparison.of(FLOOR))
+def _relation_to_constant(comparison: Comparison, result: ModelResult) -> str:
+    is_worse = comparison.goodness(result) < comparison.goodness(comparison.model_result(FLOOR))
     return "worse on the test part than" if is_worse else "within one standard error of"
 
 
-def _choice(
-    comparison: Comparison, recommendation: Recommendation, result: ModelResult
+def _model_sentences(
+    comparison: Comparison, recommendation: _Recommendation, result: ModelResult
 ) -> list[str]:
-    # The sentences on the model, and on the best one of the other kind.
+    # Returns sentences on the recommended model and on the best model of the other kind.
     best = recommendation.best
-    text = f"Take {_with_score(comparison, result)}"
+    text = f"Take {_name_with_score(comparison, result)}"
     if best is not None and best is not result:
         text += (
             f", which is simpler than {best.model.name}, the best model, and about as good "
-            f"({_simplicity(result, best)})"
+            f"({_compare_sizes(result, best)})"
         )
     rivals = [r for r in comparison.results if r is not result and r.model.name != FLOOR]
-    of_other_kind = [r for r in rivals if r.model.is_graph != result.model.is_graph]
+    cross_kind_rivals = [r for r in rivals if r.model.is_graph != result.model.is_graph]
     if not rivals:
         return [f"{text}; no other model has a score."]
-    rival = max(of_other_kind or rivals, key=comparison.merit)
+    rival = max(cross_kind_rivals or rivals, key=comparison.merit)
     kind = "the best graph model" if rival.model.is_graph else "the best plain model"
-    if not of_other_kind:
+    if not cross_kind_rivals:
         kind = "the next best model" if best is result else "the best of the others"
     difference = comparison.difference(rival.model.name, result.model.name)
-    size = shown_number(comparison.metric, abs(difference.mean))
+    size = format_score(comparison.metric, abs(difference.mean))
     if not float(size):
         return [f"{text}: {rival.model.name}, {kind}, is level with it."]
     points = " points" if comparison.metric in PERCENT else ""
     is_better = (difference.mean > 0) != (comparison.metric == "mae")
     text += f": {rival.model.name}, {kind}, is {size}{points} {'better' if is_better else 'worse'}"
     if difference.is_beyond_noise:
-        return [f"{text}, which is {_beyond(comparison, difference)}."]
+        return [f"{text}, which is {_describe_noise(comparison, difference)}."]
     leader = rival if is_better else result
-    return [f"{text}.", _not_proved(comparison, leader, difference)]
+    return [f"{text}.", _unproved_sentence(comparison, leader, difference)]
 
 
-def _contradiction(comparison: Comparison, result: ModelResult) -> str:
-    # What is said of the best model on the test part, if another one was chosen by validation
-    # scores, and that cannot be by chance.
+def _contradiction_sentence(comparison: Comparison, result: ModelResult) -> str:
+    # Returns a sentence if another model than the one chosen by validation scores is better on the
+    # test part, beyond the noise.
     leader = max(comparison.results, key=comparison.goodness)
     if not comparison.is_validated or leader is result:
         return ""
     difference = comparison.difference(leader.model.name, result.model.name)
     if not difference.is_beyond_noise:
         return ""
-    size = shown_number(comparison.metric, abs(difference.mean))
+    size = format_score(comparison.metric, abs(difference.mean))
     points = " points" if comparison.metric in PERCENT else ""
     return (
         f"The validation parts and the test part disagree: on the test part {leader.model.name} is "
@@ -154,13 +225,13 @@ def _contradiction(comparison: Comparison, result: ModelResult) -> str:
     )
 
 
-def _beyond(comparison: Comparison, difference: Difference) -> str:
-    margin = shown_number(comparison.metric, difference.margin)
-    return f"{difference.verdict} of ± {margin} ({_errors(comparison, difference)})"
+def _describe_noise(comparison: Comparison, difference: Difference) -> str:
+    margin = format_score(comparison.metric, difference.margin)
+    return f"{difference.verdict} of ± {margin} ({_describe_errors(comparison, difference)})"
 
 
-def _not_proved(comparison: Comparison, leader: ModelResult, difference: Difference) -> str:
-    # What speaks for the better one of two models, and what could prove it.
+def _unproved_sentence(comparison: Comparison, leader: ModelResult, difference: Difference) -> str:
+    # Returns a sentence on the evidence for the better of two models, and how to prove it.
     ahead, behind = difference.units
     num_won = difference.splits.above
     if difference.mean < 0:
@@ -168,93 +239,99 @@ def _not_proved(comparison: Comparison, leader: ModelResult, difference: Differe
     text = f"{leader.model.name} is ahead in "
     if difference.num_splits > 1:
         text += f"{num_won} of {difference.num_splits} splits and in "
-    text += f"{_count(ahead, difference.unit)} against {behind}"
-    if difference.num_units < LEAST_PAIRS:
-        count = _count(difference.num_units, difference.unit)
+    text += f"{_format_count(ahead, difference.unit)} against {behind}"
+    if difference.num_units < MIN_PAIRS:
+        count = _format_count(difference.num_units, difference.unit)
         return f"{text}; {count} cannot prove it; more {difference.unit}s could."
     if math.isnan(difference.margin):
-        count, hint = _count(difference.num_splits, "split"), _more_folds(comparison, difference)
+        count, hint = (
+            _format_count(difference.num_splits, "split"),
+            _folds_hint(comparison, difference),
+        )
         return f"{text}; {count} cannot prove it; {hint}."
-    margin = shown_number(comparison.metric, difference.margin)
-    noise = f"the noise of ± {margin} ({_errors(comparison, difference)})"
+    margin = format_score(comparison.metric, difference.margin)
+    noise = f"the noise of ± {margin} ({_describe_errors(comparison, difference)})"
     if not abs(difference.mean) > difference.error:
         return f"{text}, which is within {noise}."
-    if difference.is_proved_by(_FOLDS):
-        hint = _more_folds(comparison, difference)
-        count = _count(difference.num_splits, "split")
+    if difference.is_proved_by(_SUGGESTED_FOLDS):
+        hint = _folds_hint(comparison, difference)
+        count = _format_count(difference.num_splits, "split")
         return f"{text}, but {count} cannot prove it beyond {noise}; {hint}."
     return f"{text}, but within {noise}; more {difference.unit}s could prove it."
 
 
-def _more_folds(comparison: Comparison, difference: Difference) -> str:
+def _folds_hint(comparison: Comparison, difference: Difference) -> str:
     (protocol,) = comparison.run.plan.protocols
     folds, by = protocol.protocol.folds, protocol.protocol.by
-    has_units = by == "frame" or difference.num_units >= _FOLDS
-    if folds is None or folds >= _FOLDS or not has_units:
+    has_units = by == "frame" or difference.num_units >= _SUGGESTED_FOLDS
+    if folds is None or folds >= _SUGGESTED_FOLDS or not has_units:
         return f"more {difference.unit}s could"
-    return f"'--folds {_FOLDS}' could"
+    return f"'--folds {_SUGGESTED_FOLDS}' could"
 
 
-def _over_constant(comparison: Comparison, result: ModelResult) -> str:
-    if FLOOR not in [other.model.name for other in comparison.results]:
+def _constant_sentence(comparison: Comparison, result: ModelResult) -> str:
+    if FLOOR not in [measured.model.name for measured in comparison.results]:
         return ""
     difference = comparison.difference(result.model.name, FLOOR)
     if difference.is_beyond_noise:
         return ""
     return (
         f"{result.model.name} is not clearly better than always answering "
-        f"{comparison.constant.name} ({_errors(comparison, difference)}); more "
+        f"{comparison.constant.name} ({_describe_errors(comparison, difference)}); more "
         f"{comparison.units.name}s would tell."
     )
 
 
-def _few_units(comparison: Comparison) -> str:
-    num_units = len(_by_unit(comparison, comparison.results[0].model.name))
+def _units_sentence(comparison: Comparison) -> str:
+    num_units = len(_predictions_by_unit(comparison, comparison.results[0].model.name))
     if comparison.units.num_leaked:
         return (
-            f"{_count(comparison.units.num_leaked, 'trial')} "
+            f"{_format_count(comparison.units.num_leaked, 'trial')} "
             f"{'is' if comparison.units.num_leaked == 1 else 'are'} in the training and the test "
             "part of a split: the scores say nothing about new trials (split by trial)."
         )
     num_seen, unit = comparison.units.num_seen, comparison.units.name
     if num_seen:
         return (
-            f"{num_seen} of {_count(num_units, unit)} in the test part "
+            f"{num_seen} of {_format_count(num_units, unit)} in the test part "
             f"{'is' if num_seen == 1 else 'are'} in the training part too: put each {unit} into "
             "one part."
         )
-    if num_units >= _FEW_UNITS:
+    if num_units >= _MIN_CERTAIN_UNITS:
         return ""
-    return f"Only {_count(num_units, comparison.units.name)}: others may give another choice."
+    return (
+        f"Only {_format_count(num_units, comparison.units.name)}: others may give another choice."
+    )
 
 
 def quotation(comparison: Comparison, result: ModelResult) -> str:
-    r"""Returns a sentence that can be quoted: the score of a model, what is new in the test parts,
-    how much the score varies, and what the constant answer scores.
+    r"""Returns a sentence that can be quoted: the score of a model, its variation, the novelty of
+    the test parts, and the score of the constant answer.
 
     Args:
         comparison (Comparison): The scores.
         result (ModelResult): The model.
     """
     metric, unit, constant = comparison.metric, comparison.units.name, comparison.constant
-    name, value = result.model.name, _number(comparison, result.scores[metric].mean)
-    where = f"On {unit}s that the model has never seen"
+    name, value = result.model.name, _format_number(comparison, result.scores[metric].mean)
+    test_part = f"On {unit}s that the model has never seen"
     if comparison.units.num_leaked:
-        where = "On samples of trials that the model has seen"
+        test_part = "On samples of trials that the model has seen"
     elif comparison.units.num_seen:
-        where = f"On {unit}s most of which the model has never seen"
-    num_models = sum(other.model.name != FLOOR for other in comparison.results)
+        test_part = f"On {unit}s most of which the model has never seen"
+    num_models = sum(measured.model.name != FLOOR for measured in comparison.results)
     by = "validation scores" if comparison.is_validated else "these scores"
     remarks = [
-        _variation(comparison, name),
-        f"always answering {constant.name} would give {_number(comparison, constant.score)}",
+        _describe_variation(comparison, name),
+        f"always answering {constant.name} would give {_format_number(comparison, constant.score)}",
         f"the best of {num_models} models, chosen by {by}" if num_models > 1 else "",
-        _trainings(comparison),
+        _describe_trainings(comparison),
     ]
-    return f"{where}, {name} {_VERBS[metric]} {value} ({'; '.join(filter(None, remarks))})."
+    details = "; ".join(filter(None, remarks))
+    return f"{test_part}, {name} {_SCORE_PHRASES[metric]} {value} ({details})."
 
 
-def _trainings(comparison: Comparison) -> str:
+def _describe_trainings(comparison: Comparison) -> str:
     if not comparison.has_given_parts:
         return ""
     if comparison.num_seeds > 1:
@@ -262,30 +339,31 @@ def _trainings(comparison: Comparison) -> str:
     return "one training, and another one would give another score"
 
 
-def _variation(comparison: Comparison, name: str) -> str:
-    # The lowest and the highest score of a unit, or the 95 % interval of the mean.
+def _describe_variation(comparison: Comparison, name: str) -> str:
+    # Returns the lowest and the highest score of a unit, or the 95 % interval of the mean.
     metric, unit = comparison.metric, comparison.units.name
-    by_unit = _by_unit(comparison, name)
-    count = _count(len(by_unit), unit)
+    by_unit = _predictions_by_unit(comparison, name)
+    count = _format_count(len(by_unit), unit)
     num_samples = sum(len(part.y) for part in by_unit.values())
-    if 1 < len(by_unit) <= _LISTED_UNITS and num_samples >= _SAMPLES_PER_UNIT * len(by_unit):
+    if 1 < len(by_unit) <= _MAX_RANGE_UNITS and num_samples >= _MIN_SAMPLES_PER_UNIT * len(by_unit):
         scores = [
             prediction_scores(part.y, part.prediction, metric == "mae")[metric]
             for part in by_unit.values()
         ]
-        worst, best = shown_number(metric, min(scores)), _number(comparison, max(scores))
+        worst, best = format_score(metric, min(scores)), _format_number(comparison, max(scores))
         return f"{count}, {worst} to {best} each"
-    if len(by_unit) < LEAST_PAIRS:
+    if len(by_unit) < MIN_PAIRS:
         return count
-    low, high = _interval(_score_of(comparison, name), is_share=metric in PERCENT)
-    return (
-        f"{count}, {shown_number(metric, low)} to {_number(comparison, high)} with 95 % confidence"
+    low, high = _confidence_interval(
+        _score_with_errors(comparison, name), is_share=metric in PERCENT
     )
+    interval = f"{format_score(metric, low)} to {_format_number(comparison, high)}"
+    return f"{count}, {interval} with 95 % confidence"
 
 
-def _interval(score: Difference, is_share: bool) -> tuple[float, float]:
-    # The 95 % interval of a score over its units; of a share that of Wilson, within 0 and 1, which
-    # has a width where all units are right.
+def _confidence_interval(score: Difference, is_share: bool) -> tuple[float, float]:
+    # Returns the 95 % interval of a score over its units. A share gets Wilson's interval, which
+    # stays within 0 and 1 and has a width even if all units are correct.
     p, quantile = score.mean, float(t.ppf(0.975, score.num_units - 1))
     margin = quantile * score.over_units
     if not is_share:
@@ -296,8 +374,9 @@ def _interval(score: Difference, is_share: bool) -> tuple[float, float]:
     return (center - half) / (1 + a), (center + half) / (1 + a)
 
 
-def _by_unit(comparison: Comparison, name: str) -> dict[int, Predictions]:
-    # The predictions of a model for each unit, of all splits; of samples without their places none.
+def _predictions_by_unit(comparison: Comparison, name: str) -> dict[int, Predictions]:
+    # Returns the predictions of a model for each unit, over all splits. Samples without trials are
+    # units by their index.
     joined = Predictions.join(comparison.predictions(name))
     units = joined.index if joined.trial is None else joined.trial
     assert units is not None
@@ -307,41 +386,41 @@ def _by_unit(comparison: Comparison, name: str) -> dict[int, Predictions]:
     return {n: joined.select(part) for n, part in zip(numbers.tolist(), parts, strict=True)}
 
 
-def _score_of(comparison: Comparison, name: str) -> Difference:
-    # The score of a model with its errors: the difference to a model without a score.
+def _score_with_errors(comparison: Comparison, name: str) -> Difference:
+    # Returns the score of a model with its errors, as the difference to predictions of score zero.
     predictions = comparison.predictions(name)
-    no_score = [
+    zero_score = [
         replace(p, prediction=p.y if comparison.metric == "mae" else np.full_like(p.y, -1))
         for p in predictions
     ]
-    return paired_difference(predictions, no_score, comparison.metric)
+    return paired_difference(predictions, zero_score, comparison.metric)
 
 
-def _simplicity(result: ModelResult, best: ModelResult) -> str:
+def _compare_sizes(result: ModelResult, best: ModelResult) -> str:
     sizes = [f"{r.num_parameters:,.0f}" for r in (result, best) if r.num_parameters is not None]
     times = [f"{r.milliseconds:.2g}" for r in (result, best)]
     return f"{' against '.join(sizes)} weights, {' against '.join(times)} ms a sample"
 
 
-def _with_score(comparison: Comparison, result: ModelResult) -> str:
-    score = _number(comparison, result.scores[comparison.metric].mean)
+def _name_with_score(comparison: Comparison, result: ModelResult) -> str:
+    score = _format_number(comparison, result.scores[comparison.metric].mean)
     if comparison.is_validated and result.validation is not None:
-        score += f", {_number(comparison, result.validation)} on validation parts"
+        score += f", {_format_number(comparison, result.validation)} on validation parts"
     return f"{result.model.name} ({NAMES[comparison.metric]} {score})"
 
 
-def _number(comparison: Comparison, value: float) -> str:
-    text = shown_number(comparison.metric, value)
+def _format_number(comparison: Comparison, value: float) -> str:
+    text = format_score(comparison.metric, value)
     return f"{text} %" if comparison.metric in PERCENT else text
 
 
-def _count(count: int, unit: str) -> str:
+def _format_count(count: int, unit: str) -> str:
     return f"1 {unit}" if count == 1 else f"{count:,} {unit}s"
 
 
-def _errors(comparison: Comparison, difference: Difference) -> str:
+def _describe_errors(comparison: Comparison, difference: Difference) -> str:
     texts = [
-        f"{shown_number(comparison.metric, error)} over {_count(count, unit)}"
+        f"{format_score(comparison.metric, error)} over {_format_count(count, unit)}"
         for error, count, unit in (
             (difference.over_splits, difference.num_splits, "split"),
             (difference.over_units, difference.num_units, difference.unit),
@@ -353,7 +432,7 @@ def _errors(comparison: Comparison, difference: Difference) -> str:
 
 
 def to_dict(comparison: Comparison) -> dict[str, Any]:
-    r"""Returns a comparison as JSON values: scores as parts of one, missing numbers as
+    r"""Returns a comparison as JSON values. Scores are from 0 to 1; missing numbers are
     :obj:`None`.
     """
     run, plan = comparison.run, comparison.run.plan
@@ -412,7 +491,7 @@ def _model_dict(result: ModelResult) -> dict[str, Any]:
         "num_parameters": result.num_parameters,
         "seconds": result.seconds,
         "milliseconds": result.milliseconds,
-        "chosen": list(result.chosen),
+        "chosen": list(result.selections),
     }
 
 

@@ -1,5 +1,5 @@
-r"""The samples of a comparison: of a file, a folder or a class, as they are, or windows of
-frames and whole trials cut from them.
+r"""Data sources of comparisons: the samples of a file, folder or class, or windows and trials that
+are cut from its frames.
 """
 
 import inspect
@@ -17,7 +17,7 @@ from torch_geometric_tactile.experiments._building import argument_names
 from torch_geometric_tactile.experiments.source import DataSource
 
 _DATASETS = "torch_geometric_tactile.datasets"
-_PITCH = 0.005
+_PITCH = 0.005  # m, of a grid without known distances
 _IMPORT_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
 _WINDOWS = "torch_geometric_tactile.data.Windows"
 _TRIALS = "torch_geometric_tactile.data.Trials"
@@ -26,8 +26,20 @@ _RESAMPLE = "torch_geometric_tactile.transforms.Resample"
 
 @dataclass(frozen=True)
 class FrameCut:
-    r"""How samples of several frames are cut from the frames of a data set: windows, or whole
-    trials.
+    r"""The cut of samples of several frames, windows or whole trials, from the frames of a data
+    set.
+
+    Args:
+        window (int, optional): Number of frames of a window.
+        hop (int, optional): Number of frames from one window to the next; :obj:`window` if left
+            out.
+        horizon (int, optional): Labels a window by the frame so many frames after its last; by its
+            last frame if left out.
+        trials (int, optional): Number of frames that whole trials are resampled to.
+
+    Raises:
+        ValueError: If both or neither of :obj:`window` and :obj:`trials` are given, or a number is
+            too small.
 
     Examples:
         >>> frames = DataSource("torch_geometric_tactile.datasets.BiGS", {"root": "bigs"})
@@ -61,10 +73,10 @@ class FrameCut:
                 *("only one of ", Argument("window"), " and ", Argument("trials")),
                 f" may be given (got {self.window} and {self.trials})",
             )
-        for name, least in (("window", 2), ("hop", 1), ("horizon", 1), ("trials", 2)):
+        for name, minimum in (("window", 2), ("hop", 1), ("horizon", 1), ("trials", 2)):
             number = getattr(self, name)
-            if number is not None and number < least:
-                raise ArgumentError(Argument(name), f" must be at least {least} (got {number})")
+            if number is not None and number < minimum:
+                raise ArgumentError(Argument(name), f" must be at least {minimum} (got {number})")
 
     def cut(self, frames: DataSource) -> DataSource:
         r"""Returns the windows or trials as a data source. Arguments that select frames, such as a
@@ -106,6 +118,23 @@ def data_source(
 ) -> DataSource:
     r"""Returns the data source of a file, a folder of recordings, a data set's name or an import
     path.
+
+    Args:
+        data (str or PathLike): An npz file of samples, a folder of recordings, the name of a class
+            of :mod:`torch_geometric_tactile.datasets`, or an import path.
+        layout (str, optional): The layout of a file or of recordings.
+        grid (str, optional): Rows and columns of a grid in place of a layout, such as
+            :obj:`"28x50"`.
+        task (str, optional): The task of a file.
+        time_axis (int, optional): The axis of time in the readings of a file.
+        arguments (Mapping, optional): Further arguments of the class.
+        stride (int, optional): Keeps every :obj:`stride`-th frame of each trial.
+        resample (float, optional): Rate in hertz to which recordings are resampled.
+        cut (FrameCut, optional): Cuts windows or whole trials from the frames.
+
+    Raises:
+        FileNotFoundError: If there is no such file, folder or class.
+        ValueError: If an argument does not fit the kind of data.
     """
     if time_axis is not None and cut is not None:
         raise ArgumentError(
@@ -188,8 +217,9 @@ def _parse_grid(text: str) -> dict[str, Any]:
 def apply_to_frames(
     source: DataSource, tare: Mapping[str, Any] | None, selection: Mapping[str, Any] | None
 ) -> tuple[DataSource, dict[str, Any] | None, Mapping[str, Any] | None]:
-    r"""Returns a source whose frames are tared and selected before windows or trials are cut, and
-    the tare and selection that remain for its samples: none of windows, both of single frames.
+    r"""Moves a tare and a selection from samples to the frames that they are cut from. Returns the
+    source, and the tare and selection that are left for its samples: both for single frames, none
+    for windows and trials.
     """
     if not source.is_view:
         return source, None if tare is None else dict(tare), selection
@@ -215,7 +245,7 @@ def _with_tared_frames(source: DataSource, tare: Mapping[str, Any]) -> DataSourc
 
 
 def with_stride(frames: DataSource, stride: int) -> DataSource:
-    r"""Returns every :obj:`stride`-th frame of each trial of a source."""
+    r"""Returns a source with every :obj:`stride`-th frame of each trial."""
     names = argument_names(frames.class_path)
     if names is None or "stride" in names:
         return replace(frames, selection={**frames.selection, "stride": stride})
@@ -223,8 +253,8 @@ def with_stride(frames: DataSource, stride: int) -> DataSource:
 
 
 def describe_left_out(dataset: StaticDataset) -> str:
-    r"""Returns a sentence on the trials and windows that were left out when samples were cut; an
-    empty text if none were.
+    r"""Returns a sentence on the trials and windows that were left out in cutting samples; empty if
+    there are none.
     """
     parts = []
     if isinstance(dataset, FrameView) and dataset.too_short:
@@ -235,7 +265,7 @@ def describe_left_out(dataset: StaticDataset) -> str:
 
 
 def describe_cut(source: DataSource) -> str:
-    r"""Returns a sentence on the frames of a sample; an empty text for single frames.
+    r"""Returns a sentence on the frames of a sample; empty for single frames.
 
     Examples:
         >>> frames = DataSource("torch_geometric_tactile.datasets.BiGS", {"root": "bigs"})

@@ -1,4 +1,4 @@
-r"""Models compared on one data set: the plan and the scores."""
+r"""Comparisons of models on one data set: settings, plan and scores."""
 
 import math
 import statistics
@@ -14,8 +14,8 @@ from torch_geometric_tactile.experiments._compared_models import (
     FLOOR,
     ComparedModel,
     check_model_names,
-    chosen_models,
-    model_of,
+    find_model,
+    select_models,
 )
 from torch_geometric_tactile.experiments._compared_task import ComparedTask
 from torch_geometric_tactile.experiments._held_out import compared_protocol, mean_training_size
@@ -24,56 +24,58 @@ from torch_geometric_tactile.experiments._score_units import (
     ScoreUnits,
     comparison_splits,
 )
-from torch_geometric_tactile.experiments._scores import LEAST_PAIRS
+from torch_geometric_tactile.experiments._scores import MIN_PAIRS
 from torch_geometric_tactile.experiments.compared_windows import apply_to_frames
 from torch_geometric_tactile.experiments.differences import (
     Difference,
     paired_difference,
     run_difference,
 )
-from torch_geometric_tactile.experiments.plan import Plan, Settings, list_experiments
+from torch_geometric_tactile.experiments.plan import Plan, PlanRun, Settings, list_experiments
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, run_plan
+from torch_geometric_tactile.experiments.run_plan import OnProgress, run_plan
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 
 _CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
 _NUMBER_METRICS = ("mae", "rmse", "r2")
 _UNITS = ("trial", "group", "session", "frame", "given")
-# The part of the training samples on which settings are chosen: the recipe of networks follows it.
-_CHOOSE_ON = 0.8
-_TOLERANCE = 0.01  # one point
-_TOLERANCES = {"mae": 0.02}  # of the smallest error
+# The share of the training samples that candidate settings are trained on. The training recipe of
+# networks depends on their number.
+_FIT_SHARE = 0.8
+_TOLERANCE = 0.01  # one percentage point
+_TOLERANCES = {"mae": 0.02}  # a share of the smallest error
 
 
 @dataclass(frozen=True)
 class ComparisonSettings:
-    r"""What is compared, and how.
+    r"""The models, splits and scores of a comparison.
 
     Args:
-        models (tuple of str, optional): Names of the models, or import paths of your own (a class
-            of a network, or what returns an estimator of scikit-learn); all of ours that have a
-            place in the data if left out.
-        by (str, optional): What stays together in a split: :obj:`"trial"`, :obj:`"group"`,
-            :obj:`"session"`, :obj:`"frame"` (nothing), or :obj:`"given"`. If left out, the trial;
-            without trials the group, where three or more of them share their classes; otherwise the
-            frame. Without trials a warning says which.
-        folds (int): Number of folds: each is tested on once a seed.
-        seeds (int): How often the folds are drawn, or models are trained on given parts.
-        metric (str, optional): What models are chosen by and compared by: :obj:`"accuracy"` (of
-            classes, if left out), :obj:`"balanced_accuracy"` (then rare classes also weigh as much
-            in training), or :obj:`"mae"` (of numbers).
+        models (tuple of str, optional): Names of the models, or import paths of your own models: a
+            network class, or a class or function that returns an estimator of scikit-learn. If left
+            out, all stock models that fit the data.
+        by (str, optional): The unit that a split keeps together: :obj:`"trial"`, :obj:`"group"`,
+            :obj:`"session"` or :obj:`"frame"`; or :obj:`"given"` for the parts of the data set. If
+            left out, the trial; for samples without trials the group, if three or more groups share
+            their classes, otherwise the frame. A warning then names the unit.
+        folds (int): Number of folds. Each fold is the test part once for each seed.
+        seeds (int): Number of times that the folds are drawn, or that models are trained on given
+            parts.
+        metric (str, optional): The score by which settings and models are selected:
+            :obj:`"accuracy"` (the default for classes), :obj:`"balanced_accuracy"` (training then
+            weights classes equally), or :obj:`"mae"` (the default for numbers).
         epochs (int, optional): Epochs of a network; by the number of samples if left out.
-        members (int, optional): How many networks of a kind are trained on each training part; what
-            they say is averaged. If left out, three, or one with more than 1,000 training samples.
+        members (int, optional): Number of networks that are trained on each training part and
+            averaged. If left out, three, or one with more than 1,000 training samples.
         tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, such
-            as :obj:`{"key": "trial", "first": 10}`, where each trial begins at rest. Of windows,
-            the frames are tared before these are cut.
+            as :obj:`{"key": "trial", "first": 10}` if each trial begins at rest. The frames of
+            windows are tared before windows are cut.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
         threads (int): Threads of each run.
-        tolerance (float, optional): How much worse than the best a simpler model may be to be
-            recommended in its place: a part of one (0.01, one point, if left out), or for
-            :obj:`"mae"` a part of the smallest error (0.02 if left out).
+        tolerance (float, optional): The largest loss of score for which a simpler model is
+            recommended instead of the best: a share of one (0.01, one percentage point, if left
+            out), or for :obj:`"mae"` a share of the smallest error (0.02 if left out).
 
     Raises:
         ValueError: If a name is unknown, or a number is too small.
@@ -111,10 +113,10 @@ class ComparisonSettings:
         need_argument(
             self.members is None or self.members >= 1, "members", "must be at least 1", self.members
         )
-        self.of_plan()
+        self.plan_settings()  # checks the numbers
 
-    def of_plan(self) -> Settings:
-        r"""Returns those that every plan has."""
+    def plan_settings(self) -> Settings:
+        r"""Returns the settings that comparisons share with tables."""
         return Settings(
             seeds=self.seeds,
             epochs=self.epochs,
@@ -125,8 +127,8 @@ class ComparisonSettings:
 
 
 class Summary(NamedTuple):
-    r"""Mean and standard deviation over splits, or over the seeds of given parts; the latter is NaN
-    for less than two.
+    r"""Mean and standard deviation over splits, or over the seeds of given parts. The standard
+    deviation is NaN for fewer than two.
     """
 
     mean: float
@@ -140,13 +142,16 @@ class ModelResult:
     Args:
         model (ComparedModel): The model.
         scores (dict): Mean and standard deviation of each score, by its name.
-        difference (Difference, optional): To the best plain model; :obj:`None` for itself.
-        num_parameters (float, optional): Weights, or numbers that an estimator holds, mean.
-        seconds (float): Of choosing and training on one split, mean.
-        milliseconds (float): Of predicting one sample, mean.
-        chosen (tuple of dict): What was chosen on each split.
-        validation (float, optional): Of given parts, the score that is compared, on validation
-            parts: the mean over these and over the seeds.
+        difference (Difference, optional): The difference to the best plain model; :obj:`None` for
+            that model.
+        num_parameters (float, optional): Mean number of weights, or of fitted numbers of an
+            estimator.
+        seconds (float): Mean seconds of selection and training on one split.
+        milliseconds (float): Mean milliseconds to predict one sample.
+        selections (tuple of dict): The selected setting of each split, with its number and the
+            validation scores.
+        validation (float, optional): With given parts, the mean validation score over the
+            validation parts and seeds.
     """
 
     model: ComparedModel
@@ -155,23 +160,24 @@ class ModelResult:
     num_parameters: float | None
     seconds: float
     milliseconds: float
-    chosen: tuple[dict[str, Any], ...]
+    selections: tuple[dict[str, Any], ...]
     validation: float | None = None
 
 
 @dataclass(frozen=True)
 class Comparison:
-    r"""Scores of all models of a comparison. :obj:`results` are in the order of the models.
+    r"""Scores of all models of a comparison.
 
     Args:
         run (PlanRun): The runs.
-        metric (str): What is compared.
-        results (tuple of ModelResult): Of the models that have a result for every split.
-        best_plain (str, optional): The best of the plain models by :meth:`merit`, by its name.
-        units (ScoreUnits): What is new in the test parts, and counts as one observation.
-        constant (ConstantAnswer): The most frequent answer, or the mean, and its score.
-        tolerance (float): How much worse than the best a simpler model may be to be recommended:
-            a score, or for :obj:`"mae"` an error.
+        metric (str): The score that is compared.
+        results (tuple of ModelResult): Results of the models that have one for every split, in the
+            order of the models.
+        best_plain (str, optional): Name of the best plain model by :meth:`merit`.
+        units (ScoreUnits): The units that are new in the test parts, each one observation.
+        constant (ConstantAnswer): The most frequent class, or the mean, and its score.
+        tolerance (float): The largest loss of score, or for :obj:`"mae"` gain of error, for which
+            a simpler model is recommended instead of the best.
     """
 
     run: PlanRun
@@ -184,17 +190,17 @@ class Comparison:
 
     @property
     def metrics(self) -> tuple[str, ...]:
-        r"""The names of the scores."""
+        r"""Names of the scores."""
         return _NUMBER_METRICS if self.metric == "mae" else _CLASS_METRICS
 
     @property
     def has_given_parts(self) -> bool:
-        r"""Whether all models are tested on one test part that was given."""
+        r"""Whether all models are tested on the test part of the data set."""
         return all(e.protocol.by == "given" for e in self.run.plan.experiments)
 
     @property
     def num_splits(self) -> int:
-        r"""The number of splits that each model is compared on. Given parts are one split, with any
+        r"""Number of splits that models are compared on. Given parts are a single split, with any
         number of seeds.
         """
         splits = {(e.seed, e.fold) for e in self.run.plan.experiments}
@@ -202,19 +208,19 @@ class Comparison:
 
     @property
     def num_seeds(self) -> int:
-        r"""How often each model was trained on each training part, or the folds were drawn."""
+        r"""Number of trainings on each training part, or of draws of the folds."""
         return len({e.seed for e in self.run.plan.experiments})
 
     @property
     def is_validated(self) -> bool:
-        r"""Whether a model is chosen by validation scores, as with given parts, and not by the
-        scores of the test parts.
+        r"""Whether models are ranked by validation scores, as with given parts, instead of scores
+        on the test parts.
         """
         return any(result.validation is not None for result in self.results)
 
     @property
     def best(self) -> ModelResult | None:
-        r"""The model with the most merit; of equals the smallest."""
+        r"""The model with the highest :meth:`merit`; of equal models, the smallest."""
 
         def rank(result: ModelResult) -> tuple[float, float, float]:
             size = math.inf if result.num_parameters is None else result.num_parameters
@@ -223,48 +229,51 @@ class Comparison:
         return min(self.results, key=rank, default=None)
 
     def merit(self, result: ModelResult) -> float:
-        r"""Returns what models are chosen by, higher for better ones: the validation score if
-        :obj:`is_validated`, and otherwise :meth:`goodness`.
+        r"""Returns the score by which models are ranked, higher for better models: the validation
+        score if :obj:`is_validated`, otherwise :meth:`goodness`.
 
         Args:
-            result (ModelResult): Of a model.
+            result (ModelResult): The result of a model.
         """
         if not self.is_validated:
             return self.goodness(result)
-        if result.validation is None:  # its training failed without the validation parts
+        if result.validation is None:  # a training for a validation part failed
             return -math.inf
         return -result.validation if self.metric == "mae" else result.validation
 
     def goodness(self, result: ModelResult) -> float:
-        r"""Returns the score on the test parts that is compared, higher for better ones.
+        r"""Returns the score on the test parts, higher for better models.
 
         Args:
-            result (ModelResult): Of a model.
+            result (ModelResult): The result of a model.
         """
         mean = result.scores[self.metric].mean
         return -mean if self.metric == "mae" else mean
 
-    def of(self, name: str) -> ModelResult:
-        r"""Returns the scores of one model.
+    def model_result(self, name: str) -> ModelResult:
+        r"""Returns the result of one model.
 
         Args:
-            name (str): Its name.
+            name (str): Name of the model.
 
         Raises:
-            ValueError: If nothing did.
+            ValueError: If the model has no result.
         """
         for result in self.results:
             if result.model.name == name:
                 return result
-        known = [result.model.name for result in self.results]
-        raise ArgumentError(Argument("name"), f" must be one of {known} (got '{name}')")
+        names = [result.model.name for result in self.results]
+        raise ArgumentError(Argument("name"), f" must be one of {names} (got '{name}')")
 
     def difference(self, first: str, second: str) -> Difference:
-        r"""Returns the score of one model less that of another on the same splits.
+        r"""Returns the score of one model minus that of another on the same splits.
 
         Args:
-            first (str): Name of the one.
-            second (str): Name of the other.
+            first (str): Name of the one model.
+            second (str): Name of the model that is subtracted.
+
+        Raises:
+            ValueError: If there is no split that is finished for both.
         """
         (protocol,) = self.run.plan.protocols
         difference = run_difference(
@@ -274,50 +283,53 @@ class Comparison:
             protocol.name,
             self.metric,
             unit=self.units.name,
-            with_units=self.units.of_predictions,
+            with_units=self.units.replace_trials,
         )
         if difference is None:
             raise ValueError(f"'{first}' and '{second}' must have a finished split (got none)")
         return difference
 
     def validation_difference(self, first: str, second: str) -> Difference:
-        r"""Returns the validation score of one model less that of another on the same parts.
+        r"""Returns the validation score of one model minus that of another on the same parts.
 
         Args:
-            first (str): Name of the one.
-            second (str): Name of the other.
+            first (str): Name of the one model.
+            second (str): Name of the model that is subtracted.
 
         Raises:
             ValueError: If one of them has no validation score.
         """
         validations = [self._validations(name) for name in (first, second)]
-        for name, of_model in zip((first, second), validations, strict=True):
-            need(of_model, f"'{name}' must have a validation score (got none)")
-        one, other = (
-            [Predictions.from_dict(said) for entry in of_model for said in entry["predictions"]]
-            for of_model in validations
+        for name, entries in zip((first, second), validations, strict=True):
+            need(entries, f"'{name}' must have a validation score (got none)")
+        first_predictions, second_predictions = (
+            [Predictions.from_dict(part) for entry in entries for part in entry["predictions"]]
+            for entries in validations
         )
         overlap = statistics.fmean(entry["overlap"] for entry in validations[0])
         unit = self.units.name
-        one_by_unit, other_by_unit = (
-            [self.units.of_predictions(said) for said in part] for part in (one, other)
+        first_by_unit, second_by_unit = (
+            [self.units.replace_trials(part) for part in predictions]
+            for predictions in (first_predictions, second_predictions)
         )
-        if self.units.num_of(one_by_unit) >= LEAST_PAIRS:
-            return paired_difference(one_by_unit, other_by_unit, self.metric, overlap, unit)
-        return paired_difference(one, other, self.metric, overlap)  # fewer than can be counted
+        if self.units.count_units(first_by_unit) >= MIN_PAIRS:
+            return paired_difference(first_by_unit, second_by_unit, self.metric, overlap, unit)
+        # Too few units for an error: trials count instead.
+        return paired_difference(first_predictions, second_predictions, self.metric, overlap)
 
     def _validations(self, name: str) -> list[dict[str, Any]]:
         validations = [r.get("validation") for e, r in self.run.results if e.name == name]
         return [entry for entry in validations if entry and entry["predictions"]]
 
     def predictions(self, name: str) -> list[Predictions]:
-        r"""Returns the predictions of one model, split by split, with their units as trials.
+        r"""Returns the predictions of one model, split by split. Their :obj:`trial` is the unit of
+        each sample.
 
         Args:
             name (str): Name of the model.
         """
         return [
-            self.units.of_predictions(Predictions.from_dict(result["predictions"]))
+            self.units.replace_trials(Predictions.from_dict(result["predictions"]))
             for experiment, result in self.run.results
             if experiment.name == name
         ]
@@ -330,19 +342,20 @@ def comparison_plan(
     name: str = "comparison",
     selection: Mapping[str, Any] | None = None,
 ) -> Plan:
-    r"""Lists the experiments of a comparison: models by folds by seeds, each of which chooses its
-    settings on a part of its training samples and looks at its test samples once.
+    r"""Lists the experiments of a comparison: every model on every fold for every seed. Each
+    experiment selects its settings within its training part, and uses its test part once.
 
     Args:
         source (DataSource): The samples (see :func:`data_source`).
-        settings (ComparisonSettings, optional): What is compared, and how.
-        name (str): Name of its files.
-        selection (Mapping, optional): Arguments of the data set that only choose among the samples,
-            such as :obj:`stride`.
+        settings (ComparisonSettings, optional): The models, splits and scores.
+        name (str): Name of the comparison, for its title and messages.
+        selection (Mapping, optional): Arguments of the data set that only select samples, such as
+            :obj:`stride`.
 
     Raises:
         FileNotFoundError: If there is no data.
-        ValueError: If the samples cannot be split so, or a model has no place in the data.
+        ValueError: If the samples cannot be split by the settings, or a model does not fit the
+            data.
     """
     settings = settings or ComparisonSettings()
     source, tare, selection = apply_to_frames(source, settings.tare, selection)
@@ -360,39 +373,39 @@ def comparison_plan(
             f" must be left out for samples of different sensors (got samples of "
             f"{dataset.describe_taxels()}): subtract rest readings sample by sample",
         )
-    numbers = _predicts_numbers(dataset)
-    metric = settings.metric or ("mae" if numbers else "accuracy")
-    if (metric == "mae") != numbers:
-        allowed = "'mae'" if numbers else "'accuracy' or 'balanced_accuracy'"
-        kind = "numbers" if numbers else "classes"
+    is_regression = _is_regression(dataset)
+    metric = settings.metric or ("mae" if is_regression else "accuracy")
+    if (metric == "mae") != is_regression:
+        allowed = "'mae'" if is_regression else "'accuracy' or 'balanced_accuracy'"
+        kind = "numbers" if is_regression else "classes"
         raise ArgumentError(Argument("metric"), f" must be {allowed} for {kind} (got '{metric}')")
     protocol = compared_protocol(dataset, settings.by, settings.folds)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of classes with few units, which the runs tell of
+        warnings.simplefilter("ignore")  # of classes with few units: the runs warn as well
         num_train = mean_training_size(source, protocol)
-    task = ComparedTask.of(
+    task = ComparedTask.from_dataset(
         dataset,
         metric,
-        max(1, round(_CHOOSE_ON * num_train)),
+        max(1, round(_FIT_SHARE * num_train)),
         num_frames=facts.num_frames,
         epochs=settings.epochs,
         tare=tare,
         members=settings.members,
         has_given_parts=protocol.by == "given",
     )
-    models = chosen_models(settings.models, task)
-    held_out = "given" if protocol.by == "given" else f"by {protocol.by}"
+    models = select_models(settings.models, task)
+    protocol_name = "given" if protocol.by == "given" else f"by {protocol.by}"
     table = Table(
         name=name,
-        title=f"Models compared on {name}" + _frames_in_words(facts.num_frames),
+        title=f"Models compared on {name}" + _describe_frames(facts.num_frames),
         data=source,
-        protocols=(TableProtocol(held_out, protocol),),
+        protocols=(TableProtocol(protocol_name, protocol),),
         cells=tuple(model.to_cell(task) for model in models),
-        task="regression" if numbers else "multiclass",
+        task="regression" if is_regression else "multiclass",
         seeds=settings.seeds,
         measure_memory=False,
     )
-    return list_experiments(table, table.protocols, settings.of_plan(), source, facts)
+    return list_experiments(table, table.protocols, settings.plan_settings(), source, facts)
 
 
 def compare(
@@ -405,17 +418,17 @@ def compare(
     selection: Mapping[str, Any] | None = None,
     on_progress: OnProgress | None = None,
 ) -> Comparison:
-    r"""Compares models on one data set: see :func:`comparison_plan` and :func:`run_plan`, which
-    keeps finished runs.
+    r"""Compares models on one data set (see :func:`comparison_plan`). Finished runs are stored and
+    not repeated (see :func:`run_plan`).
 
     Args:
         source (DataSource): The samples (see :func:`data_source`).
-        settings (ComparisonSettings, optional): What is compared, and how.
+        settings (ComparisonSettings, optional): The models, splits and scores.
         out (str or PathLike): Folder of the runs.
         jobs (int, optional): Number of runs at a time, as of :func:`run_plan`.
-        name (str): Name of its files.
-        selection (Mapping, optional): Arguments of the data set that only choose among the samples.
-        on_progress (callable, optional): Called with each run that ended.
+        name (str): Name of the comparison, for its title and messages.
+        selection (Mapping, optional): Arguments of the data set that only select samples.
+        on_progress (callable, optional): As of :func:`run_plan`.
     """
     plan = comparison_plan(source, settings, name=name, selection=selection)
     tolerance = None if settings is None else settings.tolerance
@@ -426,8 +439,11 @@ def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
     r"""Returns the scores of a comparison. Models with failed or missing runs are left out.
 
     Args:
-        run (PlanRun): What :func:`run_plan` returned.
+        run (PlanRun): The run of a comparison.
         tolerance (float, optional): As of :class:`ComparisonSettings`.
+
+    Raises:
+        ValueError: If the run is not of a comparison.
     """
     plan = run.plan
     choice = plan.experiments[0].choice
@@ -438,31 +454,33 @@ def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
     for experiment, result in run.results:
         by_model.setdefault(experiment.name, {})[experiment.seed, experiment.fold] = result
     splits = sorted({(e.seed, e.fold) for e in plan.experiments})
-    whole = {
-        name: [of_split[split] for split in splits]
-        for name, of_split in by_model.items()
-        if len(of_split) == len(splits)
+    complete = {
+        name: [by_split[split] for split in splits]
+        for name, by_split in by_model.items()
+        if len(by_split) == len(splits)
     }
     dataset, data_splits = plan.data.load(), comparison_splits(plan)
-    units = ScoreUnits.of(dataset, data_splits)
-    constant = ConstantAnswer.of(dataset, data_splits, metric)
+    units = ScoreUnits.from_splits(dataset, data_splits)
+    constant = ConstantAnswer.from_splits(dataset, data_splits, metric)
     if tolerance is None:
         tolerance = _TOLERANCES.get(metric, _TOLERANCE)
     comparison = Comparison(run, metric, (), None, units, constant, tolerance)
     results = tuple(
         ModelResult(
-            model=_measured_model(name, whole[name]),
-            scores={key: _summary(whole[name], key) for key in comparison.metrics},
+            model=_find_measured_model(name, complete[name]),
+            scores={key: _summarize_metric(complete[name], key) for key in comparison.metrics},
             difference=None,
-            num_parameters=_mean([r["num_parameters"] for r in whole[name]]),
-            seconds=statistics.fmean(r["choose_seconds"] + r["train_seconds"] for r in whole[name]),
+            num_parameters=_mean_or_none([r["num_parameters"] for r in complete[name]]),
+            seconds=statistics.fmean(
+                r["choose_seconds"] + r["train_seconds"] for r in complete[name]
+            ),
             milliseconds=1000
-            * statistics.fmean(r["predict_seconds"] / r["num_test"] for r in whole[name]),
-            chosen=tuple(r["chosen"] for r in whole[name]),
-            validation=_validation_score(whole[name]),
+            * statistics.fmean(r["predict_seconds"] / r["num_test"] for r in complete[name]),
+            selections=tuple(r["chosen"] for r in complete[name]),
+            validation=_validation_score(complete[name]),
         )
         for name in (cell.experiment for cell in plan.table.cells)
-        if name in whole
+        if name in complete
     )
     comparison = replace(comparison, results=results)
     merits = {result.model.name: comparison.merit(result) for result in results}
@@ -486,22 +504,22 @@ def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
 
 
 def _validation_score(results: list[dict[str, Any]]) -> float | None:
-    # Over the seeds; none of folds, nor of a model whose training failed on a part.
+    # Returns the mean over the seeds; None for folds, or if a training for a part failed.
     scores = [(result.get("validation") or {}).get("score") for result in results]
-    return _mean(scores)
+    return _mean_or_none(scores)
 
 
-def _measured_model(name: str, results: list[dict[str, Any]]) -> ComparedModel:
-    # Only once it is built, a network of one's own tells whether it passes messages.
-    model = model_of(name)
+def _find_measured_model(name: str, results: list[dict[str, Any]]) -> ComparedModel:
+    # Whether a user's network reads edges is only known from its runs.
+    model = find_model(name)
     return replace(model, is_graph=True) if results[0].get("is_graph") else model
 
 
-def _frames_in_words(num_frames: int | None) -> str:
+def _describe_frames(num_frames: int | None) -> str:
     return "" if num_frames is None else f", {num_frames} frames a sample"
 
 
-def _summary(results: list[dict[str, Any]], metric: str) -> Summary:
+def _summarize_metric(results: list[dict[str, Any]], metric: str) -> Summary:
     values = [result["metrics"][metric] for result in results]
     if None in values:  # R2 of one sample
         return Summary(math.nan, math.nan)
@@ -510,11 +528,11 @@ def _summary(results: list[dict[str, Any]], metric: str) -> Summary:
     )
 
 
-def _mean(values: list[Any]) -> float | None:
+def _mean_or_none(values: list[Any]) -> float | None:
     return None if None in values else statistics.fmean(values)
 
 
-def _predicts_numbers(dataset: SampleSet) -> bool:
+def _is_regression(dataset: SampleSet) -> bool:
     y = dataset.column("y")
     if y is None:
         raise ArgumentError(

@@ -1,4 +1,4 @@
-r"""The model that a comparison recommends, trained to be used."""
+r"""Trains the recommended model of a comparison as a predictor."""
 
 import math
 from collections import Counter
@@ -29,7 +29,7 @@ from torch_geometric_tactile.experiments._networks import (
     fit_classifier,
     layout_edges,
     member_seed,
-    prepared_part,
+    prepare_part,
 )
 from torch_geometric_tactile.experiments.advice import advice, recommended
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
@@ -47,33 +47,31 @@ _UNITS = ("trial", "group")
 
 
 def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
-    r"""Trains a model of a comparison once more, and returns it as a predictor: with the
-    transforms of the comparison, the names of the classes, how recordings are read and cut, and
-    the score that it was chosen for.
+    r"""Trains a model of a comparison once more and returns it as a predictor, with the transforms
+    of the comparison, the class names, the preparation of recordings, and the measured score.
 
-    It is trained on all samples, with the setting that was chosen on most splits (the default, if
-    it is among several); of given parts (:obj:`by="given"`) on those to train and to choose on, so
-    that the test part stays unseen. What was measured is what is returned: of networks, the average
-    of :obj:`members`.
+    The model is trained on all samples, with the setting that was selected on most splits (the
+    default if several are tied). If the parts are given (:obj:`by="given"`), it is trained on the
+    training and validation parts; the test part stays unused. As in the comparison, a network is
+    the average of :obj:`members` networks.
 
     Estimators without probabilities get them by
     :class:`~torch_geometric_tactile.baselines.TemperatureScaling`, with trials (or groups) held
     out.
 
     Args:
-        comparison (Comparison): What came of a comparison.
-        name (str, optional): Name of the model; the one that :func:`advice` says to take if left
-            out.
+        comparison (Comparison): The scores.
+        name (str, optional): Name of the model; the recommended model if left out.
 
     Raises:
         ValueError: If no model is recommended, there is no result of :obj:`name`, or the source
-            code of a model of one's own was edited after the comparison.
+            code of a user's model was edited after the comparison.
 
     Examples:
         >>> deploy(compare(data_source("touches.npz", grid="28x50"))).save("best.predictor")
         ... # doctest: +SKIP
     """
-    result = recommended(comparison) if name is None else comparison.of(name)
+    result = recommended(comparison) if name is None else comparison.model_result(name)
     if result is None:
         raise ValueError(
             f"'name' must be the name of a model, since none is recommended: {advice(comparison)}"
@@ -85,14 +83,14 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
         experiment.read_sources().modules == experiment.sources.modules,
         f"the source code of '{result.model.name}' was edited after the comparison; compare again",
     )
-    experiment = experiment.with_setting(_setting(result, choice))
-    samples, trained_on = _samples(experiment)
+    experiment = experiment.with_setting(_most_frequent_setting(result, choice))
+    samples, trained_on = _training_samples(experiment)
     if isinstance(samples, GraphSamples):
         raise ValueError(NO_PREDICTOR)
     threads = torch.get_num_threads()
     torch.set_num_threads(experiment.threads)
     try:
-        train = _estimator if experiment.is_estimator else _networks
+        train = _train_estimator if experiment.is_estimator else _train_networks
         predictor = train(experiment, choice, samples)
     finally:
         torch.set_num_threads(threads)
@@ -101,7 +99,8 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
         model=result.model.name,
         metric=comparison.metric,
         mean=mean,
-        sd=sd if math.isfinite(sd) and not comparison.has_given_parts else None,  # over splits
+        # The score has a standard deviation over splits, not over seeds.
+        sd=sd if math.isfinite(sd) and not comparison.has_given_parts else None,
         num_splits=comparison.num_splits,
         protocol=experiment.protocol.describe(),
         trained_on=trained_on,
@@ -109,44 +108,44 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
     return predictor
 
 
-def _setting(result: ModelResult, choice: Choice) -> Mapping[str, Any]:
-    count = Counter(chosen["number"] for chosen in result.chosen)
-    most = max(count, key=lambda number: (count[number], -number))  # 0 is the default
-    return choice.settings[most]
+def _most_frequent_setting(result: ModelResult, choice: Choice) -> Mapping[str, Any]:
+    count = Counter(selection["number"] for selection in result.selections)
+    number = max(count, key=lambda number: (count[number], -number))  # 0 is the default
+    return choice.settings[number]
 
 
-def _samples(experiment: Experiment) -> tuple[SampleSet, str]:
-    # The samples to train on, and what they are in words.
+def _training_samples(experiment: Experiment) -> tuple[SampleSet, str]:
+    # Returns the samples to train on, and their description.
     samples = experiment.data.samples()
     if experiment.protocol.by != "given":
         return samples, f"all {len(samples):,} samples"
     with sharing_ignored():
         split = experiment.protocol.split(samples)
-    known = torch.cat([split.train, split.val]).sort().values
-    return samples[known], f"the {len(known):,} samples of the parts to train and choose on"
+    indices = torch.cat([split.train, split.val]).sort().values
+    return samples[indices], f"the {len(indices):,} samples of the parts to train and choose on"
 
 
-def _estimator(experiment: Experiment, choice: Choice, samples: StaticDataset) -> Predictor:
+def _train_estimator(experiment: Experiment, choice: Choice, samples: StaticDataset) -> Predictor:
     transform = build_object(experiment.transform)
-    seen = fitted_samples(transform, samples)
+    train_samples = fitted_samples(transform, samples)
     pipeline = seeded_estimator(experiment.model, samples.layout, experiment.seed)
-    given: dict[str, Any] = {}
-    if not choice.of_numbers and not hasattr(pipeline, "predict_proba"):
+    fit_arguments: dict[str, Any] = {}
+    if not choice.is_regression and not hasattr(pipeline, "predict_proba"):
         *first, (name, last) = pipeline.steps
         pipeline = Pipeline([*first, (name, TemperatureScaling(last))])
         by = experiment.protocol.by
-        given[f"{name}__groups"] = column_of(samples, by if by in _UNITS else "trial")
-    pipeline.fit(estimator_input(pipeline, seen), seen.y.numpy(), **given)
+        fit_arguments[f"{name}__groups"] = column_of(samples, by if by in _UNITS else "trial")
+    pipeline.fit(estimator_input(pipeline, train_samples), train_samples.y.numpy(), **fit_arguments)
     return estimator_predictor(pipeline, samples, transform)
 
 
-def _networks(experiment: Experiment, choice: Choice, samples: StaticDataset) -> Predictor:
+def _train_networks(experiment: Experiment, choice: Choice, samples: StaticDataset) -> Predictor:
     section, scale = dict(experiment.model), None
-    if choice.of_numbers:
-        scale = TargetScale.of(samples)
+    if choice.is_regression:
+        scale = TargetScale.from_samples(samples)
     else:
         section.setdefault("num_classes", samples.num_classes)
-    train = prepared_part(samples, scale)
+    train = prepare_part(samples, scale)
     data = TactileDataModule(
         train,
         train[:0],
@@ -167,11 +166,11 @@ def _networks(experiment: Experiment, choice: Choice, samples: StaticDataset) ->
         )
         models.append(classifier.model.eval().cpu())
     if scale is not None:
-        found: Module = AverageModel(models, numbers=True, center=scale.center, scale=scale.scale)
+        network: Module = AverageModel(models, numbers=True, center=scale.center, scale=scale.scale)
     else:
-        found = models[0] if len(models) == 1 else AverageModel(models)
+        network = models[0] if len(models) == 1 else AverageModel(models)
     predictor = Predictor.from_dataset(
-        found, samples, data.transform, "multiclass" if scale is None else "regression"
+        network, samples, data.transform, "multiclass" if scale is None else "regression"
     )
     shared = {"edge_index": layout_edges(samples.layout), "pos": samples.layout.pos}
     return Predictor._from_parts(

@@ -1,48 +1,47 @@
-r"""Differences of two models on the same samples, and which of them are beyond the noise."""
+r"""Paired differences of two models on the same samples, with the rule for significance."""
 
 import math
 import statistics
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import t
 
-from torch_geometric_tactile.experiments._scores import LEAST_PAIRS, sample_scores
+from torch_geometric_tactile.experiments._scores import MIN_PAIRS, sample_scores
+from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.predictions import Predictions
-
-if TYPE_CHECKING:  # which runs experiments, that ask here what is beyond the noise
-    from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 
 class Signs(NamedTuple):
-    r"""How many differences are above and below zero."""
+    r"""Numbers of differences above and below zero."""
 
     above: int
     below: int
 
 
 class Difference(NamedTuple):
-    r"""The score of a model less that of another on the same splits, and the one rule for what is
-    beyond the noise.
+    r"""The score of one model minus that of another on the same splits, with its errors and the
+    rule for significance.
 
     Args:
         mean (float): The mean over the splits.
-        over_splits (float): Its standard error over the splits, corrected for training sets that
-            overlap; NaN for less than two.
-        over_units (float): Its standard error over the units (trials, or whatever is new in a test
-            part: persons, sessions, samples): all samples of one unit count as one observation.
-        num_splits (int): Number of splits. Those with one test part (given parts, or an object left
-            out, with several seeds) are one split, their mean: seeds are no further samples.
+        over_splits (float): Its standard error over the splits, corrected for overlapping training
+            sets; NaN for fewer than two splits.
+        over_units (float): Its standard error over the units: trials, or persons, sessions or
+            samples, whichever are new in a test part. All samples of a unit count as one
+            observation.
+        num_splits (int): Number of splits. Seeds with the same test part (given parts, or one
+            object left out) add no samples, and count as a single split with their mean.
         num_units (int): Number of units.
-        unit (str): What a unit is called.
-        has_one_test_part (bool): Whether all splits test on the same samples, as given parts do.
-            The units and seeds then decide.
+        unit (str): Name of a unit.
+        has_one_test_part (bool): Whether all splits have the same test part, as given parts do.
+            Units and seeds then decide.
         splits (Signs): Splits with a difference above and below zero.
         units (Signs): Units with a difference above and below zero.
-        over_seeds (float): Where all splits test on the same samples, the standard error of the
-            mean over their seeds; NaN for less than two.
-        num_seeds (int): Number of seeds of this test part, otherwise 1.
+        over_seeds (float): With a single test part, the standard error of the mean over the seeds;
+            NaN for fewer than two.
+        num_seeds (int): Number of seeds of a single test part, otherwise 1.
 
     Examples:
         >>> two, five = (Difference(2.8, 0.1, 0.9, n, 600) for n in (2, 5))
@@ -64,55 +63,61 @@ class Difference(NamedTuple):
 
     @property
     def error(self) -> float:
-        r"""The larger of both standard errors; NaN if neither is known. That over seeds of one test
-        part adds to that over units.
+        r"""The larger of both standard errors; NaN if neither is finite. The error over units
+        includes the error over the seeds of a single test part.
         """
         errors = [e for e in (self.over_splits, self._over_test_part) if math.isfinite(e)]
         return max(errors) if errors else math.nan
 
     @property
     def _over_test_part(self) -> float:
-        # Units and seeds vary independently of each other.
+        # Variances over units and over seeds are independent, and add up.
         return math.hypot(self.over_units, 0.0 if math.isnan(self.over_seeds) else self.over_seeds)
 
     @property
     def margin(self) -> float:
-        r"""How far from zero the mean may be by chance: the larger of both standard errors times
-        Student's :math:`t` (two-sided, 5 %) of as many pairs; NaN for fewer than three.
+        r"""The largest distance of the mean from zero that chance explains: the larger product of a
+        standard error and Student's :math:`t` (two-sided, 5 %) for its number of splits or units;
+        NaN for fewer than three.
         """
         pairs = [(self._over_test_part, self.num_units)]
         if not self.has_one_test_part:
             pairs.append((self.over_splits, self.num_splits))
-        if min(count for _, count in pairs) < LEAST_PAIRS:
+        if min(count for _, count in pairs) < MIN_PAIRS:
             return math.nan
         return max(float(t.ppf(0.975, count - 1)) * error for error, count in pairs)
 
     @property
     def is_beyond_noise(self) -> bool:
-        r"""Whether the mean is further from zero than :obj:`margin`; false without a verdict."""
+        r"""Whether the mean is further from zero than :obj:`margin`; false if that is NaN."""
         return abs(self.mean) > self.margin
 
     @property
     def verdict(self) -> str:
-        r"""The verdict in words."""
+        r"""The significance in words."""
         if math.isnan(self.margin):
-            needs_splits = not self.has_one_test_part and self.num_splits < LEAST_PAIRS
+            needs_splits = not self.has_one_test_part and self.num_splits < MIN_PAIRS
             return "too few splits" if needs_splits else f"too few {self.unit}s"
         return "beyond the noise" if self.is_beyond_noise else "within the noise"
 
     def is_proved_by(self, num_folds: int) -> bool:
-        r"""Estimates whether as many folds would show the difference, if they differ from each
-        other as these splits do, and the units show it already.
+        r"""Estimates whether a larger number of folds would make the difference significant. The
+        estimate assumes that the folds vary like these splits. The difference must be significant
+        over the units already.
 
         Args:
             num_folds (int): Number of folds.
         """
-        if self.num_splits < 2 or self.num_units < LEAST_PAIRS or self.has_one_test_part:
+        if self.num_splits < 2 or self.num_units < MIN_PAIRS or self.has_one_test_part:
             return False
-        by_units = abs(self.mean) > float(t.ppf(0.975, self.num_units - 1)) * self.over_units
+        is_proved_by_units = (
+            abs(self.mean) > float(t.ppf(0.975, self.num_units - 1)) * self.over_units
+        )
         old, new = (math.sqrt(1 + n / (n - 1)) for n in (self.num_splits, num_folds))
-        over_folds = self.over_splits * new / old  # smaller test parts differ more
-        return by_units and abs(self.mean) > float(t.ppf(0.975, num_folds - 1)) * over_folds
+        over_folds = self.over_splits * new / old  # smaller test parts vary more
+        return (
+            is_proved_by_units and abs(self.mean) > float(t.ppf(0.975, num_folds - 1)) * over_folds
+        )
 
 
 def paired_difference(
@@ -122,20 +127,21 @@ def paired_difference(
     overlap: float = 0.0,
     unit: str | None = None,
 ) -> Difference:
-    r"""Compares two models.
+    r"""Returns the difference of two models on the same samples.
 
     The variance of the mean over :math:`J` splits is :math:`(1 / J + o) \, s^2` with the
     variance :math:`s^2` of single splits and the :obj:`overlap` :math:`o`, as in `"Inference for
     the Generalization Error" <https://doi.org/10.1023/A:1024068626366>`_ (Nadeau and Bengio, 2003).
 
     Args:
-        first (sequence of Predictions): Predictions of one model, split by split. All samples of
-            one :obj:`trial` count as one observation; of predictions without it each sample does.
+        first (sequence of Predictions): Predictions of one model, split by split. All samples of a
+            :obj:`trial` count as one observation; without trials, each sample does.
         second (sequence of Predictions): Predictions of the other model on the same splits.
         metric (str): :obj:`"accuracy"`, :obj:`"balanced_accuracy"` or :obj:`"mae"`.
-        overlap (float): Number of test samples by that of training samples, where the splits are
-            drawn from the same samples, so that their training parts overlap.
-        unit (str, optional): What :obj:`trial` of the predictions is called, if it is no trial.
+        overlap (float): Ratio of test samples to training samples, if the splits are drawn from the
+            same samples, so that their training parts overlap.
+        unit (str, optional): Name of the units in :obj:`trial` of the predictions, if they are not
+            trials.
 
     Raises:
         ValueError: If the samples are not the same.
@@ -155,7 +161,7 @@ def paired_difference(
     means = np.array([np.mean(values) for values in by_part.values()])
     count, mean = len(means), float(means.mean())
     spread = float(means.std(ddof=1)) if count > 1 else math.nan
-    over_units, num_units, unit_signs = _over_units(mean, gains, units)
+    over_units, num_units, unit_signs = _unit_statistics(mean, gains, units)
     seeds = next(iter(by_part.values())) if count == 1 else [mean]
     return Difference(
         mean,
@@ -165,7 +171,7 @@ def paired_difference(
         num_units,
         unit or ("sample" if first[0].trial is None else "trial"),
         has_one_test_part=count == 1,
-        splits=_signs(means),
+        splits=_count_signs(means),
         units=unit_signs,
         over_seeds=float(np.std(seeds, ddof=1)) / math.sqrt(len(seeds))
         if len(seeds) > 1
@@ -175,7 +181,7 @@ def paired_difference(
 
 
 def run_difference(
-    run: "PlanRun",
+    run: PlanRun,
     first: str,
     second: str,
     protocol: str,
@@ -184,16 +190,17 @@ def run_difference(
     unit: str | None = None,
     with_units: Callable[[Predictions], Predictions] = lambda predictions: predictions,
 ) -> Difference | None:
-    r"""Compares two models on the splits that are finished for both; :obj:`None` if none is.
+    r"""Returns the difference of two models on the splits that are finished for both, or
+    :obj:`None` if there are none.
 
     Args:
-        run (PlanRun): What :func:`run_plan` returned.
+        run (PlanRun): The run of a plan.
         first (str): Name of one experiment.
-        second (str): Name of the other.
-        protocol (str): What the table calls the protocol.
+        second (str): Name of the experiment that is subtracted.
+        protocol (str): Name of the protocol in the table.
         metric (str): As of :func:`paired_difference`.
         unit (str, optional): As of :func:`paired_difference`.
-        with_units (callable): Returns predictions with their units in place of trials.
+        with_units (callable): Returns predictions whose :obj:`trial` is the unit of each sample.
     """
     by_split: dict[tuple[int, int], dict[str, dict[str, Any]]] = {}
     for e, result in run.results:
@@ -204,30 +211,30 @@ def run_difference(
         return None
     sizes = [pair[first]["num_test"] / pair[first]["num_train"] for pair in pairs]
     is_given = all(p.protocol.by == "given" for p in run.plan.protocols if p.name == protocol)
-    one, other = (
+    first_predictions, second_predictions = (
         [with_units(Predictions.from_dict(pair[name]["predictions"])) for pair in pairs]
         for name in (first, second)
     )
     overlap = 0.0 if is_given else statistics.fmean(sizes)
-    return paired_difference(one, other, metric, overlap, unit)
+    return paired_difference(first_predictions, second_predictions, metric, overlap, unit)
 
 
-def _over_units(
+def _unit_statistics(
     mean: float, gains: Sequence[np.ndarray], units: Sequence[np.ndarray]
 ) -> tuple[float, int, Signs]:
-    # The standard error of the mean over splits, where what a unit adds is one observation; the
-    # number of units, and the signs of their gains.
-    names, place = np.unique(np.concatenate(units), return_inverse=True)
-    place = place.reshape(-1)
-    signs = _signs(np.bincount(place, np.concatenate(gains), minlength=len(names)))
+    # Returns the standard error of the mean over splits, where the contribution of a unit is one
+    # observation, the number of units, and the signs of their gains.
+    names, unit_index = np.unique(np.concatenate(units), return_inverse=True)
+    unit_index = unit_index.reshape(-1)
+    signs = _count_signs(np.bincount(unit_index, np.concatenate(gains), minlength=len(names)))
     if len(names) < 2:
         return math.nan, len(names), signs
     share = np.concatenate([(gain - mean) / len(gain) for gain in gains]) / len(gains)
-    by_unit = np.bincount(place, share, minlength=len(names))
+    by_unit = np.bincount(unit_index, share, minlength=len(names))
     scale = len(names) / (len(names) - 1)
     return float(math.sqrt(scale * np.square(by_unit).sum())), len(names), signs
 
 
-def _signs(values: np.ndarray) -> Signs:
-    tiny = 1e-12
-    return Signs(int((values > tiny).sum()), int((values < -tiny).sum()))
+def _count_signs(values: np.ndarray) -> Signs:
+    rounding = 1e-12  # sums of equal scores may differ by rounding
+    return Signs(int((values > rounding).sum()), int((values < -rounding).sum()))

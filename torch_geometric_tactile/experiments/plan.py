@@ -1,11 +1,11 @@
-r"""A table resolved into its experiments, once: what is run, stored, counted and written about."""
+r"""Plans, which are tables resolved into their experiments, and their runs."""
 
 import json
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile.data._shared_samples import describe_shared
@@ -18,14 +18,14 @@ _ACCELERATORS = ("cpu", "gpu")
 
 @dataclass(frozen=True)
 class Settings:
-    r"""How the experiments of a table are run.
+    r"""Settings of the experiments of a table.
 
     Args:
-        seeds (int, optional): Runs of each experiment, with the seeds 0, 1, ... of split and
-            training; the table's number if left out.
+        seeds (int, optional): Number of runs of each experiment, with the seeds 0, 1, ... of split
+            and training; the number of the table if left out.
         epochs (int, optional): Epochs, instead of those of the configurations.
-        folds (int, optional): Number of folds of the protocols with folds, instead of theirs.
-        protocols (tuple of str, optional): Only these protocols of the table.
+        folds (int, optional): Number of folds, for all protocols of the table with folds.
+        protocols (tuple of str, optional): Names of the protocols to run; all if left out.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
         threads (int): Threads of each run.
 
@@ -41,10 +41,10 @@ class Settings:
     threads: int = 1
 
     def __post_init__(self) -> None:
-        for name, least in (("seeds", 1), ("epochs", 1), ("folds", 2), ("threads", 1)):
+        for name, minimum in (("seeds", 1), ("epochs", 1), ("folds", 2), ("threads", 1)):
             number = getattr(self, name)
-            if number is not None and number < least:
-                raise ArgumentError(Argument(name), f" must be at least {least} (got {number})")
+            if number is not None and number < minimum:
+                raise ArgumentError(Argument(name), f" must be at least {minimum} (got {number})")
         if self.accelerator not in _ACCELERATORS:
             raise ArgumentError(
                 Argument("accelerator"),
@@ -58,12 +58,12 @@ class Plan:
 
     Args:
         table (Table): The table.
-        protocols (tuple of TableProtocol): Those of its protocols that are run.
-        seeds (int): Runs of each experiment.
+        protocols (tuple of TableProtocol): The protocols of the table that are run.
+        seeds (int): Number of runs of each experiment.
         data (DataSource): The samples, with fingerprint and caption.
-        facts (DataFacts): What they hold.
-        experiments (tuple of Experiment): All that is to be run: the first seed of all models
-            first, so that a run that is stopped has something of every model.
+        facts (DataFacts): Facts about the samples.
+        experiments (tuple of Experiment): All experiments, seed by seed, so that an interrupted run
+            has results of every model.
     """
 
     table: Table
@@ -75,30 +75,56 @@ class Plan:
 
     @cached_property
     def shared(self) -> tuple[str, ...]:
-        r"""The samples that parts of its splits share, which make scores too high: trials of given
-        parts, and copies of recordings. A sentence for each; usually none.
+        r"""Sentences on samples that are in several parts of a split, and make scores too high:
+        trials of given parts, and copies of recordings. Usually empty.
         """
         sentences: dict[str, None] = {}
         drafts = {e.protocol_name: e for e in reversed(self.experiments)}
         for name, draft in drafts.items():
             dataset, protocol = draft.data.load(), draft.protocol
             if protocol.by == "frame" and dataset.column("trial") is not None:
-                continue  # frames of one trial are in several parts: that is what was asked for
+                continue  # splits by frame put the frames of a trial into several parts on purpose
             splits = {(e.seed, e.fold) for e in self.experiments if e.protocol_name == name}
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of classes with few units, which were told before
+                warnings.simplefilter("ignore")  # of classes with few units: the plan warned before
                 parts = [protocol.split(dataset, seed, fold) for seed, fold in sorted(splits)]
-            found = describe_shared(dataset, parts, with_units=protocol.by == "given")
-            sentences.update(dict.fromkeys(found))
+            shared = describe_shared(dataset, parts, with_units=protocol.by == "given")
+            sentences.update(dict.fromkeys(shared))
         return tuple(sentences)
 
-    def of_cell(self, cell: Cell) -> Experiment:
-        r"""Returns the first experiment of a cell, for facts that all of them share.
+    def cell_experiment(self, cell: Cell) -> Experiment:
+        r"""Returns the first experiment of a cell, for properties that all its experiments share.
 
         Args:
             cell (Cell): The cell.
         """
         return next(e for e in self.experiments if e.name == cell.experiment)
+
+
+class PlanRun(NamedTuple):
+    r"""The run of a plan.
+
+    Args:
+        plan (Plan): The plan.
+        results (list of tuple): The finished experiments with their results.
+        num_reused (int): Number of finished experiments that were stored before.
+        failed (dict): The error message of each failed experiment, by its label.
+        missing (int): Number of experiments without a result.
+    """
+
+    plan: Plan
+    results: list[tuple[Experiment, dict[str, Any]]]
+    num_reused: int
+    failed: dict[str, str]
+    missing: int
+
+    def describe(self) -> str:
+        r"""Returns the numbers of finished and missing runs in one line."""
+        total = len(self.results) + self.missing
+        reused = f" ({self.num_reused} kept from before)" if self.num_reused else ""
+        missing = f", {self.missing} missing" if self.missing else ""
+        num_finished = len(self.results)
+        return f"{self.plan.table.name}: {num_finished} of {total} runs finished{reused}{missing}"
 
 
 def make_plan(
@@ -108,21 +134,21 @@ def make_plan(
     data: Mapping[str, Any] | None = None,
     selection: Mapping[str, Any] | None = None,
 ) -> Plan:
-    r"""Resolves a table: loads its data, which is downloaded or processed if that was not done
-    before, and lists its experiments.
+    r"""Resolves a table: loads its data, which is downloaded and processed if necessary, and lists
+    its experiments.
 
     Args:
         table (Table): The table.
-        settings (Settings, optional): How the experiments are run.
-        data (Mapping, optional): Arguments of the data set, such as :obj:`root`, laid over the
-            table's.
-        selection (Mapping, optional): Arguments of the data set that only choose among the samples,
-            such as :obj:`stride`; see :class:`DataSource`.
+        settings (Settings, optional): Settings of the experiments.
+        data (Mapping, optional): Arguments of the data set, such as :obj:`root`, which replace
+            those of the table.
+        selection (Mapping, optional): Arguments of the data set that only select samples, such as
+            :obj:`stride`; see :class:`DataSource`.
 
     Raises:
         FileNotFoundError: If there is no data or no configuration.
-        ValueError: If an argument is wrong, the samples cannot be split as the table says, or its
-            models are for fewer classes.
+        ValueError: If an argument is invalid, the samples cannot be split by a protocol of the
+            table, or its models are for fewer classes.
     """
     settings = settings or Settings()
     protocols = table.select_protocols(settings.protocols, settings.folds)
@@ -137,16 +163,24 @@ def list_experiments(
     data: DataSource,
     facts: DataFacts,
 ) -> Plan:
-    r"""Lists the experiments of a table, whose data set is loaded."""
-    models = {cell.experiment: _model(cell, settings, table) for cell in table.cells}
+    r"""Returns the plan of a table with a resolved data source.
+
+    Args:
+        table (Table): The table.
+        protocols (tuple of TableProtocol): The protocols that are run.
+        settings (Settings): Settings of the experiments.
+        data (DataSource): The resolved source.
+        facts (DataFacts): Its facts.
+    """
+    models = {cell.experiment: _model_arguments(cell, settings, table) for cell in table.cells}
     resolved: dict[str, DataSource] = {}
     drafts = {}
     for protocol in protocols:
         for cell in table.cells:
-            over = {**cell.data, **protocol.data}
-            key = json.dumps(over, sort_keys=True)
+            arguments = {**cell.data, **protocol.data}
+            key = json.dumps(arguments, sort_keys=True)
             if key not in resolved:
-                resolved[key] = data.with_arguments(over).resolve()[0] if over else data
+                resolved[key] = data.with_arguments(arguments).resolve()[0] if arguments else data
             drafts[cell.experiment, protocol.name] = Experiment(
                 name=cell.experiment,
                 data=resolved[key],
@@ -158,9 +192,9 @@ def list_experiments(
                 **models[cell.experiment],
             )
     _check_classes(table, drafts.values(), data, facts)
-    seeds, first = settings.seeds or table.seeds, table.cells[0].experiment
-    folds = {  # what cannot be split is found before anything is trained
-        name: drafts[first, name].data.resolve(protocol)[1].num_folds
+    seeds, first_name = settings.seeds or table.seeds, table.cells[0].experiment
+    num_folds = {  # resolving here raises errors of splits before anything is trained
+        name: drafts[first_name, name].data.resolve(protocol)[1].num_folds
         for name, protocol in ((entry.name, entry.protocol) for entry in protocols)
     }
     experiments = tuple(
@@ -172,14 +206,14 @@ def list_experiments(
         )
         for seed in range(seeds)
         for protocol in protocols
-        for fold in range(folds[protocol.name])
+        for fold in range(num_folds[protocol.name])
         for cell in table.cells
     )
     return Plan(table, protocols, seeds, data, facts, experiments)
 
 
-def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
-    # What a cell tells of its experiments, whatever their protocol.
+def _model_arguments(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
+    # Returns the arguments of the experiments of a cell that do not depend on the protocol.
     if cell.estimator is not None:
         return {
             "model": cell.estimator,
@@ -193,17 +227,17 @@ def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
     epochs = trainer.pop("max_epochs", None)
     if settings.epochs is None and epochs is None:
         raise ValueError(f"'max_epochs' of '{cell.config}' must be given (got none)")
-    of_data = config.get("data") or {}
+    data_section = config.get("data") or {}
     model, threshold = dict(config["model"]), cell.threshold
-    if isinstance(model.get("threshold"), str):  # chosen by the experiment, which has the parts
+    if isinstance(model.get("threshold"), str):  # a metric: the experiment chooses the threshold
         threshold = model.pop("threshold")
     return {
         "model": model,
         "threshold": threshold,
-        "transform": cell.transform or of_data.get("transform"),
-        "train_transform": of_data.get("train_transform"),
+        "transform": cell.transform or data_section.get("transform"),
+        "train_transform": data_section.get("train_transform"),
         "epochs": settings.epochs or epochs,
-        "batch_size": of_data.get("batch_size", 128),
+        "batch_size": data_section.get("batch_size", 128),
         "trainer": trainer,
         "measure_memory": table.measure_memory,
     }
@@ -211,9 +245,9 @@ def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
 
 def _check_classes(table: Table, drafts: Any, source: DataSource, facts: DataFacts) -> None:
     for draft in drafts:
-        known = draft.model.get("num_classes")
-        if known is not None and facts.num_classes > known:
+        num_classes = draft.model.get("num_classes")
+        if num_classes is not None and facts.num_classes > num_classes:
             raise ValueError(
-                f"the models of {table.name} tell {known} classes apart (got {facts.num_classes} "
-                f"in '{source.arguments.get('root') or source.class_path}')"
+                f"the models of {table.name} tell {num_classes} classes apart (got "
+                f"{facts.num_classes} in '{source.arguments.get('root') or source.class_path}')"
             )

@@ -23,8 +23,8 @@ class Predictions:
         - **y:** The classes :math:`(S,)` or labels :math:`(S, C)`.
         - **session:** The recording session of each sample :math:`(S,)`.
         - **trial:** The trial of each sample :math:`(S,)`.
-        - **index:** The place of each sample in its data set :math:`(S,)`; the
-          same ones in all predictions that are compared, if left out.
+        - **index:** The index of each sample in its data set :math:`(S,)`. If left out, all
+          compared predictions must be for the same samples.
     """
 
     score: np.ndarray
@@ -35,7 +35,7 @@ class Predictions:
     index: np.ndarray | None = None
 
     def select(self, mask: np.ndarray) -> Self:
-        r"""Returns the predictions of a part of the samples.
+        r"""Returns the predictions for a part of the samples.
 
         Shapes:
             - **mask:** True for the samples to keep :math:`(S,)`.
@@ -44,32 +44,32 @@ class Predictions:
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        r"""Returns several predictions as one, such as the folds of a data set."""
+        r"""Joins predictions for different samples, such as the folds of a data set."""
         arrays = [part._arrays() for part in parts]
         return cls(**{name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]})
 
     def metrics(self) -> dict[str, float]:
-        r"""Returns :obj:`accuracy`, :obj:`f1` and :obj:`auroc` as
-        :func:`~torch_geometric_tactile.training.classification_metrics` defines them, for labels
-        also :obj:`label_accuracy`, and for two classes :obj:`f1_positive`,
-        :obj:`precision_positive` and :obj:`recall_positive`, the F1 score, precision and recall of
-        class 1 (0 where there is nothing to divide by).
+        r"""Returns :obj:`accuracy`, :obj:`f1` and :obj:`auroc` as defined by
+        :func:`~torch_geometric_tactile.training.classification_metrics`. Labels also have
+        :obj:`label_accuracy`; two classes also have :obj:`f1_positive`, :obj:`precision_positive`
+        and :obj:`recall_positive`, the F1 score, precision and recall of class 1 (0 instead of a
+        division by zero).
         """
         if self.y.ndim == 2:
             y, prediction = (self.y > 0.5).astype(int), (self.prediction > 0.5).astype(int)
-            is_right = y == prediction
+            is_correct = y == prediction
             num_classes = y.shape[1]
             values = {
                 "accuracy": float(accuracy_score(y, prediction)),
-                "label_accuracy": float(is_right.mean()),
+                "label_accuracy": float(is_correct.mean()),
             }
             for i in range(num_classes):
-                values[f"label_accuracy_{i}"] = float(is_right[:, i].mean())
+                values[f"label_accuracy_{i}"] = float(is_correct[:, i].mean())
         else:
             y, prediction = self.y, self.prediction
             num_classes = 2 if self.score.ndim == 1 else self.score.shape[1]
             values = {"accuracy": float(accuracy_score(y, prediction))}
-        # Classes that are neither present nor predicted are NaN, and not in the mean.
+        # Classes that are neither present nor predicted score NaN, and do not enter the mean.
         precision, recall, f1, _ = precision_recall_fscore_support(
             y, prediction, labels=np.arange(num_classes), zero_division=np.nan
         )
@@ -90,7 +90,7 @@ class Predictions:
         return float(np.mean(areas))
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns it as JSON values: the bits of the arrays, compressed."""
+        r"""Returns the predictions as JSON values, with compressed arrays of exact bits."""
         return {
             name: {
                 "dtype": str(value.dtype),
@@ -102,7 +102,7 @@ class Predictions:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds predictions from what :meth:`to_dict` returns."""
+        r"""Builds predictions from the JSON values of :meth:`to_dict`."""
         return cls(
             **{
                 name: np.frombuffer(

@@ -1,4 +1,4 @@
-r"""Running a plan: on many processes, finished experiments kept."""
+r"""Runs plans in parallel, and stores finished experiments."""
 
 import logging
 import signal
@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 
@@ -23,34 +23,15 @@ from torch_geometric_tactile.experiments._held_out import Parts, choice_cuts
 from torch_geometric_tactile.experiments._run_experiment import fit
 from torch_geometric_tactile.experiments._run_store import RunStore
 from torch_geometric_tactile.experiments._worker import close_process, run_safely
-from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments.plan import Plan, PlanRun
 
 _logger = logging.getLogger(__name__)
-_PROBE = 256  # samples
+_NUM_PROBE_SAMPLES = 256
+_NUM_PROBE_TEST_SAMPLES = 8
 _PROBE_EPOCHS = 3
-_SQUARE = ("rbf_svm", "signal_svm")  # their time grows with the square of the samples
-# Called with each run that ended, how many ended so far, and how many are to be run.
+_QUADRATIC_ESTIMATORS = ("rbf_svm", "signal_svm")  # time grows with the square of the samples
+# Called after each run with its experiment, the number of ended runs, and the number of runs.
 OnProgress = Callable[[Experiment, int, int], None]
-
-
-class PlanRun(NamedTuple):
-    r"""What became of a plan: its finished experiments and their results, how many of them were
-    :obj:`kept` from before, what :obj:`failed` and why, and how many are :obj:`missing`.
-    """
-
-    plan: Plan
-    results: list[tuple[Experiment, dict[str, Any]]]
-    kept: int
-    failed: dict[str, str]
-    missing: int
-
-    def describe(self) -> str:
-        r"""Returns what became of it in one line."""
-        total = len(self.results) + self.missing
-        kept = f" ({self.kept} kept from before)" if self.kept else ""
-        missing = f", {self.missing} missing" if self.missing else ""
-        done = len(self.results)
-        return f"{self.plan.table.name}: {done} of {total} runs finished{kept}{missing}"
 
 
 def run_plan(
@@ -66,81 +47,79 @@ def run_plan(
 ) -> PlanRun:
     r"""Trains and tests the experiments of a plan that are not finished.
 
-    A finished run is a JSON file in :obj:`out/runs`, whole or absent, and is not run again: a run
-    that was stopped or killed goes on where it was. Runs with other settings, recordings or
-    versions, or of other source code of the user's own classes, have other files in the same folder
-    and do not get into the table. Runs of own classes whose source code is in no file, such as
-    those of a notebook, are not kept, and a warning is logged.
+    Each finished run is stored as a JSON file in :obj:`out/runs` and not repeated, so that an
+    interrupted plan can be continued. Runs with other settings, recordings, versions or source code
+    of the user's classes are stored beside them and ignored. Runs of classes whose source code is
+    not in a file, such as those of a notebook, are not stored; a warning says so.
 
     Args:
-        plan (Plan): What is to be run.
+        plan (Plan): The experiments.
         out (str or PathLike): Folder of the results.
-        jobs (int, optional): Number of runs at a time; that of :func:`joblib.parallel_config`, or
-            else one, if left out. Its backend is obeyed as well, such as that of a Dask cluster,
-            whose machines must have this package, and the recordings under the same path.
-        only (sequence of str, optional): Train only experiments with names like these patterns.
-        train (bool): Whether to train what is missing; otherwise the result is of what is there.
-        on_progress (callable, optional): Called with each run that ended, how many ended so far,
-            and how many are to be run.
-        on_estimate (callable, optional): Called before the first run with the seconds, about, that
-            the runs of each experiment with a choice, as those of comparisons, will take one after
-            the other, by its name. They are measured on a short probe, and the quick ones are run
-            first.
-        on_model (callable, optional): Called with the runs of one experiment when the last of them
-            is finished.
+        jobs (int, optional): Number of parallel runs. If left out, that of
+            :func:`joblib.parallel_config`, or one. Its backend is used as well: machines of a Dask
+            cluster need this package, and the recordings under the same path.
+        only (sequence of str, optional): Patterns of names; other experiments are not trained.
+        train (bool): If :obj:`False`, trains nothing and returns the stored results.
+        on_progress (callable, optional): Called after each run with its experiment, the number of
+            ended runs, and the number of runs.
+        on_estimate (callable, optional): Called before the first run with the estimated seconds of
+            all runs of a model, one after the other, by its name. Only experiments with a choice,
+            such as those of comparisons, are estimated, by short trainings. Quick models are then
+            run first.
+        on_model (callable, optional): Called with the runs of a model after the last of them.
 
     Raises:
-        KeyboardInterrupt: On Ctrl-C; the message tells how many runs are kept.
+        KeyboardInterrupt: On Ctrl-C; the message has the number of stored runs.
         OSError: If a process was killed, or a file cannot be written.
-        ValueError: If a pattern fits no experiment, a file of a finished run is damaged, or
+        ValueError: If a pattern matches no experiment, the file of a finished run is damaged, or
             :obj:`jobs` is below one.
     """
-    chosen = {cell.experiment for cell in plan.table.select(only)}
+    selected_names = {cell.experiment for cell in plan.table.select(only)}
     experiments = plan.experiments
     store = RunStore(Path(out) / "runs")
     # Two names may stand for one configuration, which is trained once.
-    different = {experiment.code: experiment for experiment in experiments}
+    by_code = {experiment.code: experiment for experiment in experiments}
     for sentence in plan.shared if experiments else ():
         _logger.warning("%s", sentence)
-    _warn_of_unknown_sources(different.values())
-    found = {
+    _warn_unknown_sources(by_code.values())
+    stored = {
         code: None if experiment.sources.unknown else store.read(experiment)
-        for code, experiment in different.items()
+        for code, experiment in by_code.items()
     }
-    results = {code: result for code, result in found.items() if result is not None}
-    kept = set(results)
-    wanted = {experiment.code for experiment in experiments if experiment.name in chosen and train}
-    todo = [different[code] for code in different if code in wanted - kept]
+    results = {code: result for code, result in stored.items() if result is not None}
+    stored_codes = set(results)
+    selected_codes = {e.code for e in experiments if e.name in selected_names and train}
+    todo = [by_code[code] for code in by_code if code in selected_codes - stored_codes]
     failed: dict[str, str] = {}
     try:
         if on_estimate is not None and train:
-            with _noticed_stop() as stopped:
+            with _recorded_interrupt() as interrupted:
                 seconds = _estimate_seconds([e for e in todo if e.choice is not None])
-            if stopped.is_set():
+            if interrupted.is_set():
                 raise KeyboardInterrupt
             on_estimate(seconds)
             todo.sort(key=lambda experiment: seconds.get(experiment.name, 0.0))
-        with _noticed_stop() as stopped, closing(_run(todo, jobs)) as running:
-            for ended, (experiment, result) in enumerate(running, 1):
+        with _recorded_interrupt() as interrupted, closing(_run_experiments(todo, jobs)) as running:
+            for num_ended, (experiment, result) in enumerate(running, 1):
                 if "error" in result:
-                    if stopped.is_set():
+                    if interrupted.is_set():
                         raise KeyboardInterrupt
                     failed[experiment.label] = result["error"]
                 else:
-                    if _may_keep(experiment):
+                    if _can_store(experiment):
                         store.write(experiment, result)
                     results[experiment.code] = result
                 if on_progress is not None:
-                    on_progress(experiment, ended, len(todo))
+                    on_progress(experiment, num_ended, len(todo))
                 if on_model is not None:
-                    mine = [e for e in experiments if e.name == experiment.name]
-                    runs = [(e, results[e.code]) for e in mine if e.code in results]
-                    if len(runs) == len(mine):
+                    same_model = [e for e in experiments if e.name == experiment.name]
+                    runs = [(e, results[e.code]) for e in same_model if e.code in results]
+                    if len(runs) == len(same_model):
                         on_model(PlanRun(plan, runs, 0, {}, 0))
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
-            f"stopped; {_count(experiments, results)} of {len(experiments)} runs are finished and "
-            "kept: the same command goes on"
+            f"stopped; {_count_stored(experiments, results)} of {len(experiments)} runs are "
+            "finished and kept: run the same command again to continue"
         ) from None
     except BrokenProcessPool as error:
         raise OSError(
@@ -152,29 +131,29 @@ def run_plan(
     return PlanRun(
         plan,
         results=[(e, results[e.code]) for e in experiments if e.code in results],
-        kept=_count(experiments, kept),
+        num_reused=_count_stored(experiments, stored_codes),
         failed=failed,
-        missing=len(experiments) - _count(experiments, results),
+        missing=len(experiments) - _count_stored(experiments, results),
     )
 
 
-def _warn_of_unknown_sources(experiments: Iterable[Experiment]) -> None:
+def _warn_unknown_sources(experiments: Iterable[Experiment]) -> None:
     unknown = {name: reason for e in experiments for name, reason in e.sources.unknown.items()}
     for name, reason in unknown.items():
         _logger.warning(
-            "runs with '%s' are not kept, since its source code is not known: %s", name, reason
+            "runs with '%s' are not stored, since its source code is unknown: %s", name, reason
         )
 
 
-def _may_keep(experiment: Experiment) -> bool:
-    # Whether the source code is known, and was not edited during the run.
+def _can_store(experiment: Experiment) -> bool:
+    # Whether the source code is known and was not edited during the run.
     if experiment.sources.unknown:
         return False
     if experiment.read_sources() == experiment.sources:
         return True
     _logger.warning(
-        "%s is not kept: its source code (%s) was edited during the run, which may be of the old "
-        "code or of the new; run the same command again",
+        "%s is not stored: its source code (%s) was edited during the run, which may have used the "
+        "old or the new code; run the same command again",
         experiment.label,
         ", ".join(experiment.sources.modules),
     )
@@ -182,110 +161,136 @@ def _may_keep(experiment: Experiment) -> bool:
 
 
 def _estimate_seconds(todo: Sequence[Experiment]) -> dict[str, float]:
-    # For how many seconds one process is busy with the runs of each model, about: each is tried
-    # on a few samples, and its time is extrapolated. The test parts are not read.
-    count = Counter(e.name for e in todo)
+    # Estimates the seconds that one process needs for all runs of each model. One experiment of a
+    # model is run on few samples, and its time is extrapolated. The test parts are not read.
+    num_runs = Counter(e.name for e in todo)
     threads = torch.get_num_threads()
-    found: dict[str, float] = {}
-    warm: set[bool] = set()
+    seconds: dict[str, float] = {}
+    warm_kinds: set[bool] = set()
     for experiment in {e.name: e for e in reversed(todo)}.values():
         torch.set_num_threads(experiment.threads)
-        found[experiment.name] = 0.0
+        seconds[experiment.name] = 0.0
         try:
-            if experiment.is_estimator not in warm:  # the first of a kind imports much
-                warm.add(experiment.is_estimator)
-                _of_run(experiment)
-            found[experiment.name] = count[experiment.name] * _of_run(experiment)
-        except Exception as error:  # of a model of the user's own: its runs tell
+            # The first estimator and the first network of a process spend time on imports.
+            if experiment.is_estimator not in warm_kinds:
+                warm_kinds.add(experiment.is_estimator)
+                _estimate_run(experiment)
+            seconds[experiment.name] = num_runs[experiment.name] * _estimate_run(experiment)
+        except Exception as error:  # of a user's model: its runs report the error
             _logger.debug("no estimate for '%s': %r", experiment.name, error)
         finally:
             torch.set_num_threads(threads)
-    return found
+    return seconds
 
 
-def _of_run(experiment: Experiment) -> float:
+def _estimate_run(experiment: Experiment) -> float:
+    # Estimates the seconds of one run: trainings to compare settings, and of the selected setting.
     choice = experiment.choice
     assert choice is not None
     train, test, cuts = choice_cuts(experiment, choice.repeats, choice.most_samples)
     parts = Parts(*cuts[0], train, test)
-    few = _some(parts.fit, _PROBE)
+    probe_samples = _evenly_spaced(parts.fit, _NUM_PROBE_SAMPLES)
     # About half of the settings are behind the default on the first cut.
-    others = len(choice.settings) - 1
-    tried = others + len(cuts) + (len(cuts) - 1) * others // 2 if others else 0
+    num_alternatives = len(choice.settings) - 1
+    num_selection_fits = (
+        num_alternatives + len(cuts) + (len(cuts) - 1) * num_alternatives // 2
+        if num_alternatives
+        else 0
+    )
     members = 1 if experiment.is_estimator else choice.members
-    trained, num_trained = members * len(parts.train), members
+    num_final_samples, num_final_fits = members * len(parts.train), members
     if choice.num_validation_cuts:
-        validation = choice_cuts(experiment, choice.num_validation_cuts)[2]
-        trained += members * sum(len(part) for part, _ in validation)
-        num_trained += members * len(validation)
+        validation_cuts = choice_cuts(experiment, choice.num_validation_cuts)[2]
+        num_final_samples += members * sum(len(part) for part, _ in validation_cuts)
+        num_final_fits += members * len(validation_cuts)
     if experiment.is_estimator:
-        return _of_estimator(experiment, parts, few, tried * len(parts.fit), trained)
+        num_selection_samples = num_selection_fits * len(parts.fit)
+        return _estimate_estimator_run(
+            experiment, parts, probe_samples, num_selection_samples, num_final_samples
+        )
     experiment = experiment.with_setting(choice.settings[0])
     probe = replace(experiment, epochs=_PROBE_EPOCHS, choice=replace(choice, members=1))
-    whole, steps = _seconds(probe, few, _some(parts.val, 8))
-    epochs = experiment.epochs * (tried * len(parts.fit) + trained) / (_PROBE_EPOCHS * len(few))
-    return (whole - steps) * (tried + num_trained) + steps * epochs
+    total_seconds, step_seconds = _measure_fit(
+        probe, probe_samples, _evenly_spaced(parts.val, _NUM_PROBE_TEST_SAMPLES)
+    )
+    # The time of steps grows with samples and epochs, the time around them with the trainings.
+    num_probe_lengths = (
+        experiment.epochs
+        * (num_selection_fits * len(parts.fit) + num_final_samples)
+        / (_PROBE_EPOCHS * len(probe_samples))
+    )
+    num_fits = num_selection_fits + num_final_fits
+    return (total_seconds - step_seconds) * num_fits + step_seconds * num_probe_lengths
 
 
-def _of_estimator(
-    experiment: Experiment, parts: Parts, few: SampleSet, num_tried: int, num_trained: int
+def _estimate_estimator_run(
+    experiment: Experiment,
+    parts: Parts,
+    probe_samples: SampleSet,
+    num_selection_samples: int,
+    num_final_samples: int,
 ) -> float:
-    # Of so many samples to compare settings with, and so many to train the chosen one.
+    # Estimates the seconds from the samples of all fits to compare settings, and of all later fits.
     choice = experiment.choice
     assert choice is not None
-    last = choice.settings[-1]  # slower for some
-    val = _some(parts.val, 8)
-    seconds = _seconds(experiment.with_setting(last), few, val)[0] * num_trained
-    if num_tried:
+    last_setting = choice.settings[-1]  # the slowest of some models
+    val = _evenly_spaced(parts.val, _NUM_PROBE_TEST_SAMPLES)
+    final_experiment = experiment.with_setting(last_setting)
+    seconds = _measure_fit(final_experiment, probe_samples, val)[0] * num_final_samples
+    if num_selection_samples:
         draft = experiment.with_setting(choice.draft)
-        ends = [_seconds(draft.with_setting(s), few, val)[0] for s in (choice.settings[0], last)]
-        seconds += sum(ends) / 2 * num_tried
-    is_square = str(experiment.model["class_path"]).endswith(_SQUARE)
-    return seconds / len(few) * (len(parts.fit) / len(few) if is_square else 1)
+        draft_seconds = [
+            _measure_fit(draft.with_setting(setting), probe_samples, val)[0]
+            for setting in (choice.settings[0], last_setting)
+        ]
+        seconds += sum(draft_seconds) / 2 * num_selection_samples
+    is_quadratic = str(experiment.model["class_path"]).endswith(_QUADRATIC_ESTIMATORS)
+    growth = len(parts.fit) / len(probe_samples) if is_quadratic else 1
+    return seconds / len(probe_samples) * growth
 
 
-def _seconds(
+def _measure_fit(
     experiment: Experiment,
     train: SampleSet,
-    other: SampleSet,
+    test: SampleSet,
 ) -> tuple[float, float]:
-    # In all, and in the steps alone.
+    # Returns the seconds in total, and of the training steps alone.
     start = time.perf_counter()
-    seconds = fit(experiment, train, other).seconds
-    return time.perf_counter() - start, seconds
+    step_seconds = fit(experiment, train, test).seconds
+    return time.perf_counter() - start, step_seconds
 
 
-def _some(part: SampleSet, count: int) -> SampleSet:
-    index = torch.linspace(0, len(part) - 1, min(count, len(part))).long()
+def _evenly_spaced(part: SampleSet, num_samples: int) -> SampleSet:
+    index = torch.linspace(0, len(part) - 1, min(num_samples, len(part))).long()
     return part[index]
 
 
 @contextmanager
-def _noticed_stop() -> Iterator[threading.Event]:
-    # A library may answer Ctrl-C with an error of its own: NumPy's comparison of structured arrays
-    # raises TypeError, and the KeyboardInterrupt is lost.
-    stopped = threading.Event()
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield stopped
+def _recorded_interrupt() -> Iterator[threading.Event]:
+    # Yields an event that Ctrl-C sets. Libraries may replace a KeyboardInterrupt by another error:
+    # NumPy's comparison of structured arrays raises TypeError.
+    interrupted = threading.Event()
+    previous_handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(previous_handler):
+        yield interrupted  # only the main thread may set handlers
         return
 
-    def notice(number: int, frame: FrameType | None) -> None:
-        stopped.set()
-        before(number, frame)
+    def record(number: int, frame: FrameType | None) -> None:
+        interrupted.set()
+        previous_handler(number, frame)
 
-    signal.signal(signal.SIGINT, notice)
+    signal.signal(signal.SIGINT, record)
     try:
-        yield stopped
+        yield interrupted
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous_handler)
 
 
-def _count(experiments: Iterable[Experiment], codes: Container[str]) -> int:
+def _count_stored(experiments: Iterable[Experiment], codes: Container[str]) -> int:
     return sum(experiment.code in codes for experiment in experiments)
 
 
-def _run(
+def _run_experiments(
     todo: Sequence[Experiment], jobs: int | None
 ) -> Generator[tuple[Experiment, dict[str, Any]], None, None]:
     if not todo:
@@ -293,14 +298,14 @@ def _run(
     try:
         with (
             keep_freed_memory(),
-            closing(run_parallel(_numbered, enumerate(todo), jobs)) as running,
+            closing(run_parallel(_run_numbered, enumerate(todo), jobs)) as running,
         ):
             for number, result in running:
                 yield todo[number], result
     finally:
-        close_process()  # with one job it is ours
+        close_process()  # with one job, this process started it
 
 
-def _numbered(item: tuple[int, Experiment]) -> tuple[int, dict[str, Any]]:
+def _run_numbered(item: tuple[int, Experiment]) -> tuple[int, dict[str, Any]]:
     number, experiment = item
     return number, run_safely(experiment)

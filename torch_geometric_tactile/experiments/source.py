@@ -30,9 +30,9 @@ from torch_geometric_tactile.experiments._building import (
 from torch_geometric_tactile.transforms import Tare
 
 _SIMULATION = "simulation.json"
-_PLACES = ("root", "path")  # of files, whose content is in the fingerprint
+_LOCATION_ARGUMENTS = ("root", "path")  # not in identities, which have a fingerprint of the files
 _VIEW_ARGUMENT = "dataset"  # the argument of a view, such as Trials, for its frames
-# Stored runs name a tare and a stride so; other texts would make them other runs.
+# Identities of stored runs contain these texts; with others, stored runs would not be found.
 _TARED = "torch_geometric_tactile.experiments.compared_windows.tared_frames"
 _STRIDED = "torch_geometric_tactile.experiments.compared_windows.strided_frames"
 _MAX_CACHED_DATASETS = 4
@@ -40,10 +40,10 @@ _MAX_CACHED_DATASETS = 4
 
 @dataclass(frozen=True)
 class DataSource:
-    r"""A data set with the samples selected from it, as a value that any process can load.
+    r"""A data set and a selection of its samples, as a value that any process can load.
 
-    Two sources are of the same samples if their :meth:`identity` is the same, which has the
-    fingerprint of the files in place of their location.
+    Two sources with the same :meth:`identity` have the same samples. The identity contains the
+    fingerprint of the files, not their location.
 
     Args:
         class_path (str): Import path of a :class:`~torch_geometric_tactile.data.StaticDataset`, of
@@ -51,7 +51,7 @@ class DataSource:
             returns one.
         arguments (dict): Its arguments. Objects among them, such as transforms, are mappings with
             :obj:`class_path` and :obj:`init_args`.
-        selection (dict): Further arguments that only choose among the samples.
+        selection (dict): Further arguments that only select samples.
         kind (str): :obj:`"ours"`, :obj:`"simulated"` or :obj:`"measured"`; set by :meth:`resolve`
             if left out.
         caption (str): A sentence on the samples; set by :meth:`resolve` if left out.
@@ -90,8 +90,8 @@ class DataSource:
     def with_arguments(
         self, arguments: Mapping[str, Any], selection: Mapping[str, Any] | None = None
     ) -> Self:
-        r"""Returns the source with other or further arguments. Arguments that the class of a view
-        does not have, such as :obj:`root`, go to its frames.
+        r"""Returns the source with changed or further arguments. Arguments that the class of a view
+        does not have, such as :obj:`root`, are passed on to its frames.
         """
         if arguments:
             self = replace(self, fingerprint="")
@@ -99,12 +99,12 @@ class DataSource:
         frame_arguments = {
             key: value for key, value in arguments.items() if names is not None and key not in names
         }
-        own_arguments = {k: v for k, v in arguments.items() if k not in frame_arguments}
+        view_arguments = {k: v for k, v in arguments.items() if k not in frame_arguments}
         if frame_arguments and self.frames is not None:
             self = replace(self, frames=self.frames.with_arguments(frame_arguments))
         return replace(
             self,
-            arguments={**self.arguments, **own_arguments},
+            arguments={**self.arguments, **view_arguments},
             selection={**self.selection, **(selection or {})},
         )
 
@@ -115,16 +115,22 @@ class DataSource:
         return isinstance(constructor, type) and issubclass(constructor, FrameView)
 
     def resolve(self, protocol: Protocol | None = None) -> tuple[Self, "DataFacts"]:
-        r"""Loads the data set and checks that a protocol can split it. Files are downloaded and
-        processed here, once, so that several processes can read them afterwards. Returns the source
-        with its fingerprint, kind and caption, and the facts of the data set.
+        r"""Loads the data set, checks that a protocol can split it, and returns the source with its
+        fingerprint, kind and caption, and the facts of the data set. Files are downloaded and
+        processed here, before several processes read them.
+
+        Args:
+            protocol (Protocol, optional): The protocol to check.
+
+        Raises:
+            ValueError: If an argument is unknown, or a part of the first split is empty.
         """
         self._check_arguments()
         dataset = self.load() if self.fingerprint else self._build(self.arguments)
         source = replace(self, fingerprint=self.fingerprint or _fingerprint(dataset))
         source._cache(dataset)
         num_samples = int(source.is_selected(dataset).sum())
-        facts = replace(DataFacts.of(dataset), num_samples=num_samples)
+        facts = replace(DataFacts.from_dataset(dataset), num_samples=num_samples)
         if protocol is not None:
             facts = replace(facts, num_folds=protocol.num_folds(dataset))
             source.parts(protocol, seed=0, fold=0)
@@ -134,10 +140,10 @@ class DataSource:
         return replace(source, kind=kind, caption=caption), facts
 
     def load(self) -> SampleSet:
-        r"""Returns the data set, without :obj:`selection`. A process caches the data sets that it
-        loaded last.
+        r"""Returns the data set without :obj:`selection`. Each process caches the last four data
+        sets.
         """
-        dataset = _DATASETS.get(self._stored)
+        dataset = _DATASETS.get(self._cache_key)
         dataset = self._build(self.arguments) if dataset is None else dataset
         self._cache(dataset)
         return dataset
@@ -176,10 +182,10 @@ class DataSource:
         return is_stored[torch.as_tensor(list(dataset.indices()))]
 
     def identity(self) -> dict[str, Any]:
-        r"""Returns everything that determines a result, as plain data: neither captions nor the
+        r"""Returns everything that determines the samples, as plain data, without captions and the
         location of files.
         """
-        content = self._to_plain(with_places=False)
+        content = self._to_plain(with_locations=False)
         return {
             "class_path": content["class_path"],
             "arguments": content["init_args"],
@@ -187,11 +193,11 @@ class DataSource:
             "fingerprint": self.fingerprint,
         }
 
-    def _to_plain(self, *, with_places: bool) -> dict[str, Any]:
-        is_place = set() if with_places else set(_PLACES)
-        arguments = {key: v for key, v in self.arguments.items() if key not in is_place}
+    def _to_plain(self, *, with_locations: bool) -> dict[str, Any]:
+        omitted = set() if with_locations else set(_LOCATION_ARGUMENTS)
+        arguments = {key: v for key, v in self.arguments.items() if key not in omitted}
         if self.frames is not None:
-            arguments[_VIEW_ARGUMENT] = self.frames._to_plain(with_places=with_places)
+            arguments[_VIEW_ARGUMENT] = self.frames._to_plain(with_locations=with_locations)
         content: dict[str, Any] = {"class_path": self.class_path, "init_args": arguments}
         if self.stride is not None:
             steps = {_VIEW_ARGUMENT: content, "stride": self.stride}
@@ -202,13 +208,13 @@ class DataSource:
         return content
 
     @property
-    def _stored(self) -> "DataSource":
-        # The key of the cache: captions and selections share a loaded data set.
+    def _cache_key(self) -> "DataSource":
+        # The key of the cache: sources with other captions or selections share a loaded data set.
         return replace(self, selection={}, kind="", caption="")
 
     def _cache(self, dataset: SampleSet) -> None:
-        _DATASETS.pop(self._stored, None)
-        _DATASETS[self._stored] = dataset
+        _DATASETS.pop(self._cache_key, None)
+        _DATASETS[self._cache_key] = dataset
         for oldest in list(_DATASETS)[:-_MAX_CACHED_DATASETS]:
             del _DATASETS[oldest]
 
@@ -218,9 +224,9 @@ class DataSource:
             self.frames._check_arguments()
 
     def _build(self, arguments: Mapping[str, Any]) -> SampleSet:
-        built = self._build_object(arguments)
+        dataset = self._build_object(arguments)
         try:
-            samples = as_samples(built)
+            samples = as_samples(dataset)
         except (TypeError, ValueError) as error:
             raise ValueError(
                 f"'class_path' must be a StaticDataset, or a data set of PyG (got "
@@ -240,16 +246,17 @@ class DataSource:
             "windows and trials are cut from a StaticDataset of frames, of one layout",
             type(frames).__name__,
         )
-        built = build_object({"class_path": self.class_path, "init_args": arguments})
+        dataset = build_object({"class_path": self.class_path, "init_args": arguments})
         if self.stride is not None:
-            built = _keep_every(as_samples(built), self.stride)
-        return built if self.tare is None else tare_trials(built, **self.tare)
+            dataset = _select_every(as_samples(dataset), self.stride)
+        return dataset if self.tare is None else tare_trials(dataset, **self.tare)
 
 
 _DATASETS: dict[DataSource, SampleSet] = {}  # loaded by this process, the latest last
 
 
-def _keep_every(samples: SampleSet, stride: int) -> SampleSet:
+def _select_every(samples: SampleSet, stride: int) -> SampleSet:
+    # Returns every stride-th sample of each trial, starting with its first sample.
     trial = samples.column("trial")
     trial = torch.zeros(len(samples)) if trial is None else trial
     order = trial.argsort(stable=True)
@@ -261,8 +268,13 @@ def _keep_every(samples: SampleSet, stride: int) -> SampleSet:
 def tare_trials(
     frames: StaticDataset, first: int | None = None, seconds: float | None = None
 ) -> StaticDataset:
-    r"""Returns a data set that subtracts from each frame the rest reading of its trial, which is
-    measured on that trial alone.
+    r"""Returns a data set that subtracts from each frame the rest reading of its trial. Other
+    trials do not influence this reading.
+
+    Args:
+        frames (StaticDataset): The frames.
+        first (int, optional): As of :class:`~torch_geometric_tactile.transforms.Tare`.
+        seconds (float, optional): As of :class:`~torch_geometric_tactile.transforms.Tare`.
     """
     tare = Tare("trial", first=first, seconds=seconds).fit(frames, frames.transform)
     tared = copy.copy(frames)
@@ -272,7 +284,19 @@ def tare_trials(
 
 @dataclass(frozen=True)
 class DataFacts:
-    r"""What a data source holds."""
+    r"""Numbers and names of the samples of a data source.
+
+    Args:
+        num_samples (int): Number of selected samples.
+        num_trials (int): Number of trials, 0 without trials.
+        num_groups (int): Number of groups, 0 without groups.
+        num_classes (int): Number of classes, 0 for a single number as target.
+        class_names (tuple of str): Names of the classes.
+        session_names (tuple of str): Names of the sessions.
+        num_frames (int, optional): Number of frames in a sample; :obj:`None` for single frames.
+        num_folds (int): Number of folds of the protocol.
+        part (str, optional): The part of the data set, such as :obj:`"train"`; :obj:`None` for all.
+    """
 
     num_samples: int
     num_trials: int
@@ -282,18 +306,18 @@ class DataFacts:
     session_names: tuple[str, ...] = ()
     num_frames: int | None = None
     num_folds: int = 1
-    part: str | None = None  # of the data set that the samples are, such as "train"
+    part: str | None = None
 
     @classmethod
-    def of(cls, dataset: SampleSet) -> Self:
-        r"""Returns the facts of a data set."""
-        counts = [_count(dataset.column(key)) for key in ("trial", "group")]
+    def from_dataset(cls, dataset: SampleSet) -> Self:
+        r"""Returns the facts of a data set, whose samples are all selected."""
+        counts = [_count_unique(dataset.column(key)) for key in ("trial", "group")]
         frames = None if isinstance(dataset, GraphSamples) else dataset.column("num_frames")
         return cls(
             num_samples=len(dataset),
             num_trials=counts[0],
             num_groups=counts[1],
-            num_classes=0 if _is_one_number(dataset.column("y")) else dataset.num_classes,
+            num_classes=0 if _is_scalar_target(dataset.column("y")) else dataset.num_classes,
             class_names=tuple(dataset.class_names),
             session_names=tuple(dataset.session_names),
             num_frames=None if frames is None else int(torch.as_tensor(frames).view(-1)[0]),
@@ -302,21 +326,21 @@ class DataFacts:
 
     @property
     def part_note(self) -> str:
-        r"""The part of the data set that the samples are, in words for captions; empty for all."""
+        r"""The part of the data set in words, for captions; empty for all samples."""
         return "" if self.part is None else f" (the part '{self.part}' of the data set)"
 
 
 @lru_cache(maxsize=16)
 def _selected_indices(source: DataSource) -> Tensor:
-    selected = source._build({**source.arguments, **source.selection})
-    return torch.as_tensor(list(selected.indices()))
+    dataset = source._build({**source.arguments, **source.selection})
+    return torch.as_tensor(list(dataset.indices()))
 
 
-def _count(column: Tensor | None) -> int:
+def _count_unique(column: Tensor | None) -> int:
     return 0 if column is None else len(column.unique())
 
 
-def _is_one_number(y: Tensor | None) -> bool:
+def _is_scalar_target(y: Tensor | None) -> bool:
     return y is not None and y.dim() == 1 and y.is_floating_point()
 
 
@@ -336,8 +360,8 @@ def _caption(dataset: SampleSet, kind: str, facts: DataFacts) -> str:
         sensor = "array" if simulation.get("generator") == "letters" else "hand"
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(
-            f"'{summaries[0]}' is not what 'tactile simulate' writes ({error}): delete it, or run "
-            "the command again"
+            f"'{summaries[0]}' must be a summary of 'tactile simulate' ({error}): delete it, or "
+            "run the command again"
         ) from error
     return (
         f"**Simulated**, not a result of a real {sensor}: {size} of `tactile simulate` "
@@ -374,7 +398,7 @@ def _fingerprint(dataset: SampleSet) -> str:
             digest.update(f"{sorted(plain.items())!r}\n".encode())
         return digest.hexdigest()
     inner: StaticDataset = innermost(dataset)
-    files = _files(inner)
+    files = _data_files(inner)
     for file in files:
         stat = file.stat()
         digest.update(f"{file.name} {_sha256(file, stat.st_size, stat.st_mtime_ns)}\n".encode())
@@ -390,15 +414,15 @@ def _add_tensors(digest: Any, attributes: Mapping[str, Any]) -> None:
             digest.update(value.contiguous().numpy(force=True).tobytes())
 
 
-def _files(dataset: StaticDataset) -> list[Path]:
+def _data_files(dataset: StaticDataset) -> list[Path]:
     # The raw files or, where these were deleted, the processed file. Data in memory has no files.
     if not dataset.has_process:
         return []
-    raw = [Path(name) for name in dataset.raw_paths]
-    present = [path for path in raw if path.is_file()]
-    return present or [Path(dataset.processed_paths[0])]
+    raw_paths = [Path(name) for name in dataset.raw_paths]
+    existing_paths = [path for path in raw_paths if path.is_file()]
+    return existing_paths or [Path(dataset.processed_paths[0])]
 
 
 @lru_cache(maxsize=10_000)
-def _sha256(path: Path, size: int, changed: int) -> str:
-    return file_sha256(path)  # sources of one folder share its files
+def _sha256(path: Path, size: int, mtime_ns: int) -> str:
+    return file_sha256(path)  # cached, since several sources read the files of one folder

@@ -1,4 +1,4 @@
-r"""What else is looked at in a model of a table, while it trains and afterwards."""
+r"""Studies: measurements on a trained model of a table, other than its scores."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    r"""A model after its training, and the samples as it sees them.
+    r"""A trained model with its transformed samples.
 
     Args:
         model (torch.nn.Module or sklearn.base.BaseEstimator): The model, in evaluation mode.
-        train (StaticData): What it was trained on, scaled.
-        test (StaticData): What was held out, scaled likewise.
+        train (StaticData): The training samples, after all transforms.
+        test (StaticData): The test samples, after the same transforms.
         class_names (list of str): Names of the classes.
         layout (TaxelLayout): The taxels.
         seed (int): Seed of the run.
@@ -37,35 +37,35 @@ class Trained:
 
     @property
     def is_network(self) -> bool:
-        r"""Whether the model is a network, and no estimator of scikit-learn."""
+        r"""Whether the model is a network, not an estimator of scikit-learn."""
         return isinstance(self.model, nn.Module)
 
     def logits(self, samples: StaticData, batch_size: int = 256) -> Tensor:
-        r"""Returns what a network says of samples :math:`(S, C)`.
+        r"""Returns the logits of a network for samples :math:`(S, C)`.
 
         Args:
-            samples (StaticData): Some of :obj:`test`, or changed ones.
-            batch_size (int): How many at a time.
+            samples (StaticData): Transformed samples, such as :obj:`test`.
+            batch_size (int): Number of samples in a batch.
         """
         names = input_names(self.model)
-        out = []
+        logits = []
         with torch.inference_mode():
             for rows in torch.arange(samples.num_samples).split(batch_size):
                 batch = samples.index_select(rows)
                 inputs = {name: getattr(batch, name) for name in names}
-                out.append(call_model(self.model, batch, inputs))
-        return torch.cat(out)
+                logits.append(call_model(self.model, batch, inputs))
+        return torch.cat(logits)
 
 
 class Study:
-    r"""The base class of what is looked at in a model beside its scores. It is built anew for each
-    run, and its result is kept with the run.
+    r"""The base class of studies, which measure more than the scores of a model. Each run has a new
+    study object; its result is stored with the run.
 
-    A subclass defines :meth:`measure`, and :meth:`callback` if it watches the training.
+    A subclass defines :meth:`measure`, and :meth:`callback` if it observes the training.
     """
 
     def callback(self, data: Any) -> "L.Callback | None":
-        r"""Returns what watches the training of a network; nothing if there is no need.
+        r"""Returns a callback that observes the training of a network, or :obj:`None`.
 
         Args:
             data (TactileDataModule): The samples.
@@ -73,7 +73,8 @@ class Study:
         return None
 
     def measure(self, trained: Trained) -> dict[str, Any] | None:
-        r"""Returns what was found, as JSON values; nothing where the model has no such thing.
+        r"""Returns the result as JSON values, or :obj:`None` if the study does not apply to the
+        model.
 
         Args:
             trained (Trained): The model and its samples.
@@ -82,10 +83,8 @@ class Study:
 
 
 class Confusion(Study):
-    r"""Asks for the confusion of the classes, which the page draws from what the model said of the
-    samples of all folds.
-    """
+    r"""Requests a confusion matrix, which the report draws from the predictions for all folds."""
 
     def measure(self, trained: Trained) -> dict[str, Any]:
-        r"""Returns the names of the classes."""
+        r"""Returns the class names."""
         return {"class_names": list(trained.class_names)}

@@ -1,6 +1,4 @@
-r"""Tables as values: what is compared on which data, by which protocols, beside which published
-numbers.
-"""
+r"""Tables: models with their data, protocols and published numbers."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -19,37 +17,39 @@ from torch_geometric_tactile.training._config_files import read_yaml
 from torch_geometric_tactile.training._threshold import THRESHOLD_METRICS
 from torch_geometric_tactile.training.config import load_config
 
-_SHOWS = ("accuracy", "memory")
-_PUBLISHED = ("accuracy", "spread", "variance", "f1", "auc", "memory", "milliseconds")
+_SHOWN_METRICS = ("accuracy", "memory")
+_PUBLISHED_KEYS = ("accuracy", "spread", "variance", "f1", "auc", "memory", "milliseconds")
 
 
 @dataclass(frozen=True)
 class Cell:
-    r"""One place of a table.
+    r"""One cell of a table: a model with its configuration and published numbers.
 
     Args:
-        row (str): The model.
-        column (str): Its inputs, or whatever else tells it from others of its row.
+        row (str): Name of the row, the model.
+        column (str): Name of the column, such as the inputs of the model.
         experiment (str): Name of the experiment.
-        section (str): The part of the table, such as :obj:`"with joint angles"`; may be empty.
-        config (str or dict, optional): The configuration that it is trained by: a shipped one by
-            its name, a file, or its contents.
+        section (str): The section of the table, such as :obj:`"with joint angles"`; may be empty.
+        config (str or dict, optional): The configuration: the name of a built-in one, a file, or
+            its contents.
         estimator (dict, optional): A scikit-learn classifier as :obj:`{"class_path",
             "init_args"}`, instead of :obj:`config`.
-        transform (dict, optional): What every batch goes through, instead of what the
-            configuration says.
-        data (dict): Arguments of the data set that only this place has.
-        choice (Choice, optional): What is chosen on a validation part before the test; nothing if
-            left out.
-        published (dict): What the paper prints: :obj:`accuracy` in percent and its :obj:`spread`
-            or, over draws of the samples tested on, its :obj:`variance` in squared percent,
-            :obj:`f1` of class 1 in percent, :obj:`auc`, :obj:`memory` in MB, and the
-            :obj:`milliseconds` of a frame, where it does.
+        transform (dict, optional): The transform of all batches, instead of the one in the
+            configuration.
+        data (dict): Arguments of the data set for this cell only.
+        choice (Choice, optional): The selection of settings on validation parts; none if left out.
+        published (dict): Numbers of the paper: :obj:`accuracy` in percent and its :obj:`spread` or,
+            over draws of test samples, its :obj:`variance` in squared percent, :obj:`f1` of class 1
+            in percent, :obj:`auc`, :obj:`memory` in MB, and :obj:`milliseconds` of a frame.
         threshold (str, optional): As of
             :class:`~torch_geometric_tactile.experiments._experiment.Experiment`.
-        layers (dict): The accuracy in percent of single layers that the paper prints.
-        studies (list of dict): What else is looked at in the model of the first seed and fold, as
-            of :class:`~torch_geometric_tactile.experiments._experiment.Experiment`.
+        layers (dict): Published accuracies of single layers in percent.
+        studies (list of dict): Studies of the model of the first seed and fold, as of
+            :class:`~torch_geometric_tactile.experiments._experiment.Experiment`.
+
+    Raises:
+        ValueError: If there is not exactly one of :obj:`config` and :obj:`estimator`, or
+            :obj:`threshold` is unknown.
     """
 
     row: str
@@ -80,17 +80,17 @@ class Cell:
 
     @cached_property
     def configuration(self) -> dict[str, Any]:
-        r"""What :obj:`config` holds or stands for."""
+        r"""The contents of :obj:`config`, which is loaded if it is a name or file."""
         return self.config if isinstance(self.config, dict) else load_config(str(self.config))
 
 
 @dataclass(frozen=True)
 class Ordering:
-    r"""What a paper found, or what is asked: that some models are better than others.
+    r"""A statement of a paper, or a question, that some models are better than others.
 
     Args:
         name (str): The ordering in words, such as :obj:`"GCN above LSTM"`.
-        pairs (tuple of tuple): Two experiments each, the better first.
+        pairs (tuple of tuple): Pairs of experiments, the better one first.
 
     Raises:
         ValueError: If there is no pair.
@@ -100,19 +100,19 @@ class Ordering:
     pairs: tuple[tuple[str, str], ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pairs", tuple((a, b) for a, b in self.pairs))
+        object.__setattr__(self, "pairs", tuple((better, worse) for better, worse in self.pairs))
         need(self.pairs, f"'pairs' of '{self.name}' must hold at least one pair (got none)")
 
 
 @dataclass(frozen=True)
 class TableProtocol:
-    r"""What a table holds out of its data.
+    r"""A protocol of a table, by which its data is split.
 
     Args:
-        name (str): What the table calls it, such as :obj:`"by trial"`.
-        protocol (Protocol): What is held out.
-        data (dict): Arguments of the data set that only this protocol has.
-        note (str): What it tells, as a sentence; may be empty.
+        name (str): Name of the protocol in the table, such as :obj:`"by trial"`.
+        protocol (Protocol): The splits.
+        data (dict): Arguments of the data set for this protocol only.
+        note (str): A sentence on the meaning of its scores; may be empty.
     """
 
     name: str
@@ -121,10 +121,11 @@ class TableProtocol:
     note: str = ""
 
     def with_folds(self, folds: int | None) -> Self:
-        r"""Returns it with another number of folds, if it has folds and a number is given.
+        r"""Returns the protocol with another number of folds. A protocol without folds is returned
+        unchanged.
 
         Args:
-            folds (int, optional): The number.
+            folds (int, optional): The number of folds; unchanged if :obj:`None`.
         """
         if folds is None or self.protocol.folds is None:
             return self
@@ -133,37 +134,37 @@ class TableProtocol:
 
 @dataclass(frozen=True)
 class Table:
-    r"""A table, of a paper or a user's own.
+    r"""A table of a paper, or of a user.
 
     Args:
-        name (str): Its name, and that of its files.
-        title (str): What it shows.
+        name (str): Name of the table and of its files.
+        title (str): Title of the table.
         data (DataSource): The samples.
-        protocols (tuple of TableProtocol): What is held out, one protocol after the other.
-        cells (tuple of Cell): Its places, row by row.
-        paper (str): Title of the paper, if it is of one.
-        place (str): Where in the paper it is.
+        protocols (tuple of TableProtocol): The protocols, in order.
+        cells (tuple of Cell): The cells, row by row.
+        paper (str): Title of the paper; empty for a table of a user.
+        place (str): The place in the paper, such as the number of the table.
         task (str): :obj:`"multiclass"`, :obj:`"multilabel"` or :obj:`"regression"`.
-        shows (str): :obj:`"accuracy"` or :obj:`"memory"`.
-        seeds (int): Runs of each experiment, unless told otherwise.
-        measure_memory (bool): Whether every run gets a process whose memory is measured. Not worth
-            it for hundreds of small models.
-        paper_protocol (str): Which of the protocols the paper used, if it says so.
-        positive (str): Of two classes, the name of class 1, whose precision, recall and F1 score
-            are shown then.
-        axis (str): What the columns are if they are numbers: the picture has a line for each row
-            along them.
-        orderings (tuple of Ordering): What is looked for in the numbers.
-        measured_on (str): What the published numbers were measured on.
-        recordings (str): Whether those are :obj:`"private"`, :obj:`"public"` or
-            :obj:`"unavailable"`.
-        see_also (str): Where there is more of the kind, as a sentence; may be empty.
-        draws (Draws, optional): Draws of the samples tested on, over which accuracies are shown.
+        shows (str): The shown number, :obj:`"accuracy"` or :obj:`"memory"`.
+        seeds (int): Default number of runs of each experiment.
+        measure_memory (bool): If :obj:`True`, each run has a separate process, whose memory is
+            measured. This is slow for hundreds of small models.
+        paper_protocol (str): Name of the protocol of the paper, if the paper states it.
+        positive (str): For two classes, the name of class 1. Its precision, recall and F1 score are
+            then shown.
+        axis (str): Name of the quantity in the columns, if they are numbers. The figure then has a
+            line for each row.
+        orderings (tuple of Ordering): Statements to check in the results.
+        measured_on (str): The hardware of the published numbers.
+        recordings (str): Availability of the published recordings: :obj:`"private"`,
+            :obj:`"public"` or :obj:`"unavailable"`.
+        see_also (str): A sentence on related results; may be empty.
+        draws (Draws, optional): Draws of test samples, over which accuracies are shown.
 
     Raises:
-        ValueError: If there is no protocol or no place, a name stands for two, an ordering names an
-            experiment that is not there, columns along an axis are no numbers, or :obj:`see_also`
-            is no text.
+        ValueError: If there is no protocol or no cell, two have the same name, an ordering names an
+            unknown experiment, columns along an axis are not numbers, or :obj:`see_also` is not a
+            text.
     """
 
     name: str
@@ -191,9 +192,9 @@ class Table:
             raise ValueError(
                 f"'see_also' of table '{self.name}' must be a text (got {self.see_also!r})"
             )
-        known = {cell.experiment for cell in self.cells}
+        names = {cell.experiment for cell in self.cells}
         for ordering in self.orderings:
-            unknown = {name for pair in ordering.pairs for name in pair} - known
+            unknown = {name for pair in ordering.pairs for name in pair} - names
             if unknown:
                 raise ValueError(
                     f"'{ordering.name}' of table '{self.name}' must be of its experiments (got "
@@ -207,51 +208,55 @@ class Table:
                     f"the columns of table '{self.name}' must be numbers, as 'axis' is given (got "
                     f"'{cell.column}')"
                 ) from None
-        need(self.shows in _SHOWS, f"'shows' must be one of {list(_SHOWS)} (got '{self.shows}')")
-        for what, names in (
+        need(
+            self.shows in _SHOWN_METRICS,
+            f"'shows' must be one of {list(_SHOWN_METRICS)} (got '{self.shows}')",
+        )
+        for argument, entry_names in (
             ("protocols", [protocol.name for protocol in self.protocols]),
             ("cells", [cell.experiment for cell in self.cells]),
         ):
-            if not names or len(set(names)) < len(names):
+            if not entry_names or len(set(entry_names)) < len(entry_names):
                 raise ValueError(
-                    f"'{what}' of table '{self.name}' must have different names, at least one "
-                    f"(got {names})"
+                    f"'{argument}' of table '{self.name}' must have different names, at least one "
+                    f"(got {entry_names})"
                 )
 
     @property
     def sections(self) -> list[str]:
-        r"""Its parts, in order."""
+        r"""Names of the sections, in order."""
         return list(dict.fromkeys(cell.section for cell in self.cells))
 
     @property
     def rows(self) -> list[str]:
-        r"""Its models, in order."""
+        r"""Names of the rows, in order."""
         return list(dict.fromkeys(cell.row for cell in self.cells))
 
     @property
     def is_published(self) -> bool:
-        r"""Whether any number of it is published."""
+        r"""Whether any cell has published numbers."""
         return any(cell.published for cell in self.cells)
 
     def columns(self, section: str) -> list[str]:
-        r"""Returns the columns of a section, in the order of the row that has most.
+        r"""Returns the columns of a section, in the order of its longest row.
 
         Args:
             section (str): The section.
         """
-        mine = [cell for cell in self.cells if cell.section == section]
-        longest = max(mine, key=lambda cell: sum(other.row == cell.row for other in mine)).row
-        of_longest = [cell.column for cell in mine if cell.row == longest]
-        return list(dict.fromkeys([*of_longest, *(cell.column for cell in mine)]))
+        cells = [cell for cell in self.cells if cell.section == section]
+        longest_row = max(cells, key=lambda cell: sum(peer.row == cell.row for peer in cells)).row
+        first_columns = [cell.column for cell in cells if cell.row == longest_row]
+        return list(dict.fromkeys([*first_columns, *(cell.column for cell in cells)]))
 
     def select(self, patterns: Iterable[str] | None) -> tuple[Cell, ...]:
-        r"""Returns the cells whose experiment has a name like one of some patterns.
+        r"""Returns the cells whose experiment name matches one of several patterns.
 
         Args:
-            patterns (iterable of str, optional): Such as :obj:`"gcn_*_joint"`. All if left out.
+            patterns (iterable of str, optional): Patterns such as :obj:`"gcn_*_joint"`. All cells
+                if left out.
 
         Raises:
-            ValueError: If a pattern fits none; the message lists the names.
+            ValueError: If a pattern matches no name; the message lists the names.
         """
         if patterns is None:
             return self.cells
@@ -276,34 +281,34 @@ class Table:
         r"""Returns some of the protocols, in the order of the table.
 
         Args:
-            names (iterable of str, optional): Their names; a leading :obj:`"by"` may be left out.
-                All if left out.
-            folds (int, optional): Number of folds of those with folds, instead of theirs.
+            names (iterable of str, optional): Names of the protocols; a leading :obj:`"by"` may be
+                left out. All protocols if left out.
+            folds (int, optional): Number of folds, for the protocols with folds.
 
         Raises:
-            ValueError: If there is no such protocol; the message lists those there are.
+            ValueError: If a name is unknown; the message lists the names.
         """
-        known = [protocol.name for protocol in self.protocols]
-        wanted = known if names is None else list(names)
-        for name in wanted:
-            if not {name, f"by {name}"} & set(known):
+        protocol_names = [protocol.name for protocol in self.protocols]
+        requested = protocol_names if names is None else list(names)
+        for name in requested:
+            if not {name, f"by {name}"} & set(protocol_names):
                 raise ArgumentError(
-                    Argument("protocols"), f" must be some of {known} (got '{name}')"
+                    Argument("protocols"), f" must be some of {protocol_names} (got '{name}')"
                 )
-        need_argument(wanted, "protocols", f"must be some of {known} (got none)")
-        chosen = {*wanted, *(f"by {name}" for name in wanted)}
-        return tuple(p.with_folds(folds) for p in self.protocols if p.name in chosen)
+        need_argument(requested, "protocols", f"must be some of {protocol_names} (got none)")
+        full_names = {*requested, *(f"by {name}" for name in requested)}
+        return tuple(p.with_folds(folds) for p in self.protocols if p.name in full_names)
 
 
 def read_table(path: PathLike) -> Table:
-    r"""Returns a table that a user wrote.
+    r"""Reads a table from a file.
 
     Args:
         path (str or os.PathLike): A YAML file. Paths of configurations in it are relative to its
             folder.
 
     Raises:
-        ValueError: If the file is not as described on the page on experiments.
+        ValueError: If the file does not have the format of the page on experiments.
     """
     content = read_yaml(Path(path))
     if not isinstance(content, Mapping):
@@ -315,23 +320,23 @@ def read_table(path: PathLike) -> Table:
 
 
 def table_of(name: str, content: Mapping[str, Any], folder: PathLike = "") -> Table:
-    r"""Returns a table from its plain description.
+    r"""Builds a table from plain data.
 
     Args:
-        name (str): Its name.
-        content (Mapping): As in a YAML file.
-        folder (str or os.PathLike): What paths of configurations are relative to.
+        name (str): Name of the table.
+        content (Mapping): The content of a YAML file.
+        folder (str or os.PathLike): The folder that paths of configurations are relative to.
 
     Raises:
-        ValueError: If it is not as described on the page on experiments.
+        ValueError: If the content does not have the format of the page on experiments.
     """
     entries = dict(content)
     try:
         data = dict(entries.pop("data"))
         source = DataSource(arguments=data.pop("init_args", None) or {}, **data)
-        protocols = tuple(_protocol(*item) for item in entries.pop("protocols").items())
+        protocols = tuple(_parse_protocol(*item) for item in entries.pop("protocols").items())
         template = entries.pop("template", None)
-        cells = tuple(_cell(cell, template, Path(folder)) for cell in entries.pop("cells"))
+        cells = tuple(_parse_cell(cell, template, Path(folder)) for cell in entries.pop("cells"))
         orderings = tuple(Ordering(**item) for item in entries.pop("orderings", ()))
         draws = entries.pop("draws", None)
         return Table(
@@ -349,25 +354,25 @@ def table_of(name: str, content: Mapping[str, Any], folder: PathLike = "") -> Ta
         raise ValueError(f"table '{name}' cannot be read: {error}") from error
 
 
-def _protocol(name: str, content: Mapping[str, Any]) -> TableProtocol:
-    values = dict(content)
-    data, note = values.pop("data", {}), values.pop("note", "")
-    return TableProtocol(name, Protocol.from_dict(values), data, note)
+def _parse_protocol(name: str, content: Mapping[str, Any]) -> TableProtocol:
+    arguments = dict(content)
+    data, note = arguments.pop("data", {}), arguments.pop("note", "")
+    return TableProtocol(name, Protocol.from_dict(arguments), data, note)
 
 
-def _cell(content: Mapping[str, Any], template: str | None, folder: Path) -> Cell:
-    values = dict(content)
-    published = {key: values.pop(key) for key in _PUBLISHED if key in values}
-    config = values.pop("config", None)
-    if config is None and template is not None and "estimator" not in values:
-        config = f"{template}/{values['experiment']}"
+def _parse_cell(content: Mapping[str, Any], template: str | None, folder: Path) -> Cell:
+    arguments = dict(content)
+    published = {key: arguments.pop(key) for key in _PUBLISHED_KEYS if key in arguments}
+    config = arguments.pop("config", None)
+    if config is None and template is not None and "estimator" not in arguments:
+        config = f"{template}/{arguments['experiment']}"
     if isinstance(config, str) and (folder / config).is_file():
         config = str(folder / config)
-    values.setdefault("experiment", values["row"])
-    values["column"] = str(values.get("column", ""))
-    if "choice" in values:
-        values["choice"] = Choice(**values["choice"])
-    return Cell(config=config, published=published, **values)
+    arguments.setdefault("experiment", arguments["row"])
+    arguments["column"] = str(arguments.get("column", ""))
+    if "choice" in arguments:
+        arguments["choice"] = Choice(**arguments["choice"])
+    return Cell(config=config, published=published, **arguments)
 
 
 def cell_config(cell: Cell) -> dict[str, Any]:

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments.plan import Plan
-from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.plan import Plan, PlanRun
 from torch_geometric_tactile.experiments.source import DataSource
 
 NO_NUMBER = "\N{EN DASH}"  # in cells without a number
@@ -85,7 +84,7 @@ def _parts(plan: Plan) -> str:
 def _training(plan: Plan) -> str:
     networks = [
         experiment
-        for experiment in map(plan.of_cell, plan.table.cells)
+        for experiment in map(plan.cell_experiment, plan.table.cells)
         if not experiment.is_estimator
     ]
     if not networks:

@@ -9,7 +9,7 @@ from scipy.stats import spearmanr
 from torch_geometric_tactile._texts import markdown_table, markdown_text
 from torch_geometric_tactile.experiments._scores import RULE
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
-from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers._table_numbers import (
     PUBLISHED,

@@ -10,8 +10,8 @@ import numpy as np
 from sklearn.metrics import balanced_accuracy_score
 
 from torch_geometric_tactile.experiments._sample_draws import Draws
+from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Table
 
 PUBLISHED = "published"

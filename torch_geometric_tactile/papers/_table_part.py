@@ -3,7 +3,7 @@ r"""Selection of a part of a table."""
 from collections.abc import Sequence
 from dataclasses import replace
 
-from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.plan import PlanRun
 
 
 def selected_part(run: PlanRun, only: Sequence[str] | None) -> PlanRun:

@@ -11,8 +11,8 @@ import torch
 
 from torch_geometric_tactile._texts import markdown_table, markdown_text
 from torch_geometric_tactile.analysis import class_confusion
+from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.papers._table_caption import NO_NUMBER
 from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_predictions
@@ -114,7 +114,7 @@ def _study_results(run: PlanRun, studies: _Studies, name: str) -> Iterator[tuple
     listed_codes = set()
     for cell in run.plan.table.cells:
         entry = studies.get(cell.experiment, {}).get(name)
-        code = run.plan.of_cell(cell).code
+        code = run.plan.cell_experiment(cell).code
         if entry is not None and code not in listed_codes:  # two cells may show the same model
             listed_codes.add(code)
             yield cell, entry

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import markdown_table, markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.experiments.plan import Plan
-from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.plan import Plan, PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.io._csv_table import text_to_cell
 from torch_geometric_tactile.papers._table_caption import NO_NUMBER, caption, cost_note
@@ -212,7 +211,8 @@ def _named_models(plan: Plan) -> dict[str, Cell]:
     # Two cells may show the same model, which is trained once and listed once. Models with the same
     # configuration but other data or transforms are named by their experiments.
     codes = {
-        cell.experiment: replace(plan.of_cell(cell), studies=[]).code for cell in plan.table.cells
+        cell.experiment: replace(plan.cell_experiment(cell), studies=[]).code
+        for cell in plan.table.cells
     }
     codes_by_config: dict[str, set[str]] = {}
     for cell in plan.table.cells:

@@ -19,8 +19,8 @@ from torch_geometric_tactile.experiments._held_out import column_of
 from torch_geometric_tactile.experiments._scores import (
     NAMES,
     RULE,
+    format_score,
     prediction_scores,
-    shown_number,
 )
 from torch_geometric_tactile.experiments._setting_words import describe_setting
 from torch_geometric_tactile.experiments.advice import advice, to_dict
@@ -110,20 +110,20 @@ def _row(comparison: Comparison, result: ModelResult) -> list[str]:
     scores = []
     for key in comparison.metrics:
         mean, sd = result.scores[key]
-        text = shown_number(key, mean)
-        scores.append(text if math.isnan(sd) else f"{text} ± {shown_number(key, sd)}")
+        text = format_score(key, mean)
+        scores.append(text if math.isnan(sd) else f"{text} ± {format_score(key, sd)}")
     if comparison.is_validated:
         validation = math.nan if result.validation is None else result.validation
-        scores.append(shown_number(comparison.metric, validation))
+        scores.append(format_score(comparison.metric, validation))
     errors = _standard_errors(comparison, result.difference)
     difference_cells = [] if comparison.best_plain is None else [""] * (1 + len(errors))
     if result.difference is not None:
         mean = result.difference.mean
         sign = "+" if mean > 0 else ""
-        number = shown_number(comparison.metric, mean)
+        number = format_score(comparison.metric, mean)
         mark = " *" if result.difference.is_beyond_noise else ""
         difference_cells = [f"{sign}{number}{mark}"]
-        difference_cells += [f"± {shown_number(comparison.metric, error)}" for _, error in errors]
+        difference_cells += [f"± {format_score(comparison.metric, error)}" for _, error in errors]
     num_parameters = "" if result.num_parameters is None else f"{result.num_parameters:,.0f}"
     kind = "graph" if result.model.is_graph else "plain"
     times = [f"{result.seconds:,.1f}", f"{result.milliseconds:.2g}"]
@@ -224,7 +224,9 @@ def _settings_rows(comparison: Comparison) -> list[list[str]]:
     }
     for result in comparison.results:
         transform = transforms[result.model.name]
-        descriptions = [describe_setting(choice["setting"], transform) for choice in result.chosen]
+        descriptions = [
+            describe_setting(choice["setting"], transform) for choice in result.selections
+        ]
         counts = {text: descriptions.count(text) for text in descriptions}
         summary = "; ".join(f"{text} ({n} x)" if n > 1 else text for text, n in counts.items())
         rows.append([result.model.name, result.model.title, summary])
@@ -319,7 +321,7 @@ def _part_tables(comparison: Comparison) -> Iterator[tuple[str, list[str], list[
                 prediction_scores(part.y, part.prediction, metric == "mae")[metric]
                 for part in parts
             )
-            rows.append([name, f"{count:,}", *(shown_number(metric, score) for score in scores)])
+            rows.append([name, f"{count:,}", *(format_score(metric, score) for score in scores)])
         yield column, [column, "test samples", *joined], rows
 
 
