@@ -166,10 +166,10 @@ def _samples(run: PlanRun) -> str:
 def _selection_text(source: DataSource, noun: str) -> str:
     # The selection of samples by the arguments of a source and of the frames that it is cut from.
     settings: dict[str, Any] = {}
-    shown: DataSource | None = source
-    while shown is not None:
-        settings = {**shown.arguments, **settings}  # outer arguments take precedence
-        shown = shown.frames
+    layer: DataSource | None = source
+    while layer is not None:
+        settings = {**layer.arguments, **settings}  # outer arguments take precedence
+        layer = layer.frames
     settings |= source.selection
     stride, phases = settings.get("stride") or 1, settings.get("phases")
     text = f"Every {noun}" if stride == 1 else f"Every {_ordinal(stride)} {noun}"
