@@ -14,7 +14,7 @@ sys.path[:0] = [str(SOURCE), str(SOURCE / "tests")]
 import onnx_predictors as made  # noqa: E402
 
 from torch_geometric_tactile import __version__  # noqa: E402
-from torch_geometric_tactile.commands import VERBS  # noqa: E402
+from torch_geometric_tactile.commands import COMMANDS  # noqa: E402
 from torch_geometric_tactile.io import read_recording, write_recording  # noqa: E402
 
 PACKAGE = "torch_geometric_tactile"
@@ -69,7 +69,7 @@ def main(folder):
         run("tactile", "convert", "a.mcap", "b.npz")
         assert read_recording(place / "b.npz").num_frames == count
         page = run("tactile", "--help")
-        listed = [verb for verb in VERBS if re.search(rf"^    {verb}\s", page, re.MULTILINE)]
+        listed = [verb for verb in COMMANDS if re.search(rf"^    {verb}\s", page, re.MULTILINE)]
         assert sorted(listed) == ["convert", "live", "ports", "record", "replay", "view"], page
         assert "tactile live " in page, page  # among the examples
         assert "tactile fit " not in page, page
@@ -84,7 +84,9 @@ def main(folder):
                 pip("install", "--no-deps", "--force-reinstall", first)
                 pip("install", "--no-deps", "--force-reinstall", second)
                 page = run("python", "-m", PACKAGE, "--help")
-                assert all(re.search(rf"^    {verb}\s", page, re.MULTILINE) for verb in VERBS), page
+                assert all(re.search(rf"^    {verb}\s", page, re.MULTILINE) for verb in COMMANDS), (
+                    page
+                )
                 assert __version__ in run("tactile", "--version")
                 pip("uninstall", "--yes", re.match(r"\w+", removed.name)[0].replace("_", "-"))
                 page = run("python", "-m", PACKAGE, "--help")

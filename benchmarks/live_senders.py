@@ -19,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from torch_geometric_tactile.io import encode_packet, format_xela_message
+from torch_geometric_tactile.io import encode_packet
+from torch_geometric_tactile.io._xela_message import format_xela_message
 
 _XELA_BODIES = 500
 _SENSORS = (16,) * 15 + (24,) * 6  # patches of 4 x 4, and of 4 x 6

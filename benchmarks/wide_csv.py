@@ -16,7 +16,7 @@ import numpy as np
 from shared import in_turns, parse
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import read_wide_csv, write_wide_csv
+from torch_geometric_tactile.io._wide_csv import read_wide_csv, write_wide_csv
 
 
 def main() -> None:

@@ -30,7 +30,7 @@ from sklearn.svm import SVC
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy, max_pool2d
 
-from torch_geometric_tactile.io import read_biotac_sp_csv
+from torch_geometric_tactile.io._biotac_sp_csv import read_biotac_sp_csv
 from torch_geometric_tactile.nn import TaxelNet
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
 from torch_geometric_tactile.training import training_recipe

@@ -29,7 +29,7 @@ from torch_geometric_tactile.datasets import BioTacSP
 from torch_geometric_tactile.experiments._networks import fit_classifier
 from torch_geometric_tactile.training import TactileDataModule, classification_metrics
 from torch_geometric_tactile.training._predictions import collect_predictions
-from torch_geometric_tactile.training.config import load_config
+from torch_geometric_tactile.training._config import load_config
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore
 
 MODEL = ("model", "model", "init_args")

@@ -31,7 +31,7 @@ from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._networks import Clock, fit_classifier, warm_up
 from torch_geometric_tactile.sensors import allegro_uskin
 from torch_geometric_tactile.training._predictions import collect_predictions
-from torch_geometric_tactile.training.config import load_config
+from torch_geometric_tactile.training._config import load_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import classification_metrics
 

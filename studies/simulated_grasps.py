@@ -23,7 +23,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from torch_geometric_tactile.baselines import statistical_features
+from torch_geometric_tactile.baselines._features import statistical_features
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.datasets import BioTacSP
 from torch_geometric_tactile.io import read_recording

@@ -29,7 +29,7 @@ def of_grasps(grasps):
     from torch_geometric_tactile.data import Protocol
     from torch_geometric_tactile.experiments._experiment import Experiment
     from torch_geometric_tactile.experiments.source import DataSource
-    from torch_geometric_tactile.training.config import load_config
+    from torch_geometric_tactile.training._config import load_config
 
     def make(model="p2_table2/ii_tac", task="object", selection=None, **changes):
         config = load_config(model)

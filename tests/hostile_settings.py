@@ -11,7 +11,7 @@ def small_checkpoint():
     import lightning as L
 
     from torch_geometric_tactile.nn import TactileFNN
-    from torch_geometric_tactile.predictor import model_entry
+    from torch_geometric_tactile.predictor._content import model_entry
     from torch_geometric_tactile.training import TactileModule
 
     module = TactileModule(TactileFNN(4, 2, widths=(3,), pools=(1,)))

@@ -3,14 +3,14 @@
 import argparse
 from importlib import import_module
 
-from torch_geometric_tactile.commands import VERBS
+from torch_geometric_tactile.commands import COMMANDS
 
 PACKAGE = "torch_geometric_tactile.commands"
 
 
 def command_modules():
     """The modules of the commands that argparse reads, by what users type."""
-    modules = {name: import_module(f"{PACKAGE}.{name}") for name in VERBS}
+    modules = {name: import_module(f"{PACKAGE}.{name}") for name in COMMANDS}
     for name, module in [*modules.items()]:
         for word, kind in getattr(module, "KINDS", {}).items():
             modules[f"{name} {word}"] = import_module(f"{PACKAGE}.{kind}")

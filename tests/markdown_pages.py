@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 
 from torch_geometric_tactile.cli import build_parser, main
-from torch_geometric_tactile.commands import VERBS
+from torch_geometric_tactile.commands import COMMANDS
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("docs", "docs/results", "docs/start", "docs/guide", "docs/reference")
@@ -176,7 +176,7 @@ def check_tactile(words):
     if words[0].startswith("-"):
         _parse(build_parser(), words)
         return
-    assert words[0] in VERBS, f"'tactile {words[0]}' does not exist"
+    assert words[0] in COMMANDS, f"'tactile {words[0]}' does not exist"
     if words[0] in _RAW:
         _check_lightning(words)
         return

@@ -236,11 +236,11 @@ def test_a_resampled_data_set_has_a_predictor_that_resamples(tmp_path):
 
 def test_predict_names_the_rest_of_the_training():
     pytest.importorskip("lightning", reason="needs the extra 'train'")
-    from torch_geometric_tactile.experiments.source import tare_trials
+    from torch_geometric_tactile.experiments.source import _tare_trials
 
     made = [recording(i, 50.0, "ab"[i % 2], num_gaps=0) for i in range(2)]
     frames = RecordingFrames(layout=LAYOUT, recordings=made, target="label", stride=5)
-    tared = tare_trials(frames, first=8)
+    tared = _tare_trials(frames, first=8)
     _, predictor = trained(tared)
     assert predictor.info.rest == pytest.approx(0.75)  # eight frames, 0.1 s apart
     rested = []

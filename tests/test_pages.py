@@ -12,7 +12,7 @@ import pytest
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.cli import build_parser
-from torch_geometric_tactile.commands import VERBS
+from torch_geometric_tactile.commands import COMMANDS
 
 ROOT = Path(__file__).parents[1]
 # Messages of other libraries, each produced in a test below or only by a GPU.
@@ -136,14 +136,14 @@ def test_command_line_lists_every_verb_with_its_help():
     (commands,) = build_parser()._subparsers._group_actions
     helps = {action.dest: action.help for action in commands._choices_actions}
     assert dict(rows) == helps
-    assert [name for name, _ in rows] == list(VERBS)
+    assert [name for name, _ in rows] == list(COMMANDS)
 
 
 def test_command_line_lists_every_shipped_configuration():
     pytest.importorskip("yaml", reason="needs the extra 'train'")
     pytest.importorskip("lightning", reason="needs the extra 'train'")
+    from torch_geometric_tactile.training._config import config_names
     from torch_geometric_tactile.training._config_files import TEMPLATES
-    from torch_geometric_tactile.training.config import config_names
 
     text = page("command_line.md")
     assert not [name for name in (*config_names(), *TEMPLATES) if f"`{name}" not in text]

@@ -8,7 +8,7 @@ import pytest
 
 import torch_geometric_tactile
 from torch_geometric_tactile import _removed
-from torch_geometric_tactile._removed import REPLACEMENTS, removed_names
+from torch_geometric_tactile._removed import PRIVATE_NAMES, REPLACEMENTS, removed_names
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.nn import GraspGCN
 
@@ -29,6 +29,21 @@ def test_removed_name_is_an_error_that_says_what_to_do(name):
     with pytest.raises(ImportError, match=message):
         exec(f"from {module.__name__} import {attribute}")
     assert attribute not in dir(module)
+
+
+@pytest.mark.parametrize("package", sorted({name.partition(".")[0] for name in PRIVATE_NAMES}))
+def test_private_name_is_an_error_with_the_line_that_imports_it(package):
+    if package in ("experiments", "training"):
+        pytest.importorskip("lightning", reason="needs the extra 'train'")
+    if package == "sim":
+        pytest.importorskip("mujoco", reason="needs the extra 'sim'")
+    module = import_module(f"torch_geometric_tactile.{package}")
+    for name in (name for name in PRIVATE_NAMES if name.startswith(f"{package}.")):
+        attribute = name.partition(".")[2]
+        with pytest.raises(ImportError, match=f"'{name}' is private since") as caught:
+            getattr(module, attribute)
+        exec(str(caught.value).partition("may change: ")[2])
+        assert attribute not in module.__all__
 
 
 @pytest.mark.parametrize("method", ["from_pretrained", "save_pretrained", "push_to_hub"])
@@ -56,6 +71,11 @@ def test_removed_option_is_an_error_that_says_what_to_do(command, value, capsys)
 def test_migration_page_has_every_removed_name(name):
     rows = [line for line in MIGRATION.read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
     assert any(f"`{name}`" in row.split("|")[1] for row in rows)
+
+
+def test_migration_page_has_every_private_name():
+    page = MIGRATION.read_text(encoding="utf-8")
+    assert [name for name in PRIVATE_NAMES if f"`{name.partition('.')[2]}`" not in page] == []
 
 
 def test_names_that_never_existed_are_attribute_errors(monkeypatch):

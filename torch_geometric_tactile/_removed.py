@@ -1,4 +1,7 @@
-r"""Names and options that version 0.3.0 removed. Version 0.4.0 deletes this module."""
+r"""Names and options that version 0.3.0 removed or made private.
+
+Version 0.4.0 deletes this module.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -29,6 +32,8 @@ REPLACEMENTS: dict[str, str] = {
         "give the number of jobs alone, run_plan(plan, out, jobs=2); for a cluster, surround the "
         "call with joblib.parallel_config(backend=...)"
     ),
+    "experiments.cell_config": "read the attribute 'configuration' of the cell",
+    "experiments.quotation": "it is a sentence of advice(comparison)",
     "io.append_hdf5": "write frames with McapWriter, and convert the file with write_hdf5",
     "loader.DistributedBlockSampler": "use BlockSampler in one process; Lightning shares samples",
     "nn.TaxelEncoder": "use TaxelNet",
@@ -58,6 +63,67 @@ REPLACEMENTS: dict[str, str] = {
     "visualization.plot_early_slip": _ALARM_PICTURE,
 }
 
+# Names that are no longer exported, by their module.
+_PRIVATE_NAMES = {
+    "analysis.encoder_map": "encoder_blocks",
+    "baselines._features": "FEATURE_NAMES statistical_features",
+    "baselines._signal_features": "SignalFeatures",
+    "data._image_data": "ImageData StaticImages image_of",
+    "data._static_rule": "StaticRule",
+    "datasets._root": "default_root",
+    "experiments.differences": "run_difference",
+    "experiments.tables": "table_of",
+    "io._biotac_sp_csv": "GraspTable read_biotac_sp_csv read_biotac_sp_dos_csv",
+    "io._icub_grasp_txt": "ICubGraspFrames read_icub_grasp_txt",
+    "io._idx_file": "read_idx",
+    "io._matrix_files": "read_matrices read_matrix_csv read_matrix_npy read_matrix_png",
+    "io._matrix_mat": "read_mat_variables read_matrix_mat",
+    "io._named_csv": "read_named_csv",
+    "io._pressure_mat_zip": "MatFile pressure_mat_hash read_pressure_mat_zip",
+    "io._recording_npz": "read_npz write_npz",
+    "io._wide_csv": "read_wide_csv write_wide_csv",
+    "io._xela_log_csv": "read_xela_log_csv",
+    "io._xela_message": "XelaFrame format_xela_message parse_xela_message parse_xela_text",
+    "io._xela_messages": "read_xela_messages write_xela_messages",
+    "io.recording_files": "recording_format",
+    "io.recording_hdf5": "read_hdf5_head",
+    "live._clock_map": "ClockMap",
+    "live._outage": "Outage",
+    "live._serial_port": "SerialPort list_ports",
+    "live.health": "HealthMeter",
+    "live.rest": "RestFrames",
+    "live.taxel_map": "TaxelOrder",
+    "predictor._classes": "transform_classes",
+    "predictor._content": "build_model checkpoint_entry is_checkpoint model_entry",
+    "sensors._checks": "check_edges check_segment",
+    "sensors._taxel_clusters": "TaxelClusters taxel_clusters",
+    "sim._bigs_physics": "BIGS_PHASES BigsPhysics BigsSimulator",
+    "sim._bigs_plan": "BigsGrasp draw_grasp",
+    "sim._bigs_slip": "slip_onset",
+    "sim._biotac_grasp": "SimulatedGrasps simulate_grasps",
+    "sim._grasp": "GraspPlan GraspResult GraspSimulator PHASES plan_grasp",
+    "sim._object_sets": "OBJECT_SETS object_set",
+    "sim._squeeze": "SQUEEZE_PHASES SqueezePlan plan_squeeze",
+    "sim.hand_model": "stock_bodies",
+    "sim.simulate": "grasp_recordings",
+    "sim.simulate_bigs": "BIGS_GRASPS",
+    "sim.simulate_letters": "LETTER_PRESSES num_letter_files",
+    "training._checkpoint": "AtomicCheckpointIO",
+    "training._config": "config_names find_config load_config",
+    "training._sizes": "DataSizes fill_sizes",
+    "transforms._static_transform": "static_transform",
+    "transforms.fitting": "fitted_parts",
+    "visualization._training_history": "LearningCurves plot_training",
+    "visualization.layout": "layout_plane",
+}
+
+# By a name below the package, the module that has it now.
+PRIVATE_NAMES: dict[str, str] = {
+    f"{module.partition('.')[0]}.{name}": f"{_PACKAGE}{module}"
+    for module, names in _PRIVATE_NAMES.items()
+    for name in names.split()
+}
+
 # Files of removed features.
 LAST_READER = "version 0.2.1 is the last version that reads it"
 ENCODER_KEY = "torch_geometric_tactile.encoder"
@@ -65,9 +131,13 @@ ENCODER_CLASSES = ("TaxelEncoder", "TunedEncoder", "EncoderScale")
 
 
 def removal_message(name: str) -> str | None:
-    r"""Returns the error message for a removed name, or :obj:`None` for any other name."""
-    replacement = REPLACEMENTS.get(name)
-    return None if replacement is None else f"'{name}' was removed in version 0.3.0: {replacement}"
+    r"""Returns the error message for a removed or private name, or :obj:`None` for others."""
+    if name in REPLACEMENTS:
+        return f"'{name}' was removed in version 0.3.0: {REPLACEMENTS[name]}"
+    if name in PRIVATE_NAMES:
+        import_line = f"from {PRIVATE_NAMES[name]} import {name.rpartition('.')[2]}"
+        return f"'{name}' is private since version 0.3.0 and may change: {import_line}"
+    return None
 
 
 def removed_names(

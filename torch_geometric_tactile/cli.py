@@ -15,7 +15,7 @@ from typing import Any
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile._removed import removal_message
 from torch_geometric_tactile._texts import printable
-from torch_geometric_tactile.commands import VERBS
+from torch_geometric_tactile.commands import COMMANDS
 from torch_geometric_tactile.commands._paths import check_paths
 
 _EXAMPLES = """\
@@ -38,7 +38,7 @@ downloaded to a folder in the user's cache.
 
 def _is_installed_example(line: str) -> bool:
     words = line.split()
-    return words[:1] != ["tactile"] or words[1] in VERBS
+    return words[:1] != ["tactile"] or words[1] in COMMANDS
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -51,7 +51,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"tactile {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in VERBS:
+    for name in COMMANDS:
         command = _load_command(name)
         if hasattr(command, "run_raw"):
             commands.add_parser(name, help=command.HELP, add_help=False)
@@ -75,9 +75,9 @@ def _load_command(name: str) -> ModuleType:
 
 
 def _run(argv: list[str]) -> int:
-    if argv and argv[0] in VERBS and hasattr(_load_command(argv[0]), "run_raw"):
+    if argv and argv[0] in COMMANDS and hasattr(_load_command(argv[0]), "run_raw"):
         return int(_load_command(argv[0]).run_raw(argv[1:]))
-    if not argv or argv[0] not in VERBS:
+    if not argv or argv[0] not in COMMANDS:
         parser = build_parser()
         _check_removed(parser, argv[:1])
         parser.parse_args(argv)  # help, the version, or an error
@@ -135,7 +135,9 @@ def _missing_package_text(error: ModuleNotFoundError, argv: Sequence[str]) -> st
         return (
             f"'{error.name}' is not in tactile-live: pip install \"torch-geometric-tactile[live]\""
         )
-    extras = getattr(_load_command(argv[0]), "EXTRAS", None) if argv and argv[0] in VERBS else None
+    extras = (
+        getattr(_load_command(argv[0]), "EXTRAS", None) if argv and argv[0] in COMMANDS else None
+    )
     if extras is None or ("pip install" in str(error) and "[train]" not in str(error)):
         return str(error)
     return (

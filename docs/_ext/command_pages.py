@@ -52,9 +52,9 @@ def _environment(**values: str) -> Iterator[None]:
 
 
 def _commands() -> Iterator[tuple[tuple[str, ...], str]]:
-    from torch_geometric_tactile.commands import VERBS
+    from torch_geometric_tactile.commands import COMMANDS
 
-    for name in VERBS:
+    for name in COMMANDS:
         verb = import_module(f"torch_geometric_tactile.commands.{name}")
         yield (name,), verb.HELP
         for word, module in getattr(verb, "KINDS", {}).items():

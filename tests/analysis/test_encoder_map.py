@@ -6,10 +6,10 @@ from torch.nn import Linear, Module
 
 from torch_geometric_tactile.analysis import (
     edge_separation,
-    encoder_blocks,
     encoder_map,
     untrained_separation,
 )
+from torch_geometric_tactile.analysis.encoder_map import encoder_blocks
 
 # 0 - 1 within a patch, 1 - 2 between patches.
 EDGES = torch.tensor([[0, 1, 1], [1, 0, 2]])

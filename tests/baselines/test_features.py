@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.baselines import FEATURE_NAMES, statistical_features
+from torch_geometric_tactile.baselines._features import FEATURE_NAMES, statistical_features
 
 BY_HAND = {
     "maximum": 3.0,

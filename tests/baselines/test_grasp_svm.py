@@ -4,7 +4,8 @@ import torch
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
-from torch_geometric_tactile.baselines import FEATURE_NAMES, GraspSVM, statistical_features
+from torch_geometric_tactile.baselines import GraspSVM
+from torch_geometric_tactile.baselines._features import FEATURE_NAMES, statistical_features
 
 
 def series(num_samples=4, num_taxels=19, num_fingers=3, num_frames=60):

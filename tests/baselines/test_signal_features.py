@@ -7,7 +7,9 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from torch_geometric_tactile.baselines import GraspSVM, SignalFeatures, statistical_features
+from torch_geometric_tactile.baselines import GraspSVM
+from torch_geometric_tactile.baselines._features import statistical_features
+from torch_geometric_tactile.baselines._signal_features import SignalFeatures
 from torch_geometric_tactile.data import join_frames
 
 

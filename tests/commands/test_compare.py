@@ -24,7 +24,7 @@ from torch_geometric_tactile.commands import compare
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.experiments import _compared_models as compared_models
 from torch_geometric_tactile.experiments import run_plan
-from torch_geometric_tactile.io import write_npz
+from torch_geometric_tactile.io._recording_npz import write_npz
 
 QUICK = ["--grid", "3x4", "--epochs", "2", "--folds", "3", "--members", "1"]
 THREE = ["--models", "fnn,svm_linear,constant"]

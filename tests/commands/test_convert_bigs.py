@@ -173,7 +173,7 @@ def test_help_has_examples_and_needs_no_torch():
 def test_a_recording_is_still_converted(tmp_path, capsys):
     from bigs_files import grasp
 
-    from torch_geometric_tactile.io import write_npz as write_recording
+    from torch_geometric_tactile.io._recording_npz import write_npz as write_recording
 
     write_recording(grasp(), tmp_path / "bigs.npz")
     assert main(["convert", str(tmp_path / "bigs.npz"), str(tmp_path / "b.npz")]) == 0

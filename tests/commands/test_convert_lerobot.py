@@ -9,7 +9,8 @@ from lerobot_sets import write_without_touch
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import read_lerobot, write_npz
+from torch_geometric_tactile.io import read_lerobot
+from torch_geometric_tactile.io._recording_npz import write_npz
 
 
 @pytest.fixture

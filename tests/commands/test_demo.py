@@ -9,7 +9,8 @@ pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.datasets import BioTacSP, default_root
+from torch_geometric_tactile.datasets import BioTacSP
+from torch_geometric_tactile.datasets._root import default_root
 from torch_geometric_tactile.experiments import _demo
 from torch_geometric_tactile.experiments._demo import demo_data, demo_plans
 

@@ -7,7 +7,9 @@ import pytest
 
 from torch_geometric_tactile.cli import build_parser, main
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import format_xela_message, read_npz, read_recording, write_npz
+from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.io._recording_npz import read_npz, write_npz
+from torch_geometric_tactile.io._xela_message import format_xela_message
 
 
 @pytest.fixture

@@ -20,7 +20,8 @@ from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.commands import live
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import encode_packet, read_recording, write_npz
+from torch_geometric_tactile.io import encode_packet, read_recording
+from torch_geometric_tactile.io._recording_npz import write_npz
 from torch_geometric_tactile.live import Judge
 from torch_geometric_tactile.nn import TaxelNet
 from torch_geometric_tactile.sensors import biotac_sp, grid

@@ -3,13 +3,15 @@ import json
 import pytest
 
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.live import SerialPort
+from torch_geometric_tactile.live._serial_port import SerialPort
 
 
 @pytest.fixture
 def ports(monkeypatch):
     ports = [SerialPort("/dev/ttyACM0", "Leonardo\x1b[2J", 0x2341, 0x8036, "75")]
-    monkeypatch.setattr("torch_geometric_tactile.live.list_ports", lambda: ports, raising=False)
+    monkeypatch.setattr(
+        "torch_geometric_tactile.live._serial_port.list_ports", lambda: ports, raising=False
+    )
     return ports
 
 

@@ -22,8 +22,15 @@ from ptys import FakePort
 from xela_websocket import server
 
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.io import encode_packet, format_xela_message, read_recording
-from torch_geometric_tactile.live import LiveSession, Stream, TaxelMap, TaxelOrder, XelaSource
+from torch_geometric_tactile.io import encode_packet, read_recording
+from torch_geometric_tactile.io._xela_message import format_xela_message
+from torch_geometric_tactile.live import (
+    LiveSession,
+    Stream,
+    TaxelMap,
+    XelaSource,
+)
+from torch_geometric_tactile.live.taxel_map import TaxelOrder
 from torch_geometric_tactile.sensors import allegro_uskin_368, grid
 
 SENDER = """

@@ -19,7 +19,8 @@ from xela_websocket import server
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import encode_packet, read_recording, write_npz
+from torch_geometric_tactile.io import encode_packet, read_recording
+from torch_geometric_tactile.io._recording_npz import write_npz
 from torch_geometric_tactile.live import ReplayServer
 
 WRONG_XELA = '{"message": 7, "time": 0.5, "1": {"data": "0001,0002,00FF", "taxels": "16"}}'

@@ -13,15 +13,13 @@ pytest.importorskip("joblib", reason="needs the extra 'sim'")
 
 from torch_geometric_tactile.sim import (
     MOTIONS,
-    OBJECT_SETS,
-    PHASES,
     PRESETS,
     SPREADS,
-    GraspPlan,
     paper8,
-    plan_grasp,
     twenty,
 )
+from torch_geometric_tactile.sim._grasp import PHASES, GraspPlan, plan_grasp
+from torch_geometric_tactile.sim._object_sets import OBJECT_SETS
 
 module = sys.modules["torch_geometric_tactile.sim.simulate"]
 

@@ -11,7 +11,7 @@ pytest.importorskip("websockets", reason="needs the extra 'live'")
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import write_npz
+from torch_geometric_tactile.io._recording_npz import write_npz
 
 
 @pytest.fixture

@@ -7,10 +7,16 @@ from torch import Tensor
 from torch_geometric.data import Data, HeteroData
 from torch_geometric.transforms import BaseTransform
 
-from torch_geometric_tactile.data import StaticData, StaticRule, apply_transform
+from torch_geometric_tactile.data import StaticData, apply_transform
+from torch_geometric_tactile.data._static_rule import StaticRule
 from torch_geometric_tactile.data._transform_rules import RULES, flat, own_declaration
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.transforms import CommonMode, KNNGraph, ZScore, static_transform
+from torch_geometric_tactile.transforms import (
+    CommonMode,
+    KNNGraph,
+    ZScore,
+)
+from torch_geometric_tactile.transforms._static_transform import static_transform
 
 LAYOUT = grid(2, 3, pitch=0.01)
 EDGES = LAYOUT.edge_index("original")[:, 1:]  # not symmetric

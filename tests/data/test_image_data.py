@@ -7,13 +7,8 @@ import pytest
 import torch
 from torch_geometric.data import Batch, Data
 
-from torch_geometric_tactile.data import (
-    ImageData,
-    StaticData,
-    StaticImages,
-    apply_transform,
-    image_of,
-)
+from torch_geometric_tactile.data import StaticData, apply_transform
+from torch_geometric_tactile.data._image_data import ImageData, StaticImages, image_of
 from torch_geometric_tactile.sensors import letter_array
 
 LAYOUT = letter_array()

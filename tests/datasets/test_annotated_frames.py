@@ -5,7 +5,8 @@ import pytest
 
 from torch_geometric_tactile.data import Recording, Windows
 from torch_geometric_tactile.datasets import RecordingFrames
-from torch_geometric_tactile.io import write_npz, write_wide_csv
+from torch_geometric_tactile.io._recording_npz import write_npz
+from torch_geometric_tactile.io._wide_csv import write_wide_csv
 from torch_geometric_tactile.sensors import grid
 
 LAYOUT = grid(2, 3, 0.01)

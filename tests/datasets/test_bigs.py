@@ -10,7 +10,7 @@ from bigs_files import grasp, readings, values, write_npz
 from torch_geometric_tactile.data import Protocol, Recording
 from torch_geometric_tactile.data import _processed_dataset as processed_dataset
 from torch_geometric_tactile.datasets import BiGS
-from torch_geometric_tactile.io import write_npz as write_recording
+from torch_geometric_tactile.io._recording_npz import write_npz as write_recording
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.transforms import KNNGraph
 

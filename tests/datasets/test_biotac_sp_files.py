@@ -4,7 +4,8 @@ import pooch
 import pytest
 import torch
 
-from torch_geometric_tactile.datasets import BioTacSP, default_root
+from torch_geometric_tactile.datasets import BioTacSP
+from torch_geometric_tactile.datasets._root import default_root
 
 
 @pytest.fixture

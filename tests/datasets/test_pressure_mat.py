@@ -4,7 +4,7 @@ from mat_files import mat_files, write_mat
 
 from torch_geometric_tactile.data import Protocol, Trials
 from torch_geometric_tactile.datasets import PressureMat
-from torch_geometric_tactile.io import pressure_mat_hash
+from torch_geometric_tactile.io._pressure_mat_zip import pressure_mat_hash
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from torch_geometric_tactile.datasets import (
 )
 from torch_geometric_tactile.datasets import _raw_files as raw_files
 from torch_geometric_tactile.datasets._raw_files import file_state
-from torch_geometric_tactile.io import write_npz
+from torch_geometric_tactile.io._recording_npz import write_npz
 from torch_geometric_tactile.sensors import grid
 
 KIB = 1024

@@ -24,7 +24,7 @@ from torch_geometric_tactile.experiments.comparison import (
 )
 from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.source import DataSource
-from torch_geometric_tactile.io import write_npz
+from torch_geometric_tactile.io._recording_npz import write_npz
 from torch_geometric_tactile.nn import TemporalTaxelNet
 from torch_geometric_tactile.reports._compare import comparison_markdown
 from torch_geometric_tactile.sensors import grid

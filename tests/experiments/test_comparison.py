@@ -265,7 +265,7 @@ def test_what_is_no_data_is_told(given, kind, match):
 
 def test_folder_of_recordings_is_a_data_source(tmp_path):
     from torch_geometric_tactile.data import Recording
-    from torch_geometric_tactile.io import write_npz
+    from torch_geometric_tactile.io._recording_npz import write_npz
 
     for name in ("mug_001", "mug_002", "cup_001", "cup_002"):
         recording = Recording(time=[0.0, 0.1], tactile=np.zeros((2, 6, 1)))

@@ -22,7 +22,7 @@ from torch_geometric_tactile.experiments._estimators import seeded_estimator
 from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source
 from torch_geometric_tactile.experiments.comparison import ComparisonSettings
 from torch_geometric_tactile.experiments.deploy import _most_frequent_setting
-from torch_geometric_tactile.io import write_npz
+from torch_geometric_tactile.io._recording_npz import write_npz
 from torch_geometric_tactile.predictor import AverageModel, EstimatorModel, export_onnx
 from torch_geometric_tactile.transforms import fit_transform
 

@@ -9,7 +9,7 @@ from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Cell, Table, TableProtocol
 from torch_geometric_tactile.papers import load_table
-from torch_geometric_tactile.training import load_config
+from torch_geometric_tactile.training._config import load_config
 
 KNN = {"class_path": "torch_geometric_tactile.transforms.KNNGraph", "init_args": {"k": 2}}
 SVM = {"class_path": "torch_geometric_tactile.baselines.GraspSVM"}

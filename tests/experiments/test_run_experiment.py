@@ -14,7 +14,7 @@ from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.source import DataSource
-from torch_geometric_tactile.training.config import load_config
+from torch_geometric_tactile.training._config import load_config
 
 KNN = {"class_path": "torch_geometric_tactile.transforms.KNNGraph", "init_args": {"k": 2}}
 SESSION = {"class_path": "torch_geometric_tactile.transforms.SessionZScore"}

@@ -46,7 +46,7 @@ def labels_csv(folder: Path) -> None:
 
 
 def wide_csv(folder: Path) -> None:
-    from torch_geometric_tactile.io import write_wide_csv
+    from torch_geometric_tactile.io._wide_csv import write_wide_csv
 
     write_wide_csv(small_recording(), folder / "a.csv")
     write_wide_csv(small_recording(joints=0), folder / "b.csv")
@@ -90,7 +90,7 @@ def xela_log_both(folder: Path) -> None:
 
 
 def xela_messages(folder: Path) -> None:
-    from torch_geometric_tactile.io import format_xela_message
+    from torch_geometric_tactile.io._xela_message import format_xela_message
 
     lines = ['{"message": "Welcome"}', "connected to the server"]
     for i in range(4):
@@ -103,7 +103,7 @@ def xela_messages(folder: Path) -> None:
 
 
 def xela_live(folder: Path) -> None:
-    from torch_geometric_tactile.io import format_xela_message
+    from torch_geometric_tactile.io._xela_message import format_xela_message
 
     counts = np.arange(9).reshape(3, 3) * 7000 + 5
     message = format_xela_message(counts, 7, 1.5e9, taxels=[2, 1])
@@ -220,7 +220,7 @@ def eflesh_probe(folder: Path) -> None:
 
 
 def npz(folder: Path) -> None:
-    from torch_geometric_tactile.io import write_npz
+    from torch_geometric_tactile.io._recording_npz import write_npz
 
     write_npz(full_recording(), folder / "a.npz")
     write_npz(small_recording(joints=0), folder / "b.npz")

@@ -44,7 +44,7 @@ def state(module: torch.nn.Module) -> Any:
 
 
 def wide_csv(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_wide_csv
+    from torch_geometric_tactile.io._wide_csv import read_wide_csv
 
     return recording(read_wide_csv(path))
 
@@ -62,7 +62,7 @@ def labels_csv(path: Path) -> Any:
 
 
 def named_csv(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_named_csv
+    from torch_geometric_tactile.io._named_csv import read_named_csv
 
     return recording(read_named_csv(path))
 
@@ -71,33 +71,33 @@ GIVEN_NAMES = {"tactile": ("thumb", "index", "palm"), "joint": ("wrist",), "labe
 
 
 def given_names_csv(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_named_csv
+    from torch_geometric_tactile.io._named_csv import read_named_csv
 
     return recording(read_named_csv(path, **GIVEN_NAMES))
 
 
 def xela_log(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_xela_log_csv
+    from torch_geometric_tactile.io._xela_log_csv import read_xela_log_csv
 
     return recording(read_xela_log_csv(path))
 
 
 def xela_log_forces(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_xela_log_csv
+    from torch_geometric_tactile.io._xela_log_csv import read_xela_log_csv
 
     return recording(read_xela_log_csv(path, forces=True))
 
 
 def xela_messages(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_xela_messages
+    from torch_geometric_tactile.io._xela_messages import read_xela_messages
 
     return recording(read_xela_messages(path))
 
 
 def xela_live(path: Path) -> Any:
     """One message, the same as without the fast path."""
-    from torch_geometric_tactile.io import parse_xela_text
-    from torch_geometric_tactile.io import xela_message as module
+    from torch_geometric_tactile.io import _xela_message as module
+    from torch_geometric_tactile.io._xela_message import parse_xela_text
 
     def said(data: str | bytes) -> Any:
         try:
@@ -121,13 +121,13 @@ def xela_live(path: Path) -> Any:
 
 
 def biotac_csv(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_biotac_sp_csv
+    from torch_geometric_tactile.io._biotac_sp_csv import read_biotac_sp_csv
 
     return plain(tuple(read_biotac_sp_csv(path)))
 
 
 def dos_csv(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_biotac_sp_dos_csv
+    from torch_geometric_tactile.io._biotac_sp_csv import read_biotac_sp_dos_csv
 
     return recording(read_biotac_sp_dos_csv(path))
 
@@ -177,19 +177,19 @@ def eflesh_probe(path: Path) -> Any:
 
 
 def icub_txt(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_icub_grasp_txt
+    from torch_geometric_tactile.io._icub_grasp_txt import read_icub_grasp_txt
 
     return plain(tuple(read_icub_grasp_txt(path)))
 
 
 def mat_zip(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_pressure_mat_zip
+    from torch_geometric_tactile.io._pressure_mat_zip import read_pressure_mat_zip
 
     return plain(list(map(tuple, read_pressure_mat_zip(path, "ii"))))
 
 
 def mat_zip_hash(path: Path) -> Any:
-    from torch_geometric_tactile.io import pressure_mat_hash
+    from torch_geometric_tactile.io._pressure_mat_zip import pressure_mat_hash
 
     return pressure_mat_hash(path)
 
@@ -201,7 +201,7 @@ def eflesh_sequence(path: Path) -> Any:
 
 
 def npz(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_npz
+    from torch_geometric_tactile.io._recording_npz import read_npz
 
     return recording(read_npz(path))
 
@@ -244,7 +244,8 @@ def samples_npz(path: Path) -> Any:
 
 
 def hdf5(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_hdf5, read_hdf5_head
+    from torch_geometric_tactile.io import read_hdf5
+    from torch_geometric_tactile.io.recording_hdf5 import read_hdf5_head
 
     head = read_hdf5_head(path)
     found = read_hdf5(path)
@@ -262,19 +263,19 @@ def any_recording(path: Path) -> Any:
 def matrix(path: Path) -> Any:
     from fuzz.matrix_bases import SIZE
 
-    from torch_geometric_tactile.io import read_matrices
+    from torch_geometric_tactile.io._matrix_files import read_matrices
 
     return read_matrices(path, (32, 32) if path.suffix == ".png" else SIZE)
 
 
 def mat_variables(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_mat_variables
+    from torch_geometric_tactile.io._matrix_mat import read_mat_variables
 
     return read_mat_variables(path, ["press", "names", "valid"])
 
 
 def idx(path: Path) -> Any:
-    from torch_geometric_tactile.io import read_idx
+    from torch_geometric_tactile.io._idx_file import read_idx
 
     return read_idx(path)
 
@@ -351,8 +352,8 @@ def processed(path: Path) -> Any:
 
 
 def config(path: Path) -> Any:
+    from torch_geometric_tactile.training._config import load_config
     from torch_geometric_tactile.training._lightning_cli import read_config
-    from torch_geometric_tactile.training.config import load_config
 
     assert isinstance(load_config(str(path)), dict)
     return plain(read_config(path))

@@ -13,13 +13,13 @@ from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import LiveFrame
 from torch_geometric_tactile.io import (
     McapWriter,
-    read_hdf5_head,
     read_lerobot,
     read_mcap,
     read_recording,
     repair_mcap,
     write_recording,
 )
+from torch_geometric_tactile.io.recording_hdf5 import read_hdf5_head
 
 SUFFIXES = ["npz", "h5", "mcap", "csv"]
 LABELS = ["slip", "=1+1", "'=1", "-3", 'a, "b"', "é 手", "x" * 255, "nan", "none"]

@@ -1,7 +1,11 @@
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io import GraspTable, read_biotac_sp_csv, read_biotac_sp_dos_csv
+from torch_geometric_tactile.io._biotac_sp_csv import (
+    GraspTable,
+    read_biotac_sp_csv,
+    read_biotac_sp_dos_csv,
+)
 
 FINGERS = ("ff", "mf", "th")
 HEADER = ["object", "slipped", *(f"{f}_biotac_{i}" for f in FINGERS for i in range(1, 25))]

@@ -7,13 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io import (
-    read_biotac_sp_csv,
-    read_biotac_sp_dos_csv,
-    read_named_csv,
-    read_wide_csv,
-    read_xela_log_csv,
-)
+from torch_geometric_tactile.io._biotac_sp_csv import read_biotac_sp_csv, read_biotac_sp_dos_csv
+from torch_geometric_tactile.io._named_csv import read_named_csv
+from torch_geometric_tactile.io._wide_csv import read_wide_csv
+from torch_geometric_tactile.io._xela_log_csv import read_xela_log_csv
 
 
 class Kind(NamedTuple):

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io import read_eflesh_probe, read_recording, recording_format
+from torch_geometric_tactile.io import read_eflesh_probe, read_recording
+from torch_geometric_tactile.io.recording_files import recording_format
 
 SENSOR = "0.0,1,2,3,4,5,6\n0.5,7,8,9,10,11,12\n1.0,1,1,1,1,1,1\n"
 STATES = "0.01,315,-100,288,-1\n0.51,315,-100,287.5,4.25\n1.01,315,-100,287,0\n"

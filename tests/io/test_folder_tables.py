@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import read_named_csv, read_recording, write_wide_csv
+from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.io._folder_tables import read_annotations, read_labels
+from torch_geometric_tactile.io._named_csv import read_named_csv
+from torch_geometric_tactile.io._wide_csv import write_wide_csv
 
 HEAD = "recording,start,end,label\n"
 

@@ -9,7 +9,8 @@ pytest.importorskip("h5py", reason="needs the extra 'io'")
 import h5py
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import read_hdf5, read_hdf5_head, write_hdf5
+from torch_geometric_tactile.io import read_hdf5, write_hdf5
+from torch_geometric_tactile.io.recording_hdf5 import read_hdf5_head
 
 TEN = 10 * np.ones((1, 4, 3))
 

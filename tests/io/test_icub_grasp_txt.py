@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io import ICubGraspFrames, read_icub_grasp_txt
+from torch_geometric_tactile.io._icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 

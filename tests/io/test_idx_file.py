@@ -4,7 +4,7 @@ import struct
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io import read_idx
+from torch_geometric_tactile.io._idx_file import read_idx
 
 ARRAY = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
 DATA = b"\0\0\x08\x03" + struct.pack(">3I", 2, 3, 4) + ARRAY.tobytes()

@@ -7,13 +7,13 @@ import zlib
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io import (
+from torch_geometric_tactile.io._matrix_files import (
     read_matrices,
     read_matrix_csv,
-    read_matrix_mat,
     read_matrix_npy,
     read_matrix_png,
 )
+from torch_geometric_tactile.io._matrix_mat import read_matrix_mat
 
 SIZE = (3, 4)
 MATRIX = np.arange(12.0).reshape(SIZE) / 4

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from published_files import cell, glove_mat
 
-from torch_geometric_tactile.io import read_mat_variables
+from torch_geometric_tactile.io._matrix_mat import read_mat_variables
 
 pytest.importorskip("scipy.io")
 NUMBERS = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)

@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io import read_named_csv
 from torch_geometric_tactile.io._name_order import check_name_order
+from torch_geometric_tactile.io._named_csv import read_named_csv
 
 FILE = Path("grasp.csv")
 

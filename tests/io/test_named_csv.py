@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io import read_named_csv, read_recording, recording_format
+from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.io._named_csv import read_named_csv
+from torch_geometric_tactile.io.recording_files import recording_format
 
 HEADER = "Time,thumb,index,bend,grasp"
 

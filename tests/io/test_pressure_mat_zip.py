@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mat_files import checksums, mat_files, write_mat
 
-from torch_geometric_tactile.io import pressure_mat_hash, read_pressure_mat_zip
+from torch_geometric_tactile.io._pressure_mat_zip import pressure_mat_hash, read_pressure_mat_zip
 
 
 def test_experiment_i_by_hand(tmp_path):
@@ -161,7 +161,7 @@ def peak_of(call, path):
 
 @pytest.mark.parametrize("read", [pressure_mat_hash, read_pressure_mat_zip])
 def test_archive_that_unpacks_to_gibibytes_is_refused(tmp_path, monkeypatch, read):
-    monkeypatch.setattr("torch_geometric_tactile.io.pressure_mat_zip.ARRAY_BYTES", 2**25)
+    monkeypatch.setattr("torch_geometric_tactile.io._pressure_mat_zip.ARRAY_BYTES", 2**25)
     monkeypatch.setattr("torch_geometric_tactile._limits.EXPANSION", 10)
     files = {f"experiment-i/S1/{i}.txt": bytes(2**23) for i in range(8)}
     path = write_mat(tmp_path / "mat.zip", files)

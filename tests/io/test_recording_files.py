@@ -2,13 +2,10 @@ import numpy as np
 import pytest
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import (
-    format_xela_message,
-    read_recording,
-    recording_format,
-    write_npz,
-    write_recording,
-)
+from torch_geometric_tactile.io import read_recording, write_recording
+from torch_geometric_tactile.io._recording_npz import write_npz
+from torch_geometric_tactile.io._xela_message import format_xela_message
+from torch_geometric_tactile.io.recording_files import recording_format
 
 XELA_LOG = "Receive time,Send time,Message number,1X,1Y,1Z\n0,1,1,7,8,9\n"
 

@@ -23,11 +23,11 @@ from torch_geometric_tactile.io import (
     McapWriter,
     read_mcap,
     read_recording,
-    recording_format,
     write_mcap,
     write_recording,
 )
 from torch_geometric_tactile.io import _mcap_schemas as mcap_schemas
+from torch_geometric_tactile.io.recording_files import recording_format
 
 ANCHOR = (1_700_000_000 * 10**9, 5 * 10**9)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import read_npz, write_npz
+from torch_geometric_tactile.io._recording_npz import read_npz, write_npz
 
 
 def test_npz_round_trip_of_everything(full, assert_same, tmp_path):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import read_recording, read_wide_csv, wide_csv, write_wide_csv
+from torch_geometric_tactile.io import _wide_csv, read_recording
+from torch_geometric_tactile.io._wide_csv import read_wide_csv, write_wide_csv
 
 SMALL = {"num_taxels": 2, "num_channels": 3, "num_joints": 1}
 ROW = "1,2,3,4,5,6,0.5"
@@ -394,4 +395,4 @@ def test_units_of_columns_and_their_factors(tmp_path, suffix, unit, expected):
 
 def test_every_unit_of_columns_is_tested():
     names = {"n", "newton", "mn", "count", "counts"}
-    assert set(wide_csv._UNITS) == names
+    assert set(_wide_csv._UNITS) == names

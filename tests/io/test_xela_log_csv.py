@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io import read_xela_log_csv
+from torch_geometric_tactile.io._xela_log_csv import read_xela_log_csv
 
 # The first columns and rows of a real log of a calibrated uSPa44 (github.com/matteogrisenti/
 # Xela_uSP44, press_test.csv), in which unchanged readings come with new numbers and times.

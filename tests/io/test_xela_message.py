@@ -8,13 +8,13 @@ from fuzz.laws import Refused
 from fuzz.oracles import xela_frame
 from xela_server import message, sensor
 
-from torch_geometric_tactile.io import (
+from torch_geometric_tactile.io._xela_message import (
     XelaFrame,
+    _parse_regular_words,
     format_xela_message,
     parse_xela_message,
     parse_xela_text,
 )
-from torch_geometric_tactile.io.xela_message import _parse_regular_words
 
 REAL = Path(__file__).parents[3] / "shared/data/xela/ws_messages"
 

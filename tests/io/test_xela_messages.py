@@ -7,7 +7,7 @@ import pytest
 from xela_server import message, sensor
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import read_xela_messages, write_xela_messages
+from torch_geometric_tactile.io._xela_messages import read_xela_messages, write_xela_messages
 
 # Taxels of each sensor, first reading in counts, and whether there are forces.
 REAL = {

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.live import ClockMap
+from torch_geometric_tactile.live._clock_map import ClockMap
 
 
 def ns(seconds):

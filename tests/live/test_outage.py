@@ -12,7 +12,13 @@ from fake_source import FakeSource, ended, frame, frames, wait_until
 from torch_geometric_tactile.data import LiveFrame, Recording
 from torch_geometric_tactile.data._annotations import annotation_of_frames
 from torch_geometric_tactile.io import read_recording
-from torch_geometric_tactile.live import Health, Outage, Recorder, ReplaySource, Stream
+from torch_geometric_tactile.live import (
+    Health,
+    Recorder,
+    ReplaySource,
+    Stream,
+)
+from torch_geometric_tactile.live._outage import Outage
 from torch_geometric_tactile.live.health import HealthMeter
 
 MS = 1_000_000

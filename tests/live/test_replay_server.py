@@ -15,7 +15,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import format_xela_message, parse_xela_message
+from torch_geometric_tactile.io._xela_message import format_xela_message, parse_xela_message
 from torch_geometric_tactile.live import ReplayServer
 from torch_geometric_tactile.live.replay_server import _Messages
 

@@ -9,7 +9,12 @@ from fake_source import wait_until
 
 from torch_geometric_tactile.data import LiveFrame
 from torch_geometric_tactile.io import Decoder, encode_packet
-from torch_geometric_tactile.live import SerialPort, SerialSource, Stream, list_ports, open_source
+from torch_geometric_tactile.live import (
+    SerialSource,
+    Stream,
+    open_source,
+)
+from torch_geometric_tactile.live._serial_port import SerialPort, list_ports
 
 if os.name != "posix":
     pytest.skip("needs pseudo terminals", allow_module_level=True)

@@ -9,7 +9,8 @@ pytest.importorskip("h5py", reason="needs the extra 'sim'")
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.live import SimulatedSource
-from torch_geometric_tactile.sim import grasp_recordings, paper8, simulate
+from torch_geometric_tactile.sim import paper8, simulate
+from torch_geometric_tactile.sim.simulate import grasp_recordings
 
 
 @pytest.fixture
@@ -25,7 +26,7 @@ def short_grasps(monkeypatch):
             meta |= {"unit": "count", "rate": 200.0}
             yield Recording([0.005, 0.01, 0.015], tactile, label=f"object {trial}", meta=meta)
 
-    monkeypatch.setattr("torch_geometric_tactile.sim.grasp_recordings", grasps)
+    monkeypatch.setattr("torch_geometric_tactile.sim.simulate.grasp_recordings", grasps)
     return asked
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io import read_xela_messages
+from torch_geometric_tactile.io._xela_messages import read_xela_messages
 from torch_geometric_tactile.live import TaxelMap
 from torch_geometric_tactile.sensors import allegro_uskin, allegro_uskin_368, as_layout
 

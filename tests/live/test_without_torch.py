@@ -6,7 +6,8 @@ import sys
 import onnx_predictors as made
 import pytest
 
-from torch_geometric_tactile.io import read_recording, write_npz
+from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.io._recording_npz import write_npz
 
 SCRIPT = """
 import sys

@@ -10,11 +10,10 @@ from torch_geometric_tactile.commands.table import TABLES
 from torch_geometric_tactile.experiments._building import check_arguments
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import run_plan
-from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers import load_table, table_names
 from torch_geometric_tactile.papers._table_numbers import table_numbers
+from torch_geometric_tactile.training._config import find_config
 from torch_geometric_tactile.training._config_files import expand_template
-from torch_geometric_tactile.training.config import find_config
 
 
 def published(name, key="accuracy"):
@@ -39,14 +38,14 @@ def test_each_experiment_of_the_template_has_one_place(name):
     assert sorted(names) == sorted(expand_template(template))
     places = {(cell.section, cell.row, cell.column) for cell in table.cells}
     assert len(places) == len(names)
-    assert table.task == cell_config(table.cells[0])["model"].get("task", "multiclass")
+    assert table.task == table.cells[0].configuration["model"].get("task", "multiclass")
 
 
 @pytest.mark.parametrize("name", PAPERS)
 def test_data_and_fractions_are_those_of_the_configurations(name):
     table = load_table(name)
     for cell in table.cells:
-        settings = cell_config(cell)["data"]["dataset"]
+        settings = cell.configuration["data"]["dataset"]
         assert settings["class_path"] == table.data.class_path
         arguments = settings["init_args"]
         assert arguments["task"] == table.data.arguments["task"]
@@ -73,7 +72,7 @@ def test_table_of_the_demo():
     }
     for cell in table.cells:
         if cell.config is not None:
-            config = cell_config(cell)["data"]
+            config = cell.configuration["data"]
             assert config["dataset"]["class_path"] == table.data.class_path
             graph = config["dataset"]["init_args"].get("pre_transform")
             expected = table.data.arguments["pre_transform"] if "gcn" in cell.config else None
@@ -117,7 +116,7 @@ def test_a_table_like_another_has_its_models_on_other_data(name, like):
     assert protocol.protocol.describe().startswith("by trial, 10 % for validation, 20 % for the")
     check_arguments(table.data.class_path, table.data.arguments)
     for cell, known in zip(table.cells, other.cells, strict=True):
-        config, before = cell_config(cell), cell_config(known)
+        config, before = cell.configuration, known.configuration
         assert config["model"] == {**before["model"], "task": "multiclass"}
         assert config["trainer"] == before["trainer"]
         assert poses(config) == [{"layout": "allegro_uskin_368"}] * len(poses(before))
@@ -126,7 +125,7 @@ def test_a_table_like_another_has_its_models_on_other_data(name, like):
 
 
 def scaled(cell):
-    parts = cell_config(cell)["data"]["transform"]["init_args"]["transforms"]
+    parts = cell.configuration["data"]["transform"]["init_args"]["transforms"]
     scalers = [part.get("init_args", {}) for part in parts if part["class_path"].endswith("ZScore")]
     return {one["attr"]: one.get("scale_per") for one in scalers if one.get("attr") in GEOMETRY}
 
@@ -146,7 +145,7 @@ def test_variants_of_a_table_scale_what_is_in_metres(name, like, letters):
         first = by_name.pop(cell.experiment)
         assert (first.row, first.column) == (f"{cell.row}, {cell.column}", "in metres")
         assert (first.published, scaled(first)) == (cell.published, {})
-        assert cell_config(first) == cell_config(cell)  # so that finished runs are used again
+        assert first.configuration == cell.configuration  # so that finished runs are used again
         num_geometric = len(set(cell.column) & set(letters))
         for suffix, scale_per in (("each", None), ("one", "all")) if num_geometric else ():
             variant = by_name.pop(f"{cell.experiment}_{suffix}")
@@ -154,7 +153,7 @@ def test_variants_of_a_table_scale_what_is_in_metres(name, like, letters):
             assert not variant.published
             assert set(scaled(variant).values()) == {scale_per}
             assert len(scaled(variant)) == num_geometric
-            assert cell_config(variant)["model"] == cell_config(first)["model"]
+            assert variant.configuration["model"] == first.configuration["model"]
     assert not by_name
 
 
@@ -168,7 +167,7 @@ def test_real_fingers_are_tared_and_segmented(name):
         names = [experiment for experiment in names if not experiment.endswith("_edge")]
     assert [cell.experiment for cell in table.cells] == names
     for cell in table.cells:
-        config = cell_config(cell)
+        config = cell.configuration
         tare, *_, last = config["data"]["transform"]["init_args"]["transforms"]
         assert tare["init_args"] == {"key": "trial", "first": 3}
         model = config["model"]["model"]["init_args"]
@@ -312,10 +311,10 @@ def test_own_table_is_run_and_written(own_table, tmp_path, capsys):
 
 def test_a_configuration_may_be_in_the_table(own_table):
     by_name = load_table(str(own_table)).cells[0]
-    own_table.write_text(OWN.replace("mine/gcn.yaml", json.dumps(cell_config(by_name))))
+    own_table.write_text(OWN.replace("mine/gcn.yaml", json.dumps(by_name.configuration)))
     inside = load_table(str(own_table)).cells[0]
     assert isinstance(inside.config, dict)
-    assert cell_config(inside) == cell_config(by_name)
+    assert inside.configuration == by_name.configuration
 
 
 def test_folds_are_pooled_before_they_are_scored(own_table, tmp_path):

@@ -4,13 +4,13 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import json
 
-from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.nn.models import GraspGCN, GraspLSTM, TemporalTaxelNet
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.sensors import biotac
-from torch_geometric_tactile.training import DataSizes, classifier_from_config, fill_sizes
+from torch_geometric_tactile.training import classifier_from_config
+from torch_geometric_tactile.training._config import load_config
 from torch_geometric_tactile.training._config_files import expand_template
-from torch_geometric_tactile.training.config import load_config
+from torch_geometric_tactile.training._sizes import DataSizes, fill_sizes
 
 OURS = {"temporal", "temporal_weights", "temporal_threshold"}
 
@@ -48,7 +48,7 @@ def test_tables_train_as_their_configurations(name):
             finger = {"left": [[0, 1, 2]], "right": [[3, 4, 5]]}.get(cell.column, [])
             assert scaled_readings(cell.transform) == (finger if name == "p3-picks" else [])
             continue
-        config = cell_config(cell)
+        config = cell.configuration
         dataset = config["data"]["dataset"]
         assert dataset["class_path"] == table.data.class_path
         for key in ("ragged", "pre_transform"):
@@ -81,9 +81,9 @@ def test_columns_along_k_are_the_neighbours():
     table = load_table("p3-k")
     assert table.axis
     for cell in table.cells:
-        graph, _ = cell_config(cell)["data"]["transform"]["init_args"]["transforms"]
+        graph, _ = cell.configuration["data"]["transform"]["init_args"]["transforms"]
         assert graph["init_args"]["k"] == int(cell.column)
-        fusion = cell_config(cell)["model"]["model"]["init_args"]["fusion"]
+        fusion = cell.configuration["model"]["model"]["init_args"]["fusion"]
         assert fusion == {"GCN-DF": "data", "GCN-FF": "feature"}[cell.row]
 
 

@@ -13,14 +13,14 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.experiments._building import check_arguments
 from torch_geometric_tactile.experiments._sample_draws import Draws
 from torch_geometric_tactile.experiments.predictions import Predictions
-from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.io import write_recording
 from torch_geometric_tactile.nn.models import MSCNN, TactileFNN, TaxelNet
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.sensors import allegro_uskin_240
-from torch_geometric_tactile.training import DataSizes, classifier_from_config, fill_sizes
+from torch_geometric_tactile.training import classifier_from_config
+from torch_geometric_tactile.training._config import load_config
 from torch_geometric_tactile.training._config_files import expand_template
-from torch_geometric_tactile.training.config import load_config
+from torch_geometric_tactile.training._sizes import DataSizes, fill_sizes
 
 PATTERNS = ["I", "II", "III", "IV", "V", "VI", "VII"]
 ONE, THREE, SHARED = "1-D", "3-D, different filters", "3-D, shared filters"
@@ -100,7 +100,7 @@ def test_training_is_that_of_the_paper_but_for_the_epochs():
     for cell in table().cells:
         if cell.config is None or cell.experiment in ("taxel_net", "three_iv_recipe"):
             continue
-        config = cell_config(cell)
+        config = cell.configuration
         optimizer = config["model"]["optimizer"]
         assert optimizer["class_path"] == "torch.optim.Adam"
         assert config["data"]["batch_size"] == 100

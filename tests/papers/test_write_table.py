@@ -12,7 +12,6 @@ from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments.plan import Plan, PlanRun
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.source import DataFacts
-from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.papers._table_caption import NO_NUMBER
 from torch_geometric_tactile.papers._table_numbers import table_numbers
@@ -60,7 +59,7 @@ def run(name, entries, seeds=2, split_by=("trial", "frame")):
     for seed in range(seeds):
         for protocol in protocols:
             for cell in table.cells:
-                config = cell_config(cell)
+                config = cell.configuration
                 experiments[cell.experiment, protocol.name, seed] = Experiment(
                     cell.experiment,
                     data,

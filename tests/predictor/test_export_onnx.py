@@ -39,7 +39,7 @@ from torch_geometric_tactile.nn.models import (
     TemporalCNN,
     TemporalTaxelNet,
 )
-from torch_geometric_tactile.predictor import classes, export_onnx
+from torch_geometric_tactile.predictor import _classes, export_onnx
 from torch_geometric_tactile.predictor._onnx_graph import OnnxGraph
 from torch_geometric_tactile.predictor.export_onnx import _random_examples
 from torch_geometric_tactile.sensors import TaxelLayout, grid
@@ -368,7 +368,7 @@ def test_every_transform_and_model_is_in_a_pair():
     made = [pair() for pair in PAIRS.values()]
     parts = [part for _, _, parts in made for part in flat(Compose(parts))]
     names = {type(part).__name__ for part in parts} | {"Compose"} | set(REFUSED)
-    known = set(classes.transform_classes()) - {"FittedTransform"}
+    known = set(_classes.transform_classes()) - {"FittedTransform"}
     assert known - names == set()
     models = {type(model).__name__ for _, model, _ in made}
     whole = {name for name in nn.models.__all__ if "Thread" not in name}

@@ -12,7 +12,7 @@ from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.baselines import TemperatureScaling, flat_forest, rbf_svm
 from torch_geometric_tactile.data import ContactRule, StaticData
 from torch_geometric_tactile.nn import TactileFNN
-from torch_geometric_tactile.predictor import AverageModel, EstimatorModel, content
+from torch_geometric_tactile.predictor import AverageModel, EstimatorModel, _content
 from torch_geometric_tactile.predictor._plain_data import _check_state, load_weights
 from torch_geometric_tactile.predictor._tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.sensors import grid
@@ -426,15 +426,15 @@ def test_a_state_that_is_no_tensor_is_refused(tmp_path):
 @pytest.mark.parametrize(("key", "least"), [("num_channels", 1), ("num_joints", 0)])
 @pytest.mark.parametrize("number", [[0], "3", 1.5, True, -1, 100_001])
 def test_a_header_with_other_than_numbers_of_channels(path, key, least, number):
-    preparation, network = content.load(path)
-    header, tensors = content.describe_predictor(preparation, network)
+    preparation, network = _content.load(path)
+    header, tensors = _content.describe_predictor(preparation, network)
     weights = network.model.state_dict()
     for allowed in (least, 100_000, None):
-        content.build_predictor({**header, key: allowed}, tensors, weights)
+        _content.build_predictor({**header, key: allowed}, tensors, weights)
     message = f"its '{key}' must be a number from {least} to 100000 or null"
     for refused in (number, least - 1):
         with pytest.raises(ValueError, match=message):
-            content.build_predictor({**header, key: refused}, tensors, weights)
+            _content.build_predictor({**header, key: refused}, tensors, weights)
 
 
 @pytest.mark.parametrize("threshold", [0.0, 1.0])
@@ -480,8 +480,8 @@ def test_state_of_a_scaler_with_too_few_dimensions(scaler, shape):
 def test_a_scaler_of_other_joints_than_the_header_says_is_refused():
     scaler = ZScore(attr="joint").fit(StaticData(x=torch.zeros(3, 4, 1), joint=torch.rand(3, 5)))
     predictor = Predictor(Linear(4, 2), grid(2, 2, 0.01), scaler, num_joints=5)
-    header, tensors = content.describe_predictor(predictor.preparation, predictor.network)
+    header, tensors = _content.describe_predictor(predictor.preparation, predictor.network)
     weights = predictor.model.state_dict()
-    content.build_predictor(header, tensors, weights, model=Linear(4, 2))
+    _content.build_predictor(header, tensors, weights, model=Linear(4, 2))
     with pytest.raises(ValueError, match=r"fitted on 4 joints, as 'num_joints' says \(got 5\)"):
-        content.build_predictor({**header, "num_joints": 4}, tensors, weights, model=Linear(4, 2))
+        _content.build_predictor({**header, "num_joints": 4}, tensors, weights, model=Linear(4, 2))

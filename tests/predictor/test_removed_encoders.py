@@ -8,7 +8,8 @@ import torch
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.nn import TaxelNet
-from torch_geometric_tactile.predictor import build_model, content
+from torch_geometric_tactile.predictor import _content
+from torch_geometric_tactile.predictor._content import build_model
 from torch_geometric_tactile.predictor._tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.sensors import grid
 
@@ -36,9 +37,9 @@ def save_predictor(path, model=ENCODER, transform=None):
     """Writes the file of a predictor whose header describes other parts."""
     Predictor(TaxelNet(LAYOUT, 2, in_channels=1), LAYOUT, num_channels=1).save(path)
     tensors, texts, _ = read_tensors(path)
-    header = json.loads(texts[content._HEADER_KEY])
+    header = json.loads(texts[_content._HEADER_KEY])
     header |= {"model": model, "transform": transform}
-    write_tensors(tensors, {content._HEADER_KEY: json.dumps(header)}, path)
+    write_tensors(tensors, {_content._HEADER_KEY: json.dumps(header)}, path)
 
 
 def test_encoder_file_names_the_last_version_that_reads_it(encoder_path):
@@ -83,7 +84,7 @@ def test_predictor_with_an_encoder_names_the_last_version(parts, name, tmp_path)
 def test_checkpoint_of_an_encoder_names_the_last_version(tmp_path):
     save_predictor(tmp_path / "a.predictor")
     tensors, texts, _ = read_tensors(tmp_path / "a.predictor")
-    entry = {"header": json.loads(texts[content._HEADER_KEY]), "tensors": tensors}
+    entry = {"header": json.loads(texts[_content._HEADER_KEY]), "tensors": tensors}
     torch.save({"predictor": entry, "state_dict": tensors}, tmp_path / "last.ckpt")
     with pytest.raises(ValueError, match=f"TaxelEncoder was removed: {LAST_READER}"):
         Predictor.from_checkpoint(tmp_path / "last.ckpt")

@@ -14,7 +14,7 @@ from torch_geometric_tactile.data import (
     join_frames,
 )
 from torch_geometric_tactile.nn.models import GraspGCN, TemporalTaxelNet
-from torch_geometric_tactile.predictor import Predictor, content
+from torch_geometric_tactile.predictor import Predictor, _content
 from torch_geometric_tactile.predictor._window_cut import WindowCut, apply_to_frames
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.transforms import (
@@ -219,12 +219,12 @@ def test_bad_recordings():
 @pytest.mark.parametrize("number", [1, 2])
 def test_older_formats_have_neither_window_nor_threshold(number):
     predictor = Predictor(GraspGCN("biotac"), biotac(), transform=KNNGraph(2), threshold=0.4)
-    header, tensors = content.describe_predictor(predictor.preparation, predictor.network)
+    header, tensors = _content.describe_predictor(predictor.preparation, predictor.network)
     assert (header["format"], header["threshold"]) == (3, 0.4)
     for key in ("threshold", "window", "frame_transform"):
         del header[key]
     header["format"] = number
-    preparation, network = content.build_predictor(header, tensors, predictor.model.state_dict())
+    preparation, network = _content.build_predictor(header, tensors, predictor.model.state_dict())
     assert (network.threshold, preparation.window) == (None, None)
 
 

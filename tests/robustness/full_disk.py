@@ -72,18 +72,19 @@ def readings(recording):
 def recording_writers() -> Iterator[Writer]:
     """Yields the writers of recordings."""
     from torch_geometric_tactile import io
+    from torch_geometric_tactile.io._recording_npz import read_npz, write_npz
+    from torch_geometric_tactile.io._wide_csv import read_wide_csv, write_wide_csv
+    from torch_geometric_tactile.io._xela_messages import read_xela_messages, write_xela_messages
 
     old, new = recordings()
 
-    yield Writer("npz", ".npz", io.write_npz, lambda p: readings(io.read_npz(p)), old, new)
-    yield Writer(
-        "wide CSV", ".csv", io.write_wide_csv, lambda p: readings(io.read_wide_csv(p)), old, new
-    )
+    yield Writer("npz", ".npz", write_npz, lambda p: readings(read_npz(p)), old, new)
+    yield Writer("wide CSV", ".csv", write_wide_csv, lambda p: readings(read_wide_csv(p)), old, new)
     yield Writer(
         "XELA messages",
         ".jsonl",
-        io.write_xela_messages,
-        lambda p: readings(io.read_xela_messages(p)),
+        write_xela_messages,
+        lambda p: readings(read_xela_messages(p)),
         old,
         new,
     )
@@ -159,7 +160,7 @@ def torch_writers() -> Iterator[Writer]:
             predictor(4000),
         )
     try:
-        from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
+        from torch_geometric_tactile.training._checkpoint import AtomicCheckpointIO
     except ImportError:
         return
 

@@ -133,7 +133,8 @@ def processed(folder):
 def checkpoint(folder):
     from fuzz import model_bases
 
-    from torch_geometric_tactile.training import AtomicCheckpointIO, TactileModule
+    from torch_geometric_tactile.training import TactileModule
+    from torch_geometric_tactile.training._checkpoint import AtomicCheckpointIO
 
     model_bases.checkpoint(folder)
     content = AtomicCheckpointIO().load_checkpoint(folder / "a.ckpt")

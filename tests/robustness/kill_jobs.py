@@ -71,7 +71,7 @@ def processing() -> Job:
     """Reads recordings and writes a processed file."""
     from torch_geometric_tactile.data._processed_file import read_processed
     from torch_geometric_tactile.datasets import RecordingFrames
-    from torch_geometric_tactile.io import write_npz
+    from torch_geometric_tactile.io._recording_npz import write_npz
     from torch_geometric_tactile.sensors import grid
 
     layout = grid(4, 6, pitch=0.01)
@@ -93,7 +93,8 @@ def processing() -> Job:
 def convert(name: str, suffix: str, weight: int, *needed: str) -> Job:
     """Converts a CSV file by the command line."""
     from torch_geometric_tactile.cli import main
-    from torch_geometric_tactile.io import read_recording, write_wide_csv
+    from torch_geometric_tactile.io import read_recording
+    from torch_geometric_tactile.io._wide_csv import write_wide_csv
 
     for package in needed:
         import_module(package)
@@ -117,7 +118,7 @@ def grasps() -> Job:
     from torch_geometric_tactile.cli import main
     from torch_geometric_tactile.data._processed_file import read_processed
     from torch_geometric_tactile.datasets import BiGS
-    from torch_geometric_tactile.io import read_npz
+    from torch_geometric_tactile.io._recording_npz import read_npz
 
     def prepare(folder):
         (folder / "in").mkdir()
@@ -185,11 +186,8 @@ def fit() -> Job:
 
     from torch_geometric_tactile.datasets import FakeTactileDataset
     from torch_geometric_tactile.nn.models import GraspGCN
-    from torch_geometric_tactile.training import (
-        AtomicCheckpointIO,
-        TactileDataModule,
-        TactileModule,
-    )
+    from torch_geometric_tactile.training import TactileDataModule, TactileModule
+    from torch_geometric_tactile.training._checkpoint import AtomicCheckpointIO
     from torch_geometric_tactile.transforms import KNNGraph
 
     train = FakeTactileDataset(64, "train", pre_transform=KNNGraph(2))
@@ -317,7 +315,8 @@ def simulation() -> Job:
     import mujoco  # noqa: F401
 
     from torch_geometric_tactile.io import read_hdf5
-    from torch_geometric_tactile.sim import OBJECT_SETS, paper8, simulate
+    from torch_geometric_tactile.sim import paper8, simulate
+    from torch_geometric_tactile.sim._object_sets import OBJECT_SETS
 
     OBJECT_SETS["two"] = lambda: paper8()[:2]
 

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from torch_geometric_tactile.sensors import check_edges, check_segment
+from torch_geometric_tactile.sensors._checks import check_edges, check_segment
 
 
 def test_edges_come_back_as_contiguous_integers():

@@ -7,8 +7,8 @@ from torch_geometric_tactile.sensors import (
     biotac_sp,
     grid,
     layout_sectors,
-    taxel_clusters,
 )
+from torch_geometric_tactile.sensors._taxel_clusters import taxel_clusters
 
 
 def test_taxel_clusters_voxels_of_a_grid():

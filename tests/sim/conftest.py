@@ -32,7 +32,8 @@ class Grasp(NamedTuple):
 def _grasps(items, trials):
     pytest.importorskip("mujoco", reason="needs the extra 'sim'")
     from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
-    from torch_geometric_tactile.sim import ContactParameters, GraspSimulator, plan_grasp
+    from torch_geometric_tactile.sim import ContactParameters
+    from torch_geometric_tactile.sim._grasp import GraspSimulator, plan_grasp
 
     layout, hand = allegro_uskin(), HandKinematics.allegro()
     grasps = []

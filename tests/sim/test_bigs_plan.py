@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.sim import draw_grasp
+from torch_geometric_tactile.sim._bigs_plan import draw_grasp
 
 COUNT = 2000
 

@@ -3,7 +3,8 @@ import pytest
 
 pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 
-from torch_geometric_tactile.sim import BigsPhysics, slip_onset
+from torch_geometric_tactile.sim._bigs_physics import BigsPhysics
+from torch_geometric_tactile.sim._bigs_slip import slip_onset
 
 PICKUP, LOSS = 100, 400
 

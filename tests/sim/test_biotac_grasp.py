@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from torch_geometric_tactile.sensors import biotac, biotac_sp, grid
-from torch_geometric_tactile.sim import SimulatedGrasps, simulate_grasps
+from torch_geometric_tactile.sim._biotac_grasp import SimulatedGrasps, simulate_grasps
 
 
 def test_simulate_shapes_and_numbering_by_hand():

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.sim import OBJECT_SETS, SHAPES, drawn_objects, object_set
+from torch_geometric_tactile.sim import SHAPES, drawn_objects
+from torch_geometric_tactile.sim._object_sets import OBJECT_SETS, object_set
 
 TOLD = ("width", "mass", "friction", "soft")
 

@@ -8,7 +8,8 @@ pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin
-from torch_geometric_tactile.sim import PHASES, GraspSimulator, paper8, plan_grasp
+from torch_geometric_tactile.sim import paper8
+from torch_geometric_tactile.sim._grasp import PHASES, GraspSimulator, plan_grasp
 from torch_geometric_tactile.transforms import TaxelForce, TaxelPose
 
 pytestmark = pytest.mark.full

@@ -11,11 +11,11 @@ import mujoco
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin
 from torch_geometric_tactile.sim import (
     ContactParameters,
-    GraspSimulator,
     grasp_mjcf,
     paper8,
-    stock_bodies,
 )
+from torch_geometric_tactile.sim._grasp import GraspSimulator
+from torch_geometric_tactile.sim.hand_model import stock_bodies
 
 LAYOUT, HAND, ITEM = allegro_uskin(), HandKinematics.allegro(), paper8()[0]
 ROD = TaxelLayout(

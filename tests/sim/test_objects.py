@@ -4,13 +4,13 @@ from itertools import product
 import pytest
 
 from torch_geometric_tactile.sim import (
-    OBJECT_SETS,
     PROPERTIES,
     GraspObject,
     control8,
     paper8,
     twenty,
 )
+from torch_geometric_tactile.sim._object_sets import OBJECT_SETS
 
 CAN = GraspObject("can", "cylinder", (0.07, 0.12, 0.07), mass=0.1, friction=1.0, soft=False)
 

@@ -17,22 +17,20 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.sensors import stock_layout
 from torch_geometric_tactile.sim import (
-    OBJECT_SETS,
-    PHASES,
     PRESETS,
     PROPERTIES,
     GraspObject,
-    GraspPlan,
     GraspSpread,
     SkinModel,
     TrialReport,
     drawn_objects,
     paper8,
-    plan_grasp,
     simulate,
     twenty,
 )
 from torch_geometric_tactile.sim import _trial_files as trial_files
+from torch_geometric_tactile.sim._grasp import PHASES, GraspPlan, plan_grasp
+from torch_geometric_tactile.sim._object_sets import OBJECT_SETS
 
 module = sys.modules["torch_geometric_tactile.sim.simulate"]
 SPONGE = paper8()[1]

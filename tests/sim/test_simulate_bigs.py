@@ -8,15 +8,11 @@ pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 pytest.importorskip("h5py", reason="needs the extra 'sim'")
 
 from torch_geometric_tactile.io import read_recording, write_recording
-from torch_geometric_tactile.sim import (
-    BIGS_PHASES,
-    BigsSimulator,
-    BioTacModel,
-    draw_grasp,
-    simulate_bigs,
-    slip_onset,
-)
+from torch_geometric_tactile.sim import BioTacModel, simulate_bigs
 from torch_geometric_tactile.sim import _trial_files as trial_files
+from torch_geometric_tactile.sim._bigs_physics import BIGS_PHASES, BigsSimulator
+from torch_geometric_tactile.sim._bigs_plan import draw_grasp
+from torch_geometric_tactile.sim._bigs_slip import slip_onset
 
 GRASPS = 8
 

@@ -8,7 +8,12 @@ import pytest
 import torch
 
 from torch_geometric_tactile.sensors import TaxelLayout, grid, letter_array
-from torch_geometric_tactile.sim import LETTERS, LetterPress, num_letter_files, simulate_letters
+from torch_geometric_tactile.sim import (
+    LETTERS,
+    LetterPress,
+    simulate_letters,
+)
+from torch_geometric_tactile.sim.simulate_letters import num_letter_files
 
 module = sys.modules["torch_geometric_tactile.sim.simulate_letters"]
 

@@ -3,7 +3,8 @@ from dataclasses import FrozenInstanceError, fields, replace
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.sim import SPREADS, GraspSpread, plan_grasp
+from torch_geometric_tactile.sim import SPREADS, GraspSpread
+from torch_geometric_tactile.sim._grasp import plan_grasp
 
 SIZE = (0.07, 0.18, 0.07)
 SUMS = (18859.181252675706, 6607781.945643889, 135027.0)

@@ -8,13 +8,12 @@ pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin_240
 from torch_geometric_tactile.sim import (
-    SQUEEZE_PHASES,
     ContactParameters,
-    GraspSimulator,
     GraspSpread,
-    plan_squeeze,
     twenty,
 )
+from torch_geometric_tactile.sim._grasp import GraspSimulator
+from torch_geometric_tactile.sim._squeeze import SQUEEZE_PHASES, plan_squeeze
 
 LAYOUT = allegro_uskin_240()
 SQUEEZE = SQUEEZE_PHASES.index("squeeze")

@@ -116,7 +116,7 @@ class PackageFiles:
             for node in _statements(module.tree.body):
                 if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
                     target = node.targets[0] if isinstance(node, ast.Assign) else node.target
-                    if getattr(target, "id", "") in ("COMMANDS", "VERBS", "_VERBS", "KINDS"):
+                    if getattr(target, "id", "") in ("COMMANDS", "_ALL_COMMANDS", "KINDS"):
                         texts = (
                             n.value for n in ast.walk(node.value) if isinstance(n, ast.Constant)
                         )

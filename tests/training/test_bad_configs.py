@@ -14,8 +14,8 @@ from hostile_settings import small_checkpoint
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.nn import TactileFNN
 from torch_geometric_tactile.training import TactileModule, _config_files
+from torch_geometric_tactile.training._config import load_config
 from torch_geometric_tactile.training._config_files import read_yaml
-from torch_geometric_tactile.training.config import load_config
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join(['*' + chr(97 + i)] * 10)}]\n" for i in range(9)

@@ -6,8 +6,8 @@ from torch_geometric_tactile.nn.models import TaxelNet
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.papers._taxel_net_without_edges import TaxelNetWithoutEdges
 from torch_geometric_tactile.training import classifier_from_config
+from torch_geometric_tactile.training._config import config_names, find_config, load_config
 from torch_geometric_tactile.training._lightning_cli import resolve_config_names
-from torch_geometric_tactile.training.config import config_names, find_config, load_config
 
 GCN = [name for name in config_names() if name.startswith("grasp_gcn_")]
 

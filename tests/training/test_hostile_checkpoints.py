@@ -22,9 +22,10 @@ from torch_geometric_tactile.data import Trials, Windows
 from torch_geometric_tactile.nn.models import GraspGCN, TactileFNN
 from torch_geometric_tactile.reports import _run_data as run_data
 from torch_geometric_tactile.reports._run_data import load_data
-from torch_geometric_tactile.training import AtomicCheckpointIO, TactileDataModule, TactileModule
+from torch_geometric_tactile.training import TactileDataModule, TactileModule
+from torch_geometric_tactile.training._checkpoint import AtomicCheckpointIO
+from torch_geometric_tactile.training._config import config_names, load_config
 from torch_geometric_tactile.training._config_files import TEMPLATES, expand_template
-from torch_geometric_tactile.training.config import config_names, load_config
 
 CONFIG = fake_config("GraspGCN", 40, test=0.25, split="frame")
 

@@ -22,12 +22,11 @@ from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.data import Protocol, StaticDataset
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.training import (
-    DataSizes,
     TactileDataModule,
     TactileModule,
     classifier_from_config,
 )
-from torch_geometric_tactile.training.sizes import fill_sizes
+from torch_geometric_tactile.training._sizes import DataSizes, fill_sizes
 from torch_geometric_tactile.transforms import (
     FillMissing,
     GeometricEdgeAttr,

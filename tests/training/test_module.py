@@ -12,12 +12,12 @@ from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.nn.models import GraspGCN
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.training import (
-    AtomicCheckpointIO,
     CosineAnnealing,
     TactileDataModule,
     TactileModule,
     classifier_from_config,
 )
+from torch_geometric_tactile.training._checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, ZScore
 
 CONFIG = {

@@ -15,13 +15,12 @@ from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.nn import models
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
 from torch_geometric_tactile.training import (
-    DataSizes,
     TactileDataModule,
     TactileModule,
     classifier_from_config,
-    fill_sizes,
 )
 from torch_geometric_tactile.training._layout_text import layout_from_text, layout_to_text
+from torch_geometric_tactile.training._sizes import DataSizes, fill_sizes
 from torch_geometric_tactile.transforms import GeometricEdgeAttr, KNNGraph, ZScore
 
 

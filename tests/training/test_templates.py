@@ -11,9 +11,10 @@ import yaml
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.sensors import allegro_uskin
-from torch_geometric_tactile.training import DataSizes, classifier_from_config, fill_sizes
+from torch_geometric_tactile.training import classifier_from_config
+from torch_geometric_tactile.training._config import config_names, find_config, load_config
 from torch_geometric_tactile.training._config_files import TEMPLATES, expand_template, merged
-from torch_geometric_tactile.training.config import config_names, find_config, load_config
+from torch_geometric_tactile.training._sizes import DataSizes, fill_sizes
 
 HANDS = ["p1_table2", "p1_table3", "p2_table2"]
 NAMES = [(template, name) for template in HANDS for name in expand_template(template)]

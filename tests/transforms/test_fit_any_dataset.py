@@ -18,8 +18,8 @@ from torch_geometric_tactile.transforms import (
     _samples,
     fit_parts,
     fit_transform,
-    fitted_parts,
 )
+from torch_geometric_tactile.transforms.fitting import fitted_parts
 
 LAYOUT = grid(2, 3, pitch=0.01)
 NUM_SAMPLES = 40

@@ -13,8 +13,8 @@ from torch_geometric_tactile.transforms import (
     _samples,
     fit_parts,
     fit_transform,
-    fitted_parts,
 )
+from torch_geometric_tactile.transforms.fitting import fitted_parts
 
 LAYOUT = allegro_uskin()
 NUM_BYTES = 200 * 1024  # of five samples: 22 kB of edge features and 14 kB of places and readings

@@ -12,8 +12,8 @@ from torch_geometric_tactile.transforms import (
     Tare,
     ZScore,
     fit_transform,
-    fitted_parts,
 )
+from torch_geometric_tactile.transforms.fitting import fitted_parts
 
 
 class Squared(BaseTransform):

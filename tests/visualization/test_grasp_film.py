@@ -7,7 +7,8 @@ pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
-from torch_geometric_tactile.sim import PHASES, paper8
+from torch_geometric_tactile.sim import paper8
+from torch_geometric_tactile.sim._grasp import PHASES
 from torch_geometric_tactile.visualization import open_hand
 from torch_geometric_tactile.visualization._grasp_film import plot_grasp_film, plot_grasp_forces
 from torch_geometric_tactile.visualization._style import colormap

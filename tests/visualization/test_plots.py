@@ -9,7 +9,6 @@ pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
 from torch_geometric_tactile.sensors._views import facing_axes
 from torch_geometric_tactile.visualization import (
-    layout_plane,
     plot_confusion,
     plot_grasps,
     plot_layout,
@@ -17,6 +16,7 @@ from torch_geometric_tactile.visualization import (
     plot_roc,
     save_figure,
 )
+from torch_geometric_tactile.visualization.layout import layout_plane
 
 LAYOUT = grid(2, 3, pitch=0.002)
 

@@ -4,12 +4,11 @@ import pytest
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.visualization import (
-    LearningCurves,
     plot_confusion,
     plot_feature_maps,
     plot_sample_embeddings,
-    plot_training,
 )
+from torch_geometric_tactile.visualization._training_history import LearningCurves, plot_training
 
 _CURVES = LearningCurves([2.0, 1.0], [2.1, 1.5], [0.2, 0.6], {"conv1": [0.1, 0.2, 0.3, 0.4, 0.5]})
 

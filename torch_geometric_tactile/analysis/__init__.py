@@ -2,6 +2,7 @@ r"""Analysis of trained models: attributions, embeddings, confusions and calibra
 :mod:`torch_geometric_tactile.visualization`.
 """
 
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.analysis.attribution import (
     IntegratedGradients,
     patch_occlusion,
@@ -14,7 +15,6 @@ from torch_geometric_tactile.analysis.embedding import embed_nodes, node_matrix
 from torch_geometric_tactile.analysis.encoder_map import (
     EdgeSeparation,
     edge_separation,
-    encoder_blocks,
     encoder_map,
     untrained_separation,
 )
@@ -29,7 +29,6 @@ __all__ = [
     "class_confusion",
     "edge_separation",
     "embed_nodes",
-    "encoder_blocks",
     "encoder_map",
     "fit_calibration",
     "label_confusion",
@@ -40,3 +39,5 @@ __all__ = [
     "taxel_attribution",
     "untrained_separation",
 ]
+
+__getattr__ = removed_names(__name__)

@@ -1,7 +1,7 @@
 r"""Baselines as scikit-learn estimators: those of the papers, and simple ones for comparison."""
 
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.baselines.descriptor_features import DescriptorFeatures
-from torch_geometric_tactile.baselines.features import FEATURE_NAMES, statistical_features
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
 from torch_geometric_tactile.baselines.minirocket import minirocket
@@ -18,19 +18,16 @@ from torch_geometric_tactile.baselines.pipelines import (
 )
 from torch_geometric_tactile.baselines.posed_summary import PosedSummary, posed_summary
 from torch_geometric_tactile.baselines.sift_svm import SIFTSVM
-from torch_geometric_tactile.baselines.signal_features import SignalFeatures
 from torch_geometric_tactile.baselines.surf_svm import SURFSVM
 from torch_geometric_tactile.baselines.temperature_scaling import TemperatureScaling
 
 __all__ = [
-    "FEATURE_NAMES",
     "SIFTSVM",
     "SURFSVM",
     "DescriptorFeatures",
     "FlatReadings",
     "GraspSVM",
     "PosedSummary",
-    "SignalFeatures",
     "TemperatureScaling",
     "constant",
     "descriptor_forest",
@@ -43,5 +40,6 @@ __all__ = [
     "posed_summary",
     "rbf_svm",
     "signal_svm",
-    "statistical_features",
 ]
+
+__getattr__ = removed_names(__name__)

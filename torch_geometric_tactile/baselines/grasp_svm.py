@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.baselines._readings import ReadingsEstimator, check_finite
-from torch_geometric_tactile.baselines.signal_features import SignalFeatures
+from torch_geometric_tactile.baselines._signal_features import SignalFeatures
 
 
 @dataclass(repr=False, eq=False)
@@ -25,7 +25,7 @@ class GraspSVM(ClassifierMixin, ReadingsEstimator):
     For static readings, which have only one frame, the readings themselves are the features. The
     paper states neither kernel nor penalty; the defaults here are scikit-learn's. Features are
     standardised on the training set. They are sorted by electrode, then by finger, then in the
-    order of :class:`~torch_geometric_tactile.baselines.SignalFeatures`.
+    order of :obj:`SignalFeatures`.
 
     Args:
         num_fingers (int): Number of fingers :math:`K`, whose signals are concatenated.

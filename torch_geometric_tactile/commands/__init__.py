@@ -35,6 +35,6 @@ _ALL_COMMANDS: tuple[str, ...] = (
 # The commands of the distribution `tactile-live`, which comes without PyTorch.
 _LIVE_COMMANDS = ("convert", "ports", "live", "record", "replay", "view")
 
-VERBS = _ALL_COMMANDS if find_spec("torch_geometric_tactile.nn") else _LIVE_COMMANDS
+COMMANDS = _ALL_COMMANDS if find_spec("torch_geometric_tactile.nn") else _LIVE_COMMANDS
 
-__all__ = ["VERBS"]
+__all__ = ["COMMANDS"]

@@ -133,7 +133,8 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _read_recordings(paths: Sequence[Path], arguments: argparse.Namespace) -> list["Recording"]:
     from torch_geometric_tactile.data._column_order import column_names, in_column_order
-    from torch_geometric_tactile.io import read_recording, recording_format
+    from torch_geometric_tactile.io import read_recording
+    from torch_geometric_tactile.io.recording_files import recording_format
 
     common_options = reading_options(arguments)
     recordings: list[Recording] = []

@@ -25,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dataclasses import asdict
 
     from torch_geometric_tactile._texts import printable
-    from torch_geometric_tactile.live import list_ports
+    from torch_geometric_tactile.live._serial_port import list_ports
 
     ports = list_ports()
     if arguments.json:

@@ -6,14 +6,12 @@ from .frame_info import FrameInfo
 from .frame_rate import Rate, measure_rate
 from .frame_ring import FrameRing
 from .frames import join_frames, split_frames
-from .image_data import ImageData, StaticImages, image_of
 from .live_frame import LiveFrame
 from .protocol import Protocol, Split
 from .recording import UNITS, Recording
 from .splits import Fold
 from .static_data import StaticData
 from .static_dataset import StaticDataset
-from .static_rule import StaticRule
 from .trials import Trials
 from .windows import Windows
 
@@ -25,7 +23,6 @@ __all__ = [
     "Fold",
     "FrameInfo",
     "FrameRing",
-    "ImageData",
     "LiveFrame",
     "Protocol",
     "Rate",
@@ -33,12 +30,9 @@ __all__ = [
     "Split",
     "StaticData",
     "StaticDataset",
-    "StaticImages",
-    "StaticRule",
     "Trials",
     "Windows",
     "apply_transform",
-    "image_of",
     "join_frames",
     "measure_rate",
     "split_frames",

@@ -16,7 +16,8 @@ from torch_geometric_tactile.data._recording_arrays import (
     warn_of_rounding,
 )
 from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.sensors import TaxelLayout, check_edges
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors._checks import check_edges
 
 _COLUMNS = ("y", "group", "trial", "session", "joint", "time")
 _MAY_MISS = ("x", "joint")

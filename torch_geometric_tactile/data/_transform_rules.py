@@ -8,7 +8,7 @@ from typing import Any
 from torch_geometric import transforms as T
 
 from torch_geometric_tactile._typing import Transform
-from torch_geometric_tactile.data.static_rule import StaticRule
+from torch_geometric_tactile.data._static_rule import StaticRule
 
 _UNKNOWN = StaticRule()
 _EDGES = ("edge_index", "edge_attr", "edge_weight")

@@ -11,6 +11,7 @@ from torch_geometric.data import Data
 
 from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data._levels import Schema
+from torch_geometric_tactile.data._static_rule import StaticRule
 from torch_geometric_tactile.data._transform_rules import (
     _UNKNOWN,
     flat,
@@ -18,7 +19,6 @@ from torch_geometric_tactile.data._transform_rules import (
     static_rule,
 )
 from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.data.static_rule import StaticRule
 
 _EDGES = ("edge_index", "edge_attr", "edge_weight")
 
@@ -31,7 +31,7 @@ def apply_transform(transform: Transform | None, data: StaticData) -> StaticData
     * PyG's deterministic transforms of edges and positions
       (:class:`~torch_geometric.transforms.Distance`,
       :class:`~torch_geometric.transforms.ToUndirected`, ...), and those declared with
-      :func:`~torch_geometric_tactile.transforms.static_transform`, run once if all samples share
+      :func:`~torch_geometric_tactile.transforms._static_transform`, run once if all samples share
       the attributes that they read.
     * Any other transform is called for each sample.
 

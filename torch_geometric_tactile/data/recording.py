@@ -52,7 +52,7 @@ class Recording:
             :obj:`"synthetic"` (whether the readings are simulated), :obj:`"seed"`,
             :obj:`"joint_names"`, :obj:`"phase_names"` (names of the integers in the privileged
             :obj:`"phase"`), :obj:`"column_names"` (of :obj:`"tactile"` and :obj:`"joint"`, in the
-            order of their file, see :func:`~torch_geometric_tactile.io.read_named_csv`).
+            order of their file, see :obj:`read_named_csv`).
         privileged (Mapping of str to numpy.ndarray): Signals that only a simulator has, such as
             forces without noise, the pose of the object and the phase; numbers, truth values or
             texts, with :math:`T` rows and at least one value in a row. Names have 1 to 255

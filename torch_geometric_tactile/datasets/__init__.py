@@ -1,5 +1,6 @@
 r"""Data sets: published ones, generated ones, and your own recordings."""
 
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.datasets.allegro_uskin import AllegroUSkin
 from torch_geometric_tactile.datasets.bigs import BiGS
 from torch_geometric_tactile.datasets.biotac_slide import BioTacSlide
@@ -13,7 +14,6 @@ from torch_geometric_tactile.datasets.icub_grasp import ICubGrasp
 from torch_geometric_tactile.datasets.letter_shape import LetterShape, letter_augmentation
 from torch_geometric_tactile.datasets.pressure_mat import PressureMat
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
-from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.datasets.samples_file import SamplesFile
 from torch_geometric_tactile.datasets.sparsh_skin import SparshSkin
 from torch_geometric_tactile.datasets.tactile_glove import TactileGlove
@@ -37,6 +37,7 @@ __all__ = [
     "SparshSkin",
     "TactileGlove",
     "USkinPick",
-    "default_root",
     "letter_augmentation",
 ]
+
+__getattr__ = removed_names(__name__)

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Protocol, StaticData
-from torch_geometric_tactile.data.image_data import COLUMNS, ROWS, StaticImages, image_of
+from torch_geometric_tactile.data._image_data import COLUMNS, ROWS, StaticImages, image_of
 from torch_geometric_tactile.datasets._raw_files import RawFiles
 from torch_geometric_tactile.datasets._splits import checked_split
 from torch_geometric_tactile.sensors import TaxelLayout

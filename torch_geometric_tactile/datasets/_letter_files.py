@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from torch_geometric_tactile._texts import read_json, short_list
-from torch_geometric_tactile.io.matrix_files import read_matrices
+from torch_geometric_tactile.io._matrix_files import read_matrices
 
 SIMULATION = "simulation.json"
 LAYOUT = "layout.json"

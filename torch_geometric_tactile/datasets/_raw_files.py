@@ -12,7 +12,7 @@ import requests
 from torch_geometric_tactile._files import atomic_path, file_sha256
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.datasets._root import default_root
 
 _logger = logging.getLogger(__name__)
 _END_BYTES = 1 << 16  # hashed at each end of a file

@@ -10,8 +10,8 @@ from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.data._paper_objects import PROPERTIES
 from torch_geometric_tactile.datasets._allegro_labels import GRASP_TARGETS, AllegroLabels
+from torch_geometric_tactile.datasets._root import default_root
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
-from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin
 
 _Task = Literal["object", "property", "shape", "width", "centre", "yaw"]

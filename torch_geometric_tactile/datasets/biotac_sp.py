@@ -13,7 +13,7 @@ from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.datasets._raw_files import PublishedFiles
 from torch_geometric_tactile.datasets._splits import checked_split
-from torch_geometric_tactile.io import read_biotac_sp_csv
+from torch_geometric_tactile.io._biotac_sp_csv import read_biotac_sp_csv
 from torch_geometric_tactile.sensors import biotac_sp
 
 _Palm = Literal["down", "side", "45"]

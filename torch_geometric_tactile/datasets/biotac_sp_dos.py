@@ -11,7 +11,7 @@ from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.datasets._placed_files import PlacedFiles, trials_to_frames
 from torch_geometric_tactile.datasets._trial import check_unique_trials
-from torch_geometric_tactile.io import read_biotac_sp_dos_csv
+from torch_geometric_tactile.io._biotac_sp_csv import read_biotac_sp_dos_csv
 from torch_geometric_tactile.sensors import biotac_sp
 
 #: The names of the directions by the names of their folders, in the order of the class indices.

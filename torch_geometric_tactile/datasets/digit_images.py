@@ -13,7 +13,7 @@ from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.datasets._image_dataset import ImageDataset
 from torch_geometric_tactile.datasets._raw_files import PublishedFiles
-from torch_geometric_tactile.io.idx_file import read_idx
+from torch_geometric_tactile.io._idx_file import read_idx
 from torch_geometric_tactile.sensors import letter_array
 
 _SOURCES = ("sklearn", "mnist")

@@ -18,7 +18,7 @@ class FakeTactileDataset(StaticDataset):
     r"""Generated grasps in the form of :class:`~torch_geometric_tactile.datasets.BioTacSP`, for
     tests, examples and machines without network access.
 
-    The readings are simulated by :func:`~torch_geometric_tactile.sim.simulate_grasps`. The test
+    The readings are simulated by :obj:`simulate_grasps`. The test
     split has other objects and other sessions than the training split.
 
     The edges are those of the layout. The layout of a BioTac SP has no edges: add some with
@@ -107,7 +107,7 @@ class FakeTactileDataset(StaticDataset):
         return data, names
 
     def _generate(self, offset: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        from torch_geometric_tactile.sim import simulate_grasps
+        from torch_geometric_tactile.sim._biotac_grasp import simulate_grasps
 
         num_samples = self.num_test if offset else self.num_samples
         num_objects = min(self.num_objects, num_samples)

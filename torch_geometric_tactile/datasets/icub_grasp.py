@@ -11,7 +11,7 @@ from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.datasets._placed_files import PlacedFiles, trials_to_frames
 from torch_geometric_tactile.datasets._trial import check_unique_trials
-from torch_geometric_tactile.io import read_icub_grasp_txt
+from torch_geometric_tactile.io._icub_grasp_txt import read_icub_grasp_txt
 from torch_geometric_tactile.sensors import icub_hand
 
 _NAME = re.compile(r"(?P<object>.+)_(?P<trial>[0-9]{1,9})\.txt", re.ASCII)

@@ -29,7 +29,7 @@ from torch_geometric_tactile.datasets._letter_files import (
     letter_folder,
     read_presses,
 )
-from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.datasets._root import default_root
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, letter_array
 from torch_geometric_tactile.transforms import (
     RandomContrast,

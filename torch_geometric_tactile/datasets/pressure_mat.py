@@ -10,7 +10,7 @@ from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.datasets._placed_files import trials_to_frames
 from torch_geometric_tactile.datasets._raw_files import PublishedFiles
-from torch_geometric_tactile.io.pressure_mat_zip import pressure_mat_hash, read_pressure_mat_zip
+from torch_geometric_tactile.io._pressure_mat_zip import pressure_mat_hash, read_pressure_mat_zip
 from torch_geometric_tactile.sensors import grid
 
 _SIDES = ("supine", "left", "right")

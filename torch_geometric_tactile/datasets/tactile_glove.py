@@ -12,7 +12,7 @@ from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.datasets._placed_files import PlacedFiles
-from torch_geometric_tactile.io import read_mat_variables
+from torch_geometric_tactile.io._matrix_mat import read_mat_variables
 from torch_geometric_tactile.sensors import TaxelLayout, grid, select_taxels
 
 _FILE = "metadata.mat"

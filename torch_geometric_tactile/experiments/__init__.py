@@ -3,7 +3,7 @@ r"""Experiments: data sources, plans, runs, comparisons and tables. Needs the ex
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile._removed import removed_names
-from torch_geometric_tactile.experiments.advice import advice, quotation, recommended
+from torch_geometric_tactile.experiments.advice import advice, recommended
 from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source
 from torch_geometric_tactile.experiments.comparison import (
     Comparison,
@@ -15,12 +15,7 @@ from torch_geometric_tactile.experiments.comparison import (
     summarize,
 )
 from torch_geometric_tactile.experiments.deploy import deploy
-from torch_geometric_tactile.experiments.differences import (
-    Difference,
-    Signs,
-    paired_difference,
-    run_difference,
-)
+from torch_geometric_tactile.experiments.differences import Difference, Signs, paired_difference
 from torch_geometric_tactile.experiments.plan import Plan, PlanRun, Settings, make_plan
 from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import run_plan
@@ -31,9 +26,7 @@ from torch_geometric_tactile.experiments.tables import (
     Ordering,
     Table,
     TableProtocol,
-    cell_config,
     read_table,
-    table_of,
 )
 
 __all__ = [
@@ -58,20 +51,16 @@ __all__ = [
     "TableProtocol",
     "Trained",
     "advice",
-    "cell_config",
     "compare",
     "comparison_plan",
     "data_source",
     "deploy",
     "make_plan",
     "paired_difference",
-    "quotation",
     "read_table",
     "recommended",
-    "run_difference",
     "run_plan",
     "summarize",
-    "table_of",
 ]
 
 if not TYPE_CHECKING:

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.datasets import BioTacSP, default_root
+from torch_geometric_tactile.datasets import BioTacSP
+from torch_geometric_tactile.datasets._root import default_root
 from torch_geometric_tactile.experiments.comparison import ComparisonSettings, comparison_plan
 from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.source import DataSource

@@ -68,7 +68,7 @@ def advice(comparison: Comparison) -> str:
         _constant_sentence(comparison, result),
         _units_sentence(comparison),
         *(f"{text[0].upper()}{text[1:]}." for text in comparison.run.plan.shared),
-        quotation(comparison, result),
+        _quotation(comparison, result),
     ]
     return " ".join(filter(None, sentences))
 
@@ -304,7 +304,7 @@ def _units_sentence(comparison: Comparison) -> str:
     )
 
 
-def quotation(comparison: Comparison, result: ModelResult) -> str:
+def _quotation(comparison: Comparison, result: ModelResult) -> str:
     r"""Returns a sentence that can be quoted: the score of a model, its variation, the novelty of
     the test parts, and the score of the constant answer.
 

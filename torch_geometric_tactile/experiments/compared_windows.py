@@ -150,7 +150,7 @@ def data_source(
                 f"frames are not read from recordings (got {resample:g})",
             )
         frames = replace(frames, arguments={**frames.arguments, "resample": resample})
-    frames = frames if stride is None else with_stride(frames, stride)
+    frames = frames if stride is None else _with_stride(frames, stride)
     return frames if cut is None else cut.cut(frames)
 
 
@@ -214,37 +214,7 @@ def _parse_grid(text: str) -> dict[str, Any]:
     return {"class_path": "torch_geometric_tactile.sensors.grid", "init_args": size}
 
 
-def apply_to_frames(
-    source: DataSource, tare: Mapping[str, Any] | None, selection: Mapping[str, Any] | None
-) -> tuple[DataSource, dict[str, Any] | None, Mapping[str, Any] | None]:
-    r"""Moves a tare and a selection from samples to the frames that they are cut from. Returns the
-    source, and the tare and selection that are left for its samples: both for single frames, none
-    for windows and trials.
-    """
-    if not source.is_view:
-        return source, None if tare is None else dict(tare), selection
-    source = source.with_arguments(selection or {})
-    return source if tare is None else _with_tared_frames(source, tare), None, None
-
-
-def _with_tared_frames(source: DataSource, tare: Mapping[str, Any]) -> DataSource:
-    first_or_seconds = dict(tare)
-    if first_or_seconds.pop("key", "session") != "trial":
-        raise ArgumentError(
-            Argument("tare"),
-            f" must be of each trial, key='trial', for samples of several frames (got {tare})",
-        )
-    if source.frames is None:
-        raise ArgumentError(
-            Argument("tare"),
-            " must be left out for samples of several frames, unless the source has the "
-            "'dataset' that they are cut from: subtract rest readings before cutting (got "
-            f"{source.class_path.rpartition('.')[2]})",
-        )
-    return replace(source, frames=replace(source.frames, tare=first_or_seconds), fingerprint="")
-
-
-def with_stride(frames: DataSource, stride: int) -> DataSource:
+def _with_stride(frames: DataSource, stride: int) -> DataSource:
     r"""Returns a source with every :obj:`stride`-th frame of each trial."""
     names = argument_names(frames.class_path)
     if names is None or "stride" in names:

@@ -25,7 +25,6 @@ from torch_geometric_tactile.experiments._score_units import (
     comparison_splits,
 )
 from torch_geometric_tactile.experiments._scores import MIN_PAIRS
-from torch_geometric_tactile.experiments.compared_windows import apply_to_frames
 from torch_geometric_tactile.experiments.differences import (
     Difference,
     paired_difference,
@@ -358,7 +357,7 @@ def comparison_plan(
             data.
     """
     settings = settings or ComparisonSettings()
-    source, tare, selection = apply_to_frames(source, settings.tare, selection)
+    source, tare, selection = _move_to_frames(source, settings.tare, selection)
     source, facts = source.with_arguments({}, selection).resolve()
     if facts.num_frames is not None and tare is not None:
         raise ArgumentError(
@@ -406,6 +405,36 @@ def comparison_plan(
         measure_memory=False,
     )
     return list_experiments(table, table.protocols, settings.plan_settings(), source, facts)
+
+
+def _move_to_frames(
+    source: DataSource, tare: Mapping[str, Any] | None, selection: Mapping[str, Any] | None
+) -> tuple[DataSource, dict[str, Any] | None, Mapping[str, Any] | None]:
+    r"""Moves a tare and a selection from samples to the frames that they are cut from. Returns the
+    source, and the tare and selection that are left for its samples: both for single frames, none
+    for windows and trials.
+    """
+    if not source.is_view:
+        return source, None if tare is None else dict(tare), selection
+    source = source.with_arguments(selection or {})
+    return source if tare is None else _with_tared_frames(source, tare), None, None
+
+
+def _with_tared_frames(source: DataSource, tare: Mapping[str, Any]) -> DataSource:
+    first_or_seconds = dict(tare)
+    if first_or_seconds.pop("key", "session") != "trial":
+        raise ArgumentError(
+            Argument("tare"),
+            f" must be of each trial, key='trial', for samples of several frames (got {tare})",
+        )
+    if source.frames is None:
+        raise ArgumentError(
+            Argument("tare"),
+            " must be left out for samples of several frames, unless the source has the "
+            "'dataset' that they are cut from: subtract rest readings before cutting (got "
+            f"{source.class_path.rpartition('.')[2]})",
+        )
+    return replace(source, frames=replace(source.frames, tare=first_or_seconds), fingerprint="")
 
 
 def compare(

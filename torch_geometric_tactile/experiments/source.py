@@ -249,7 +249,7 @@ class DataSource:
         dataset = build_object({"class_path": self.class_path, "init_args": arguments})
         if self.stride is not None:
             dataset = _select_every(as_samples(dataset), self.stride)
-        return dataset if self.tare is None else tare_trials(dataset, **self.tare)
+        return dataset if self.tare is None else _tare_trials(dataset, **self.tare)
 
 
 _DATASETS: dict[DataSource, SampleSet] = {}  # loaded by this process, the latest last
@@ -265,7 +265,7 @@ def _select_every(samples: SampleSet, stride: int) -> SampleSet:
     return samples[order[number % stride == 0].sort().values]
 
 
-def tare_trials(
+def _tare_trials(
     frames: StaticDataset, first: int | None = None, seconds: float | None = None
 ) -> StaticDataset:
     r"""Returns a data set that subtracts from each frame the rest reading of its trial. Other

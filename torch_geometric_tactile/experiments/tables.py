@@ -13,9 +13,9 @@ from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments._experiment import Choice
 from torch_geometric_tactile.experiments._sample_draws import Draws
 from torch_geometric_tactile.experiments.source import DataSource
+from torch_geometric_tactile.training._config import load_config
 from torch_geometric_tactile.training._config_files import read_yaml
 from torch_geometric_tactile.training._threshold import THRESHOLD_METRICS
-from torch_geometric_tactile.training.config import load_config
 
 _SHOWN_METRICS = ("accuracy", "memory")
 _PUBLISHED_KEYS = ("accuracy", "spread", "variance", "f1", "auc", "memory", "milliseconds")
@@ -373,15 +373,3 @@ def _parse_cell(content: Mapping[str, Any], template: str | None, folder: Path) 
     if "choice" in arguments:
         arguments["choice"] = Choice(**arguments["choice"])
     return Cell(config=config, published=published, **arguments)
-
-
-def cell_config(cell: Cell) -> dict[str, Any]:
-    r"""Returns the configuration of a cell.
-
-    Args:
-        cell (Cell): The cell, with a :obj:`config`.
-
-    Raises:
-        FileNotFoundError: If there is no such configuration.
-    """
-    return cell.configuration

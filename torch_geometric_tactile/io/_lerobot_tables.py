@@ -112,7 +112,7 @@ def read_texts(path: Path, number: str, texts: tuple[str, ...]) -> Any:
     return pa.table({number: table.column(number), "text": table.column(name)})
 
 
-def read_table(path: Path, allow_large: bool = False) -> Any:
+def read_parquet(path: Path, allow_large: bool = False) -> Any:
     r"""Reads all columns of a Parquet file."""
 
     def read(file: Any) -> Any:

@@ -44,7 +44,7 @@ from torch_geometric_tactile.io._lerobot_steps import (
 from torch_geometric_tactile.io._lerobot_tables import (
     arrow_column,
     read_numbers,
-    read_table,
+    read_parquet,
     require_pyarrow,
     schema_metadata,
     write_parquet,
@@ -139,7 +139,7 @@ def add_to_lerobot(
     with _copied_folder(source, root) as copy:
         stats: dict[int, dict[str, Stats]] = {}
         for path in data_files(copy, info):
-            table = read_table(path, allow_large)
+            table = read_parquet(path, allow_large)
             parts = []
             for number, _ in split_episodes(path, table):
                 steps = episodes[number].steps
@@ -193,7 +193,7 @@ def _check_coverage(number: int, recording: Recording, steps: np.ndarray, fps: f
 def _add_stats(root: Path, stats: dict[int, dict[str, Stats]]) -> None:
     pa = require_pyarrow()
     for path in sorted(root.glob("meta/episodes/*/*.parquet")):
-        table = read_table(path)
+        table = read_parquet(path)
         numbers = integer_column(path, table, "episode_index").tolist()
         for name, part in stats[0].items():
             for key in part:

@@ -10,16 +10,16 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_table import csv_rows
 from torch_geometric_tactile.io._mcap_records import MAGIC
+from torch_geometric_tactile.io._named_csv import read_named_csv
+from torch_geometric_tactile.io._recording_npz import read_npz, write_npz
 from torch_geometric_tactile.io._recording_schema import recording_path
+from torch_geometric_tactile.io._wide_csv import is_named_csv_header, read_wide_csv, write_wide_csv
+from torch_geometric_tactile.io._xela_log_csv import is_xela_log, read_xela_log_csv
+from torch_geometric_tactile.io._xela_messages import read_xela_messages, write_xela_messages
 from torch_geometric_tactile.io.eflesh_probe import read_eflesh_probe
 from torch_geometric_tactile.io.mcap_reader import read_mcap
-from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_hdf5 import read_hdf5, write_hdf5
 from torch_geometric_tactile.io.recording_mcap import write_mcap
-from torch_geometric_tactile.io.recording_npz import read_npz, write_npz
-from torch_geometric_tactile.io.wide_csv import is_named_csv_header, read_wide_csv, write_wide_csv
-from torch_geometric_tactile.io.xela_log_csv import is_xela_log, read_xela_log_csv
-from torch_geometric_tactile.io.xela_messages import read_xela_messages, write_xela_messages
 
 
 class _Format(NamedTuple):

@@ -1,15 +1,12 @@
 from .callback import Callback
-from .clock_map import ClockMap
-from .health import Health, HealthMeter
+from .health import Health
 from .judge import Judge, Judgement
 from .onnx_judge import OnnxModel
 from .open_source import open_source
-from .outage import Outage
 from .recorder import Recorder
 from .replay_server import ReplayServer
 from .replay_source import ReplaySource
-from .rest import Drift, Rest, RestFrames
-from .serial_port import SerialPort, list_ports
+from .rest import Drift, Rest
 from .serial_source import SerialSource
 from .session import LiveSession
 from .simulated_source import SimulatedSource
@@ -17,27 +14,22 @@ from .source import Source, SourceEnded
 from .status import Status
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
-from .taxel_map import TaxelMap, TaxelOrder
+from .taxel_map import TaxelMap
 from .viewer import Viewer
 from .xela_source import XelaSource
 
 __all__ = [
     "Callback",
-    "ClockMap",
     "Drift",
     "Health",
-    "HealthMeter",
     "Judge",
     "Judgement",
     "LiveSession",
     "OnnxModel",
-    "Outage",
     "Recorder",
     "ReplayServer",
     "ReplaySource",
     "Rest",
-    "RestFrames",
-    "SerialPort",
     "SerialSource",
     "SimulatedSource",
     "Source",
@@ -48,9 +40,7 @@ __all__ = [
     "StreamOverflow",
     "Subscription",
     "TaxelMap",
-    "TaxelOrder",
     "Viewer",
     "XelaSource",
-    "list_ports",
     "open_source",
 ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.live.outage import Outage
+from torch_geometric_tactile.live._outage import Outage
 from torch_geometric_tactile.live.source import Source
 
 _STATES = ("closed", "open", "silent", "lost", "ended")

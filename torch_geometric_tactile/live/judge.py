@@ -449,7 +449,8 @@ class _PredictorModel:
 
 
 def _load_predictor(path: PathLike) -> Any:
-    from torch_geometric_tactile.predictor import Predictor, is_checkpoint
+    from torch_geometric_tactile.predictor import Predictor
+    from torch_geometric_tactile.predictor._content import is_checkpoint
 
     if not os.path.isfile(path):
         raise FileNotFoundError(f"there is no model '{os.fspath(path)}'")

@@ -8,7 +8,7 @@ from typing import Any
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io import Decoder
-from torch_geometric_tactile.live.serial_port import SerialPort, list_ports
+from torch_geometric_tactile.live._serial_port import SerialPort, list_ports
 from torch_geometric_tactile.live.source import Source
 
 try:

@@ -49,7 +49,7 @@ class SimulatedSource(Source):
         objects: str = "paper8",
         motion: str = "lift",
     ) -> None:
-        from torch_geometric_tactile.sim import grasp_recordings
+        from torch_geometric_tactile.sim.simulate import grasp_recordings
 
         if not isinstance(seed, int) or isinstance(seed, bool):
             raise ValueError(f"'seed' must be an integer (got {seed!r})")

@@ -15,10 +15,10 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Policy
 from torch_geometric_tactile.data.frame_info import FrameInfo
 from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live._clock_map import ClockMap
 from torch_geometric_tactile.live._frame_clock import FrameClock
-from torch_geometric_tactile.live.clock_map import ClockMap
+from torch_geometric_tactile.live._outage import Outage
 from torch_geometric_tactile.live.health import Health, HealthMeter
-from torch_geometric_tactile.live.outage import Outage
 from torch_geometric_tactile.live.source import Source, SourceEnded
 from torch_geometric_tactile.live.subscription import Subscription
 

@@ -3,7 +3,7 @@ r"""XELA's server as a source."""
 import time
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io.xela_message import XelaFrame, parse_xela_text
+from torch_geometric_tactile.io._xela_message import XelaFrame, parse_xela_text
 from torch_geometric_tactile.live._web_socket import WebSocket
 from torch_geometric_tactile.live.source import Source
 

@@ -17,13 +17,12 @@ from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.papers._table_caption import NO_NUMBER
 from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_predictions
 from torch_geometric_tactile.visualization import (
-    LearningCurves,
     plot_confusion,
     plot_curves,
     plot_feature_maps,
     plot_sample_embeddings,
-    plot_training,
 )
+from torch_geometric_tactile.visualization._training_history import LearningCurves, plot_training
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -5,13 +5,6 @@ from typing import TYPE_CHECKING
 
 from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.predictor.average_model import AverageModel
-from torch_geometric_tactile.predictor.classes import transform_classes
-from torch_geometric_tactile.predictor.content import (
-    build_model,
-    checkpoint_entry,
-    is_checkpoint,
-    model_entry,
-)
 from torch_geometric_tactile.predictor.estimator_model import EstimatorModel
 from torch_geometric_tactile.predictor.estimator_predictor import estimator_predictor
 from torch_geometric_tactile.predictor.export_onnx import Exported, export_onnx
@@ -26,13 +19,8 @@ __all__ = [
     "MeasuredScore",
     "MissingOwnError",
     "Predictor",
-    "build_model",
-    "checkpoint_entry",
     "estimator_predictor",
     "export_onnx",
-    "is_checkpoint",
-    "model_entry",
-    "transform_classes",
 ]
 
 if not TYPE_CHECKING:

@@ -75,7 +75,7 @@ class Descriptors(Step):
 
 class Signals(Step):
     r"""12 statistics of each signal of a window, as in
-    :func:`~torch_geometric_tactile.baselines.statistical_features`. For single frames, the
+    :obj:`statistical_features`. For single frames, the
     readings.
 
     Args:

@@ -24,8 +24,8 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._removed import ENCODER_CLASSES, LAST_READER
 from torch_geometric_tactile.data._allocation_limit import AllocationLimit
 from torch_geometric_tactile.data._transform_rules import ATTRIBUTE_NAMES, flat
+from torch_geometric_tactile.predictor._classes import model_classes, transform_classes
 from torch_geometric_tactile.predictor.average_model import AverageModel
-from torch_geometric_tactile.predictor.classes import model_classes, transform_classes
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform

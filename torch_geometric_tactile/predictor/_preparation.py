@@ -44,7 +44,12 @@ from torch_geometric_tactile.predictor._readings import (
 )
 from torch_geometric_tactile.predictor._window_cut import WindowCut, apply_to_frames
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.transforms import FittedTransform, Tare, fit_parts, fitted_parts
+from torch_geometric_tactile.transforms import (
+    FittedTransform,
+    Tare,
+    fit_parts,
+)
+from torch_geometric_tactile.transforms.fitting import fitted_parts
 
 
 class Preparation:

@@ -17,7 +17,7 @@ from torch_geometric_tactile.data import (
     StaticData,
     StaticDataset,
 )
-from torch_geometric_tactile.predictor import content
+from torch_geometric_tactile.predictor import _content
 from torch_geometric_tactile.predictor._hub import predictor_file, push_predictor
 from torch_geometric_tactile.predictor._network import Network, Task
 from torch_geometric_tactile.predictor._preparation import Preparation, add_tare, shared_attributes
@@ -178,7 +178,7 @@ class Predictor:
             FileNotFoundError: If there is no such file.
             ValueError: If the file cannot be read, or as :meth:`load`.
         """
-        return cls._from_parts(*content.load_checkpoint(path, model, transforms))
+        return cls._from_parts(*_content.load_checkpoint(path, model, transforms))
 
     @classmethod
     def load(
@@ -204,7 +204,7 @@ class Predictor:
             ValueError: If the file is damaged or of another version, or if :obj:`model` or
                 :obj:`transforms` are missing or differ from those that were saved.
         """
-        return cls._from_parts(*content.load(path, model, transforms))
+        return cls._from_parts(*_content.load(path, model, transforms))
 
     def save(self, path: PathLike) -> None:
         r"""Writes the predictor to one file of JSON and tensors, in the format of safetensors. If
@@ -213,7 +213,7 @@ class Predictor:
         Args:
             path (str or PathLike): The file.
         """
-        content.save(self.preparation, self.network, path)
+        _content.save(self.preparation, self.network, path)
 
     @classmethod
     def from_pretrained(

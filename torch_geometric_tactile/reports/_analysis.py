@@ -14,12 +14,14 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.analysis.encoder_map import encoder_blocks
 from torch_geometric_tactile.analysis.roc import MACRO
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.data._torch_file import read_torch_file
 from torch_geometric_tactile.nn.conv import EdgeFeatureEncoder
 from torch_geometric_tactile.nn.models import MTGCN
-from torch_geometric_tactile.predictor import Predictor, is_checkpoint
+from torch_geometric_tactile.predictor import Predictor
+from torch_geometric_tactile.predictor._content import is_checkpoint
 from torch_geometric_tactile.reports._predictions import predict_batches
 from torch_geometric_tactile.reports._run_data import load_data, open_predictor, test_part
 from torch_geometric_tactile.sensors import HandKinematics
@@ -139,7 +141,7 @@ class PredictorAnalysis:
         edge_value = analysis.encoder_map(
             encoder, self.layout.num_taxels, edge_index.size(1), *widths
         )
-        blocks = analysis.encoder_blocks(encoder, edge_dim=widths[0], out_channels=widths[1])
+        blocks = encoder_blocks(encoder, edge_dim=widths[0], out_channels=widths[1])
         variance = (blocks - blocks.mean(dim=0)).square().sum()
         explained = float(edge_value.double().square().sum() / variance) if variance > 0 else 0.0
         input_size = self.batch.edge_attr.abs().mean(dim=-1)

@@ -11,7 +11,8 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data._annotations import GAP
 from torch_geometric_tactile.data.recording import UNITS
-from torch_geometric_tactile.io import read_recording, recording_format
+from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.io.recording_files import recording_format
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.recording import plot_recording
 

@@ -9,12 +9,9 @@ from torch_geometric_tactile import datasets
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile._user_modules import add_working_directory
 from torch_geometric_tactile.data import Protocol, Split, StaticDataset, Trials, Windows
-from torch_geometric_tactile.predictor import (
-    MissingOwnError,
-    Predictor,
-    is_checkpoint,
-    transform_classes,
-)
+from torch_geometric_tactile.predictor import MissingOwnError, Predictor
+from torch_geometric_tactile.predictor._classes import transform_classes
+from torch_geometric_tactile.predictor._content import is_checkpoint
 from torch_geometric_tactile.transforms import fit_parts
 
 # A configuration can run code by naming classes, so only a file that the user passes may do so.
@@ -89,7 +86,7 @@ def test_part(data: Any, predictor: Predictor) -> StaticDataset:
 
 
 def _data_section(config: str) -> dict[str, Any]:
-    from torch_geometric_tactile.training.config import load_config
+    from torch_geometric_tactile.training._config import load_config
 
     settings = load_config(config).get("data")
     if not isinstance(settings, Mapping):
@@ -99,7 +96,7 @@ def _data_section(config: str) -> dict[str, Any]:
 
 def _parts_from_config(config: str, argument: str) -> Any:
     from torch_geometric_tactile.training import classifier_from_config
-    from torch_geometric_tactile.training.config import load_config
+    from torch_geometric_tactile.training._config import load_config
 
     if argument != "model":
         data = _data_from_config(_data_section(config))

@@ -16,20 +16,19 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, as_layout, stock_layout
 from torch_geometric_tactile.sim import (
-    BIGS_GRASPS,
-    LETTER_PRESSES,
     LETTERS,
     PRESETS,
     SPREADS,
     BigsReport,
     LetterReport,
     TrialReport,
-    num_letter_files,
-    object_set,
     simulate,
     simulate_bigs,
     simulate_letters,
 )
+from torch_geometric_tactile.sim._object_sets import object_set
+from torch_geometric_tactile.sim.simulate_bigs import BIGS_GRASPS
+from torch_geometric_tactile.sim.simulate_letters import LETTER_PRESSES, num_letter_files
 from torch_geometric_tactile.visualization import plot_bigs_grasps, plot_presses, save_figure
 from torch_geometric_tactile.visualization._grasp_film import plot_grasp_film, plot_grasp_forces
 

@@ -1,12 +1,12 @@
 r"""Sensors: positions of taxels, edges between taxels, and kinematics of hands."""
 
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.sensors.allegro import (
     allegro_uskin,
     allegro_uskin_240,
     allegro_uskin_368,
 )
 from torch_geometric_tactile.sensors.biotac import biotac, biotac_sp
-from torch_geometric_tactile.sensors.checks import check_edges, check_segment
 from torch_geometric_tactile.sensors.icub import icub_fingertip, icub_hand
 from torch_geometric_tactile.sensors.joints import Joint
 from torch_geometric_tactile.sensors.kinematics import HandKinematics, LinkPose, PosedTaxels
@@ -17,7 +17,6 @@ from torch_geometric_tactile.sensors.planar_arrays import grid, hexagonal
 from torch_geometric_tactile.sensors.sector_edges import SectorEdges, layout_sectors, sector_edges
 from torch_geometric_tactile.sensors.select_taxels import select_taxels, thinned
 from torch_geometric_tactile.sensors.stock import as_layout, stock_layout, stock_names, stock_path
-from torch_geometric_tactile.sensors.taxel_clusters import TaxelClusters, taxel_clusters
 from torch_geometric_tactile.sensors.taxel_descriptors import descriptor_names, taxel_descriptors
 from torch_geometric_tactile.sensors.uskin import uskin_gripper
 
@@ -27,7 +26,6 @@ __all__ = [
     "LinkPose",
     "PosedTaxels",
     "SectorEdges",
-    "TaxelClusters",
     "TaxelLayout",
     "allegro_uskin",
     "allegro_uskin_240",
@@ -35,8 +33,6 @@ __all__ = [
     "as_layout",
     "biotac",
     "biotac_sp",
-    "check_edges",
-    "check_segment",
     "descriptor_names",
     "expand_patches",
     "grid",
@@ -50,8 +46,9 @@ __all__ = [
     "stock_layout",
     "stock_names",
     "stock_path",
-    "taxel_clusters",
     "taxel_descriptors",
     "thinned",
     "uskin_gripper",
 ]
+
+__getattr__ = removed_names(__name__)

@@ -13,10 +13,10 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import read_json
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.sensors._checks import check_edges, check_segment, is_integer_tensor
 from torch_geometric_tactile.sensors._content_checks import need_text, need_texts
 from torch_geometric_tactile.sensors._layout_content import INDEX_KEYS, layout_arguments
 from torch_geometric_tactile.sensors._taxel_axes import taxel_axes
-from torch_geometric_tactile.sensors.checks import check_edges, check_segment, is_integer_tensor
 
 _SEGMENTATIONS = ("digit", "patch")
 _MAX_MAP_SIZE = 1 << 14  # rows or columns of an image map

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.sensors.checks import check_segment
+from torch_geometric_tactile.sensors._checks import check_segment
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 # Relative difference below which distances and angles are equal: positions are single precision.

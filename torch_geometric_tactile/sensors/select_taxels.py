@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.sensors.checks import is_integer_tensor
+from torch_geometric_tactile.sensors._checks import is_integer_tensor
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from torch_geometric_tactile.sim._bigs_plan import BigsGrasp
 from torch_geometric_tactile.sim._bigs_times import CONTROL_RATE
-from torch_geometric_tactile.sim.bigs_plan import BigsGrasp
 
 #: The fingers. The middle finger opposes left and right, as on a Barrett hand.
 FINGERS = ("left", "middle", "right")

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path, remove_leftovers
 from torch_geometric_tactile._parallel import run_parallel
-from torch_geometric_tactile.io import read_hdf5_head
+from torch_geometric_tactile.io.recording_hdf5 import read_hdf5_head
 
 SUMMARY = "simulation.json"
 

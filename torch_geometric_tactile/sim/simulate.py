@@ -18,6 +18,9 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
+from torch_geometric_tactile.sim._grasp import GraspPlan, GraspResult, GraspSimulator, plan_grasp
+from torch_geometric_tactile.sim._object_sets import object_set
+from torch_geometric_tactile.sim._squeeze import plan_squeeze
 from torch_geometric_tactile.sim._trial_files import (
     SimulatedTrial,
     check_run,
@@ -25,13 +28,10 @@ from torch_geometric_tactile.sim._trial_files import (
     require_simulator,
     run_trials,
 )
-from torch_geometric_tactile.sim.grasp import GraspPlan, GraspResult, GraspSimulator, plan_grasp
 from torch_geometric_tactile.sim.hand_model import ContactParameters
-from torch_geometric_tactile.sim.object_sets import object_set
 from torch_geometric_tactile.sim.objects import PROPERTIES, GraspObject
 from torch_geometric_tactile.sim.skin import SkinModel
 from torch_geometric_tactile.sim.spread import GraspSpread
-from torch_geometric_tactile.sim.squeeze import plan_squeeze
 
 _ENCODER_NOISE = 0.0015  # rad
 _MIN_SECONDS = 1.0

@@ -18,7 +18,10 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import biotac
+from torch_geometric_tactile.sim._bigs_physics import BIGS_PHASES, BigsPhysics, BigsSimulator
+from torch_geometric_tactile.sim._bigs_plan import BigsGrasp, draw_grasp
 from torch_geometric_tactile.sim._bigs_scene import FINGERS
+from torch_geometric_tactile.sim._bigs_slip import slip_onset
 from torch_geometric_tactile.sim._bigs_times import (
     BIGS_ORDER,
     CONTROL_RATE,
@@ -33,9 +36,6 @@ from torch_geometric_tactile.sim._trial_files import (
     require_simulator,
     run_trials,
 )
-from torch_geometric_tactile.sim.bigs_physics import BIGS_PHASES, BigsPhysics, BigsSimulator
-from torch_geometric_tactile.sim.bigs_plan import BigsGrasp, draw_grasp
-from torch_geometric_tactile.sim.bigs_slip import slip_onset
 from torch_geometric_tactile.sim.biotac_model import BioTacModel, SessionOffsets
 from torch_geometric_tactile.sim.biotac_vibration import vibration
 

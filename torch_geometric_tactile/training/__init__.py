@@ -15,31 +15,22 @@ except ImportError as error:
 
 
 from torch_geometric_tactile._removed import removed_names
-from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
-from torch_geometric_tactile.training.config import config_names, find_config, load_config
 from torch_geometric_tactile.training.cosine_annealing import CosineAnnealing
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import classification_metrics, regression_metrics
 from torch_geometric_tactile.training.module import TactileModule, classifier_from_config
 from torch_geometric_tactile.training.one_cycle import OneCycle
 from torch_geometric_tactile.training.quiet import quiet_lightning
-from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
 
 __all__ = [
-    "AtomicCheckpointIO",
     "CosineAnnealing",
-    "DataSizes",
     "OneCycle",
     "TactileDataModule",
     "TactileModule",
     "TrainingRecipe",
     "classification_metrics",
     "classifier_from_config",
-    "config_names",
-    "fill_sizes",
-    "find_config",
-    "load_config",
     "quiet_lightning",
     "regression_metrics",
     "training_recipe",

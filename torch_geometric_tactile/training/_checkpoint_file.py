@@ -11,7 +11,7 @@ import torch
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._allocation_limit import AllocationLimit
 from torch_geometric_tactile.data._torch_file import read_torch_file
-from torch_geometric_tactile.predictor import build_model
+from torch_geometric_tactile.predictor._content import build_model
 from torch_geometric_tactile.sensors import TaxelLayout
 
 # Settings that define the model. All others concern the training only and may differ.

@@ -31,7 +31,7 @@ def layout_to_text(layout: TaxelLayout) -> str:
 
 
 def plain_section(config: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Returns the output of :func:`~torch_geometric_tactile.training.sizes.fill_sizes` as plain
+    r"""Returns the output of :func:`~torch_geometric_tactile.training._sizes.fill_sizes` as plain
     data, with the layout as text.
 
     Args:

@@ -27,14 +27,14 @@ from tabulate import tabulate
 
 from torch_geometric_tactile._user_modules import add_working_directory
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.training._checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training._checkpoint_file import compare_settings
+from torch_geometric_tactile.training._config import find_config
 from torch_geometric_tactile.training._config_files import merged, read_yaml, scratch_folder
 from torch_geometric_tactile.training._layout_text import plain_section
-from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
-from torch_geometric_tactile.training.config import find_config
+from torch_geometric_tactile.training._sizes import fill_sizes
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileModule
-from torch_geometric_tactile.training.sizes import fill_sizes
 
 _CONFIG_FLAGS = ("--config", "-c")
 _SECTIONS = ("data", "model", "trainer")
@@ -135,7 +135,7 @@ class TactileCLI(LightningCLI):
     r"""Lightning's command line for :class:`TactileModule` and :class:`TactileDataModule`.
 
     The data is built before all other arguments are parsed, since the sizes of the model follow
-    from it (see :func:`~torch_geometric_tactile.training.sizes.fill_sizes`). Checkpoints are plain
+    from it (see :func:`~torch_geometric_tactile.training._sizes.fill_sizes`). Checkpoints are plain
     data (read with :obj:`weights_only=True`) and are written atomically. Every run logs to CSV and
     TensorBoard and saves the checkpoint of its last epoch.
     """

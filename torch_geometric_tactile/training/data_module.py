@@ -20,7 +20,8 @@ from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.loader._random_states import preserve_random_states
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
+from torch_geometric_tactile.transforms import FittedTransform, fit_parts
+from torch_geometric_tactile.transforms.fitting import fitted_parts
 
 # A configuration cannot hold a list of samples. With a single type at runtime, the messages of
 # jsonargparse are shorter than with a union, for which it reports the failure of every member.

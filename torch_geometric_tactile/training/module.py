@@ -17,7 +17,7 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.loader._random_states import RandomStates
 from torch_geometric_tactile.nn.models._calls import call_model
 from torch_geometric_tactile.nn.models._inputs import needed_inputs
-from torch_geometric_tactile.predictor import checkpoint_entry, model_entry
+from torch_geometric_tactile.predictor._content import checkpoint_entry, model_entry
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._checkpoint_file import load_module
 from torch_geometric_tactile.training._checks import (
@@ -46,10 +46,10 @@ from torch_geometric_tactile.training._losses import (
     numbers_like,
     task_loss,
 )
+from torch_geometric_tactile.training._sizes import DataSizes, fill_sizes
 from torch_geometric_tactile.training._threshold import BestThreshold, check_threshold
 from torch_geometric_tactile.training.cosine_annealing import CosineAnnealing
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
 _STATES = "random_states"  # the key in checkpoints
 
@@ -537,7 +537,7 @@ def classifier_from_config(
             :obj:`{"class_path", "init_args"}`.
         data (TactileDataModule or DataSizes, optional): The data, from which sizes missing in the
             configuration are taken (see
-            :func:`~torch_geometric_tactile.training.sizes.fill_sizes`).
+            :func:`~torch_geometric_tactile.training._sizes.fill_sizes`).
 
     Raises:
         ValueError: If a size in the configuration differs from that of the data, or the module

@@ -1,5 +1,6 @@
 r"""Transforms of tactile data, one per file."""
 
+from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.transforms.absolute_morphology import AbsoluteMorphology
 from torch_geometric_tactile.transforms.base import FittedTransform
 from torch_geometric_tactile.transforms.calibrate import Calibrate
@@ -8,7 +9,7 @@ from torch_geometric_tactile.transforms.contact_crop import ContactCrop
 from torch_geometric_tactile.transforms.drop_patches import DropPatches
 from torch_geometric_tactile.transforms.drop_taxels import DropTaxels
 from torch_geometric_tactile.transforms.fill_missing import FillMissing
-from torch_geometric_tactile.transforms.fitting import fit_parts, fit_transform, fitted_parts
+from torch_geometric_tactile.transforms.fitting import fit_parts, fit_transform
 from torch_geometric_tactile.transforms.geometric_edge_attr import GeometricEdgeAttr
 from torch_geometric_tactile.transforms.knn_graph import KNNGraph
 from torch_geometric_tactile.transforms.normalize import Normalize
@@ -26,7 +27,6 @@ from torch_geometric_tactile.transforms.sector_graph import SectorGraph
 from torch_geometric_tactile.transforms.select_channels import SelectChannels
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
 from torch_geometric_tactile.transforms.square_root import SquareRoot
-from torch_geometric_tactile.transforms.static_transform import static_transform
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 from torch_geometric_tactile.transforms.tare import Tare
 from torch_geometric_tactile.transforms.taxel_descriptors import TaxelDescriptors
@@ -70,6 +70,6 @@ __all__ = [
     "ZScore",
     "fit_parts",
     "fit_transform",
-    "fitted_parts",
-    "static_transform",
 ]
+
+__getattr__ = removed_names(__name__)

@@ -8,7 +8,8 @@ from torch import Tensor
 from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.sensors import TaxelLayout, as_layout, check_segment
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout
+from torch_geometric_tactile.sensors._checks import check_segment
 from torch_geometric_tactile.transforms._attributes import check_num_taxels
 
 

@@ -17,7 +17,7 @@ from torch_geometric_tactile.visualization.figure import save_figure, theme
 from torch_geometric_tactile.visualization.grasp import plot_grasps
 from torch_geometric_tactile.visualization.hand import open_hand, plot_hand
 from torch_geometric_tactile.visualization.hand_panels import plot_hand_panels
-from torch_geometric_tactile.visualization.layout import layout_plane, plot_layout
+from torch_geometric_tactile.visualization.layout import plot_layout
 from torch_geometric_tactile.visualization.letters import plot_presses
 from torch_geometric_tactile.visualization.metrics import (
     plot_confusion,
@@ -27,12 +27,9 @@ from torch_geometric_tactile.visualization.metrics import (
 )
 from torch_geometric_tactile.visualization.predictions import plot_predictions
 from torch_geometric_tactile.visualization.recording import plot_recording
-from torch_geometric_tactile.visualization.training_history import LearningCurves, plot_training
 
 __all__ = [
     "ComparisonPanel",
-    "LearningCurves",
-    "layout_plane",
     "open_hand",
     "plot_bigs_grasps",
     "plot_comparison",
@@ -51,7 +48,6 @@ __all__ = [
     "plot_recording",
     "plot_roc",
     "plot_sample_embeddings",
-    "plot_training",
     "save_figure",
     "theme",
 ]

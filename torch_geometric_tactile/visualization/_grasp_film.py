@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.sim import stock_bodies
-from torch_geometric_tactile.sim.hand_model import STAND
+from torch_geometric_tactile.sim.hand_model import STAND, stock_bodies
 from torch_geometric_tactile.visualization._style import (
     SMALL,
     current_theme,

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.sensors import TaxelLayout, check_edges
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors._checks import check_edges
 from torch_geometric_tactile.visualization._style import (
     SMALL,
     colormap,

@@ -13,7 +13,7 @@ from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models._thread_widths import thread_settings
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
-from torch_geometric_tactile.sensors import check_edges
+from torch_geometric_tactile.sensors._checks import check_edges
 
 
 class MTGCN(TactileModel):

@@ -10,7 +10,8 @@ from torch.nn.functional import max_pool2d
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.nn._sizes import has_taxels
-from torch_geometric_tactile.sensors import TaxelLayout, as_layout, taxel_clusters
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout
+from torch_geometric_tactile.sensors._taxel_clusters import taxel_clusters
 
 
 class TaxelPool(torch.nn.Module):
@@ -25,7 +26,7 @@ class TaxelPool(torch.nn.Module):
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
             of a layout file.
         by (str, float or sequence of float): Clusters, as in
-            :func:`~torch_geometric_tactile.sensors.taxel_clusters`: :obj:`"patch"`,
+            :func:`~torch_geometric_tactile.sensors._taxel_clusters`: :obj:`"patch"`,
             :obj:`"digit"`, or the edge length of voxels in metres, as one number or one for each of
             :math:`x` and :math:`y`. On a grid, twice the pitch pools :math:`2 \times 2` taxels.
         aggr (str): :obj:`"max"` or :obj:`"mean"`.

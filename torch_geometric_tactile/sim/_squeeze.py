@@ -3,6 +3,7 @@ r"""Repeated squeezes of an object by the simulated hand, without a lift."""
 import numpy as np
 
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sim._grasp import GraspPlan
 from torch_geometric_tactile.sim._hand_motion import (
     JOINT_TREMOR,
     draw_phases,
@@ -11,7 +12,6 @@ from torch_geometric_tactile.sim._hand_motion import (
     palm_path,
     tremor,
 )
-from torch_geometric_tactile.sim.grasp import GraspPlan
 from torch_geometric_tactile.sim.spread import GraspSpread
 
 #: The phases of a simulated squeeze, in order.

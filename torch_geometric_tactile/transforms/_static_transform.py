@@ -6,7 +6,7 @@ from typing import Any
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile._typing import Transform
-from torch_geometric_tactile.data import StaticRule
+from torch_geometric_tactile.data._static_rule import StaticRule
 
 _TOPOLOGY = ("pos", "normal", "edge_index", "edge_attr", "edge_weight")
 
@@ -43,7 +43,7 @@ def static_transform(
     If all samples of a batch share the attributes that the transform reads, they share its output
     as well, and it is called for one sample. Otherwise, and always with :obj:`reads=None`, it is
     called for each sample. A transform class can declare the same in a class attribute
-    :obj:`static_rule`, a :class:`~torch_geometric_tactile.data.StaticRule`.
+    :obj:`static_rule`, a :obj:`StaticRule`.
 
     Args:
         transform (callable): From :class:`~torch_geometric.data.Data` to

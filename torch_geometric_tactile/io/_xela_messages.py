@@ -16,7 +16,7 @@ from torch_geometric_tactile._texts import each_key_once, short_repr
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._recording_schema import new_recording, recording_path
-from torch_geometric_tactile.io.xela_message import (
+from torch_geometric_tactile.io._xela_message import (
     XELA_VERSION,
     XelaFrame,
     format_xela_message,

@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike
 from sklearn.base import TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
+from torch_geometric_tactile.baselines._features import FEATURE_NAMES, statistical_features
 from torch_geometric_tactile.baselines._readings import ReadingsEstimator, check_finite
-from torch_geometric_tactile.baselines.features import FEATURE_NAMES, statistical_features
 
 
 class SignalFeatures(TransformerMixin, ReadingsEstimator):
     r"""Converts time series to the 12 features of each electrode's signal
-    (:func:`~torch_geometric_tactile.baselines.statistical_features`), 228 for 19 electrodes, as a
+    (:obj:`statistical_features`), 228 for 19 electrodes, as a
     step of a scikit-learn pipeline.
 
     Features are sorted by electrode, then in the order of :obj:`FEATURE_NAMES`.

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile.sim._bigs_plan import BigsGrasp
 from torch_geometric_tactile.sim._bigs_scene import CLOSED, FINGERS, HAND_MASS, OPEN, bigs_mjcf
 from torch_geometric_tactile.sim._bigs_times import (
     CONTROL_RATE,
@@ -12,7 +13,6 @@ from torch_geometric_tactile.sim._bigs_times import (
     NUM_SHAKE_DIRECTIONS,
 )
 from torch_geometric_tactile.sim._mujoco import import_mujoco
-from torch_geometric_tactile.sim.bigs_plan import BigsGrasp
 
 #: The phases of a simulated grasp with three fingertips, in order.
 BIGS_PHASES = ("closing", "hold", "lift", "shake")

@@ -2,8 +2,8 @@ r"""Onset of the slip in grasps that lose the object."""
 
 import numpy as np
 
+from torch_geometric_tactile.sim._bigs_physics import BigsPhysics
 from torch_geometric_tactile.sim._bigs_times import CONTROL_RATE
-from torch_geometric_tactile.sim.bigs_physics import BigsPhysics
 
 _MIN_SLIDE_DISTANCE = 0.003  # m
 _MIN_SLIDE_SPEED = 0.005  # m/s

@@ -12,8 +12,8 @@ from torch_geometric_tactile._files import UNREADABLE, existing_file, unreadable
 from torch_geometric_tactile._limits import PNG_BYTES
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
+from torch_geometric_tactile.io._matrix_mat import read_matrix_mat
 from torch_geometric_tactile.io._npz_arrays import read_array_header
-from torch_geometric_tactile.io.matrix_mat import read_matrix_mat
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY = 0
