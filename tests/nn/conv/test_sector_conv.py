@@ -277,7 +277,7 @@ def test_sector_conv_bad_input(batch_size):
         ((x, EDGES.float(), SECTOR), r"'edge_index' must hold integers \(got torch.float32\)"),
         ((x, EDGES + 1, SECTOR), r"'edge_index' must hold node indices from 0 to 23.*1 to 24"),
         ((x, EDGES - 1, SECTOR), r"'edge_index' must hold node indices .*\(got -1 to 22\)"),
-        ((x, EDGES, SECTOR[:-1]), r"'edge_sector' must have shape \(\d+,\), a sector for each"),
+        ((x, EDGES, SECTOR[:-1]), r"'edge_sector' must have shape \(\d+,\), one sector per edge"),
         ((x, EDGES, SECTOR.float()), r"'edge_sector' must hold integers \(got torch.float32\)"),
         ((x, EDGES, SECTOR + 1), r"'edge_sector' must hold sectors from 0 to 7 \(got 1 to 8\)"),
         ((x, EDGES, SECTOR - 1), r"'edge_sector' must hold sectors from 0 to 7 \(got -1 to 6\)"),

@@ -255,8 +255,11 @@ def test_posed_taxel_net_bad_input():
         ({"x": data["x"][:, :19]}, r"'x' must have 20 taxels in each sample \(got shape"),
         ({"pos": None}, r"'pos' must be given if 'posed' is True .*: add TaxelPose\(\)"),
         ({"normal": data["normal"][:4]}, r"'normal' must be of 5 samples of 20 taxels.*\(4, 20, 3"),
-        ({"pos": data["pos"][..., :2]}, r"'pos' must be of 5 samples .*\(3,\) wide"),
-        ({"tangent": data["normal"]}, r"'tangent' must be of 5 samples .*\(2, 3\) wide"),
+        (
+            {"pos": data["pos"][..., :2]},
+            r"'pos' must be of 5 samples .*shape \(3,\) for each taxel",
+        ),
+        ({"tangent": data["normal"]}, r"'tangent' must be of 5 samples .*shape \(2, 3\) for each"),
     ]
     for arguments, match in bad:
         with pytest.raises(ValueError, match=match):
