@@ -146,7 +146,7 @@ def test_windows_without_contact_are_named_and_kept_whole(caplog):
         ContactCrop()(data)
     with caplog.at_level(logging.WARNING):
         out = ContactCrop(missing="keep")(data)
-    assert "no contact in 1 of 6 windows, the first is 4: kept whole" in caplog.text
+    assert "no contact in 1 of 6 windows, the first is 4: kept unchanged" in caplog.text
     assert out.contact_frame.lt(0).nonzero().view(-1).tolist() == [4]
     assert out.valid_frames[4] == 150
     assert out.x[4].equal(data.x[4])

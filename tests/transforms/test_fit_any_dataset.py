@@ -102,7 +102,7 @@ def assert_same(found, expected):
 
 @pytest.fixture(params=[2**22, 2**10], ids=["at once", "in chunks"])
 def chunked(request, monkeypatch):
-    monkeypatch.setattr(_samples, "_BYTES", request.param)
+    monkeypatch.setattr(_samples, "_CHUNK_BYTES", request.param)
 
 
 @pytest.mark.parametrize("source", SOURCES)
@@ -150,7 +150,7 @@ def test_fit_on_positions_that_the_first_samples_share():
     data = [Data(x=torch.zeros(3, 1), pos=value) for value in pos]
     for source in (data, ConcatDataset([data[:5], data[5:]])):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(_samples, "_BYTES", 48)
+            patch.setattr(_samples, "_CHUNK_BYTES", 48)
             score = ZScore("pos").fit(source)
         assert score.center.unique().tolist() == [0.5]
         assert score.scale.unique().tolist() == [0.5]

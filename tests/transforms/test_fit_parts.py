@@ -72,7 +72,7 @@ def assert_same(first, second):
 
 @pytest.fixture
 def few(monkeypatch):
-    monkeypatch.setattr(_samples, "_BYTES", NUM_BYTES)
+    monkeypatch.setattr(_samples, "_CHUNK_BYTES", NUM_BYTES)
 
 
 @pytest.mark.parametrize("selected", [False, True])
@@ -86,7 +86,7 @@ def test_fitted_in_chunks_as_at_once(few, selected):
     assert max(watched.sizes) == 5
     whole = pose_first(*(type(part)(attr=part.attr) for part in parts))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_samples, "_BYTES", 2**30)
+        patch.setattr(_samples, "_CHUNK_BYTES", 2**30)
         fit_transform(whole, dataset)
     assert_same(states(transform), states(whole))
     assert transform.transforms[3].center.shape == (1, 1401, 4)

@@ -47,7 +47,7 @@ def test_normalize_laws():
 
 def test_normalize_parts(monkeypatch):
     whole = Normalize().fit(random_data())
-    monkeypatch.setattr(base, "_CHUNK", 3)
+    monkeypatch.setattr(base, "_MAX_CHUNK", 3)
     parts = Normalize().fit(random_data())
     assert torch.equal(parts.center, whole.center)
     assert torch.equal(parts.scale, whole.scale)

@@ -92,7 +92,7 @@ class Samples:
             chunk = StaticData.from_data_list(samples)
         return apply_transform(self._before, chunk)
 
-    def chunks(self, index: Tensor) -> Sequence[Tensor]:
+    def parts(self, index: Tensor) -> Sequence[Tensor]:
         r"""Splits indices into those of the samples that are read at a time."""
         size = sum(
             value.numel() * value.element_size()
@@ -127,7 +127,7 @@ class Samples:
         r"""Yields an attribute of the samples chunk by chunk. An attribute that all samples share
         is yielded once, as that of one sample.
         """
-        for rows in self.chunks(index):
+        for rows in self.parts(index):
             chunk = self.select(rows, key)
             value = chunk[key]
             if not chunk.is_shared(key):

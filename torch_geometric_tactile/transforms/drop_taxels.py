@@ -60,7 +60,7 @@ class DropTaxels(DeadTaxels):
             if len(index) and int(self.taxels[0]) < 0:
                 raise ValueError(f"'taxels' must be numbered from 0 (got {int(self.taxels[0])})")
 
-    def is_dead(self, data: Data, x: Tensor) -> Tensor:
+    def dead(self, data: Data, x: Tensor) -> Tensor:
         r"""Returns which taxels are dropped."""
         if self.taxels is None:
             return self.draw(x.shape[:-1].numel(), x).view(x.shape[:-1])
