@@ -3,7 +3,7 @@ r"""Descriptors of the readings of a layout that need no training."""
 from torch import Tensor
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.sensors._described import (
+from torch_geometric_tactile.sensors._descriptor_tables import (
     NAMES,
     NUM_DIRECTIONS,
     compute_descriptors,

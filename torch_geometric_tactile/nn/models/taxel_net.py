@@ -31,7 +31,7 @@ from torch_geometric_tactile.nn.models._taxels import (
 )
 from torch_geometric_tactile.nn.pool import TaxelPool
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.sensors._described import (
+from torch_geometric_tactile.sensors._descriptor_tables import (
     DescriptorTables,
     compute_descriptors,
     descriptor_tables,
