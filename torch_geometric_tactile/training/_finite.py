@@ -75,7 +75,7 @@ def _nonfinite_samples(part: SampleSet) -> Tensor:
     if size * len(index) > _MAX_FULL_CHECK_BYTES:
         index = torch.linspace(0, len(index) - 1, _NUM_PROBE_SAMPLES).long().unique()
     nonfinite = [torch.empty(0, dtype=torch.long)]
-    for rows in samples.chunks(index):
+    for rows in samples.parts(index):
         chunk = samples.select(rows)
         if all(_is_finite(chunk[key]) for key in sample_keys):
             continue
