@@ -103,6 +103,7 @@ def test_windows_of_data_set_predictor_and_judge_are_the_same(seed, thinning):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.slow
 @pytest.mark.parametrize("thinning", THINNINGS[1:3], ids=str)
 def test_a_graph_in_onnx_sees_the_same_windows(thinning, onnx_of):

@@ -170,6 +170,7 @@ def test_windows_are_also_judged_as_a_whole():
         assert steps == {"RandomTimeShift": {"steps": 3}}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("num_frames", [None, 9])
 def test_each_setting_of_a_network_can_be_trained(tmp_path, num_frames):
     """On an image of 8 x 8 taxels, or windows of it."""

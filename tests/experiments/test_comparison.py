@@ -457,6 +457,7 @@ def test_training_does_not_follow_from_the_number_of_test_samples(tmp_path, num_
     assert identities(once) != identities(with_test_part(tmp_path, 600, 300))
 
 
+@pytest.mark.full
 def test_more_test_samples_change_no_answer(tmp_path):
     content = touches(tmp_path / "a.npz", num_trials=24) | {"part": np.repeat([0, 2], [24, 72])}
     settings = ComparisonSettings(models=("fnn", "svm_linear"), by="given")

@@ -87,7 +87,7 @@ def test_frames_with_contact_keep_their_numbers_and_others_have_none(name, rule,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["torch", "onnx"])
+@pytest.mark.parametrize("kind", ["torch", pytest.param("onnx", marks=pytest.mark.full)])
 @pytest.mark.parametrize("name", [*SINGLE, *WINDOWS])
 def test_a_judge_says_what_the_predictor_says(name, kind):
     model = made.predictor(name) if kind == "torch" else onnx_file(name)

@@ -10,7 +10,7 @@ from torch_geometric_tactile.live import Judge, Judgement, Rest, Subscription
 
 pytestmark = pytest.mark.xdist_group("onnx_predictors")  # which makes each file once
 
-KINDS = ["torch", "onnx"]
+KINDS = ["torch", pytest.param("onnx", marks=pytest.mark.full)]
 
 
 def model_of(name, kind):

@@ -353,6 +353,7 @@ def test_annotations_have_lanes_and_those_of_now_are_told(browser):
         opened.wait(f'{lanes}[1].className === "on" && {lanes}[0].className === ""')
 
 
+@pytest.mark.full
 def test_the_annotation_that_is_recorded_is_told(browser, hand):
     with Opened(browser, hand) as opened:
         assert opened.page.evaluate('document.getElementById("spans-box").hidden')

@@ -81,6 +81,7 @@ def test_attribution_of_static_samples_is_that_of_pygs_batch():
     torch.testing.assert_close(taxel_attribution(network, joined, 1, per_sample=True), found)
 
 
+@pytest.mark.full
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NETWORKS)
 def test_graph_gives_the_numbers_of_the_network(name, tmp_path):

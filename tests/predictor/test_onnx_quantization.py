@@ -68,6 +68,7 @@ def path(tmp_path_factory):
     return path
 
 
+@pytest.mark.full
 def test_the_file_says_what_it_changes(path, tmp_path):
     info = OnnxModel(path).info["quantization"]
     assert info["bits"] == 8
@@ -158,6 +159,7 @@ def test_answers_that_one_graph_lacks_are_refused():
         compare_predictions(single, quantized, network, "random")
 
 
+@pytest.mark.full
 def test_command(tmp_path, capsys, monkeypatch):
     predictor().save(tmp_path / "a.predictor")
     write_recording(recording(), tmp_path / "a.npz")

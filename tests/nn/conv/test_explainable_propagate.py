@@ -70,6 +70,7 @@ assert not none.any()
 """
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("early", [True, False])
 def test_layers_are_explained_after_a_bare_message_passing(early, tmp_path):
     path = tmp_path / "layers.py"  # a file, since PyG reads the source of classes

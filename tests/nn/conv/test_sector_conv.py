@@ -237,6 +237,7 @@ def test_sector_conv_compile(batch_size):
         assert torch.allclose(ours, theirs, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.full
 def test_sector_conv_compile_inductor():
     if not any(shutil.which(name) for name in ("c++", "g++", "clang++")):
         pytest.skip("no C++ compiler")

@@ -210,7 +210,7 @@ def test_attention_dropout_gradients(kind):
 @both
 @pytest.mark.parametrize("fill_value", [0.5, "mean", "add", "max", torch.tensor([0.3, -0.2])])
 @pytest.mark.parametrize("edges", ["self_loops", "star"])
-@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.full)])
 def test_attention_edge_features(kind, fill_value, edges, compiled):
     edge_index = EDGES[edges]
     attr = samples(edge_index.size(1), 2, dtype=torch.double, seed=4)
@@ -537,6 +537,7 @@ def test_attention_copies(kind):
         assert torch.equal(other(x, EDGES["star"]), expected)
 
 
+@pytest.mark.full
 @both
 @pytest.mark.parametrize("loops", [False, True])
 @pytest.mark.parametrize("edges", ["self_loops", "star"])
@@ -560,6 +561,7 @@ def test_attention_compile_and_export(kind, loops, edges):
     assert exported(x, edge_index).isfinite().equal(ours(x, edge_index).isfinite())
 
 
+@pytest.mark.full
 @both
 def test_attention_onnx(kind, tmp_path):
     runtime = pytest.importorskip("onnxruntime")

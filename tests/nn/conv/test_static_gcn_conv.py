@@ -225,6 +225,7 @@ def test_static_gcn_conv_copies():
     assert torch.equal(conv.bias, torch.zeros(5))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("backend", ["eager", "inductor"])
 def test_static_gcn_conv_compile(backend):
     if backend == "inductor" and not any(shutil.which(name) for name in ("c++", "g++", "clang++")):

@@ -39,6 +39,7 @@ def test_model_compile_inductor():
     assert_close(found, gradients(thread, given), 1e-4, 1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", MODELS)
 def test_model_export(name):
     model = small_model(name).eval()

@@ -295,6 +295,7 @@ def test_weights_begin_as_in_the_paper(channels):
     assert all(not torch.equal(before[n], after[n]) for n in after if n.endswith("weight"))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("pattern", ["I", "II", "IV", "VII"])
 def test_compiles_in_one_graph(pattern):
     torch.compiler.reset()

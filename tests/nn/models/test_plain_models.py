@@ -47,6 +47,7 @@ def test_plain_model_gradients_reach_all(model):
         assert value.grad.abs().max() > 0, name
 
 
+@pytest.mark.full
 def test_plain_model_compile(model):
     compiled = torch.compile(model, fullgraph=True, backend="aot_eager")
     data = given(model, 9)
@@ -57,6 +58,7 @@ def test_plain_model_compile(model):
     assert all(weight.grad.abs().max() > 0 for weight in model.parameters() if weight.dim() > 1)
 
 
+@pytest.mark.full
 def test_plain_model_export(model):
     data, batch = given(model, 3), torch.export.Dim("batch")
     shapes = {name: None if name == "edge_index" else {0: batch} for name in data}

@@ -176,6 +176,7 @@ def test_temporal_taxel_net_gradients(name, per_frame):
     assert all(grad.abs().max() > 0 for grad in found[0])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", MODELS)
 def test_temporal_taxel_net_step_compile(name):
     torch.compiler.reset()
