@@ -10,7 +10,8 @@ from torch_geometric_tactile.live import Judge, Judgement, Rest, Subscription
 
 pytestmark = pytest.mark.xdist_group("onnx_predictors")  # which makes each file once
 
-KINDS = ["torch", pytest.param("onnx", marks=pytest.mark.full)]
+KINDS = ["torch", "onnx"]
+EACH_KIND = ["torch", pytest.param("onnx", marks=pytest.mark.full)]
 
 
 def model_of(name, kind):
@@ -44,7 +45,7 @@ def assert_as_predicted(name, judged, recording, adapt):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH_KIND)
 @pytest.mark.parametrize(
     "name",
     [
@@ -64,7 +65,7 @@ def test_judge_says_what_predict_says(name, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH_KIND)
 @pytest.mark.parametrize("name", ["tare", "window_tare", "frames_tare", "machine"])
 def test_judge_measures_the_rest_as_predict_does(name, kind):
     recording = made.recording()
@@ -89,7 +90,7 @@ def test_a_graph_measures_what_the_predictor_measures(name):
         np.testing.assert_allclose(one.probability, judged[1][i].probability, rtol=0, atol=1e-5)
 
 
-@pytest.fixture(params=KINDS)
+@pytest.fixture(params=EACH_KIND)
 def judge(request):
     return Judge(model_of("window", request.param))
 
@@ -155,7 +156,7 @@ def test_labels():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH_KIND)
 def test_missing_readings_give_no_label(kind):
     judge = Judge(model_of("stepped", kind))
     frames = list(made.live_frames(made.recording()))
@@ -168,7 +169,7 @@ def test_missing_readings_give_no_label(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH_KIND)
 def test_other_frames_are_refused(kind):
     judge = Judge(model_of("frame", kind))
     x, joint = np.zeros((11, 3), np.float32), np.zeros(2, np.float32)
@@ -181,7 +182,7 @@ def test_other_frames_are_refused(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH_KIND)
 def test_a_rest_may_be_given_as_readings(kind):
     recording = made.recording()
     rest = recording.tactile[:30].astype(np.float64).mean(axis=0)
