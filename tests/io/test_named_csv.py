@@ -93,7 +93,7 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
         (
             [HEADER, "1,1,2,3,4"],
             {"tactile": ["thumb"], "joint": ["thumb"]},
-            r"column 'thumb' of .* must be a single role",
+            r"column 'thumb' of .* must have a single role",
         ),
         (["a,b,a", "1,2,3"], {}, r"must name each column once \(got 'a' twice\)"),
         ([HEADER, "1,1,2,3,4"], {"time_unit": "y"}, r"'time_unit' must be one of .* \(got y\)"),
@@ -189,7 +189,7 @@ def test_a_frame_without_readings_is_missing(write):
         (
             ["time_ms,a", "1,2"],
             {"time_unit": "s"},
-            r"'time_unit' must be 'ms', as col",
+            r"'time_unit' must be 'ms', as in ",
         ),
         (["time,a", "1768398006957,2"], {}, r"line 2: 'time' must be in s \(got '1768398006957'"),
         (["pad_1,a", "1,2"], {"tactile": "pad_(.*"}, r"'tactile' must be .* regular expression"),

@@ -119,7 +119,7 @@ def test_npz_of_something_else(tmp_path):
         ({"label": np.array(["1"])}, r"'label' must be one text \(got shape \(1,\)\)"),
         ({"format": np.array("x")}, r"must be a recording, with 'format'"),
         ({"time": np.array([1, 2])}, r"'time' must be an array of numbers \(floats in seconds"),
-        ({"extra": np.zeros(2)}, r"must hold .* 'privileged/...' and 'extra/...' only .*'extra'\)"),
+        ({"extra": np.zeros(2)}, r"must hold only .* 'privileged/...' and 'extra/...' .*'extra'\)"),
         ({"extra/pac": np.zeros((3, 2))}, r"'extra/pac' must have 2 frames, as 'time' has \(got 3"),
     ],
 )

@@ -129,7 +129,7 @@ def test_wrong_touch_is_refused_by_name(tmp_path, touch, match):
         ({"joint_states": np.zeros((0, 33))}, r"shape \(1, 33\) \(got \(0, 33\)\)"),
         ({"joint_states": np.zeros((5, 17))}, r"shape \(5, 33\) \(got \(5, 17\)\)"),
         ({"joint_states": sparsh_joints()[::-1]}, r"times in order"),
-        ({"joint_states": np.where(np.eye(8, 33, 3), np.nan, sparsh_joints())}, r"one at 0, 3\)"),
+        ({"joint_states": np.where(np.eye(8, 33, 3), np.nan, sparsh_joints())}, r"NaN at 0, 3\)"),
         ({"joint_states": Touch("mark")}, "not name classes or functions"),
     ],
 )

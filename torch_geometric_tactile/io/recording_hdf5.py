@@ -255,8 +255,8 @@ def _check_frame_checksums(
     differing = np.flatnonzero(_frame_checksums(stored) != checksums)
     if len(differing):
         raise ValueError(
-            f"'{path}' must hold the frames of its checksums (got {len(differing)} different "
-            f"frames, from frame {differing[0]} on): it is damaged, copy or record it again"
+            f"'{path}' must hold the frames of its checksums (got damaged frames from frame "
+            f"{differing[0]} on, {len(differing)} in total): copy or record it again"
         )
 
 
