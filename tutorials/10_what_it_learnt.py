@@ -1,5 +1,5 @@
 # %% [markdown]
-# # What has it learnt? Pictures of a model, with an untrained twin beside each
+# # What has it learnt? Pictures of a model, with an untrained network beside each
 #
 # Attribution on the hand, maps of embeddings, confusion: pictures like these are easy to believe.
 # But some of them look nearly the same for a network that was never trained. This tutorial loads
@@ -59,11 +59,11 @@ y = samples.y
 print(f"{len(y)} frames of {len(reports)} grasps: {', '.join(predictor.class_names)}")
 
 # %% [markdown]
-# ## The untrained twin
+# ## The untrained networks
 #
-# The twin is the same network with weights drawn anew. It has seen these readings once, to
-# measure the scale of its inputs (the running means of its batch normalisation), but never a
-# label. We make five of them.
+# An untrained network has the same architecture with random weights. It has seen these readings
+# once, to measure the scale of its inputs (the running means of its batch normalisation), but
+# never a label. We make five of them.
 
 # %%
 import copy
@@ -73,12 +73,12 @@ import torch
 
 def untrained(seed):
     torch.manual_seed(seed)
-    twin = copy.deepcopy(predictor.model)
-    twin.reset_parameters()
+    model = copy.deepcopy(predictor.model)
+    model.reset_parameters()
     with torch.no_grad():
         for _ in range(30):  # batch normalisation forgets its old means slowly
-            logits(twin.train(), batch)
-    return twin.eval()
+            logits(model.train(), batch)
+    return model.eval()
 
 
 def logits(model, batch):
@@ -86,13 +86,13 @@ def logits(model, batch):
 
 
 trained = predictor.model
-twins = [untrained(seed) for seed in range(5)]
+untrained_models = [untrained(seed) for seed in range(5)]
 
 # %% [markdown]
 # ## Confusion: the picture that changes
 #
-# The first comparison is the plainest. The trained network names most shapes of new objects; a
-# twin is near chance (25 %).
+# The first comparison is the plainest. The trained network names most shapes of new objects; an
+# untrained network is near chance (25 %).
 
 # %% tags=["figure"]
 from torch_geometric_tactile.analysis import class_confusion
@@ -105,19 +105,22 @@ def answers(model):
 
 
 accuracy = float((answers(trained) == y).double().mean())
-twin_accuracy = [float((answers(twin) == y).double().mean()) for twin in twins]
+untrained_accuracy = [float((answers(model) == y).double().mean()) for model in untrained_models]
 names = predictor.class_names
 counts = class_confusion(y, answers(trained), len(names))
 plot_confusion(counts, names, f"24 new objects, trained: {accuracy:.0%} of the frames")
 
 # %% tags=["figure"]
-counts = class_confusion(y, answers(twins[0]), len(names))
-plot_confusion(counts, names, f"24 new objects, untrained twin: {twin_accuracy[0]:.0%}")
+counts = class_confusion(y, answers(untrained_models[0]), len(names))
+plot_confusion(counts, names, f"24 new objects, untrained: {untrained_accuracy[0]:.0%}")
 
 # %%
-print(f"trained {accuracy:.0%}, twins", " ".join(f"{one:.0%}" for one in twin_accuracy))
+print(
+    f"trained {accuracy:.0%}, untrained",
+    " ".join(f"{one:.0%}" for one in untrained_accuracy),
+)
 assert accuracy > 0.65
-assert max(twin_accuracy) < accuracy - 0.15
+assert max(untrained_accuracy) < accuracy - 0.15
 
 # %% [markdown]
 # ## Attribution on the hand: where is the evidence?
@@ -145,11 +148,11 @@ def evidence(model):
 
 
 learnt = evidence(trained)
-random = [evidence(twin) for twin in twins]
+random = [evidence(model) for model in untrained_models]
 
 # %% [markdown]
 # Two of the shapes on the hand: the mean pressure of their frames, the evidence of the trained
-# network, and that of the first twin. Each picture is divided by its own 99th percentile.
+# network, and that of the first untrained network. Each picture is divided by its own 99th percentile.
 
 # %% tags=["figure"]
 from torch_geometric_tactile.visualization import plot_hand_panels
@@ -173,7 +176,7 @@ plot_hand_panels(
 # %% [markdown]
 # All three columns mark fingertips for the box and the upper edge of the palm for the sphere. Is
 # the place learnt? We compare the size of the evidence with the pressure, and then its sign with
-# that of the twins.
+# that of the untrained networks.
 
 
 # %%
@@ -182,19 +185,22 @@ def correlation(a, b):
 
 
 size = correlation(learnt.abs(), pressure)
-twin_size = [correlation(one.abs(), pressure) for one in random]
+untrained_size = [correlation(one.abs(), pressure) for one in random]
 sign = [correlation(learnt, one) for one in random]
-print(f"size of the evidence and mean pressure: trained {size:.2f}, twins", end=" ")
-print(" ".join(f"{one:.2f}" for one in twin_size))
-print("evidence with its sign, trained and twins:", " ".join(f"{one:.2f}" for one in sign))
+print(f"size of the evidence and mean pressure: trained {size:.2f}, untrained", end=" ")
+print(" ".join(f"{one:.2f}" for one in untrained_size))
+print(
+    "evidence with its sign, trained and untrained:", " ".join(f"{one:.2f}" for one in sign)
+)
 
-assert size < max(twin_size) + 0.2, "where the evidence lies is no more learnt than in a twin"
-assert max(abs(one) for one in sign) < 0.5, "its sign is not that of a twin"
+assert size < max(untrained_size) + 0.2, "the place of the evidence is not learnt"
+assert max(abs(one) for one in sign) < 0.5, "its sign is not that of an untrained network"
 
 # %% [markdown]
 # **Where** a map is strong says nothing here: it follows the pressure, for the trained network as
-# for its twins. The network takes the 48 touched taxels with the largest pressure, so no other
-# taxel can get any evidence. **For what** the evidence speaks, its sign, has nothing in common with a twin:
+# for the untrained networks. The network takes the 48 touched taxels with the largest pressure, so no other
+# taxel can get any evidence. **For what** the evidence speaks, its sign, has nothing in common with an
+# untrained network:
 # only that part can have been learnt. It is still no proof that the evidence is right.
 
 # %% [markdown]
@@ -222,7 +228,7 @@ def features(model):
 labels = [names[shape] for shape in y.tolist()]
 described = {
     "trained": features(trained),
-    "untrained twin": features(twins[0]),
+    "untrained": features(untrained_models[0]),
     "readings": batch.x.flatten(1),
 }
 places = {name: (embed_nodes(rows, seed=0), labels) for name, rows in described.items()}
@@ -240,7 +246,7 @@ def nearest_elsewhere(rows):
 
 
 rows = {"trained": described["trained"], "readings": described["readings"]}
-rows |= {f"untrained twin {i}": features(twin) for i, twin in enumerate(twins)}
+rows |= {f"untrained {i}": features(model) for i, model in enumerate(untrained_models)}
 print("frames by                same grasp nearby  same shape nearby  same shape, other grasp")
 for name, one in rows.items():
     grasp = segment_clustering(one, samples.trial, num_neighbors=5).neighbor_share
@@ -251,7 +257,7 @@ for name, one in rows.items():
 # All three maps show tight clusters, and for all three nearly every neighbour is of the same
 # grasp, therefore of the same shape. That says nothing. Only the last column tells them apart:
 # from one object to another, the trained network finds the same shape about twice as often as
-# most twins, and the readings are no better than a twin.
+# most untrained networks, and the readings are no better than an untrained network.
 
 # %%
 elsewhere = {name: nearest_elsewhere(one) for name, one in rows.items()}
@@ -259,21 +265,21 @@ same_grasp = {
     name: segment_clustering(one, samples.trial, num_neighbors=5).neighbor_share
     for name, one in rows.items()
 }
-twin_elsewhere = [elsewhere[f"untrained twin {i}"] for i in range(len(twins))]
-assert same_grasp["trained"] < min(same_grasp[f"untrained twin {i}"] for i in range(5)) + 0.1
-assert elsewhere["trained"] > sum(twin_elsewhere) / len(twins) + 0.15
+untrained_elsewhere = [elsewhere[f"untrained {i}"] for i in range(len(untrained_models))]
+assert same_grasp["trained"] < min(same_grasp[f"untrained {i}"] for i in range(5)) + 0.1
+assert elsewhere["trained"] > sum(untrained_elsewhere) / len(untrained_models) + 0.15
 
 # %% [markdown]
 # ## What to take from this
 #
-# * Put an untrained twin beside each picture: `copy.deepcopy(model)` and `reset_parameters()`.
+# * Put an untrained network beside each picture: `copy.deepcopy(model)` and `reset_parameters()`.
 #   Give it the scale of the data, or it fails for a dull reason.
 # * Here confusion, the sign of the evidence and neighbours in other grasps change with training.
 #   The places of the evidence and the tight clusters do not, so they say nothing about what was
 #   learnt.
 # * Frames of one grasp are nearly copies. Whatever counts neighbours has to leave the own grasp
 #   out.
-# * Numbers, not pictures, made the difference visible. One trained network, five twins and 24
+# * Numbers, not pictures, made the difference visible. One trained network, five untrained ones and 24
 #   simulated objects stand behind them.
 #
 # ## Next

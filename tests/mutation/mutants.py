@@ -213,20 +213,20 @@ def _name(node: ast.AST) -> str:
     return getattr(node, "id", getattr(node, "attr", ""))
 
 
-def sampled(root: Path, package: str, rooms: Sequence[str], size: int, seed: int) -> list[Mutant]:
-    """A random sample of the mutants of rooms: of each room as large a part."""
+def sampled(root: Path, package: str, folders: Sequence[str], size: int, seed: int) -> list[Mutant]:
+    """A random sample of the mutants of folders: of each folder as large a part."""
     found = {
-        room: [
+        folder: [
             mutant
-            for path in sorted((root / package / room).rglob("*.py"))
+            for path in sorted((root / package / folder).rglob("*.py"))
             for mutant in mutants(root, path.relative_to(root).as_posix())
         ]
-        for room in rooms
+        for folder in folders
     }
     number = sum(map(len, found.values()))
     sample = []
-    for room, own in found.items():
-        # A draw for each room: what changes in one does not change the sample of another.
-        draw = random.Random(f"{seed} {room}")
+    for folder, own in found.items():
+        # A draw for each folder: what changes in one does not change the sample of another.
+        draw = random.Random(f"{seed} {folder}")
         sample += draw.sample(own, round(size * len(own) / number))
     return sample

@@ -2,7 +2,7 @@
 
     python tests/mutation/run.py --mutants 200
 
-Each mutant is tried on a copy of the checkout, with the tests of its room (``tests/<room>``), first
+Each mutant is tried on a copy of the checkout, with the tests of its folder (``tests/<folder>``), first
 those that name its module. Libraries are imported once, and a process is forked for each mutant.
 Results are added to a log, and what is in it already is not run again.
 """
@@ -28,7 +28,7 @@ from mutation.mutants import Mutant, sampled  # noqa: E402
 
 PACKAGE = "torch_geometric_tactile"
 LIBRARIES = ("torch", "torch_geometric", "sklearn", "scipy", "h5py", "lightning", "torchmetrics")
-ROOMS = (
+FOLDERS = (
     *("nn", "data", "io", "sensors", "transforms", "training"),
     *("datasets", "loader", "predictor", "experiments", "live", "sim"),
 )
@@ -51,9 +51,9 @@ def preload() -> None:
     assert not any(name.split(".")[0] == PACKAGE for name in sys.modules)
 
 
-def test_files(root: Path, mutant: Mutant | None, room: str) -> list[str]:
-    """The test files of a room, those that name a module first."""
-    files = sorted((root / "tests" / room).rglob("test_*.py"))
+def test_files(root: Path, mutant: Mutant | None, folder: str) -> list[str]:
+    """The test files of a folder, those that name a module first."""
+    files = sorted((root / "tests" / folder).rglob("test_*.py"))
     if mutant is None:
         return [str(file) for file in files]
     stem = Path(mutant.file).stem
@@ -133,13 +133,13 @@ def main() -> int:
     )
     parser.add_argument("--mutants", type=int, default=200, help="size of the sample")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--rooms", default=",".join(ROOMS), help="which of the sample to run")
+    parser.add_argument("--folders", default=",".join(FOLDERS), help="which of the sample to run")
     parser.add_argument("--log", type=Path, default=Path("mutants.jsonl"))
     parser.add_argument("--list", action="store_true", help="print the sample and stop")
     options = parser.parse_args()
-    rooms = options.rooms.split(",")
-    sample = sampled(ROOT, PACKAGE, ROOMS, options.mutants, options.seed)
-    sample = [mutant for mutant in sample if mutant.file.split("/")[1] in rooms]
+    folders = options.folders.split(",")
+    sample = sampled(ROOT, PACKAGE, FOLDERS, options.mutants, options.seed)
+    sample = [mutant for mutant in sample if mutant.file.split("/")[1] in folders]
     if options.list:
         for mutant in sample:
             sys.stdout.write(f"{mutant.kind:10} {mutant.code}\n")
@@ -152,26 +152,28 @@ def run(sample: list[Mutant], log: Path) -> None:
     """Runs those that are not in the log."""
     done = {entry["code"] for entry in read_log(log)}
     preload()
-    with tempfile.TemporaryDirectory(prefix="mutants_") as folder:
-        root = Path(folder) / "copy"
+    with tempfile.TemporaryDirectory(prefix="mutants_") as scratch:
+        root = Path(scratch) / "copy"
         root.mkdir()
         copied(root)
         limits: dict[str, float] = {}
         for mutant in sample:
             if mutant.code in done:
                 continue
-            room = mutant.file.split("/")[1]
-            output = Path(folder) / "output.txt"
-            if room not in limits:
-                outcome, seconds = passes(root, test_files(root, None, room), 3600, output)
+            folder = mutant.file.split("/")[1]
+            output = Path(scratch) / "output.txt"
+            if folder not in limits:
+                outcome, seconds = passes(root, test_files(root, None, folder), 3600, output)
                 if outcome != "passed":
-                    raise RuntimeError(f"tests/{room} must pass: {output.read_text()[-3000:]}")
-                limits[room] = 120 + 4 * seconds
-                sys.stdout.write(f"tests/{room} pass in {seconds:.0f} s\n")
+                    raise RuntimeError(f"tests/{folder} must pass: {output.read_text()[-3000:]}")
+                limits[folder] = 120 + 4 * seconds
+                sys.stdout.write(f"tests/{folder} pass in {seconds:.0f} s\n")
             path = root / mutant.file
             text = path.read_text(encoding="utf-8")
             path.write_text(mutant.source(text), encoding="utf-8")
-            outcome, seconds = passes(root, test_files(root, mutant, room), limits[room], output)
+            outcome, seconds = passes(
+                root, test_files(root, mutant, folder), limits[folder], output
+            )
             path.write_text(text, encoding="utf-8")
             words = [line for line in output.read_text(errors="replace").splitlines() if line]
             entry = {
@@ -195,16 +197,18 @@ def read_log(log: Path) -> list[dict[str, str]]:
 
 
 def report(sample: list[Mutant], log: Path) -> int:
-    """Writes the score of each room, and what was not noticed; returns the exit status."""
+    """Writes the score of each folder, and what was not noticed; returns the exit status."""
     outcomes = {entry["code"]: entry["outcome"] for entry in read_log(log)}
     ran = [mutant for mutant in sample if mutant.code in outcomes]
     alive = [mutant for mutant in ran if outcomes[mutant.code] == "passed"]
-    by_room = Counter(mutant.file.split("/")[1] for mutant in ran)
-    alive_by_room = Counter(mutant.file.split("/")[1] for mutant in alive)
+    by_folder = Counter(mutant.file.split("/")[1] for mutant in ran)
+    alive_by_folder = Counter(mutant.file.split("/")[1] for mutant in alive)
     for mutant in alive:
         sys.stdout.write(f"not noticed: {mutant.code}\n")
-    for room, number in sorted(by_room.items()):
-        sys.stdout.write(f"{room:12} {number - alive_by_room[room]:4} of {number:4} noticed\n")
+    for folder, number in sorted(by_folder.items()):
+        sys.stdout.write(
+            f"{folder:12} {number - alive_by_folder[folder]:4} of {number:4} noticed\n"
+        )
     share = 100 * (1 - len(alive) / max(1, len(ran)))
     sys.stdout.write(
         f"{'all':12} {len(ran) - len(alive):4} of {len(ran):4} noticed, {share:.1f} %\n"

@@ -3,16 +3,16 @@ from torch_geometric.resolver import resolver
 
 from torch_geometric_tactile import nn
 
-ROOMS = (nn.conv, nn.pool, nn.models)
+PACKAGES = (nn.conv, nn.pool, nn.models)
 
 
 def test_all_classes_are_at_the_top():
-    names = [name for room in ROOMS for name in room.__all__]
+    names = [name for package in PACKAGES for name in package.__all__]
     assert sorted(nn.__all__) == sorted(names)
     assert len(set(names)) == len(names)
-    for room in ROOMS:
-        for name in room.__all__:
-            assert getattr(nn, name) is getattr(room, name)
+    for package in PACKAGES:
+        for name in package.__all__:
+            assert getattr(nn, name) is getattr(package, name)
 
 
 @pytest.mark.parametrize("name", nn.__all__)
