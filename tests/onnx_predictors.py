@@ -36,7 +36,7 @@ def dataset(transform=None):
         pos=LAYOUT.pos,
         edge_index=LAYOUT.edge_index("original"),
     )
-    return StaticDataset._of((data, {"class": NAMES}), LAYOUT, transform, None, None)
+    return StaticDataset._from_samples((data, {"class": NAMES}), LAYOUT, transform, None, None)
 
 
 def _fitted(model, data, *parts):

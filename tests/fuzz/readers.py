@@ -146,9 +146,9 @@ def uskin_pick(path: Path) -> Any:
 
 def sparsh_skin(path: Path) -> Any:
     """The two files of an episode, one by one."""
-    from torch_geometric_tactile.io.sparsh_skin_pickle import _joint_states, _touch
+    from torch_geometric_tactile.io.sparsh_skin_pickle import _read_joint_states, _read_touch
 
-    return plain(_touch(path) if path.name.startswith("touch") else _joint_states(path))
+    return plain(_read_touch(path) if path.name.startswith("touch") else _read_joint_states(path))
 
 
 def bigs(path: Path) -> Any:
@@ -195,9 +195,9 @@ def mat_zip_hash(path: Path) -> Any:
 
 
 def eflesh_sequence(path: Path) -> Any:
-    from torch_geometric_tactile.datasets.eflesh_slip import _sequence
+    from torch_geometric_tactile.datasets.eflesh_slip import _read_sequence
 
-    return plain(_sequence(str(path)))
+    return plain(_read_sequence(str(path)))
 
 
 def npz(path: Path) -> Any:

@@ -53,7 +53,7 @@ def dataset(classes=3, num_frames=None, seed=0, **more):
     if num_frames is not None:
         data.num_frames = num_frames
     names = {} if not classes else {"class": [f"class {i}" for i in range(classes)]}
-    return StaticDataset._of((data, names), LAYOUT, None, None, None)
+    return StaticDataset._from_samples((data, names), LAYOUT, None, None, None)
 
 
 def fitted(name, samples, transform=None, task="multiclass", **more):
@@ -173,7 +173,7 @@ def test_taxels_that_move_are_where_they_are(name):
     }
     samples = dataset()
     data = StaticData(x=torch.randn(120, 12, 3, generator=draw), y=samples.data.y, **places)
-    moving = StaticDataset._of(
+    moving = StaticDataset._from_samples(
         (data, {"class": list(samples.class_names)}), LAYOUT, None, None, None
     )
     pipeline, seen = fitted(name, moving)
@@ -279,7 +279,7 @@ def test_repeated_descriptors_of_a_large_layout():
     y = torch.arange(40) % 2
     x = torch.rand(40, 480, 1, generator=draw)
     x[:, :240] += y.view(-1, 1, 1)
-    samples = StaticDataset._of(
+    samples = StaticDataset._from_samples(
         (StaticData(x=x, y=y, pos=pad.pos), {"class": ["low", "high"]}), pad, None, None, None
     )
     pipeline = baselines.descriptor_forest(pad, num_trees=5)

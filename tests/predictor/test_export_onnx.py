@@ -120,7 +120,7 @@ def frames(layout=LAYOUT, num_samples=40):
 
 
 def dataset(transform=None, layout=LAYOUT):
-    return StaticDataset._of((frames(layout), {}), layout, transform, None, None)
+    return StaticDataset._from_samples((frames(layout), {}), layout, transform, None, None)
 
 
 PAIRS = {  # a data set, a model, and transforms
@@ -211,7 +211,7 @@ PAIRS = {  # a data set, a model, and transforms
         [T.ZScore(scale_per="channel")],
     ),
     "bmf_cnn": lambda: (
-        StaticDataset._of((frames(IMAGE), {}), IMAGE, None, None, None),
+        StaticDataset._from_samples((frames(IMAGE), {}), IMAGE, None, None, None),
         BMFCNN(IMAGE, 3, in_channels=3, hidden_channels=5),
         [T.ZScore(per="channel")],
     ),

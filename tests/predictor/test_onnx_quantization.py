@@ -45,7 +45,7 @@ def frames(count=120):
 
 def predictor(length=None, widths=WIDTHS, task="multiclass", tare=True):
     torch.manual_seed(0)
-    data = StaticDataset._of((frames(), {"class": NAMES}), LAYOUT, None, None, None)
+    data = StaticDataset._from_samples((frames(), {"class": NAMES}), LAYOUT, None, None, None)
     data = data if length is None else Windows(data, length)
     transform = Compose([*([T.Tare(first=10)] if tare else []), T.ZScore()])
     T.fit_parts(transform, data)

@@ -390,7 +390,7 @@ def test_tare_cannot_come_after_a_transform_of_frames():
     trial = torch.zeros(20, dtype=torch.long)
     data = StaticData(x=readings(20, 4, 1), trial=trial, step=torch.arange(20))
     transform = ZScore(per="channel").fit(data)
-    frames = StaticDataset._of((data, {}), LAYOUT, transform, None, None)
+    frames = StaticDataset._from_samples((data, {}), LAYOUT, transform, None, None)
     predictor = Predictor.from_dataset(Sum(), Windows(frames, 4), task="regression")
     with pytest.raises(ValueError, match="the rest must be subtracted before all other transforms"):
         predictor.with_tare()

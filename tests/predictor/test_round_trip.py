@@ -30,7 +30,7 @@ from torch_geometric_tactile.predictor import (
     AverageModel,
     EstimatorModel,
     MissingOwnError,
-    classes,
+    _classes,
 )
 from torch_geometric_tactile.predictor._plain_data import Builder, Describer
 from torch_geometric_tactile.sensors import TaxelLayout, grid
@@ -242,7 +242,7 @@ def equal(a, b):
 def test_every_transform_has_an_example():
     ours = {n for n in transforms.__all__ if inspect.isclass(getattr(transforms, n))}
     assert {*OURS, *WINDOWED} == ours - {"FittedTransform", "TactileTransform"}  # the base classes
-    assert set(classes.transform_classes()) == ours - {"TactileTransform"} | set(PYG)
+    assert set(_classes.transform_classes()) == ours - {"TactileTransform"} | set(PYG)
 
 
 @pytest.mark.parametrize(
@@ -350,7 +350,7 @@ OWN = {"gcn_patch"}  # with an encoder that is given as a module
 
 
 def test_every_model_has_an_example():
-    built = set(classes.model_classes())
+    built = set(_classes.model_classes())
     assert {type(make()).__name__ for make in MODELS.values()} == built - PARTS
     assert built == {*nn.models.__all__, "AverageModel", "EstimatorModel"}
 
@@ -403,7 +403,7 @@ def test_other_generators_are_refused_when_built(described):
 def test_random_transforms_all_check_their_generators():
     takes = {
         name
-        for name, kind in classes.transform_classes().items()
+        for name, kind in _classes.transform_classes().items()
         if "generator" in inspect.signature(kind.__init__).parameters
     }
     assert takes == {"DropTaxels", "DropPatches"} | {
