@@ -239,7 +239,7 @@ def test_a_predictor_knows_the_columns_of_its_training(tmp_path, monkeypatch, ca
     loaded = Predictor.load("a.predictor")
     assert loaded.read_options == {**OPTIONS, "tactile": PADS, "joint": ["q"]}
     assert loaded.with_tare().read_options == loaded.read_options
-    windows = Preparation.of_dataset(Windows(dataset, 2))
+    windows = Preparation.from_dataset(Windows(dataset, 2))
     assert windows.read_options == loaded.read_options
     glove(tmp_path / "new.csv", ["q", "note", *PADS[::-1]])
     assert loaded.recording(read_recording("new.csv", **loaded.read_options)).allclose(expected)

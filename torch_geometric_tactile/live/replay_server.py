@@ -11,7 +11,7 @@ import numpy as np
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.recording import Recording
-from torch_geometric_tactile.io._xela_message import XELA_VERSION
+from torch_geometric_tactile.io.xela_message import XELA_VERSION
 from torch_geometric_tactile.live._web_server import WebServer
 
 _MAX_COUNT = 0xFFFF
@@ -76,7 +76,7 @@ class ReplayServer(WebServer):
         self.sent = 0
         self._start_time: float | None = None
         self._has_finished = False
-        self._is_closing = threading.Event()
+        self._close_event = threading.Event()
         self._ended = threading.Event()
         super().__init__(
             host, port, name="the server", max_clients=_MAX_CLIENTS, close_timeout=_CLOSE_SECONDS
@@ -98,7 +98,7 @@ class ReplayServer(WebServer):
 
     def close(self) -> None:
         r"""Closes all connections. Does nothing if the server is closed."""
-        self._is_closing.set()
+        self._close_event.set()
         self._ended.set()
         super().close()
 
@@ -122,7 +122,7 @@ class ReplayServer(WebServer):
         length = self._messages.num_frames
         while self.loop or frame < length:
             late_seconds = time.perf_counter() - self._due_time(frame)
-            if self._is_closing.is_set():
+            if self._close_event.is_set():
                 return False
             if late_seconds < 0:
                 await asyncio.sleep(min(-late_seconds, _POLL_SECONDS))
