@@ -25,7 +25,7 @@ from torch_geometric_tactile.experiments.advice import advice, recommended, to_d
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import (
     ComparisonSettings,
-    _predicts_numbers,
+    _is_regression,
     comparison_plan,
     summarize,
 )
@@ -849,4 +849,4 @@ def test_negative_class_is_refused():
     y = torch.arange(-1, 2).repeat(8)
     data = StaticDataset.from_arrays(torch.randn(24, 6, 1), y, layout=grid(2, 3, pitch=0.01))
     with pytest.raises(ValueError, match=r"'y' must be classes from 0; leave .* \(got -1\)"):
-        _predicts_numbers(data)
+        _is_regression(data)

@@ -14,7 +14,7 @@ from torch_geometric_tactile.experiments._held_out import (
     choice_parts,
     compared_protocol,
 )
-from torch_geometric_tactile.experiments.comparison import _predicts_numbers
+from torch_geometric_tactile.experiments.comparison import _is_regression
 
 
 def dataset(folder, **changes):
@@ -154,15 +154,15 @@ def test_too_few_units_are_refused(tmp_path, changes, by, match):
 
 
 def test_what_is_predicted_follows_from_the_labels(tmp_path):
-    assert not _predicts_numbers(dataset(tmp_path))
-    assert _predicts_numbers(dataset(tmp_path, y=np.arange(48) / 7))
+    assert not _is_regression(dataset(tmp_path))
+    assert _is_regression(dataset(tmp_path, y=np.arange(48) / 7))
     found = dataset(tmp_path)
     found._data.y = torch.zeros(48, 2)
     with pytest.raises(ValueError, match="got 0 and 1 for each of 2 labels"):
-        _predicts_numbers(found)
+        _is_regression(found)
     del found._data.y
     with pytest.raises(ValueError, match=r"'data' must have 'y', .* \(got none\)"):
-        _predicts_numbers(found)
+        _is_regression(found)
 
 
 @pytest.mark.parametrize(
