@@ -29,7 +29,7 @@ def demo(tmp_path_factory):
     out = tmp_path_factory.mktemp("demo") / "report"
     with pytest.MonkeyPatch.context() as patch:
         few = {"num_samples": 240, "num_test": 90, "num_objects": 6}
-        patch.setattr(_demo, "_NUM_GENERATED", few)
+        patch.setattr(_demo, "_GENERATED_ARGUMENTS", few)
         assert main([*SHORT, "--out", str(out)]) == 0
         yield out, json.loads((out / "comparisons.json").read_text())
 
