@@ -3,8 +3,8 @@
     python tests/mutation/run.py --mutants 200
 
 Each mutant is tried on a copy of the checkout, with the tests of its folder (``tests/<folder>``),
-first those that name its module. Libraries are imported once, and a process is forked for each mutant.
-Results are added to a log, and what is in it already is not run again.
+first those that name its module. Libraries are imported once, and a process is forked for each
+mutant. Results are added to a log, and what is in it already is not run again.
 """
 
 import argparse

@@ -11,7 +11,7 @@ import numpy as np
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.recording import Recording
-from torch_geometric_tactile.io.xela_message import XELA_VERSION
+from torch_geometric_tactile.io._xela_message import XELA_VERSION
 from torch_geometric_tactile.live._web_server import WebServer
 
 _MAX_COUNT = 0xFFFF
