@@ -76,7 +76,7 @@ class ReplayServer(WebServer):
         self.sent = 0
         self._start_time: float | None = None
         self._has_finished = False
-        self._close_event = threading.Event()
+        self._is_closing = threading.Event()
         self._ended = threading.Event()
         super().__init__(
             host, port, name="the server", max_clients=_MAX_CLIENTS, close_timeout=_CLOSE_SECONDS
@@ -98,7 +98,7 @@ class ReplayServer(WebServer):
 
     def close(self) -> None:
         r"""Closes all connections. Does nothing if the server is closed."""
-        self._close_event.set()
+        self._is_closing.set()
         self._ended.set()
         super().close()
 
@@ -122,7 +122,7 @@ class ReplayServer(WebServer):
         length = self._messages.num_frames
         while self.loop or frame < length:
             late_seconds = time.perf_counter() - self._due_time(frame)
-            if self._close_event.is_set():
+            if self._is_closing.is_set():
                 return False
             if late_seconds < 0:
                 await asyncio.sleep(min(-late_seconds, _POLL_SECONDS))
