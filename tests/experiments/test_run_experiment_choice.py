@@ -341,7 +341,7 @@ def test_scaled_targets_come_back(tmp_path):
     scale = TargetScale.from_samples(dataset)
     data = scale(dataset.data)
     assert data.y[:2].tolist() == [[-1.0, 0.0], [1.0, 0.0]]
-    assert scale.back(data.y).tolist() == y.tolist()
+    assert scale.unscale(data.y).tolist() == y.tolist()
 
 
 class Zeros(BaseTransform):
