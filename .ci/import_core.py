@@ -28,8 +28,8 @@ EXTRAS = {
     "websockets",
 }
 NEEDS_EXTRA = tuple(
-    f"torch_geometric_tactile.{room}"
-    for room in (
+    f"torch_geometric_tactile.{module}"
+    for module in (
         "training",
         "experiments",
         "papers",

@@ -5,6 +5,7 @@ import json
 import struct
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 from recordings import counting_recording
@@ -25,8 +26,9 @@ def unpack(message):
     return head, arrays
 
 
-def recording(count=100, rate=200.0, num_taxels=4, channels=1, **fields):
-    return counting_recording(count, num_taxels, channels, rate=rate, **fields)
+def recording(count=100, rate=200.0, num_taxels=4, channels=1, joint=None, **fields):
+    frames = counting_recording(count, num_taxels, channels, rate=rate, **fields)
+    return frames if joint is None else replace(frames, joint=joint)
 
 
 class Page:

@@ -189,9 +189,7 @@ untrained_size = [correlation(one.abs(), pressure) for one in random]
 sign = [correlation(learnt, one) for one in random]
 print(f"size of the evidence and mean pressure: trained {size:.2f}, untrained", end=" ")
 print(" ".join(f"{one:.2f}" for one in untrained_size))
-print(
-    "evidence with its sign, trained and untrained:", " ".join(f"{one:.2f}" for one in sign)
-)
+print("evidence with its sign, trained and untrained:", " ".join(f"{one:.2f}" for one in sign))
 
 assert size < max(untrained_size) + 0.2, "the place of the evidence is not learnt"
 assert max(abs(one) for one in sign) < 0.5, "its sign is not that of an untrained network"

@@ -50,7 +50,7 @@ def _as_of_0_2_0(root: Path) -> None:
     import pyarrow.parquet as pq
 
     path = root / "data/chunk-000/file-000.parquet"
-    table = pq.read_parquet(path)
+    table = pq.read_table(path)
     readings = np.reshape(table["observation.tactile"].to_pylist(), (-1, 3, 3)).tolist()
     table = table.set_column(0, "observation.tactile", pa.array(readings))
     pq.write_table(table.replace_schema_metadata(None), path, write_page_checksum=True)
@@ -101,7 +101,7 @@ def _other_table(data: bytes, draw: Random) -> bytes:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = pq.read_parquet(io.BytesIO(data))
+    table = pq.read_table(io.BytesIO(data))
     index = draw.randrange(table.num_columns)
     name, rows = table.column_names[index], table.num_rows
     kind = draw.randrange(6)

@@ -103,7 +103,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import write_wide_csv
+from torch_geometric_tactile.io._wide_csv import write_wide_csv
 
 folder, name, count = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 spans = [(0.0, 0.1, name)]

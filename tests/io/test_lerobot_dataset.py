@@ -129,7 +129,7 @@ def test_files_are_where_the_format_has_them(root):
 
 
 def test_frames_have_the_documented_columns(root):
-    table = pq.read_parquet(root / "data/chunk-000/file-000.parquet")
+    table = pq.read_table(root / "data/chunk-000/file-000.parquet")
     types = {field.name: str(field.type) for field in table.schema}
     types = {name: re.sub("element|item", "x", text) for name, text in types.items()}
     assert types == {
@@ -149,7 +149,7 @@ def test_frames_have_the_documented_columns(root):
 
 
 def test_episodes_have_the_documented_columns(root):
-    (first, second, _) = pq.read_parquet(root / "meta/episodes").to_pylist()
+    (first, second, _) = pq.read_table(root / "meta/episodes").to_pylist()
     keys = ("min", "max", "mean", "std", "q01", "q10", "q50", "q90", "q99", "count")
     names = ("observation.tactile", "observation.state", *DEFAULT_FEATURES)
     assert set(first) == {
@@ -165,7 +165,7 @@ def test_episodes_have_the_documented_columns(root):
 
 
 def test_tasks_are_an_index_for_pandas(root):
-    table = pq.read_parquet(root / "meta/tasks.parquet")
+    table = pq.read_table(root / "meta/tasks.parquet")
     assert table.to_pydict() == {"task_index": [0, 1], "__index_level_0__": ["mug", "box é"]}
     assert json.loads(table.schema.metadata[b"pandas"])["index_columns"] == ["__index_level_0__"]
 
@@ -250,7 +250,7 @@ def test_frames_since_the_last_step_come_before_it_and_the_newest_last(tmp_path)
     time = np.array([0.0, 0.04, 0.1, 0.32])  # steps at 0, 0.1, 0.2, 0.3 and 0.4
     recording = Recording(time, np.arange(1.0, 5).reshape(4, 1, 1).repeat(2, 1))
     write_lerobot([recording], tmp_path / "set", fps=10, every_frame=True)
-    table = pq.read_parquet(next(tmp_path.rglob("data/*/*")))
+    table = pq.read_table(next(tmp_path.rglob("data/*/*")))
     nan = np.nan
     rows = np.array(table["observation.tactile_frames"].to_pylist())
     expected = [[nan, nan, 1, 1], [2, 2, 3, 3], [nan] * 4, [nan] * 4, [nan, nan, 4, 4]]
@@ -286,7 +286,7 @@ def test_long_sets_have_several_files(tmp_path, monkeypatch, most_bytes, files):
     assert found == [
         f"chunk-{chunk:03d}/file-{file:03d}.parquet" for chunk, file in sorted(set(files))
     ]
-    rows = pq.read_parquet(tmp_path / "set/meta/episodes").to_pylist()
+    rows = pq.read_table(tmp_path / "set/meta/episodes").to_pylist()
     assert [(row["data/chunk_index"], row["data/file_index"]) for row in rows] == files
     assert [found.num_frames for found in read_lerobot(tmp_path / "set")] == [6, 4, 5]
 
@@ -298,7 +298,7 @@ def change(path, **values):
 
 def test_sets_of_others_have_other_features(root):
     path = root / "data/chunk-000/file-000.parquet"
-    table = pq.read_parquet(path)
+    table = pq.read_table(path)
     skin = pa.array(np.arange(30.0).reshape(15, 2).tolist())
     table = table.append_column("skin", skin).append_column("one", pa.array(range(15)))
     pq.write_table(table, path)

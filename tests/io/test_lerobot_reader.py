@@ -38,14 +38,14 @@ def change_info(root, **values):
 
 
 def put(path, name, values):
-    table = pq.read_parquet(path)
+    table = pq.read_table(path)
     index = table.schema.get_field_index(name)
     pq.write_table(table.set_column(index, name, pa.array(values)), path)
 
 
 def as_of_0_2_0(root):
     """Rewrites a data set in the form of 0.2.0: two dimensions, and labels by position."""
-    rows = pq.read_parquet(root / DATA)["observation.tactile"].to_pylist()
+    rows = pq.read_table(root / DATA)["observation.tactile"].to_pylist()
     put(root / DATA, "observation.tactile", np.reshape(rows, (-1, 2, 3)).tolist())
     features = json.loads((root / "meta/info.json").read_text())["features"]
     feature = {"dtype": "float32", "shape": [2, 3], "names": ["taxels", "channels"]}
@@ -137,7 +137,7 @@ def test_rows_that_contradict_the_data_set_are_refused(root, name, values, match
 
 
 def test_episodes_come_in_their_order_and_times_may_jitter_by_a_tenth_of_a_millisecond(root):
-    table = pq.read_parquet(root / DATA)
+    table = pq.read_table(root / DATA)
     (root / "data/chunk-1000").mkdir()
     pq.write_table(table.slice(0, 6), root / "data/chunk-1000/file-000.parquet")
     pq.write_table(table.slice(6), root / DATA)
@@ -185,7 +185,7 @@ def test_times_of_long_episodes_may_be_single_precision(fps):
 
 
 def test_an_episode_in_two_files_is_refused(root):
-    table = pq.read_parquet(root / DATA)
+    table = pq.read_table(root / DATA)
     pq.write_table(table.slice(0, 3), root / DATA)
     pq.write_table(table.slice(3), root / "data/chunk-000/file-001.parquet")
     (root / "meta/tactile.json").unlink()
@@ -218,7 +218,7 @@ def test_the_column_of_tasks_goes_by_its_name(root):
 
 @pytest.mark.parametrize("name", [DATA, "meta/tasks.parquet"])
 def test_a_column_that_is_there_twice_is_refused(root, name):
-    table = pq.read_parquet(root / name)
+    table = pq.read_table(root / name)
     for column in table.column_names[:2]:
         pq.write_table(table.append_column(column, table[column]), root / name)
         with pytest.raises(ValueError, match=f"must have the column '{column}' once"):
@@ -248,7 +248,7 @@ def unread(monkeypatch):
 def test_data_that_unpack_to_far_more_are_refused_before_memory(root, unread):
     path = root / DATA
     rows = 500_000
-    table = pq.read_parquet(path).slice(0, 1).take(np.zeros(rows, dtype=np.int32))
+    table = pq.read_table(path).slice(0, 1).take(np.zeros(rows, dtype=np.int32))
     with pq.ParquetWriter(path, table.schema, compression="zstd") as writer:
         for _ in range(30):
             writer.write_table(table)

@@ -64,7 +64,7 @@ def test_a_copy_is_as_if_written_at_once(source, tmp_path):
     add_to_lerobot(source, touch, tmp_path / "new")
     info = json.loads((tmp_path / "new/meta/info.json").read_text())
     assert info["features"][TOUCH]["shape"] == [6]
-    table = pq.read_parquet(next(tmp_path.glob("new/data/*/*")))
+    table = pq.read_table(next(tmp_path.glob("new/data/*/*")))
     described = json.loads(table.schema.metadata[b"huggingface"])["info"]["features"]
     assert [*described] == table.column_names
     assert described[TOUCH]["length"] == 6
@@ -73,7 +73,7 @@ def test_a_copy_is_as_if_written_at_once(source, tmp_path):
     stats = json.loads((tmp_path / "new/meta/stats.json").read_text())
     assert stats[TOUCH]["mean"] == pytest.approx(readings.mean(axis=0), abs=1e-6)
     assert "observation.state" in stats
-    second = pq.read_parquet(tmp_path / "new/meta/episodes").to_pylist()[1]
+    second = pq.read_table(tmp_path / "new/meta/episodes").to_pylist()[1]
     assert second[f"stats/{TOUCH}/max"] == pytest.approx(readings[12:].max(axis=0))
 
 

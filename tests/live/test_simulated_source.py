@@ -1,3 +1,4 @@
+from importlib import import_module
 from itertools import islice
 
 import numpy as np
@@ -26,7 +27,8 @@ def short_grasps(monkeypatch):
             meta |= {"unit": "count", "rate": 200.0}
             yield Recording([0.005, 0.01, 0.015], tactile, label=f"object {trial}", meta=meta)
 
-    monkeypatch.setattr("torch_geometric_tactile.sim.simulate.grasp_recordings", grasps)
+    module = import_module("torch_geometric_tactile.sim.simulate")  # the package has a function so
+    monkeypatch.setattr(module, "grasp_recordings", grasps)
     return asked
 
 

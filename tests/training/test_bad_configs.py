@@ -153,7 +153,11 @@ def test_checkpoint_with_other_contents_names_the_file(checkpoint, change, messa
         ("arguments", {"num_classes": 10**12}, "no TactileModule can be built"),
         ("description", {"class": "torch.nn.Linear"}, "there is no model 'torch.nn.Linear' in"),
         ("description", {"class": ["GraspGCN"]}, "no TactileModule can be built"),
-        ("description", {"own": "OwnNet"}, "'model' must be given: .* of a OwnNet, which is not"),
+        (
+            "description",
+            {"own": "OwnNet"},
+            "'model' must be given: .* OwnNet, which cannot be built",
+        ),
     ],
 )
 def test_description_that_does_not_fit_names_the_file(checkpoint, entry, change, message):

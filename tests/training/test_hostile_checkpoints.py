@@ -179,7 +179,7 @@ def test_own_model_is_not_built_from_the_configuration_beside(run, tmp_path, pla
         assert main([str(word) for word in verb]) == 1
         error = capsys.readouterr().err
         assert (
-            "which is not built by name; pass its configuration with '--config FILE'" in error
+            "cannot be built from the file; pass its configuration with '--config FILE'" in error
             or ("needs the extra" in error)
         )
     assert not mark.exists()

@@ -71,7 +71,7 @@ def test_network_learns_touches_of_other_subjects(tmp_path):
     again = TactileModule.load_from_checkpoint(tmp_path / "last.ckpt", model=Attention(2, 2))
     batch = next(iter(data.test_dataloader()))
     assert again.eval()(batch).equal(model.eval()(batch))
-    with pytest.raises(ValueError, match=r"has no predictor: .* on samples that share no layout"):
+    with pytest.raises(ValueError, match=r"has no predictor: .* its samples share no layout"):
         Predictor.from_checkpoint(tmp_path / "last.ckpt")
 
 

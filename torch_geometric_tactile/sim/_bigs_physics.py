@@ -94,7 +94,7 @@ class BigsSimulator:
         ImportError: If MuJoCo is missing.
 
     Examples:
-        >>> from torch_geometric_tactile.sim import draw_grasp
+        >>> from torch_geometric_tactile.sim._bigs_plan import draw_grasp
         >>> simulator = BigsSimulator(draw_grasp("ball", np.random.default_rng(0)))
         >>> simulator.model.opt.timestep == 1 / CONTROL_RATE
         True

@@ -24,7 +24,6 @@ def slip_onset(physics: BigsPhysics) -> int | None:
         physics (BigsPhysics): The grasp.
 
     Examples:
-        >>> from torch_geometric_tactile.sim import BigsPhysics
         >>> slide = np.zeros((300, 3, 3))
         >>> slide[100:, :, 0] = 0.1  # from tick 100 on the object slides at 0.1 m/s
         >>> unused = [slide] * 4
