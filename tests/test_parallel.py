@@ -95,7 +95,7 @@ def test_table_is_trained_by_dask(dask_client, grasps, tmp_path):
         run = run_plan(plan, tmp_path, only=["ii_tac"])
     assert not run.failed
     assert len(run.results) == len(list((tmp_path / "runs").glob("ii_tac_*.json"))) == 2
-    assert run_plan(plan, tmp_path, only=["ii_tac"]).num_reused == 2
+    assert run_plan(plan, tmp_path, only=["ii_tac"]).kept == 2
 
 
 @pytest.mark.full

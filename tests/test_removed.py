@@ -1,6 +1,7 @@
 """Names and options of earlier versions, which tell what to use now."""
 
 import re
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -8,7 +9,12 @@ import pytest
 
 import torch_geometric_tactile
 from torch_geometric_tactile import _removed
-from torch_geometric_tactile._removed import PRIVATE_NAMES, REPLACEMENTS, removed_names
+from torch_geometric_tactile._removed import (
+    MOVED_MODULES,
+    PRIVATE_NAMES,
+    REPLACEMENTS,
+    removed_names,
+)
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.nn import GraspGCN
 
@@ -71,6 +77,16 @@ def test_removed_option_is_an_error_that_says_what_to_do(command, value, capsys)
 def test_migration_page_has_every_removed_name(name):
     rows = [line for line in MIGRATION.read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
     assert any(f"`{name}`" in row.split("|")[1] for row in rows)
+
+
+@pytest.mark.parametrize("earlier", ["io.wide_csv", "sensors.checks", "predictor.content"])
+def test_moved_module_is_imported_by_its_earlier_name(earlier, monkeypatch):
+    earlier = f"torch_geometric_tactile.{earlier}"
+    present = import_module(MOVED_MODULES[earlier])
+    monkeypatch.delitem(sys.modules, earlier, raising=False)
+    with pytest.warns(DeprecationWarning, match=f"'{earlier}' is private .* '{present.__name__}'"):
+        assert import_module(earlier) is present
+    assert present.__spec__.name == present.__name__ == MOVED_MODULES[earlier]
 
 
 def test_migration_page_has_every_private_name():

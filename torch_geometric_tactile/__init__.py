@@ -6,6 +6,9 @@ command line responds before :obj:`torch` is imported.
 
 import lazy_loader
 
+from torch_geometric_tactile._removed import accept_moved_modules
+
 __version__ = "0.2.1"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+accept_moved_modules()

@@ -3,7 +3,13 @@ r"""Names and options that version 0.3.0 removed or made private.
 Version 0.4.0 deletes this module.
 """
 
+import sys
+import warnings
 from collections.abc import Callable
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 from typing import Any
 
 _PACKAGE = "torch_geometric_tactile."
@@ -124,6 +130,11 @@ PRIVATE_NAMES: dict[str, str] = {
     for name in names.split()
 }
 
+# Modules by the names that they had until version 0.2.
+MOVED_MODULES = {
+    module.replace("._", "."): module for module in {*PRIVATE_NAMES.values()} if "._" in module
+}
+
 # Files of removed features.
 LAST_READER = "version 0.2.1 is the last version that reads it"
 ENCODER_KEY = "torch_geometric_tactile.encoder"
@@ -157,3 +168,35 @@ def removed_names(
         raise AttributeError(f"module '{package}' has no attribute '{name}'")
 
     return get_attribute
+
+
+class MovedModules(MetaPathFinder, Loader):
+    r"""Imports the modules that version 0.3.0 made private by their earlier names too."""
+
+    def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        r"""Returns the specification of a module that was moved."""
+        return ModuleSpec(fullname, self) if fullname in MOVED_MODULES else None
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        r"""Returns the module under its present name."""
+        present = MOVED_MODULES[spec.name]
+        warnings.warn(
+            f"'{spec.name}' is private since version 0.3.0: import '{present}'; version 0.4.0 no "
+            "longer accepts the earlier name",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        module = import_module(present)
+        spec.loader_state = module.__spec__
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        r"""Restores the specification that the import system replaced; the module has run."""
+        assert module.__spec__ is not None
+        module.__spec__ = module.__spec__.loader_state
+
+
+def accept_moved_modules() -> None:
+    r"""Lets the interpreter find moved modules, once."""
+    if not any(isinstance(finder, MovedModules) for finder in sys.meta_path):
+        sys.meta_path.append(MovedModules())

@@ -96,7 +96,7 @@ def test_a_network_may_be_trained_on_readings_in_units_of_their_size(tmp_path, m
     source = data_source(tmp_path / "a.npz", grid="3x4")
     settings = ComparisonSettings(models=("fnn",), folds=3, epochs=20, members=2)
     comparison = comparing.compare(source, settings, tmp_path / "out")
-    assert comparison.model_result("fnn").scores["accuracy"].mean > 0.6  # of three classes
+    assert comparison.of("fnn").scores["accuracy"].mean > 0.6  # of three classes
     predictor = deploy(comparison, "fnn")
     x = source.resolve()[0].load().data.x
     expected = predictor(x)

@@ -669,7 +669,7 @@ def test_model_that_lacks_a_split_is_left_out(tmp_path):
     assert to_dict(comparison)["failed"] == {"gcn, by trial, seed 0, fold 1": "it must not"}
     assert "it must not" in comparison_markdown(comparison)
     with pytest.raises(ValueError, match=r"'name' must be one of \['fnn'\] \(got 'gcn'\)"):
-        comparison.model_result("gcn")
+        comparison.of("gcn")
 
 
 def test_pages_hold_the_numbers(tmp_path):
@@ -786,17 +786,17 @@ def edited_nets(tmp_path, monkeypatch):
 
 
 def test_edited_model_of_ones_own_is_trained_again(tmp_path, edited_nets):
-    assert own_run(tmp_path).num_reused == 0
-    assert own_run(tmp_path).num_reused == 2
+    assert own_run(tmp_path).kept == 0
+    assert own_run(tmp_path).kept == 2
     edited_nets.write_text(ESTIMATOR.format(k=24))
     importlib.reload(sys.modules["edited_nets"])
     again = own_run(tmp_path)
-    assert again.num_reused == 0
+    assert again.kept == 0
     accuracy = summarize(again).results[0].scores["accuracy"].mean
     assert accuracy < 0.5  # the votes of all are those of the most frequent class
     edited_nets.write_text(ESTIMATOR.format(k=1))
     importlib.reload(sys.modules["edited_nets"])
-    assert own_run(tmp_path).num_reused == 2  # as it was
+    assert own_run(tmp_path).kept == 2  # as it was
 
 
 def test_model_without_source_is_not_kept(tmp_path, caplog):
@@ -806,7 +806,7 @@ def test_model_without_source_is_not_kept(tmp_path, caplog):
     try:
         for _ in range(2):
             run = own_run(tmp_path, "made_nets.nearest")
-            assert (run.num_reused, len(run.results), run.missing) == (0, 2, 0)
+            assert (run.kept, len(run.results), run.missing) == (0, 2, 0)
     finally:
         del sys.modules["made_nets"]
     assert not (tmp_path / "out" / "runs").exists()

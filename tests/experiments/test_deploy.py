@@ -73,7 +73,7 @@ def test_a_forest_is_that_of_scikit_learn(touched):
     assert isinstance(predictor.model, EstimatorModel)
     if (
         _most_frequent_setting(
-            touched.model_result("forest"), touched.run.plan.experiments[0].choice
+            touched.of("forest"), touched.run.plan.experiments[0].choice
         )
         == {}
     ):
@@ -107,11 +107,11 @@ def test_networks_are_averaged_and_are_drawn_as_in_the_comparison(touched, tmp_p
 
 
 def test_the_setting_chosen_most_often_is_trained_with(touched):
-    result, choice = touched.model_result("forest"), touched.run.plan.experiments[-2].choice
+    result, choice = touched.of("forest"), touched.run.plan.experiments[-2].choice
     assert len(choice.settings) == 3
     for numbers, expected in (([0, 1, 1], 1), ([1, 0], 0), ([0, 1, 0], 0)):
         chosen = tuple({"number": number} for number in numbers)
-        found = _most_frequent_setting(replace(result, selections=chosen), choice)
+        found = _most_frequent_setting(replace(result, chosen=chosen), choice)
         assert found == choice.settings[expected]
 
 

@@ -43,11 +43,11 @@ def test_networks_are_compared_on_subjects_that_are_new(mixed):
     comparison = summarize(mixed)
     assert comparison.units.name == "group"
     assert comparison.best_plain == "constant"
-    result = comparison.model_result(ATTENTION)
+    result = comparison.of(ATTENTION)
     assert result.model.is_graph
-    assert not comparison.model_result("constant").model.is_graph
+    assert not comparison.of("constant").model.is_graph
     assert result.scores["accuracy"].mean > 0.6
-    assert comparison.model_result("constant").scores["accuracy"].mean == 0.5
+    assert comparison.of("constant").scores["accuracy"].mean == 0.5
     subjects = {sample.trial: sample.group for sample in gloves(per_subject=8)}
     for experiment in mixed.plan.experiments:
         parts = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)

@@ -89,7 +89,7 @@ def test_killed_run_keeps_finished_experiments_and_no_half_one(start, grasps, tm
     settings = Settings(seeds=1, epochs=3)
     plan = make_plan(load_table("p2-table2"), settings, data={"root": str(grasps)})
     run = run_plan(plan, tmp_path, only=ONLY)
-    assert (run.num_reused, len(run.results), run.failed) == (len(finished), 8, {})
+    assert (run.kept, len(run.results), run.failed) == (len(finished), 8, {})
     assert {path: path.stat().st_mtime_ns for path in finished} == finished
     assert not list((tmp_path / "runs").glob(".*"))
 

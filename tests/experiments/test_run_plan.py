@@ -27,7 +27,7 @@ def test_finished_runs_are_kept(grasps, tmp_path, trained):
     only = ["ii_tac", "ii_pos"]
     run = run_table("p2-table2", grasps, tmp_path, QUICK, only)
     assert trained == ["ii_tac by trial 0", "ii_pos by trial 0"]
-    assert (len(run.results), run.num_reused, run.missing) == (2, 0, 16)
+    assert (len(run.results), run.kept, run.missing) == (2, 0, 16)
     kept = files(tmp_path)
     assert len(kept) == 2
     content = json.loads((tmp_path / "runs" / kept[1]).read_text())
@@ -37,7 +37,7 @@ def test_finished_runs_are_kept(grasps, tmp_path, trained):
     assert trained[2:] == [
         f"ii_{name} by trial 0" for name in ("tac_pos", "tac_joint", "pos_joint", "tac_pos_joint")
     ]
-    assert (len(run.results), run.num_reused, run.missing) == (6, 2, 12)
+    assert (len(run.results), run.kept, run.missing) == (6, 2, 12)
     assert run.describe() == "p2-table2: 6 of 18 runs finished (2 kept from before), 12 missing"
     run_table("p2-table4", grasps, tmp_path, QUICK, ["ii_*"])  # the same experiments
     assert len(trained) == 6
@@ -60,7 +60,7 @@ def test_all_seeds_and_splits_are_run(grasps, tmp_path, trained):
     assert len(trained) == 8  # other epochs are other runs
     assert len(files(tmp_path)) == 8
     again = run_table("p1-table3", grasps, tmp_path, settings, train=False)
-    assert (len(trained), again.num_reused) == (8, 4)
+    assert (len(trained), again.kept) == (8, 4)
 
 
 def test_one_configuration_of_two_tables_is_trained_once(grasps, tmp_path, trained):
@@ -76,12 +76,12 @@ def test_other_recordings_are_other_runs(grasps, tmp_path, trained):
     other.mkdir(parents=True)
     for path in sorted((grasps / "raw").iterdir())[:8]:
         (other / path.name).symlink_to(path)
-    assert run_table("p2-table2", other.parent, tmp_path, QUICK, ["ii_tac"]).num_reused == 0
+    assert run_table("p2-table2", other.parent, tmp_path, QUICK, ["ii_tac"]).kept == 0
     copied = tmp_path / "copy" / "raw"
     copied.mkdir(parents=True)
     for path in (grasps / "raw").iterdir():
         (copied / path.name).symlink_to(path)
-    assert run_table("p2-table2", copied.parent, tmp_path, QUICK, ["ii_tac"]).num_reused == 1
+    assert run_table("p2-table2", copied.parent, tmp_path, QUICK, ["ii_tac"]).kept == 1
 
 
 def test_failed_run_is_no_result(grasps, tmp_path, trained):
@@ -132,7 +132,7 @@ def changed_run(grasps, tmp_path, trained):
 
     def run_again(change):
         path.write_text(change(before))
-        return run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"]).num_reused
+        return run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"]).kept
 
     return run_again
 

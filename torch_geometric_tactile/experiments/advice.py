@@ -171,7 +171,7 @@ def _no_recommendation(comparison: Comparison, recommendation: _Recommendation) 
 
 
 def _relation_to_constant(comparison: Comparison, result: ModelResult) -> str:
-    is_worse = comparison.goodness(result) < comparison.goodness(comparison.model_result(FLOOR))
+    is_worse = comparison.goodness(result) < comparison.goodness(comparison.of(FLOOR))
     return "worse on the test part than" if is_worse else "within one standard error of"
 
 
@@ -491,7 +491,7 @@ def _model_dict(result: ModelResult) -> dict[str, Any]:
         "num_parameters": result.num_parameters,
         "seconds": result.seconds,
         "milliseconds": result.milliseconds,
-        "chosen": list(result.selections),
+        "chosen": list(result.chosen),
     }
 
 

@@ -147,7 +147,7 @@ class ModelResult:
             estimator.
         seconds (float): Mean seconds of selection and training on one split.
         milliseconds (float): Mean milliseconds to predict one sample.
-        selections (tuple of dict): The selected setting of each split, with its number and the
+        chosen (tuple of dict): The selected setting of each split, with its number and the
             validation scores.
         validation (float, optional): With given parts, the mean validation score over the
             validation parts and seeds.
@@ -159,7 +159,7 @@ class ModelResult:
     num_parameters: float | None
     seconds: float
     milliseconds: float
-    selections: tuple[dict[str, Any], ...]
+    chosen: tuple[dict[str, Any], ...]
     validation: float | None = None
 
 
@@ -249,7 +249,7 @@ class Comparison:
         mean = result.scores[self.metric].mean
         return -mean if self.metric == "mae" else mean
 
-    def model_result(self, name: str) -> ModelResult:
+    def of(self, name: str) -> ModelResult:
         r"""Returns the result of one model.
 
         Args:
@@ -505,7 +505,7 @@ def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
             ),
             milliseconds=1000
             * statistics.fmean(r["predict_seconds"] / r["num_test"] for r in complete[name]),
-            selections=tuple(r["chosen"] for r in complete[name]),
+            chosen=tuple(r["chosen"] for r in complete[name]),
             validation=_validation_score(complete[name]),
         )
         for name in (cell.experiment for cell in plan.table.cells)

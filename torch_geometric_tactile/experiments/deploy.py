@@ -71,7 +71,7 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
         >>> deploy(compare(data_source("touches.npz", grid="28x50"))).save("best.predictor")
         ... # doctest: +SKIP
     """
-    result = recommended(comparison) if name is None else comparison.model_result(name)
+    result = recommended(comparison) if name is None else comparison.of(name)
     if result is None:
         raise ValueError(
             f"'name' must be the name of a model, since none is recommended: {advice(comparison)}"
@@ -109,7 +109,7 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
 
 
 def _most_frequent_setting(result: ModelResult, choice: Choice) -> Mapping[str, Any]:
-    count = Counter(selection["number"] for selection in result.selections)
+    count = Counter(selection["number"] for selection in result.chosen)
     number = max(count, key=lambda number: (count[number], -number))  # 0 is the default
     return choice.settings[number]
 

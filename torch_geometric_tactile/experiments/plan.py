@@ -107,21 +107,21 @@ class PlanRun(NamedTuple):
     Args:
         plan (Plan): The plan.
         results (list of tuple): The finished experiments with their results.
-        num_reused (int): Number of finished experiments that were stored before.
+        kept (int): Number of finished experiments that were stored before.
         failed (dict): The error message of each failed experiment, by its label.
         missing (int): Number of experiments without a result.
     """
 
     plan: Plan
     results: list[tuple[Experiment, dict[str, Any]]]
-    num_reused: int
+    kept: int
     failed: dict[str, str]
     missing: int
 
     def describe(self) -> str:
         r"""Returns the numbers of finished and missing runs in one line."""
         total = len(self.results) + self.missing
-        reused = f" ({self.num_reused} kept from before)" if self.num_reused else ""
+        reused = f" ({self.kept} kept from before)" if self.kept else ""
         missing = f", {self.missing} missing" if self.missing else ""
         num_finished = len(self.results)
         return f"{self.plan.table.name}: {num_finished} of {total} runs finished{reused}{missing}"

@@ -131,7 +131,7 @@ def run_plan(
     return PlanRun(
         plan,
         results=[(e, results[e.code]) for e in experiments if e.code in results],
-        num_reused=_count_stored(experiments, stored_codes),
+        kept=_count_stored(experiments, stored_codes),
         failed=failed,
         missing=len(experiments) - _count_stored(experiments, results),
     )

@@ -63,7 +63,7 @@ def demo_rows(comparisons: DemoComparisons) -> tuple[list[str], list[list[str]]]
             name = result.model.name
             is_best = readings == COMMON_MODE and best is not None and best.model.name == name
             scores = [
-                by_held_out[column].model_result(name).scores["accuracy"] for column in columns
+                by_held_out[column].of(name).scores["accuracy"] for column in columns
             ]
             rows.append([f"{'*' if is_best else ''}{name}", readings, *map(_percent, scores)])
     return ["model", "readings", *columns], rows
@@ -84,7 +84,7 @@ def demo_conclusion(comparisons: DemoComparisons) -> str:
     name = main_model(comparisons)
 
     def percent(readings: str, held_out: str, model: str = name) -> str:
-        result = comparisons[readings][held_out].model_result(model)
+        result = comparisons[readings][held_out].of(model)
         return f"{100 * result.scores['accuracy'].mean:.1f} %"
 
     data = comparisons[COMMON_MODE][OFFICIAL_TEST].run.plan.data
