@@ -112,7 +112,7 @@ FOUR = np.ones((40, 4, 4), "<f4") * 25
         (
             "protocol=anyskin",
             b"".join(one.tobytes() + b"\r\n" for one in FOUR),
-            "with num_magnetometers=5",
+            "expected for num_magnetometers=5",
         ),
         (
             "protocol=text&shape=2x2",
