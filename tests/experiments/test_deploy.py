@@ -71,12 +71,7 @@ def test_a_forest_is_that_of_scikit_learn(touched):
     samples = touched.run.plan.data.load()
     predictor = deploy(touched, "forest")
     assert isinstance(predictor.model, EstimatorModel)
-    if (
-        _most_frequent_setting(
-            touched.of("forest"), touched.run.plan.experiments[0].choice
-        )
-        == {}
-    ):
+    if _most_frequent_setting(touched.of("forest"), touched.run.plan.experiments[0].choice) == {}:
         pipeline, seen = by_hand(touched, "forest", samples)
         expected = pipeline.predict_proba(seen)
         np.testing.assert_allclose(predictor(samples.data.x), expected, atol=1e-6)

@@ -103,8 +103,8 @@ def test_ctrl_c_ends_with_130_and_says_what_to_do(start, tmp_path):
     assert 2 <= len(kept) < 8
     assert all(json.loads(path.read_text())["result"] for path in kept)
     assert stderr == (
-        f"tactile: stopped; {len(kept)} of 36 runs are finished and kept: the same command goes "
-        "on; --no-train writes the table of finished runs\n"
+        f"tactile: stopped; {len(kept)} of 36 runs are finished and kept: run the same "
+        "command again to continue; --no-train writes the table of finished runs\n"
     )
     assert stdout == ""
     wait_until(lambda: not running(process.pid), 60)

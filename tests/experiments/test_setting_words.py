@@ -100,9 +100,7 @@ def test_page_of_a_comparison_says_how_often_each_was_chosen(tmp_path):
     tried = comparison.run.plan.experiments[0].choice.settings
     svm, constant = comparison.results
     chosen = tuple({"setting": tried[number]} for number in (0, -1, -1))
-    page = comparison_markdown(
-        replace(comparison, results=(replace(svm, chosen=chosen), constant))
-    )
+    page = comparison_markdown(replace(comparison, results=(replace(svm, chosen=chosen), constant)))
     both = (
         "C = 1, kernel width 1; C = 10, kernel width 1, readings in units of their size (RMS) (2 x)"
     )
