@@ -13,8 +13,8 @@ def select_pairs(items):
         products[item.nodeid.partition("[")[0]].append(item)
     selected = set()
     for cases in products.values():
-        selected.update(id(item) for item in _cover_pairs(cases))
-    return [item for item in items if id(item) in selected]
+        selected.update(_cover_pairs(cases))
+    return [item for item in items if item in selected]
 
 
 def _cover_pairs(cases):

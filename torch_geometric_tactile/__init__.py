@@ -4,11 +4,13 @@ Submodules are imported on first use, so that ``import torch_geometric_tactile``
 command line responds before :obj:`torch` is imported.
 """
 
+import sys
+
 import lazy_loader
 
-from torch_geometric_tactile._removed import accept_moved_modules
+from torch_geometric_tactile._removed import MovedModules
 
 __version__ = "0.2.1"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-accept_moved_modules()
+sys.meta_path.append(MovedModules())

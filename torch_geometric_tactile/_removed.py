@@ -3,7 +3,6 @@ r"""Names and options that version 0.3.0 removed or made private.
 Version 0.4.0 deletes this module.
 """
 
-import sys
 import warnings
 from collections.abc import Callable
 from importlib import import_module
@@ -134,6 +133,8 @@ PRIVATE_NAMES: dict[str, str] = {
 MOVED_MODULES = {
     module.replace("._", "."): module for module in {*PRIVATE_NAMES.values()} if "._" in module
 }
+# Configurations beside checkpoints name this module.
+MOVED_MODULES[f"{_PACKAGE}papers._grasp_twin"] = f"{_PACKAGE}papers._taxel_net_without_edges"
 
 # Files of removed features.
 LAST_READER = "version 0.2.1 is the last version that reads it"
@@ -194,9 +195,3 @@ class MovedModules(MetaPathFinder, Loader):
         r"""Restores the specification that the import system replaced; the module has run."""
         assert module.__spec__ is not None
         module.__spec__ = module.__spec__.loader_state
-
-
-def accept_moved_modules() -> None:
-    r"""Lets the interpreter find moved modules, once."""
-    if not any(isinstance(finder, MovedModules) for finder in sys.meta_path):
-        sys.meta_path.append(MovedModules())

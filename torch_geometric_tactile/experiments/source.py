@@ -185,7 +185,7 @@ class DataSource:
         r"""Returns everything that determines the samples, as plain data, without captions and the
         location of files.
         """
-        content = self._to_plain(with_locations=False)
+        content = self._to_plain()
         return {
             "class_path": content["class_path"],
             "arguments": content["init_args"],
@@ -193,11 +193,12 @@ class DataSource:
             "fingerprint": self.fingerprint,
         }
 
-    def _to_plain(self, *, with_locations: bool) -> dict[str, Any]:
-        omitted = set() if with_locations else set(_LOCATION_ARGUMENTS)
-        arguments = {key: v for key, v in self.arguments.items() if key not in omitted}
+    def _to_plain(self) -> dict[str, Any]:
+        arguments = {
+            key: value for key, value in self.arguments.items() if key not in _LOCATION_ARGUMENTS
+        }
         if self.frames is not None:
-            arguments[_VIEW_ARGUMENT] = self.frames._to_plain(with_locations=with_locations)
+            arguments[_VIEW_ARGUMENT] = self.frames._to_plain()
         content: dict[str, Any] = {"class_path": self.class_path, "init_args": arguments}
         if self.stride is not None:
             steps = {_VIEW_ARGUMENT: content, "stride": self.stride}
@@ -213,8 +214,9 @@ class DataSource:
         return replace(self, selection={}, kind="", caption="")
 
     def _cache(self, dataset: SampleSet) -> None:
-        _DATASETS.pop(self._cache_key, None)
-        _DATASETS[self._cache_key] = dataset
+        key = self._cache_key
+        _DATASETS.pop(key, None)  # so that it becomes the latest
+        _DATASETS[key] = dataset
         for oldest in list(_DATASETS)[:-_MAX_CACHED_DATASETS]:
             del _DATASETS[oldest]
 

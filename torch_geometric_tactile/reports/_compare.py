@@ -224,9 +224,7 @@ def _settings_rows(comparison: Comparison) -> list[list[str]]:
     }
     for result in comparison.results:
         transform = transforms[result.model.name]
-        descriptions = [
-            describe_setting(choice["setting"], transform) for choice in result.chosen
-        ]
+        descriptions = [describe_setting(choice["setting"], transform) for choice in result.chosen]
         counts = {text: descriptions.count(text) for text in descriptions}
         summary = "; ".join(f"{text} ({n} x)" if n > 1 else text for text, n in counts.items())
         rows.append([result.model.name, result.model.title, summary])

@@ -62,9 +62,7 @@ def demo_rows(comparisons: DemoComparisons) -> tuple[list[str], list[list[str]]]
         for result in by_held_out[OFFICIAL_TEST].results:
             name = result.model.name
             is_best = readings == COMMON_MODE and best is not None and best.model.name == name
-            scores = [
-                by_held_out[column].of(name).scores["accuracy"] for column in columns
-            ]
+            scores = [by_held_out[column].of(name).scores["accuracy"] for column in columns]
             rows.append([f"{'*' if is_best else ''}{name}", readings, *map(_percent, scores)])
     return ["model", "readings", *columns], rows
 
