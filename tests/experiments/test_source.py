@@ -170,6 +170,24 @@ def test_source_is_one_value_for_all_processes(tmp_path):
     assert not tared.load().batch([0]).x.any()
 
 
+def test_identity_is_that_of_stored_runs():
+    frames = DataSource(FAKE, {"root": "here", "num_samples": 8}, stride=2, tare={"first": 4})
+    windows = DataSource("torch_geometric_tactile.data.Windows", {"length": 5}, frames=frames)
+    module = "torch_geometric_tactile.experiments.compared_windows"
+    strided = {"class_path": FAKE, "init_args": {"num_samples": 8}}
+    strided = {
+        "class_path": f"{module}.strided_frames",
+        "init_args": {"dataset": strided, "stride": 2},
+    }
+    tared = {"class_path": f"{module}.tared_frames", "init_args": {"dataset": strided, "first": 4}}
+    assert windows.identity() == {
+        "class_path": "torch_geometric_tactile.data.Windows",
+        "arguments": {"length": 5, "dataset": tared},
+        "selection": {},
+        "fingerprint": "",
+    }
+
+
 @pytest.mark.parametrize(
     ("split", "note"), [("test", " (the part 'test' of the data set)"), (None, "")]
 )
