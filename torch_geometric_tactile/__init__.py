@@ -8,9 +8,9 @@ import sys
 
 import lazy_loader
 
-from torch_geometric_tactile._removed import MovedModules
+from torch_geometric_tactile._removed import RemovedNames
 
 __version__ = "0.2.1"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-sys.meta_path.append(MovedModules())
+sys.meta_path.append(RemovedNames())

@@ -155,27 +155,36 @@ def removal_message(name: str) -> str | None:
 def removed_names(
     package: str, fallback: Callable[[str], Any] | None = None
 ) -> Callable[[str], Any]:
-    r"""Returns a module-level :obj:`__getattr__` that raises :obj:`ImportError` for removed names.
+    r"""Returns a module-level :obj:`__getattr__` whose error says what replaces a removed name.
 
-    An :obj:`AttributeError` would not do: ``from package import name`` hides its message.
+    It is an :obj:`AttributeError`, as :func:`hasattr`, :mod:`pickle` and command lines made from
+    signatures expect. ``from package import name`` hides its message: see :class:`RemovedNames`.
     """
 
     def get_attribute(name: str) -> Any:
         message = removal_message(f"{package}.{name}".removeprefix(_PACKAGE))
-        if message is not None:
-            raise ImportError(message)
-        if fallback is not None:
+        if message is None and fallback is not None:
             return fallback(name)
-        raise AttributeError(f"module '{package}' has no attribute '{name}'")
+        raise AttributeError(message or f"module '{package}' has no attribute '{name}'")
 
     return get_attribute
 
 
-class MovedModules(MetaPathFinder, Loader):
-    r"""Imports the modules that version 0.3.0 made private by their earlier names too."""
+class RemovedNames(MetaPathFinder, Loader):
+    r"""Imports moved modules by their earlier names, and explains the import of removed names.
+
+    ``from package import name`` looks for a module ``package.name`` if the package has no such
+    attribute, and so comes here.
+    """
 
     def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        r"""Returns the specification of a module that was moved."""
+        r"""Returns the specification of a module that was moved.
+
+        Raises:
+            ImportError: For a removed or private name.
+        """
+        if message := removal_message(fullname.removeprefix(_PACKAGE)):
+            raise ImportError(message)
         return ModuleSpec(fullname, self) if fullname in MOVED_MODULES else None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
