@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 # Recordings that lie beside the checkout are used in place of a download.
 DATA ?= $(wildcard ../shared/data)
+# Without bytecode, every process that a test starts compiles the package again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-random test-full check tutorials lint docs linkcheck dist clean
 TESTS = OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup

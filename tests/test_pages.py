@@ -40,18 +40,22 @@ def templates():
                 yield template(node)
 
 
-def is_of(message, known):
-    pieces = [re.escape(piece) for piece in message.split("...")]
-    return re.search(".*".join(pieces), known, flags=re.DOTALL) is not None
+def is_part(message, texts):
+    """Whether the message, in which "..." stands for anything, is a part of one of the texts."""
+    pieces = message.split("...")
+    pattern = ".*".join(re.escape(piece) for piece in pieces)
+    likely = (text for text in texts if max(pieces, key=len) in text)
+    return any(re.search(pattern, text, flags=re.DOTALL) for text in likely)
 
 
 def is_filled(message, known, texts):
     """Whether texts of the package in the places of a template make the message."""
-    if len(known) < 15:
+    pieces = known.split("\0")
+    if len(known) < 15 or not message.startswith(pieces[0]) or not message.endswith(pieces[-1]):
         return False
-    pattern = "(.*)".join(re.escape(piece) for piece in known.split("\0"))
-    found = re.fullmatch(pattern, message, flags=re.DOTALL)
-    return found is not None and all(any(is_of(f, t) for t in texts) for f in found.groups())
+    pattern = "(.*)".join(re.escape(piece) for piece in pieces)
+    match = re.fullmatch(pattern, message, flags=re.DOTALL)
+    return match is not None and all(is_part(group, texts) for group in match.groups())
 
 
 def quoted():
@@ -62,8 +66,8 @@ def test_quoted_messages_are_those_of_the_package():
     known = list(templates())
     messages = [message for message in quoted() if message not in OTHERS]
     assert len(messages) > 20
-    new = [m for m in messages if not any(is_of(m, text) for text in known)]
-    assert not [m for m in new if not any(is_filled(m, text, known) for text in known)]
+    filled = [message for message in messages if not is_part(message, known)]
+    assert not [m for m in filled if not any(is_filled(m, text, known) for text in known)]
 
 
 def test_quoted_messages_of_others_are_quoted():

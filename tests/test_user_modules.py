@@ -54,6 +54,7 @@ def test_workers_of_joblib_import_nothing_of_the_working_directory(folder):
     assert run(folder, code) == "[1, 2, 3]"
 
 
+@pytest.mark.full
 def test_measuring_worker_imports_nothing_of_the_working_directory_but_own_models(folder):
     pytest.importorskip("lightning", reason="needs the extra 'train'")
     code = (
