@@ -31,14 +31,6 @@ def test_model_missing_input(name, form):
             model(**{**given, key: None})
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_model_says_whether_it_needs_edges(name):
-    model = small_model(name)
-    assert model.needs_edges == (name in GRAPH_MODELS)
-    if not model.needs_edges:
-        assert model(**{**inputs(model, 3), "edge_index": None}).shape == (3, 3)
-
-
 @pytest.mark.parametrize("name", GRAPH_MODELS)
 def test_model_missing_edges(name):
     model = small_model(name)
