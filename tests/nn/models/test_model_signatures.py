@@ -148,6 +148,9 @@ def test_model_layout_bad(cls):
         TaxelNet: "neighbours",
         TemporalTaxelNet: "neighbours",
     }
+    if needs.get(cls) == "image map":
+        with pytest.raises(ValueError, match=r"have an image_map \(got none in 'biotac_sp'\)"):
+            cls("biotac_sp", 2)
     match = rf"'layout' must be .* {needs[cls]}" if cls in needs else r"'layout' must have"
     with pytest.raises(ValueError, match=rf"{match}.*got"):
         cls(0, 2, **more)
