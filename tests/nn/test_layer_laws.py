@@ -26,6 +26,7 @@ from small_models import EDGE_INDEX, MODELS, NUM_EDGES, samples
 from torch.func import functional_call, grad, vmap
 
 from torch_geometric_tactile import nn
+from torch_geometric_tactile.nn import StaticGCNConv
 from torch_geometric_tactile.testing import (
     assert_permutation_equivariant,
     assert_static_equals_batched,
@@ -106,11 +107,12 @@ def test_static_equals_batched(name, graph, batch_size, reading):
         pytest.skip("takes no edge features without an edge")
     edge_index = EDGE_INDEX if name == "edge_dense" else GRAPHS[graph]
     layer, x = call_by_readings(name, make_layer(name)), samples(batch_size, NUM_TAXELS, 3)
-    x[1, 3, 0] = reading
-    for edge_attr in (edge_input(name, edge_index, batch_size), None):
-        if edge_attr is None and name not in (*MATRIX_LAYERS, *WEIGHTED_LAYERS):
-            continue
-        assert_static_equals_batched(layer, x, edge_index, edge_attr)
+    edge_attr = edge_input(name, edge_index, batch_size)
+    features = edge_attr if name in ENCODERS else x
+    features[1, 3:4, 0] = reading
+    assert_static_equals_batched(layer, x, edge_index, edge_attr)
+    if name in MATRIX_LAYERS:
+        assert_static_equals_batched(layer, x, edge_index)
 
 
 def call_by_readings(name, layer):
@@ -297,12 +299,9 @@ def test_fast_form_has_the_numbers_and_gradients_of_messages(name, reading):
         assert_all_close(*outs)
 
 
-@every_graph_layer
+@pytest.mark.parametrize("name", [name for name in GRAPH_LAYERS if name != "edge_dense"])
 @pytest.mark.parametrize("batch_size", FORMS)
 def test_edges_that_were_written_to_are_noticed(name, batch_size):
-    if name == "edge_dense":
-        pytest.skip("has its edges by their number")
-
     def replace(tensor):
         tensor.data = tensor.roll(1, 0)
 
@@ -338,22 +337,25 @@ def test_sparse_matrix_of_targets_and_sources(name, layout, batch_size):
 
 @pytest.mark.parametrize("name", [name for name in MATRIX_LAYERS if "gat" not in name])
 @pytest.mark.parametrize("batch_size", FORMS)
-@pytest.mark.parametrize("more", [{}, {"cached": True}], ids=str)
-def test_sparse_matrix_of_the_caller_stays_as_it_is(name, batch_size, more):
-    if more and name != "gcn":
-        pytest.skip("has no such setting")
+def test_sparse_matrix_of_the_caller_stays_as_it_is(name, batch_size):
     weight = samples(NUM_EDGES, seed=3).exp()
     matrix = torch.sparse_coo_tensor(EDGE_INDEX.flip(0), weight, (NUM_TAXELS, NUM_TAXELS))
-    make_layer(name, **more)(layer_inputs(name, batch_size)[0], matrix)
+    for layer in (make_layer(name), StaticGCNConv(3, 5, cached=True)):
+        layer(layer_inputs(name, batch_size)[0], matrix)
     assert not matrix.is_coalesced()  # its indices are not sorted
     assert matrix.to_sparse_csr().to_dense().equal(matrix.to_dense())
 
 
-@pytest.mark.parametrize("name", [name for name in GRAPH_LAYERS if "sector" not in name])
+# Layers with edge features fill those of self-loops by the targets, as in PyG.
+ONE_WAY_LAYERS = ("sector", "edge_dense", *EDGE_FEATURE_LAYERS)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name for name in GRAPH_LAYERS if name not in ONE_WAY_LAYERS],
+)
 @pytest.mark.parametrize("batch_size", FORMS)
 def test_flow(name, batch_size):
-    if name in ("edge_dense", *EDGE_FEATURE_LAYERS):
-        pytest.skip("sees no ends of its edges, or fills self-loops by the targets as PyG")
     layer, other = make_layer(name), make_layer(name)
     for conv in getattr(layer, "convs", [layer]):
         conv.flow = "target_to_source"
@@ -377,17 +379,18 @@ BAD_EDGES = [
 ]
 
 
-@every_graph_layer
+CHECKED_LAYERS = [
+    *((name, {}) for name in GRAPH_LAYERS if name != "edge_dense"),  # which looks at no edges
+    *((name, {"fast": False}) for name in CONVS),
+    *(("gcn", setting) for setting in ({"normalize": False}, {"cached": True})),
+]
+
+
+@pytest.mark.parametrize(("name", "setting"), CHECKED_LAYERS)
 @pytest.mark.parametrize("batch_size", FORMS)
 @pytest.mark.parametrize(("edge_index", "match"), BAD_EDGES)
-@pytest.mark.parametrize(
-    "more", [{}, {"fast": False}, {"normalize": False}, {"cached": True}], ids=str
-)
-def test_bad_edges_are_refused(name, batch_size, edge_index, match, more):
-    has_settings = not more or name == "gcn" or ("fast" in more and name in CONVS)
-    if name == "edge_dense" or not has_settings:
-        pytest.skip("looks at no edges, or has no such setting")
-    layer, (x, edges, *others) = make_layer(name, **more), layer_inputs(name, batch_size)
+def test_bad_edges_are_refused(name, setting, batch_size, edge_index, match):
+    layer, (x, edges, *others) = make_layer(name, **setting), layer_inputs(name, batch_size)
     for _ in range(2):  # the first failure leaves nothing behind
         with pytest.raises(ValueError, match=f"'edge_index' must .*{match}"):
             layer(x, edge_index, *others)
@@ -430,10 +433,8 @@ def test_bad_features_are_refused(name, batch_size):
             layer(bad, *others)
 
 
-@pytest.mark.parametrize("name", [name for name in CONVS if "thread" not in name])
+@pytest.mark.parametrize("name", ["self", "difference", "segmented", "sector"])
 def test_pairs_of_features_are_refused(name):
-    if name.startswith(("gat", "gcn")):
-        pytest.skip("PyG's layers take them")
     x, *others = layer_inputs(name, None)
     with pytest.raises(ValueError, match=r"'x' must be a tensor, .* \(got tuple\)"):
         make_layer(name)((x, x), *others)

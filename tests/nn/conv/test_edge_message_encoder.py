@@ -27,11 +27,6 @@ def encoder(request):
     return ENCODERS[request.param]()
 
 
-def encode(layer):
-    """As the laws call it: the readings only tell the taxels."""
-    return lambda x, edge_index, edge_attr: layer(edge_attr, edge_index, x.size(-2))
-
-
 def times(mlp, factor):
     """Makes a network multiply positive numbers."""
     for parameter in mlp.parameters():

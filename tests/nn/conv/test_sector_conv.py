@@ -3,7 +3,6 @@ import torch
 from small_models import samples
 from torch_geometric.data import Batch, Data
 from torch_geometric.explain.algorithm.utils import clear_masks, set_masks
-from torch_geometric.nn import RGCNConv
 
 from torch_geometric_tactile.nn import SectorConv
 from torch_geometric_tactile.nn.conv import sector_conv
@@ -83,17 +82,6 @@ def test_sector_conv_equals_the_formula(channels, bias, fast):
     assert torch.allclose(layer(x, EDGES, SECTOR), expected, atol=1e-5)
     assert torch.allclose(layer(x[:2], EDGES, SECTOR), expected[:2], atol=1e-5)
     assert torch.allclose(layer(x[3], EDGES, SECTOR), expected[3], atol=1e-5)
-
-
-def test_sector_conv_equals_rgcn_conv():
-    layer, theirs = conv(), RGCNConv(3, 5, num_relations=8, aggr="sum")
-    with torch.no_grad():
-        theirs.root.copy_(layer.weight[0])
-        theirs.weight.copy_(layer.weight[1:])
-        theirs.bias.copy_(layer.bias)
-    x = samples(9, 24, 3)
-    expected = torch.stack([theirs(row, EDGES, SECTOR) for row in x])
-    assert torch.allclose(layer(x, EDGES, SECTOR), expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("block_bytes", [0, 1, 2**12, 2**19])

@@ -6,8 +6,6 @@ from torch_geometric_tactile.data import join_frames
 from torch_geometric_tactile.nn import GraspLSTM
 from torch_geometric_tactile.sensors import grid
 
-EDGES = torch.tensor([[0, 1], [1, 0]])
-
 
 def small(dtype=torch.float, **more):
     torch.manual_seed(0)

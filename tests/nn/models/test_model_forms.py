@@ -4,7 +4,7 @@ import pickle
 import pytest
 import torch
 from nn import model_table
-from nn.model_table import make_model, model_inputs
+from nn.model_table import READING_MODELS, make_model, model_inputs
 from small_models import (
     GRAPH_MODELS,
     HEAD,
@@ -60,6 +60,14 @@ def test_model_answers_nothing_to_missing_readings(name):
     given = model_inputs(model, 3)
     given["x"][1] = torch.nan
     assert model(**given).isnan().any(dim=1).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("name", READING_MODELS)
+def test_model_trains_on_a_single_sample(name):
+    model = make_model(name).train()
+    out = model(**model_inputs(model, 1))
+    assert out.shape == (1, model.out_channels)
+    assert out.isfinite().all()
 
 
 @pytest.mark.parametrize("dtype", [torch.float, torch.double])

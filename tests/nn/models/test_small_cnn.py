@@ -6,7 +6,6 @@ from torch_geometric_tactile.nn import SmallCNN
 from torch_geometric_tactile.sensors import TaxelLayout, grid
 
 GRID = grid(4, 5, pitch=0.01)
-EDGES = GRID.edge_index("original")
 
 
 def small(layout=GRID, **more):

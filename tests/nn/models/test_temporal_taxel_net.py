@@ -229,15 +229,6 @@ def test_temporal_taxel_net_taxel_dropout_is_of_whole_windows():
     assert not ((part > 0) & (part < 0.5)).any()
 
 
-def test_temporal_taxel_net_of_a_single_window_in_training():
-    for name in MODELS:
-        model = small(name).train()
-        model(**given(model, 16))
-        out = model(**given(model, 1, 1))
-        assert out.shape == (1, 3)
-        assert out.isfinite().all()
-
-
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
