@@ -59,6 +59,7 @@ def test_samples_and_their_readings_are_one(name):
     assert np.array_equal(model(name).fit(data, Y).predict(data), first)
 
 
+@pytest.mark.full  # numba compiles for 20 seconds
 @pytest.mark.parametrize("num_channels", [1, 2])
 def test_minirocket_tells_movements_apart(num_channels):
     pytest.importorskip("sktime")

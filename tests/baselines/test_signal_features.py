@@ -17,17 +17,6 @@ def series(num_samples=4, num_frames=60, num_electrodes=19):
     return np.random.default_rng(0).normal(size=(num_samples, num_frames, num_electrodes))
 
 
-def features_before(x, num_fingers, finger=None):
-    """How GraspSVM made its features before there was SignalFeatures."""
-    x = np.asarray(x, dtype=np.float64)
-    signal = x.reshape(*x.shape[:2], num_fingers, x.shape[2] // num_fingers)
-    if finger is not None:
-        signal = signal[:, :, [finger]]
-    if signal.shape[-1] > 1:
-        signal = statistical_features(signal)
-    return signal.reshape(len(x), int(np.prod(signal.shape[1:])))
-
-
 def test_signal_features_repr():
     assert str(SignalFeatures()) == "SignalFeatures()"
 
@@ -86,20 +75,6 @@ def test_signal_features_as_a_table():
     pytest.importorskip("pandas")
     table = SignalFeatures().set_output(transform="pandas").fit_transform(series())
     assert table.columns[0] == "electrode0_maximum"
-
-
-@pytest.mark.parametrize("num_frames", [1, 2, 60])
-@pytest.mark.parametrize("finger", [None, 0, 2])
-def test_grasp_svm_has_the_features_that_it_had(num_frames, finger):
-    x = series(6, 19, 3 * num_frames)  # (S, N, K * T)
-    found = GraspSVM(finger=finger).features(x)
-    assert np.array_equal(found, features_before(x, 3, finger))
-    y = np.arange(6) % 2
-    svm = GraspSVM(finger=finger).fit(x, y)
-    before = make_pipeline(StandardScaler(), SVC(C=1.0)).fit(features_before(x, 3, finger), y)
-    assert np.array_equal(
-        svm.decision_function(x), before.decision_function(features_before(x, 3, finger))
-    )
 
 
 def test_signal_features_bad():

@@ -11,10 +11,11 @@ from torch_geometric_tactile.sensors import grid
 
 # What else they need, and what may be zero or is no size.
 NEEDED = {
-    "CNNThread": {"image_map": torch.zeros(1, 2, dtype=torch.long)},
+    "CNNThread": {"in_channels": 3, "image_map": torch.zeros(1, 2, dtype=torch.long)},
     "CausalTemporalConv": {"in_channels": 1, "out_channels": 1},
     "EdgeFeatureEncoder": {"num_nodes": 3, "num_edges": 2},
     "EdgePatchEncoder": {"segment": [0, 0, 1]},
+    "GCNThread": {"in_channels": 3},
     "HandCNN": {"layout": LAYOUT},
     "MSCNN": {"layout": FINGERS, "pattern": "VI"},
     "MTCNN": {"layout": LAYOUT},
@@ -23,7 +24,7 @@ NEEDED = {
     "PosedTaxelNet": {"layout": LAYOUT, "out_channels": 2},
     "SectorConv": {"in_channels": 3, "out_channels": 5},
     "SegmentedGCNConv": {"segment": [0], "in_channels": 1, "out_channels": 1},
-    "SegmentedThread": {"segment": [0, 0, 1]},
+    "SegmentedThread": {"in_channels": 3, "segment": [0, 0, 1]},
     "SelfGCNConv": {"in_channels": 3, "out_channels": 5},
     "SmallCNN": {"layout": grid(4, 5, 0.01), "out_channels": 2},
     "TactileGCN": {"inputs": ("edge",), "num_edges": 3},
@@ -48,6 +49,11 @@ def arguments():
                 yield name, parameter.name
 
 
+def parameters_named(key):
+    """The classes with an argument of that name."""
+    return [name for name in nn.__all__ if key in inspect.signature(getattr(nn, name)).parameters]
+
+
 def test_all_classes_have_sizes():
     assert {name for name, _ in arguments()} == {*nn.__all__} - OTHERS
 
@@ -57,3 +63,18 @@ def test_size_is_checked(name, size):
     value, least = (-1, "not be negative") if size in NOT_NEGATIVE else (0, "be at least 1")
     with pytest.raises(ValueError, match=rf"'{size}' must {least} \(got {value}\)"):
         getattr(nn, name)(**{**NEEDED.get(name, {}), size: value})
+
+
+@pytest.mark.parametrize("name", parameters_named("widths"))
+@pytest.mark.parametrize("widths", [(), (4, 0)])
+def test_widths_are_checked(name, widths):
+    match = r"'widths' must be (at least one width|1 to 8 positive numbers).*\(got \("
+    with pytest.raises(ValueError, match=match):
+        getattr(nn, name)(**{**NEEDED.get(name, {}), "widths": widths})
+
+
+@pytest.mark.parametrize("name", parameters_named("taxel_dropout"))
+def test_taxel_dropout_is_checked(name):
+    match = r"'taxel_dropout' must be at least 0 and below 1 \(got 1.0\)"
+    with pytest.raises(ValueError, match=match):
+        getattr(nn, name)(**NEEDED[name], taxel_dropout=1.0)

@@ -15,14 +15,8 @@ def conv(in_channels=3, out_channels=5, *sizes, dtype=torch.float, **more):
     return layer
 
 
-def test_causal_temporal_conv_repr():
-    assert str(conv(3, 5, 2, 4)) == "CausalTemporalConv(3, 5, kernel_size=2, dilation=4)"
+def test_number_of_past_frames():
     assert conv(3, 5, 3, 4).num_past == 8
-
-
-def test_causal_temporal_conv_parameter_count():
-    assert sum(p.numel() for p in conv(3, 5, 4).parameters()) == 4 * 3 * 5 + 5
-    assert sum(p.numel() for p in conv(3, 5, 4, bias=False).parameters()) == 4 * 3 * 5
 
 
 def test_causal_temporal_conv_by_hand():
@@ -60,58 +54,24 @@ def test_causal_temporal_conv_step_by_step(sizes, dtype):
     assert torch.equal(state, x[:, :, 9 - layer.num_past :])
 
 
-@pytest.mark.parametrize("sizes", SIZES)
-def test_causal_temporal_conv_never_looks_ahead(sizes):
-    layer, x = conv(3, 5, *sizes), samples(4, 9, 3)
-    out = layer(x)
-    for t in range(9):
-        other = x.clone()
-        other[:, t:] += 1
-        assert torch.allclose(layer(other)[:, :t], out[:, :t], atol=1e-6)
-        assert not torch.allclose(layer(other)[:, t], out[:, t], atol=1e-3)
-
-
 def test_causal_temporal_conv_forms():
     layer, x = conv(3, 5, 3, 2), samples(2, 4, 9, 3)
     out = layer(x)
-    assert torch.allclose(layer(x.flatten(0, 1)), out.flatten(0, 1), atol=1e-6)
-    assert torch.allclose(layer(x[1, 2]), out[1, 2], atol=1e-6)
     assert torch.allclose(layer(x.transpose(0, 1)), out.transpose(0, 1), atol=1e-6)
     assert layer(x[:, :, :1]).shape == (2, 4, 1, 5)
     assert layer(x[:, :, :0]).shape == (2, 4, 0, 5)
-    assert layer(x[:0]).shape == (0, 4, 9, 5)
     out, state = layer.step(x[:0, :, 0], layer.initial_state(0, 4))
     assert (out.shape, state.shape) == ((0, 4, 5), (0, 4, 4, 3))
 
 
-def test_causal_temporal_conv_gradients():
-    layer = conv(2, 3, 3, 2, dtype=torch.double)
-    x = samples(2, 6, 2, dtype=torch.double).requires_grad_()
-    assert torch.autograd.gradcheck(layer, (x,))
-    layer(x).square().sum().backward()
-    assert all(p.grad.abs().min() > 0 for p in layer.parameters())
-
-
-def test_causal_temporal_conv_compile():
+@pytest.mark.full
+def test_causal_temporal_conv_step_compile():
     torch.compiler.reset()
     layer, x = conv(3, 5, 3, 2), samples(4, 9, 3)
-    compiled = torch.compile(layer, fullgraph=True, backend="aot_eager")
-    assert torch.allclose(compiled(x), layer(x), atol=1e-6)
     step = torch.compile(layer.step, fullgraph=True, backend="aot_eager")
     state = samples(4, 4, 3, seed=1)
     for found, expected in zip(step(x[:, 0], state), layer.step(x[:, 0], state), strict=True):
         assert torch.allclose(found, expected, atol=1e-6)
-
-
-def test_causal_temporal_conv_seed_and_reset():
-    layer, x = conv(), samples(4, 9, 3)
-    outs = []
-    for _ in range(2):
-        torch.manual_seed(3)
-        layer.reset_parameters()
-        outs.append(layer(x))
-    assert torch.equal(*outs)
-    assert not layer.bias.any()
 
 
 @pytest.mark.parametrize("size", [(3,), (9, 2), ()])

@@ -204,22 +204,6 @@ def test_missing_readings_of_a_segment_leave_the_weights_of_others(segment):
     assert is_lost.nonzero().flatten().tolist() == [SEGMENTS[segment][0]]
 
 
-@pytest.mark.parametrize("kind", ["gcn", "self", "segmented"])
-def test_weights_of_edges_can_be_learnt(kind):
-    torch.manual_seed(0)
-    layer = {
-        "gcn": StaticGCNConv(6, 7),
-        "self": SelfGCNConv(6, 7),
-        "segmented": SegmentedGCNConv(torch.arange(11) // 4, 6, 7),
-    }[kind].double()
-    x = samples(9, 11, 6, dtype=torch.double)
-    weight = POSITIVE.clone().requires_grad_()
-    (many,) = torch.autograd.grad(layer(x, EDGE_INDEX, weight).cos().sum(), weight)
-    one_by_one = sum(layer(row, EDGE_INDEX, weight).cos().sum() for row in x)
-    (expected,) = torch.autograd.grad(one_by_one, weight)
-    assert torch.allclose(many, expected)
-
-
 @pytest.mark.parametrize("kind", ["gcn", "self"])
 def test_frozen_layers_and_inputs(kind):
     ours, theirs = pair(kind, (8, 8))

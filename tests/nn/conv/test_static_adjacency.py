@@ -243,13 +243,3 @@ def test_double_weights_give_double_as_in_pyg(widths):
         assert torch.allclose(found, expected, atol=1e-6)
         assert conv(x, edges, weight).equal(found)
     assert conv(x, edges, torch.rand(3).half()).dtype == torch.float
-
-
-@pytest.mark.parametrize("fast", [True, False])
-def test_missing_reading_spreads_as_documented(fast):
-    conv, x = StaticGCNConv(3, 5, fast=fast), torch.randn(2, 4, 3)
-    x[0, 3] = torch.nan
-    edges = torch.tensor([[0, 1], [1, 0]])
-    found = conv(x, edges).isnan().any(dim=-1)
-    assert found.tolist() == [[False, False, False, True], [False] * 4]
-    assert conv(x[0], edges).isnan().any(dim=-1).tolist() == [False, False, False, True]

@@ -1,7 +1,6 @@
 """`StaticGATConv` and `StaticGATv2Conv` have PyG's numbers on (B, N, F), in each of their forms."""
 
 import copy
-import io
 import math
 import warnings
 from functools import partial
@@ -20,10 +19,6 @@ from torch_geometric.nn import GATConv, GATv2Conv
 from torch_geometric_tactile.nn.conv import StaticGATConv, StaticGATv2Conv
 from torch_geometric_tactile.nn.conv import _attention_edges as attention_edges
 from torch_geometric_tactile.nn.conv import _static_attention as static_attention
-from torch_geometric_tactile.testing import (
-    assert_permutation_equivariant,
-    assert_static_equals_batched,
-)
 
 both = pytest.mark.parametrize("kind", LAYERS)
 SETTINGS = [
@@ -85,12 +80,6 @@ def test_attention_by_hand(kind):
     expected = torch.full((2, 1), share + 4 * (1 - share))
     for form in (x, x[None], x.expand(9, 2, 1)):
         assert torch.allclose(conv(form, edge_index), expected)
-
-
-@both
-def test_attention_repr(kind):
-    ours, theirs = pair(kind, 3, 8, heads=2)
-    assert str(ours) == f"Static{theirs}"
 
 
 @both
@@ -196,18 +185,6 @@ def test_attention_dropout(kind, products):
 
 
 @both
-def test_attention_dropout_gradients(kind):
-    ours = pair(kind, 3, 2, heads=2, dropout=0.5)[0].train()
-    x = samples(3, 5, 3, dtype=torch.double).requires_grad_()
-
-    def compute(x):
-        torch.manual_seed(1)
-        return ours(x, EDGES["star"])
-
-    assert torch.autograd.gradcheck(compute, (x,))
-
-
-@both
 @pytest.mark.parametrize("fill_value", [0.5, "mean", "add", "max", torch.tensor([0.3, -0.2])])
 @pytest.mark.parametrize("edges", ["self_loops", "star"])
 @pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.full)])
@@ -299,35 +276,8 @@ def test_attention_of_large_logits(kind):
 
 
 @both
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64, torch.bfloat16])
-def test_attention_dtypes(kind, dtype):
-    ours, theirs = pair(kind, 3, 4, heads=2, dtype=dtype)
-    x = samples(6, 5, 3).to(dtype)
-    found, expected = ours(x, EDGES["star"]), on_batch(theirs, x, EDGES["star"])
-    assert found.dtype == dtype
-    assert torch.allclose(found, expected, atol=0.05 if dtype == torch.bfloat16 else 1e-6)
-    ours.double()
-    assert ours(x.double(), EDGES["star"]).dtype == torch.double
-
-
-@both
-def test_attention_laws(kind):
-    for edge_index in EDGES.values():
-        x = samples(6, 5, 3)
-        conv = LAYERS[kind][0](3, 4, heads=2)
-        assert_static_equals_batched(conv, x, edge_index)
-        if edge_index.numel():
-            assert_permutation_equivariant(conv, x, edge_index)
-            attr = samples(edge_index.size(1), 2)
-            conv = LAYERS[kind][0](3, 4, heads=2, edge_dim=2)
-            assert_static_equals_batched(conv, x, edge_index, attr)
-            assert_permutation_equivariant(conv, x, edge_index, edge_attr=attr)
-
-
-@both
-def test_attention_empty_and_single(kind):
+def test_attention_of_no_taxel_and_a_single_one(kind):
     ours, theirs = pair(kind, 3, 4, heads=2)
-    assert ours(samples(0, 5, 3, dtype=torch.double), EDGES["star"]).shape == (0, 5, 8)
     assert ours(samples(2, 0, 3, dtype=torch.double), EDGES["none"]).shape == (2, 0, 8)
     x = samples(2, 1, 3, dtype=torch.double)
     assert_same(ours(x, EDGES["none"]), on_batch(theirs, x, EDGES["none"]))
@@ -446,20 +396,6 @@ def expected_of(theirs, x):
 
 
 @both
-@pytest.mark.parametrize("layout", [torch.sparse_coo, torch.sparse_csr])
-@pytest.mark.filterwarnings("ignore:Sparse")
-def test_attention_sparse_matrix(kind, layout):
-    ours, theirs = pair(kind, 3, 4, heads=2)
-    x, edge_index = samples(6, 5, 3, dtype=torch.double), EDGES["self_loops"]
-    adj_t = torch.sparse_coo_tensor(edge_index.flip(0), torch.ones(5), (5, 5)).to_sparse(
-        layout=layout
-    )
-    expected = on_batch(theirs, x, edge_index)
-    assert_same(ours(x, adj_t), expected)
-    assert_same(ours(x[0], adj_t), theirs(x[0], adj_t))
-
-
-@both
 @pytest.mark.parametrize("dtype", [torch.int32, torch.int16, torch.uint8])
 def test_attention_any_integers(kind, dtype):
     ours = pair(kind, 3, 4, heads=2)[0]
@@ -479,32 +415,8 @@ def test_attention_edge_index_of_pyg(kind, products):
 
 
 @both
-@pytest.mark.parametrize("size", FORMS)
-@pytest.mark.parametrize(
-    ("edge_index", "match"),
-    [
-        (torch.zeros(7, 2, dtype=torch.long), r"shape \(2, num_edges\) \(got \(7, 2\)\)"),
-        (torch.zeros(2, 3), r"hold integers \(got torch.float32\)"),
-        (torch.tensor([[5], [0]]), r"node indices from 0 to 4, the rows of 'x' \(got 0 to 5\)"),
-        (torch.tensor([[0], [-1]]), r"node indices from 0 to 4, the rows of 'x' \(got -1 to 0\)"),
-        (torch.eye(6).to_sparse(), r"shape \(5, 5\) if it is sparse.*\(got \(6, 6\)\)"),
-    ],
-)
-def test_attention_bad_edges(kind, size, edge_index, match):
-    for fast in (True, False):
-        conv = LAYERS[kind][0](3, 4, heads=2, fast=fast)
-        with pytest.raises(ValueError, match=f"'edge_index' must .*{match}"):
-            conv(samples(*size), edge_index)
-        conv(samples(*size), EDGES["star"])
-
-
-@both
 def test_attention_bad_features(kind):
     conv = LAYERS[kind][0](3, 4, heads=2, edge_dim=2)
-    with pytest.raises(ValueError, match=r"'x' must have shape .*\(got \(3,\)\)"):
-        conv(samples(3), EDGES["star"])
-    with pytest.raises(ValueError, match=r"'x' must have 3 features \(got shape \(5, 2\)\)"):
-        conv(samples(5, 2), EDGES["star"])
     with pytest.raises(ValueError, match=r"'x' must hold floating-point numbers \(got torch.int"):
         conv(torch.zeros(5, 3, dtype=torch.long), EDGES["star"])
     for size in FORMS:
@@ -524,19 +436,6 @@ def test_attention_bad_features(kind):
             assert torch.allclose(plain(x, EDGES["star"], attr), plain(x, EDGES["star"]), atol=1e-6)
 
 
-@both
-def test_attention_copies(kind):
-    conv, x = LAYERS[kind][0](3, 4, heads=2), samples(6, 5, 3)
-    expected = conv(x, EDGES["star"])
-    assert conv._edge_cache.current is not None
-    file = io.BytesIO()
-    torch.save(conv, file)
-    file.seek(0)
-    for other in (copy.deepcopy(conv), torch.load(file, weights_only=False)):
-        assert other._edge_cache.current is None  # copies carry no edges along
-        assert torch.equal(other(x, EDGES["star"]), expected)
-
-
 @pytest.mark.full
 @both
 @pytest.mark.parametrize("loops", [False, True])
@@ -546,12 +445,7 @@ def test_attention_compile_and_export(kind, loops, edges):
     ours = pair(kind, 3, 4, heads=2, add_self_loops=loops)[0].eval()
     edge_index, x = EDGES[edges], samples(6, 5, 3, dtype=torch.double)
     compiled = torch.compile(ours, fullgraph=True, backend="aot_eager")
-    for one in (x, x[0], x[:2]):
-        assert_same(compiled(one, edge_index), ours(one, edge_index))
-    found = gradients(ours, x, lambda layer, x: compiled(x, edge_index))
-    expected = gradients(ours, x, lambda layer, x: layer(x, edge_index))
-    for a, b in zip(found, expected, strict=True):
-        assert_same(a, b)
+    assert_same(compiled(x, edge_index), ours(x, edge_index))
     batch = torch.export.Dim("batch")
     shapes = {"x": {0: batch}, "edge_index": None}
     exported = torch.export.export(ours, (x, edge_index), dynamic_shapes=shapes).module()
@@ -587,10 +481,7 @@ def test_attention_under_transforms(kind):
     def loss(weights, x):
         return functional_call(ours, weights, (x, edge_index)).square().sum()
 
-    found = grad(loss)(weights, x)
     expected = torch.autograd.grad(ours(x, edge_index).square().sum(), list(ours.parameters()))
-    for name, value in zip(weights, expected, strict=True):
-        assert_same(found[name], value)
     each = vmap(grad(loss), (None, 0))(weights, x.unsqueeze(1))
     for name, value in zip(weights, expected, strict=True):
         assert_same(each[name].sum(dim=0), value)

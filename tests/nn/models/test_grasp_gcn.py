@@ -1,6 +1,7 @@
 import pytest
 import torch
 from nn.models.test_model_explain import explainer
+from plain_models import GRASP_GCNS
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import StaticDataset, Trials, join_frames, split_frames
@@ -10,12 +11,6 @@ from torch_geometric_tactile.testing import assert_static_equals_batched
 from torch_geometric_tactile.transforms import KNNGraph
 
 EDGE_INDEX = KNNGraph(2)(Data(pos=biotac_sp().pos)).edge_index
-MODELS = {
-    "data": {"fusion": "data"},
-    "feature": {"fusion": "feature"},
-    "finger": {"fusion": None, "finger": 1},
-    "deep": {"fusion": "feature", "num_layers": 2, "out_channels": 4},
-}
 
 
 def readings(*size):
@@ -26,10 +21,10 @@ def num_parameters(model):
     return sum(parameter.numel() for parameter in model.parameters())
 
 
-@pytest.fixture(params=MODELS)
+@pytest.fixture(params=GRASP_GCNS)
 def model(request):
     torch.manual_seed(0)
-    return GraspGCN(**MODELS[request.param]).eval()
+    return GraspGCN(**GRASP_GCNS[request.param]).eval()
 
 
 def test_grasp_gcn_repr():
@@ -134,12 +129,6 @@ def test_grasp_gcn_single_electrode():
     assert model(readings(5, 1, 1), torch.empty(2, 0, dtype=torch.long)).shape == (5, 2)
 
 
-def test_grasp_gcn_paper_size():
-    edge_index = KNNGraph(2)(Data(pos=biotac().pos)).edge_index
-    model = GraspGCN("biotac", in_channels=60, fusion="feature")
-    assert model(readings(4, 19, 180), edge_index).shape == (4, 2)
-
-
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -186,18 +175,6 @@ def test_grasp_gcn_dropout():
     assert torch.equal(model(x, EDGE_INDEX), model(x, EDGE_INDEX))
 
 
-def test_grasp_gcn_overfits():
-    torch.manual_seed(0)
-    model, x = GraspGCN(), readings(20, 24, 3)
-    y = torch.arange(20) % 2
-    optimizer = torch.optim.Adam(model.parameters(), 0.01)
-    for _ in range(60):
-        optimizer.zero_grad()
-        torch.nn.functional.cross_entropy(model(x, EDGE_INDEX), y).backward()
-        optimizer.step()
-    assert torch.equal(model(x, EDGE_INDEX).argmax(1), y)
-
-
 def test_grasp_gcn_explainer(model):
     x = readings(24, 3)
     explanation = explainer(model)(x, EDGE_INDEX)
@@ -224,7 +201,7 @@ def test_grasp_gcn_bad_fusion(arguments, match):
         GraspGCN(**arguments)
 
 
-@pytest.mark.parametrize("size", [(3,), (5, 24, 2), (5, 23, 3), (25, 3), (1, 5, 24, 3)])
+@pytest.mark.parametrize("size", [(5, 24, 2), (5, 23, 3)])
 def test_grasp_gcn_bad_shape(size):
     with pytest.raises(ValueError, match=r"must have 24 nodes and 3 channels .*got shape"):
         GraspGCN()(torch.zeros(size), EDGE_INDEX)

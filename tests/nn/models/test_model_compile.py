@@ -2,7 +2,8 @@ import shutil
 
 import pytest
 import torch
-from small_models import EDGE_INDEX, MODELS, assert_close, gradients, inputs, samples, small_model
+from nn.model_table import MODELS, make_model, model_inputs
+from small_models import EDGE_INDEX, assert_close, gradients, inputs, samples, small_model
 
 from torch_geometric_tactile.nn.models import GCNThread
 
@@ -20,11 +21,17 @@ def without_prefix(values):
 @pytest.mark.parametrize("name", COMPILED)
 def test_model_compile(name):
     torch.compiler.reset()
-    model = small_model(name)
+    model = make_model(name)
     compiled = torch.compile(model, fullgraph=True, backend="aot_eager")
-    given = inputs(model, 9)
+    given = model_inputs(model, 9)
     expected = gradients(model, given)
     assert_close(without_prefix(gradients(compiled, given)), expected, 1e-4, 1e-5)
+    if model.training:
+        return
+    model.train()
+    compiled.train()
+    compiled(**given).square().sum().backward()
+    assert all(weight.grad.abs().max() > 0 for weight in model.parameters() if weight.dim() > 1)
 
 
 @pytest.mark.full
@@ -42,13 +49,13 @@ def test_model_compile_inductor():
 @pytest.mark.full
 @pytest.mark.parametrize("name", MODELS)
 def test_model_export(name):
-    model = small_model(name).eval()
-    given = inputs(model, 3)
+    model = make_model(name).eval()
+    given = model_inputs(model, 3)
     batch = torch.export.Dim("batch")
     shapes = {key: None if key == "edge_index" else {0: batch} for key in given}
     exported = torch.export.export(model, (), given, dynamic_shapes=shapes).module()
     for size in (3, 20):  # the layout for many samples must not be baked in, nor kept out
-        given = inputs(model, size)
+        given = model_inputs(model, size)
         with torch.no_grad():
             assert torch.allclose(exported(**given), model(**given), atol=1e-5)
 

@@ -1,5 +1,6 @@
 import pytest
 import torch
+from nn.model_table import READING_MODELS, make_model, model_inputs
 from small_models import (
     EDGE_INDEX,
     EDGE_MODELS,
@@ -15,7 +16,6 @@ from small_models import (
 )
 
 from torch_geometric_tactile.nn.models import MTCNN, MTGCN, HandCNN, TactileFNN, TactileGCN
-from torch_geometric_tactile.sensors import biotac_sp
 
 T = ("tactile",)
 FORMS = {"static": dict, "batch": block_diagonal}
@@ -29,14 +29,6 @@ def test_model_missing_input(name, form):
     for key in model.modalities:
         with pytest.raises(ValueError, match=rf"'{key}' must be given: .* (num_joints|inputs)"):
             model(**{**given, key: None})
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_model_says_whether_it_needs_edges(name):
-    model = small_model(name)
-    assert model.needs_edges == (name in GRAPH_MODELS)
-    if not model.needs_edges:
-        assert model(**{**inputs(model, 3), "edge_index": None}).shape == (3, 3)
 
 
 @pytest.mark.parametrize("name", GRAPH_MODELS)
@@ -88,6 +80,17 @@ def test_model_wrong_taxels(name, size):
         model(**{**inputs(model, 3), "x": torch.zeros(size)})
 
 
+@pytest.mark.parametrize("name", READING_MODELS)
+def test_model_wrong_readings(name):
+    model = make_model(name)
+    given = model_inputs(model, 3)
+    x = given["x"]
+    wrong_widths = [] if name == "temporal_difference" else [x[..., 1:]]  # a shorter window
+    for wrong in (*wrong_widths, x[:, 1:], x[0, 0], x.unsqueeze(0), x.flatten(0, 1)[1:]):
+        with pytest.raises(ValueError, match=r"'x' must have .*\(got "):
+            model(**{**given, "x": wrong})
+
+
 @pytest.mark.parametrize("name", ["gcn", "digits", "fnn", "cnn"])
 def test_model_wrong_positions(name):
     model = small_model(name)
@@ -121,16 +124,11 @@ def test_model_wrong_edges(name):
         (lambda: TactileGCN(inputs=()), r"'inputs' must be some of .* \(got \(\)\)"),
         (lambda: TactileGCN(inputs=("tactile", "tactile")), r"'inputs' must be some of"),
         (lambda: TactileGCN(channels={"touch": 3}), r"'inputs' must be some of"),
-        (lambda: TactileGCN(0), r"'layout' must have at least 1 taxel \(got 0\)"),
         (lambda: TactileGCN(inputs=("edge",)), r"'num_edges' must be given .* \(got None\)"),
         (
             lambda: TactileGCN(inputs=("edge",), encoder="linear"),
             r"'encoder' must be 'dense', 'message', 'attention' or a module \(got 'linear'\)",
         ),
-        (lambda: TactileGCN(pools=(1, 1, 2, 4, 15)), r"'pools' must divide 'widths' \(got 15 for"),
-        (lambda: TactileGCN(head_widths=(8,)), r"'pools' must have a size for each of 1 widths"),
-        (lambda: MTGCN(inputs=("touch",)), r"'inputs' must be some of"),
-        (lambda: MTGCN(inputs=()), r"'inputs' must be some of .* \(got \(\)\)"),
         (
             lambda: MTGCN(threads={"absolute": {}}),
             r"'threads' must be settings of the inputs \('tactile', 'edge'\) \(got 'absolute'\)",
@@ -142,10 +140,6 @@ def test_model_wrong_edges(name):
         (
             lambda: MTGCN(threads={"tactile": {"width": 3}}),
             r"'threads' must only have the settings .*, 'adjacency'\] \(got 'width' in 'tactile'\)",
-        ),
-        (
-            lambda: MTGCN(inputs=T, threads={"tactile": {"widths": (4,)}}),
-            r"'pools' must have a size for",
         ),
         (lambda: MTGCN(), r"'num_edges' must be given"),
         (
@@ -168,7 +162,6 @@ def test_model_wrong_edges(name):
             lambda: TactileGCN(LAYOUT, segments="finger"),
             r"'segments' must be 'digit', 'patch' or None \(got 'finger'\)",
         ),
-        (lambda: TactileGCN("allegro"), r"'layout' must be one of .* \(got 'allegro'\)"),
         (lambda: TactileFNN(inputs=("edge",)), r"'inputs' must not have 'edge', since the model"),
         (lambda: HandCNN(LAYOUT, inputs=("edge",)), r"'inputs' must not have 'edge'"),
         (lambda: MTCNN(LAYOUT, inputs=("edge",)), r"'inputs' must not have 'edge'"),
@@ -179,12 +172,6 @@ def test_model_wrong_edges(name):
         (
             lambda: MTGCN(384, inputs=T, threads={"tactile": {"adjacency": "sparse"}}),
             r"'layout' must be .* for an adjacency by name \(got the number of taxels 384\)",
-        ),
-        (lambda: HandCNN(384), r"'layout' must be .* for its image map \(got the number of ta"),
-        (lambda: MTCNN(384), r"'layout' must be .* for its image map \(got the number of taxels"),
-        (
-            lambda: HandCNN(biotac_sp()),
-            r"'layout' must have an image_map \(got none in 'biotac_sp'\)",
         ),
     ],
 )

@@ -2,7 +2,8 @@ import inspect
 
 import pytest
 import torch
-from small_models import ALL, LAYOUT, MODELS, inputs, samples, small_model
+from nn.model_table import GRAPH_MODELS, MODELS, make_model, model_inputs
+from small_models import LAYOUT, inputs, samples
 
 from torch_geometric_tactile import nn
 from torch_geometric_tactile.nn import (
@@ -21,6 +22,7 @@ from torch_geometric_tactile.nn import (
     TemporalCNN,
     TemporalTaxelNet,
 )
+from torch_geometric_tactile.nn.models._calls import needs_edges
 from torch_geometric_tactile.sensors import stock_path
 
 CLASSES = [
@@ -92,24 +94,16 @@ def test_no_more_than_seven_positional_arguments(name):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_model_ignores_inputs_of_others(name):
-    model = small_model(name)
-    given = inputs(model, 9)
+    model = make_model(name).eval()
+    given = model_inputs(model, 9)
     out = model(**given)
-    sizes = {"joint": (9, 2), "absolute": (9, 11, 4), "pos": (9, 11, 3), "edge_attr": (9, 23, 4)}
-    rest = {key: samples(*size) for key, size in sizes.items()}
-    assert torch.equal(model(*[{**rest, **given}[key] for key in FORWARD]), out)
-
-
-@pytest.mark.parametrize("cls", [GraspGCN, GraspLSTM])
-def test_grasp_models_ignore_inputs_of_others(cls):
-    model = cls(11)
-    given = inputs(model_of_all(), 9)
-    out = model(given["x"], given["edge_index"])
-    assert torch.equal(model(*[given[key] for key in FORWARD]), out)
-
-
-def model_of_all():
-    return TactileGCN(11, 3, inputs=ALL, num_edges=3, num_joints=2, **SMALL)
+    size = (9, model.num_nodes)
+    sizes = {"joint": (9, 2), "absolute": (*size, 4), "pos": (*size, 3), "edge_attr": (9, 23, 4)}
+    others = {key: samples(*size) for key, size in sizes.items()}
+    assert torch.equal(model(**{**others, **given}), out)
+    assert needs_edges(model) == (name in GRAPH_MODELS)
+    if not needs_edges(model):
+        assert torch.equal(model(**{**given, "edge_index": None}), out)
 
 
 @pytest.mark.parametrize("segments", [None, "patch"])
@@ -154,6 +148,9 @@ def test_model_layout_bad(cls):
         TaxelNet: "neighbours",
         TemporalTaxelNet: "neighbours",
     }
+    if needs.get(cls) == "image map":
+        with pytest.raises(ValueError, match=r"have an image_map \(got none in 'biotac_sp'\)"):
+            cls("biotac_sp", 2)
     match = rf"'layout' must be .* {needs[cls]}" if cls in needs else r"'layout' must have"
     with pytest.raises(ValueError, match=rf"{match}.*got"):
         cls(0, 2, **more)

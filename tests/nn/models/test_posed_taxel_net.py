@@ -226,19 +226,6 @@ def test_posed_taxel_net_few_taxels():
     assert model(samples(5, 2, 1)).shape == (5, 2)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ({"layout": 24}, r"'layout' must be a layout, .* poses of its taxels \(got the number"),
-        ({"widths": ()}, r"'widths' must be at least one width of at least 1 \(got \(\)\)"),
-        ({"taxel_dropout": 1.0}, r"'taxel_dropout' must be at least 0 and below 1 \(got 1.0\)"),
-    ],
-)
-def test_posed_taxel_net_bad_argument(arguments, match):
-    with pytest.raises(ValueError, match=match):
-        PosedTaxelNet(**{"layout": "allegro_uskin", "out_channels": 6, **arguments})
-
-
 def test_posed_taxel_net_open_hand_of_unknown_links():
     numbers = {"link": torch.tensor([0, 1]), "link_names": ("palm_link", "other")}
     layout = TaxelLayout("two", grid(1, 2, 0.01).pos, **numbers)

@@ -3,10 +3,9 @@ import torch
 from small_models import samples
 
 from torch_geometric_tactile.nn import SmallCNN
-from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
+from torch_geometric_tactile.sensors import TaxelLayout, grid
 
 GRID = grid(4, 5, pitch=0.01)
-EDGES = GRID.edge_index("original")
 
 
 def small(layout=GRID, **more):
@@ -58,12 +57,6 @@ def test_eight_widths_are_the_most():
 @pytest.mark.parametrize(
     ("make", "match"),
     [
-        (
-            lambda: SmallCNN(biotac_sp(), 2),
-            r"'layout' must have an image_map \(got none",
-        ),
-        (lambda: SmallCNN(GRID, 2, widths=()), r"'widths' must be 1 to 8 positive numbers \(got "),
-        (lambda: SmallCNN(GRID, 2, widths=(4, 0)), "'widths' must be 1 to 8 positive numbers"),
         (lambda: small()(torch.zeros(2, 19, 2)), "'x' must have 20 taxels and 2 channels"),
         (lambda: small()(torch.zeros(2, 20, 1)), r"got shape \(2, 20, 1\)"),
         (lambda: small()(torch.zeros(2, 40, 2)), r"got shape \(2, 40, 2\)"),

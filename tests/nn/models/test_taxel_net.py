@@ -196,18 +196,6 @@ def test_taxel_net_numbering_of_the_taxels_does_not_matter():
     assert torch.allclose(other(x[:, order]), model(x), atol=1e-5)
 
 
-def test_taxel_net_overfits():
-    torch.manual_seed(0)
-    model, y = small("pooled", dropout=0.0, taxel_dropout=0.0), torch.arange(20) % 3
-    x = samples(20, 20, 3)
-    optimizer = torch.optim.Adam(model.parameters(), 0.01)
-    for _ in range(60):
-        optimizer.zero_grad()
-        torch.nn.functional.cross_entropy(model(x), y).backward()
-        optimizer.step()
-    assert torch.equal(model(x).argmax(1), y)
-
-
 def test_taxel_net_scale_of_the_readings_does_not_matter():
     # Raw counts of two channels, trained on a single batch.
     scale, offset = torch.tensor([1.0, 50.0, 1000.0]), torch.tensor([0.0, 300.0, 30_000.0])
@@ -221,15 +209,6 @@ def test_taxel_net_scale_of_the_readings_does_not_matter():
     assert torch.allclose(found[0], found[2], atol=1e-3)
     # A single batch has set the scale by which evaluation goes.
     assert torch.allclose(found[1], found[3], atol=1e-3)
-
-
-def test_taxel_net_of_a_single_sample_in_training():
-    for name in MODELS:
-        model = small(name).train()
-        model(**given(model, 16))
-        out = model(**given(model, 1))
-        assert out.shape == (1, model.out_channels)
-        assert out.isfinite().all()
 
 
 def test_reading_norm_averages_batches():
@@ -296,15 +275,8 @@ def test_taxel_net_on_the_meta_device():
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"layout": 24}, r"'layout' must be a layout, .* neighbours .*\(got the number of taxels"),
-        ({"taxel_dropout": 1.0}, r"'taxel_dropout' must be at least 0 and below 1 \(got 1.0\)"),
         ({"conv": "gcn"}, r"'conv' must be one of \('sector', 'self', .*\(got 'gcn'\)"),
         ({"head": "sum"}, r"'head' must be one of \('flat', 'mean', .*\(got 'sum'\)"),
-        ({"widths": ()}, r"'widths' must be at least one width of at least 1 \(got \(\)\)"),
-        ({"widths": (4, 0)}, r"'widths' must be at least one width .*\(got \(4, 0\)\)"),
-        ({"direct_channels": -1}, r"'direct_channels' must not be negative \(got -1\)"),
-        ({"head_taxels": 0}, r"'head_taxels' must be at least 1 \(got 0\)"),
-        ({"num_joints": -1}, r"'num_joints' must not be negative \(got -1\)"),
     ],
 )
 def test_taxel_net_bad_argument(arguments, match):
@@ -315,9 +287,7 @@ def test_taxel_net_bad_argument(arguments, match):
 @pytest.mark.parametrize(
     ("size", "match"),
     [
-        *((size, r"'x' must have 3 features \(got shape") for size in ((20, 2), (5, 20, 2), (3,))),
-        ((1, 5, 20, 3), r"'x' must have 3 features \(got shape"),
-        ((21, 3), r"'x' must have 20 taxels in each sample \(got shape"),
+        ((5, 20, 2), r"'x' must have 3 features \(got shape"),
         ((5, 19, 3), r"'x' must have 20 taxels in each sample \(got shape"),
         ((2, 20, 3), r"'joint' must be given"),
     ],

@@ -229,23 +229,11 @@ def test_temporal_taxel_net_taxel_dropout_is_of_whole_windows():
     assert not ((part > 0) & (part < 0.5)).any()
 
 
-def test_temporal_taxel_net_of_a_single_window_in_training():
-    for name in MODELS:
-        model = small(name).train()
-        model(**given(model, 16))
-        out = model(**given(model, 1, 1))
-        assert out.shape == (1, 3)
-        assert out.isfinite().all()
-
-
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"layout": 24}, r"'layout' must be a layout, .* neighbours .*\(got the number of taxels"),
-        ({"taxel_dropout": 1.0}, r"'taxel_dropout' must be at least 0 and below 1 \(got 1.0\)"),
         ({"conv": "gcn"}, r"'conv' must be one of \('sector', 'self', .*\(got 'gcn'\)"),
         ({"pool": "sum"}, r"'pool' must be one of \('last', 'mean', .*\(got 'sum'\)"),
-        ({"mixed_channels": -1}, r"'mixed_channels' must not be negative \(got -1\)"),
     ],
 )
 def test_temporal_taxel_net_bad_argument(arguments, match):

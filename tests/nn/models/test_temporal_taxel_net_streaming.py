@@ -74,31 +74,6 @@ def test_temporal_taxel_net_receptive_field(name):
     assert int(seen[0]) == 25 - model.receptive_field
 
 
-def test_temporal_taxel_net_never_looks_ahead(model):
-    data = given(model, 2, 12)
-    if model.num_joints:
-        data["joint"] = samples(2, 12, 2)
-    out = model(**data, per_frame=True)
-    frames = split_frames(data["x"], 12).clone()
-    frames[:, :, 7:] += 5
-    other = model(**{**data, "x": join_frames(frames)}, per_frame=True)
-    assert torch.allclose(other[:, :7], out[:, :7], atol=1e-6)
-    assert not torch.allclose(other[:, 7], out[:, 7], atol=1e-3)
-
-
-def test_temporal_taxel_net_order_of_the_features_matters():
-    model = trained(small("electrodes"))
-    x = given(model, 3, 12)["x"]
-    swapped = x.unflatten(-1, (12, 3)).transpose(-1, -2).flatten(-2)  # time outer
-    assert not torch.allclose(model(swapped), model(x), atol=1e-3)
-    frames = split_frames(x, 12)
-    state = model.initial_state(3)
-    for t in range(12):
-        assert torch.equal(frames[:, :, t, 1], x[:, :, 12 + t])
-        out, state = model.step(frames[:, :, t], None, state)
-    assert torch.allclose(out, model(x), atol=1e-5)
-
-
 def test_temporal_taxel_net_state_is_tensors(model):
     state = model.initial_state(3, dtype=torch.double)
     first_layers = [layer for layer in (model.filters, model.mixer) if layer is not None]

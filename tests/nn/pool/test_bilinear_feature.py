@@ -10,10 +10,6 @@ def maps(*size, dtype=torch.double):
     return torch.randn(size, generator=torch.Generator().manual_seed(0), dtype=dtype)
 
 
-def test_repr():
-    assert str(BilinearFeature()) == "BilinearFeature(eps=1e-05)"
-
-
 def test_value_by_hand():
     # Columns (2, 0, 0) and (1, 1, -4) of three rows: their products are 4, 2 and 18.
     x = torch.tensor([[2.0, 1.0], [0.0, 1.0], [0.0, -4.0]], dtype=torch.double)
@@ -81,18 +77,6 @@ def test_gradients_are_finite_where_maps_are_zero(dtype):
 def test_gradients_are_those_of_the_formula():
     x = (maps(2, 4, 3).abs() + 0.1).requires_grad_()
     assert torch.autograd.gradcheck(BilinearFeature(eps=0.1), x)
-
-
-def test_empty_batch_and_single_map():
-    layer, x = BilinearFeature(), maps(3, 2, 6, 5)
-    assert layer(x[:0]).shape == (0, 2, 5, 5)
-    assert torch.allclose(layer(x[1, 1]), layer(x)[1, 1])
-
-
-def test_compiles_in_one_graph():
-    layer, x = BilinearFeature(), maps(3, 2, 6, 5)
-    compiled = torch.compile(layer, fullgraph=True, backend="aot_eager")
-    assert torch.allclose(compiled(x), layer(x))
 
 
 @pytest.mark.parametrize("eps", [0.0, -1.0, float("nan"), float("inf")])
