@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from streams import assert_same_in_pieces, assert_split_anywhere, fed, numbers, plain
+from streams import assert_same_in_pieces, fed, numbers, plain
 
 from torch_geometric_tactile.io import AnySkinDecoder
 
@@ -55,10 +55,6 @@ def test_a_frame_is_there_with_its_last_byte():
         data = packet(number)
         assert decoder.feed(data[:-1], 0) == []
         assert len(decoder.feed(data[-1:], 1)) == 1
-
-
-def test_split_at_every_byte():
-    assert numbers(assert_split_anywhere(AnySkinDecoder, stream(4))) == [0, 1, 2, 3]
 
 
 def test_terminators_inside_of_floats_are_no_ends():

@@ -1,5 +1,5 @@
 import numpy as np
-from streams import assert_same_in_pieces, assert_split_anywhere, damaged, fed, numbers
+from streams import assert_same_in_pieces, damaged, fed, numbers
 
 from torch_geometric_tactile.io import M1616Decoder
 
@@ -26,11 +26,6 @@ def test_a_frame_by_hand():
     assert frame.tactile[[1, 255, 16], 0].tolist() == [258, 4095, 0]
     assert (frame.sequence, frame.device_time, frame.time) == (0, None, 1)
     assert (decoder.checksum, decoder.baudrate) == ("none", 115200)
-
-
-def test_split_at_every_byte():
-    data = b"\xab" + packet(0) + packet(1, b"\0\0\xaa\xab") + packet(2)
-    assert numbers(assert_split_anywhere(M1616Decoder, data)) == [0, 1, 2]
 
 
 def test_a_frame_is_there_with_its_last_byte():

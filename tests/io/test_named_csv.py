@@ -203,8 +203,8 @@ def test_read_rejects_what_would_be_wrong_in_silence(write, lines, options, mess
 
 
 def test_many_columns_are_quick_to_name(write):
-    names = [f"c{i}" for i in range(50_000)]
-    assert read_named_csv(write(",".join(names), "," * 49_999), rate=1).num_taxels == 50_000
+    names = [f"c{i}" for i in range(20_000)]
+    assert read_named_csv(write(",".join(names), "," * 19_999), rate=1).num_taxels == 20_000
 
 
 def test_a_column_of_texts_that_nobody_named_comes_with_advice(write):

@@ -9,7 +9,6 @@ cobs = pytest.importorskip("cobs.cobs", reason="needs the extra 'live'")
 
 from streams import (  # noqa: E402
     assert_same_in_pieces,
-    assert_split_anywhere,
     damaged,
     fed,
     numbers,
@@ -76,11 +75,6 @@ def test_big_endian_and_double_are_converted():
     for values in (np.array([[1, 300]], ">i2"), np.array([[1.0, 300.0]])):
         (frame,) = CobsDecoder().feed(encode_packet(0, values), 0)
         assert frame.tactile.tolist() == [[1, 300]]
-
-
-def test_split_at_every_byte():
-    frames = assert_split_anywhere(CobsDecoder, b"".join(packets(3)))
-    assert numbers(frames) == [0, 1, 2]
 
 
 def test_damaged_packets_cost_only_themselves():

@@ -1,7 +1,10 @@
 import subprocess
 import sys
+from functools import partial
 
 import pytest
+from fuzz import stream_bases
+from streams import assert_split_anywhere
 
 from torch_geometric_tactile.io import (
     PROTOCOLS,
@@ -20,6 +23,17 @@ def test_every_protocol_has_a_decoder(name):
     assert isinstance(decoder, Decoder)
     assert decoder.checksum in ("none", "sum", "crc32")
     assert decoder.feed(b"", 0) == []
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_a_stream_that_is_cut_in_two_anywhere_gives_the_same_frames(name, tmp_path):
+    if name == "cobs":
+        pytest.importorskip("cobs", reason="needs the extra 'live'")
+    getattr(stream_bases, name)(tmp_path)
+    make = partial(decoder_of, name, **stream_bases.SETTINGS[name])
+    for path in tmp_path.iterdir():
+        content = path.read_bytes()[:4200]  # two packets of the longest
+        assert len(assert_split_anywhere(make, content)) > 1
 
 
 def test_settings_as_values_and_as_texts():

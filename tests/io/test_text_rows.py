@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from streams import assert_same_in_pieces, assert_split_anywhere, fed, numbers
+from streams import assert_same_in_pieces, fed, numbers
 
 from torch_geometric_tactile.io import FlexiTacDecoder, TextRowsDecoder
 
@@ -40,10 +40,6 @@ def test_shapes_and_line_ends(shape, end):
     data = end.encode() + b"".join(packet(i, shape, end) for i in range(3))
     frames = fed(TextRowsDecoder(shape), data, size=13)
     assert [held(frame, shape) for frame in frames] == [counts(i, shape).tolist() for i in range(3)]
-
-
-def test_split_at_every_byte():
-    assert numbers(assert_split_anywhere(small, b"\n" + FRAME + b"1 2\r\n\r\n" + FRAME)) == [0, 1]
 
 
 def test_the_first_frame_may_have_lost_its_beginning():

@@ -115,9 +115,7 @@ def test_read_full_size(tmp_path):
         ([ROW, "1,2,3"], r"line 2 must have 7 cells \(got 3\): is the file truncated"),
         ([ROW, ROW, f"{ROW},1"], r"line 3 must have 7 cells \(got 8\)"),
         (["1,2,3"], r"line 1 must have 7 cells for 2 taxels of 3 channels and 1 joints, or 8 with"),
-        ([ROW, "1,2,x,4,5,6,7"], r"line 2, column 3: 'taxel_0_z' must be a number \(got 'x'\)"),
         (["1,2,x,4,5,6,7"], r"line 1, column 3: 'taxel_0_z' must be a number \(got 'x'\)"),
-        ([ROW, "1,inf,3,4,5,6,7"], r"line 2, column 2: 'taxel_0_y' must be finite, .*'inf'\)"),
         (
             [HEADER, f"0.2,{ROW}", f"0.2,{ROW}"],
             r"line 3: 'time' must increase \(got 0.2 s after 0.2 s\)",
