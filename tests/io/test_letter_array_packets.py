@@ -100,10 +100,8 @@ def test_garbage_takes_no_memory():
     ("arguments", "message"),
     [
         ({"counts": np.zeros((16, 16))}, r"'counts' must have shape \(32, 32\).*\(16, 16\)"),
-        ({"counts": np.full((32, 32), -1)}, "integers from 0 to 65535"),
         ({"counts": np.full((32, 32), 65536)}, "integers from 0 to 65535"),
         ({"counts": np.full((32, 32), 0.5)}, "integers from 0 to 65535"),
-        ({"counts": np.full((32, 32), np.nan)}, "integers from 0 to 65535"),
         ({"sequence": -1}, r"'sequence' must be at least 0 \(got -1\)"),
     ],
 )

@@ -213,13 +213,11 @@ def test_whole_packets_that_cannot_be(bad):
     ("arguments", "message"),
     [
         ({"tactile": np.zeros(3)}, r"'tactile' must have shape .*\(3,\)"),
-        ({"tactile": np.zeros((0, 3))}, r"'tactile' must have shape .*\(0, 3\)"),
         ({"tactile": np.zeros((1, 256))}, r"'tactile' must have shape .*\(1, 256\)"),
         ({"tactile": np.zeros((2**16, 1))}, r"'tactile' must have shape .*\(65536, 1\)"),
         ({"tactile": np.zeros((1, 1), int)}, r"must be int16, uint16 or floats \(got int64\)"),
         ({"sequence": -1}, r"'sequence' must be at least 0 \(got -1\)"),
         ({"joint": np.zeros((2, 2))}, r"'joint' must have shape \(num_joints,\).*\(2, 2\)"),
-        ({"joint": np.zeros(0)}, r"'joint' must have shape \(num_joints,\).*\(0,\)"),
     ],
 )
 def test_encode_refuses(arguments, message):

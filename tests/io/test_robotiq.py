@@ -177,7 +177,6 @@ def test_garbage_takes_no_memory():
         ({"num_fingers": 3}, r"'num_fingers' must be 1 or 2 \(got 3\)"),
         ({"period": 0}, r"'period' must be between 0.001 and 0.255 seconds \(got 0\)"),
         ({"period": 0.3}, r"'period' must be between 0.001 and 0.255 seconds \(got 0.3\)"),
-        ({"period": float("nan")}, r"'period' must be between .*\(got nan\)"),
     ],
 )
 def test_refuses(arguments, message):

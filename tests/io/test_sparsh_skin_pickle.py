@@ -94,7 +94,6 @@ def changed(index, value):
     ("touch", "match"),
     [
         ([], r"must hold a list of frames, at least one \(got list\)"),
-        (np.array(sparsh_touch()), r"list of frames, at least one \(got ndarray\)"),
         ({"a": 1}, r"list of frames, at least one \(got dict\)"),
         ([*sparsh_touch(), 3], r"frame 6 must be an array of shape \(368, 4\) \(got int\)"),
         ([np.zeros((367, 4))], r"frame 0 must be an array .*\(got \(367, 4\)\)"),
@@ -105,7 +104,6 @@ def changed(index, value):
             changed((2, 9, 3), np.nan),
             r"finite numbers \(got an infinite number or NaN at 2, 9, 2\)",
         ),
-        (changed((2, 9, 3), np.inf), r"finite numbers"),
     ],
 )
 def test_wrong_touch_is_refused_by_name(tmp_path, touch, match):
@@ -119,8 +117,6 @@ def test_wrong_touch_is_refused_by_name(tmp_path, touch, match):
     ("content", "match"),
     [
         (sparsh_joints(), r"'joint_states' must be an array .* \(got NoneType\)"),
-        ({}, r"\(got NoneType\)"),
-        ({"joint_states": 3}, r"\(got int\)"),
         ({"joint_states": np.array(3.0)}, r"shape \(1, 33\) \(got \(\)\)"),
         ({"joint_states": np.zeros((0, 33))}, r"shape \(1, 33\) \(got \(0, 33\)\)"),
         ({"joint_states": np.zeros((5, 17))}, r"shape \(5, 33\) \(got \(5, 17\)\)"),
