@@ -242,6 +242,7 @@ def test_given_parts():
         Protocol("given").split(data)
 
 
+@pytest.mark.full
 def test_import_leaves_scikit_learn_out():
     names = ", ".join(
         f"torch_geometric_tactile.{name}" for name in ("sensors", "data.splits", "data")
