@@ -238,11 +238,6 @@ def test_only_what_would_drag_a_storage_along_is_copied_to_be_saved():
     assert all(map(_is_view, (x[:2], x.to_sparse(), torch.nn.Parameter(x))))
 
 
-def test_load_missing_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone\.pt"):
-        read_processed(tmp_path / "gone.pt")
-
-
 def test_reading_removes_what_a_killed_second_process_left(tmp_path):
     path = tmp_path / "a.pt"
     save_static(StaticData(x=torch.ones(2, 3, 1)), {}, path)

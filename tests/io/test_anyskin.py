@@ -174,18 +174,6 @@ def test_numbers_that_no_chip_can_say(bad):
     assert numbers(fed(decoder, data)) == [0, 2]
 
 
-def test_garbage_takes_no_memory():
-    draw = np.random.default_rng(2)
-    decoder = AnySkinDecoder()
-    for _ in range(300):
-        decoder.feed(bytes(draw.integers(0, 256, 100).tolist()), 0)
-        assert len(decoder._buffer) <= 5 * 82
-    assert decoder.counts.good == 0
-    assert len(decoder.feed(stream(10), 0)) >= 8
-    junk = bytes(draw.integers(0, 256, 1000).tolist())
-    assert_same_in_pieces(AnySkinDecoder, stream(2) + junk + stream(3) + END * 300 + stream(3))
-
-
 def test_reset_forgets_half_a_frame():
     decoder = AnySkinDecoder()
     decoder.feed(packet(0) + packet(1)[:50], 0)

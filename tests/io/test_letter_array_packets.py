@@ -87,15 +87,6 @@ def test_numbers_go_on_over_the_wrap_and_a_start_over():
     assert decoder.counts.lost == 1
 
 
-def test_garbage_takes_no_memory():
-    decoder = LetterArrayDecoder()
-    for junk in (b"\xa5\x5aLA" * 200, b"\xa5" * 999, bytes(999)):
-        for _ in range(6):
-            decoder.feed(junk, 0)
-            assert len(decoder._buffer) <= SIZE
-    assert numbers(decoder.feed(b"".join(packets(3)), 0)) == [0, 1, 2]
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

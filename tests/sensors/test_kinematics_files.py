@@ -163,10 +163,3 @@ def test_slanted_axis_survives_copies_exactly():
     assert Joint(**joint.to_dict()) == joint
     assert math.hypot(*joint.axis) == pytest.approx(1.0, abs=1e-15)
     assert "lower" not in joint.to_dict()
-
-
-def test_missing_files_are_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone\.json"):
-        HandKinematics.load(tmp_path / "gone.json")
-    with pytest.raises(FileNotFoundError, match=r"gone\.urdf"):
-        HandKinematics.from_urdf(tmp_path / "gone.urdf")
