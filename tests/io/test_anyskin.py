@@ -157,10 +157,8 @@ def test_lost_frames_are_estimated_from_the_bytes():
     [
         [25, np.nan, 0, 0],
         [25, np.inf, 0, 0],
-        [25, 0, 0, -np.inf],
         [np.nan, 0, 0, 0],
         [25, 6e5, 0, 0],
-        [25, 0, -6e5, 0],
         [1001, 0, 0, 0],
         [25, 1e-7, 0, 0],
         [25, 0, -1e-30, 0],

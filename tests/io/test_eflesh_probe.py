@@ -49,7 +49,6 @@ def test_single_frame(write):
         (SENSOR, STATES.replace("0.51", "1.005"), r"less than a frame, 0.5 s \(got 0.505 s in li"),
         (SENSOR.replace("0.5,", "0.0,"), STATES, "'time' must increase|less than a frame"),
         ("0,1,2\n", STATES, r"three readings of each magnetometer \(got 3 columns\)"),
-        ("0\n", STATES, r"three readings of each magnetometer \(got 1 columns\)"),
         (SENSOR, "0,1,2,3\n", r"must have the columns time, x, y, z, force \(got 4\)"),
         (SENSOR, STATES.replace("288", ""), r"states.csv', line 1, column 4"),
         (SENSOR.replace("9", "inf"), STATES, r"sensor.csv', line 2, column 4: .* finite"),

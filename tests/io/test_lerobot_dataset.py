@@ -319,8 +319,6 @@ def test_sets_of_others_have_other_features(root):
     [
         ({"codebase_version": "v2.1"}, "must be a LeRobot data set of version 3 .*got v2.1"),
         ({"fps": 0}, "positive 'fps'"),
-        ({"fps": "30"}, "must hold 'fps'"),
-        ({"total_frames": 14}, "must hold 14 frames, as declared in its info.json .got 15"),
         ({"total_episodes": 4}, "each of 4 episodes once .got 3"),
         ({"features": {"action": {}}}, "must have the feature 'observation.tactile' .*got action"),
         ({"features": {"observation.tactile": {"shape": [2, 2, 2]}}}, "one or two dimensions"),

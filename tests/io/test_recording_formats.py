@@ -77,7 +77,7 @@ def is_same(one, other):
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of random bytes as numbers
 def test_what_a_recording_holds_every_format_gives_back(tmp_path):
     num_refused = num_kept = 0
-    for seed in range(200):
+    for seed in range(100):
         draw = np.random.default_rng(seed)
         given = arguments(draw)
         try:
@@ -100,7 +100,7 @@ def test_what_a_recording_holds_every_format_gives_back(tmp_path):
                 before, after = getattr(recording, name), getattr(found, name)
                 assert before.keys() == after.keys(), what
                 assert all(is_same(before[key], after[key]) for key in before), what
-    assert min(num_refused, num_kept) > 30  # the law is tested on both
+    assert min(num_refused, num_kept) > 15  # the law is tested on both
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
