@@ -1,6 +1,5 @@
 """Attributes are told by their names and declarations, never by sizes that happen to agree."""
 
-import numpy as np
 import pytest
 import torch
 
@@ -12,7 +11,7 @@ EDGE_INDEX = torch.tensor([[0, 1, 2, 3, 0], [1, 2, 3, 0, 2]])
 RANKS = [
     (key, known.level, rank) for key, known in KNOWN_ATTRIBUTES.items() for rank in known.ranks
 ]
-COUNTS = [1, 3, 4, 5]  # samples: also as many as taxels, as edges
+COUNTS = [1, NODES, EDGES]  # samples: also as many as taxels, as edges
 
 
 def samples(num_samples=3, **kwargs):
@@ -188,7 +187,6 @@ def test_replaced_edges_may_be_followed_by_their_attributes():
     ("attributes", "message"),
     [
         ({"edge_index": torch.zeros(7, 2)}, r"'edge_index' must have shape \(2, num_edges\)"),
-        ({"edge_index": torch.zeros(3, 2, 5)}, r"'edge_index' must have shape \(2, num_edges\)"),
         ({"pos": torch.zeros(3)}, r"'pos' must have 2 dimensions if all samples share it, or 3"),
         ({"edge_attr": torch.zeros(3, 5, 1, 1)}, "'edge_attr' must have 1 or 2 dimensions if all"),
         ({"pos": torch.zeros(3, 3)}, "'pos' must have 4 taxels in its dimension 0"),
@@ -201,20 +199,12 @@ def test_replaced_edges_may_be_followed_by_their_attributes():
         ({"rate": torch.tensor(50.0)}, r"'rate' must have 3 rows.*got shape \(\)\); name it in"),
         ({"bias": torch.zeros(4)}, "'bias' must have 3 rows.*'node' or 'edge' if.*'shared' if"),
         ({"y": [0, 1, 2]}, r"'y' must be a tensor \(got list\)"),
-        ({"y": 1}, r"'y' must be a tensor \(got int\)"),
         ({"name": ["a", "b", "c"]}, r"'name' must be a tensor .* in 'shared' \(got list\)"),
-        ({"name": np.zeros(3)}, r"'name' must be a tensor .* in 'shared' \(got ndarray\)"),
-        ({"mask": "all", "node": ["mask"]}, r"'mask' must be a tensor \(got str\)"),
         ({"batch": torch.zeros(12)}, r"StaticData has no 'batch': call 'to_batch\(\)'"),
         ({"node": "mask"}, r"'node' must be a list of names \(got 'mask'\)"),
         ({"shared": [1]}, r"'shared' must be a list of names \(got \[1\]\)"),
         ({"node": ["a"], "edge": ["a"]}, r"'a' must be named in 'node' or in 'edge' \(got both\)"),
         ({"shared": ["x"]}, r"'shared' must not name attributes of a fixed level \(got 'x'\)"),
-        (
-            {"edge": ["edge_index"]},
-            r"'edge' must not name attributes of a fixed level \(got 'edge_index'\)",
-        ),
-        ({"node": ["batch"]}, r"'node' must not name attributes of a fixed level \(got 'batch'\)"),
     ],
 )
 def test_bad_attributes(attributes, message):

@@ -52,11 +52,8 @@ def test_years_and_months_begin_on_a_day():
     ("time", "message"),
     [
         (np.arange(2), r"'time' must be .* \(floats in seconds, got int64\): give seconds as fl"),
-        ([0, 1], r"floats in seconds, got int64\)"),
         (np.arange(2, dtype=np.uint8), r"got uint8\): .* nanoseconds as time / 1e9"),
-        (torch.arange(2), r"got int64"),
         (np.array([False, True]), r"got bool"),
-        (np.array([0, 1j]), r"got complex128"),
         (["0.0", "0.1"], r"got <U3"),
         ([0.0, None], r"got object"),
         (
@@ -64,10 +61,7 @@ def test_years_and_months_begin_on_a_day():
             r"got object\): .* dates as numpy.datetime64",
         ),
         (np.array(["2026-01-14", "NaT"], "M8[ns]"), r"must be finite \(got NaT in frame 1\)"),
-        (np.array(["NaT", 1], "m8[s]"), r"must be finite \(got NaT in frame 0\)"),
         (np.array([1, 2], "m8[M]"), r"unit of a fixed number of seconds \(got timedelta64\[M\]\)"),
-        (np.array([1, 2], "m8"), r"unit of a fixed number of seconds"),
-        (np.array([2, 1], "m8[s]"), r"'time' must increase \(got 1.0 s in frame 1 after 2.0 s"),
         (np.ma.array([0.0, 1.0], mask=[0, 1]), r"'time' must not be masked .* in frame 1\)"),
         (torch.zeros(2, requires_grad=True), r"'time' must be an array of numbers \(.*grad"),
     ],
@@ -98,10 +92,7 @@ def test_what_lies_under_a_mask_is_not_looked_at():
     [
         ({"tactile": TACTILE + 1j}, r"'tactile' must be an array of numbers \(got complex128\)"),
         ({"tactile": TACTILE.astype(object)}, r"'tactile' must be .* \(got object\)"),
-        ({"tactile": TACTILE.astype("M8[s]")}, r"'tactile' must be .* \(got datetime64\[s\]\)"),
-        ({"tactile": TACTILE.astype(str)}, r"'tactile' must be an array of numbers \(got <U"),
         ({"tactile": [[[0.0]], [[0.0, 1.0]]]}, r"'tactile' must be an array of numbers \(.*shape"),
-        ({"joint": [["a"], ["b"]]}, r"'joint' must be an array of numbers \(got <U1\)"),
         ({"extra": {"p": np.ma.masked}}, r"'p' must not be masked \(got a masked .* in frame 0\)"),
         ({"privileged": {"p": [[1], [2, 3]]}}, r"privileged 'p' must be an array \("),
         ({"privileged": [1]}, r"'privileged' must be a mapping \(got list\)"),

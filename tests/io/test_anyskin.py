@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from streams import assert_same_in_pieces, assert_split_anywhere, fed, numbers, plain
+from streams import assert_same_in_pieces, fed, numbers, plain
 
 from torch_geometric_tactile.io import AnySkinDecoder
 
@@ -55,10 +55,6 @@ def test_a_frame_is_there_with_its_last_byte():
         data = packet(number)
         assert decoder.feed(data[:-1], 0) == []
         assert len(decoder.feed(data[-1:], 1)) == 1
-
-
-def test_split_at_every_byte():
-    assert numbers(assert_split_anywhere(AnySkinDecoder, stream(4))) == [0, 1, 2, 3]
 
 
 def test_terminators_inside_of_floats_are_no_ends():
@@ -161,10 +157,8 @@ def test_lost_frames_are_estimated_from_the_bytes():
     [
         [25, np.nan, 0, 0],
         [25, np.inf, 0, 0],
-        [25, 0, 0, -np.inf],
         [np.nan, 0, 0, 0],
         [25, 6e5, 0, 0],
-        [25, 0, -6e5, 0],
         [1001, 0, 0, 0],
         [25, 1e-7, 0, 0],
         [25, 0, -1e-30, 0],
@@ -176,18 +170,6 @@ def test_numbers_that_no_chip_can_say(bad):
     good = np.float32([[25, 0, -0.0, 4e5], [-998, 1e-5, 0, 0]])
     data = b"".join(row.tobytes() + END for row in (good[0], np.float32(bad), good[1]))
     assert numbers(fed(decoder, data)) == [0, 2]
-
-
-def test_garbage_takes_no_memory():
-    draw = np.random.default_rng(2)
-    decoder = AnySkinDecoder()
-    for _ in range(300):
-        decoder.feed(bytes(draw.integers(0, 256, 100).tolist()), 0)
-        assert len(decoder._buffer) <= 5 * 82
-    assert decoder.counts.good == 0
-    assert len(decoder.feed(stream(10), 0)) >= 8
-    junk = bytes(draw.integers(0, 256, 1000).tolist())
-    assert_same_in_pieces(AnySkinDecoder, stream(2) + junk + stream(3) + END * 300 + stream(3))
 
 
 def test_reset_forgets_half_a_frame():

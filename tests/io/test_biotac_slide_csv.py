@@ -30,10 +30,6 @@ def test_lines_without_the_last_comma_and_columns_in_another_order(tmp_path):
     ("change", "message"),
     [
         (lambda text: text.replace("ele19", "ele20"), r"the column 'ele19' \(1 of 45 columns"),
-        (lambda text: text.replace("ele19", "ele18"), r"name each column once \(got 'ele18' twice"),
-        (lambda text: text.replace("91", "", 1), r"line 2, column 4: 'pdc' must be a number \(got"),
-        (lambda text: text.replace("21,22,\n", "\n"), r"line 6 must have 45 cells \(got 44\)"),
-        (lambda text: text[:-1], r"line 6 must end with a line break: is the file truncated"),
         (lambda text: text.replace("22,\n", "22,7\n"), r"line 6 must have 45 cells \(got 46\)"),
         (
             lambda text: text.replace("1581073084.71", "1581073084.69"),

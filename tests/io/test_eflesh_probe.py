@@ -49,15 +49,11 @@ def test_single_frame(write):
         (SENSOR, STATES.replace("0.51", "1.005"), r"less than a frame, 0.5 s \(got 0.505 s in li"),
         (SENSOR.replace("0.5,", "0.0,"), STATES, "'time' must increase|less than a frame"),
         ("0,1,2\n", STATES, r"three readings of each magnetometer \(got 3 columns\)"),
-        ("0\n", STATES, r"three readings of each magnetometer \(got 1 columns\)"),
         (SENSOR, "0,1,2,3\n", r"must have the columns time, x, y, z, force \(got 4\)"),
         (SENSOR, STATES.replace("288", ""), r"states.csv', line 1, column 4"),
         (SENSOR.replace("9", "inf"), STATES, r"sensor.csv', line 2, column 4: .* finite"),
-        (SENSOR.replace("9", "x"), STATES, r"sensor.csv', line 2, column 4: .* a number"),
         ("time,x,y,z\n" + SENSOR, STATES, r"sensor.csv', line 1"),
-        (SENSOR.rstrip(), STATES, "line 3 must end with a line break"),
         (",".join(["0"] * 1003) + "\n", STATES, r"at most 1000 columns \(got 1003\)"),
-        ("", STATES, "at least one frame"),
     ],
 )
 def test_bad_files(sensor, states, text, write):

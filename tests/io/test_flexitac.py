@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from streams import assert_same_in_pieces, assert_split_anywhere, damaged, fed, numbers
+from streams import assert_same_in_pieces, damaged, fed, numbers
 
 from torch_geometric_tactile.io import FlexiTacDecoder
 
@@ -26,11 +26,6 @@ def test_a_frame_by_hand():
     assert (frame.sequence, frame.device_time, frame.time) == (0, None, 1)
     assert (decoder.checksum, decoder.baudrate) == ("none", 2_000_000)
     assert FlexiTacDecoder().shape == (12, 32)
-
-
-def test_split_at_every_byte():
-    data = b"\x55" + packet(0) + packet(1) + packet(2) + HEADER
-    assert numbers(assert_split_anywhere(FlexiTacDecoder, data)) == [0, 1, 2]
 
 
 def test_a_frame_is_there_with_its_last_byte():

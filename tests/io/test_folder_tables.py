@@ -50,14 +50,9 @@ def test_annotations_are_read_for_columns_of_any_names(tmp_path):
             "must have the column 'recording' (3 of 4 columns are missing",
         ),
         (HEAD + "a,0,x,slip\n", "line 2, column 3: 'end' must be a number (got 'x')"),
-        (HEAD + "a,0,1,slip\na,0,,slip\n", "line 3, column 3: 'end' must be a number (got '')"),
         (HEAD + "a,2,1,slip\n", "line 2: 'annotations' must have a finite start and an end"),
-        (HEAD + "a,0,inf,slip\n", "line 2, column 3: 'end' must be finite (got 'inf')"),
         (HEAD + "a,0,1,\n", "line 2: 'annotations' must have labels of 1 to 255"),
-        (HEAD + "a,0,1\n", "line 2 must have 4 cells (got 3)"),
-        (HEAD + "a,0,1,slip", "line 2 must end with a line break"),
         (HEAD, "must hold at least one annotation (got a header only)"),
-        ("recording,start,end,label,label\na,0,1,b,c\n", "must name each column once"),
     ],
 )
 def test_a_wrong_table_of_annotations_is_refused(tmp_path, text, message):
@@ -86,8 +81,6 @@ def test_labels_are_texts_or_whole_numbers_and_empty_cells_tell_nothing(tmp_path
     [
         ("file,label\na,x\n", "must have the column 'recording'"),
         ("recording,label\na,x\na,y\n", "line 3 must not name a recording again (got 'a')"),
-        ("recording,label\na,x,y\n", "line 2 must have 2 cells (got 3)"),
-        ("recording,label,label\na,x,y\n", "must name each column once"),
         ("recording,label\n", "must have a line for at least one recording"),
     ],
 )

@@ -112,9 +112,7 @@ def test_privileged_and_extra_must_be_groups_in_the_file_itself(kind, content, m
     refuses(make(**{kind: content}), message.format(kind))
 
 
-@pytest.mark.parametrize(
-    "value", [3.7, 1.0, True, -1, [1], "1", np.nan, np.zeros((0,), int), h5py.Empty("i8")]
-)
+@pytest.mark.parametrize("value", [3.7, True, -1, [1], "1", h5py.Empty("i8")])
 def test_num_frames_must_be_an_integer(value, path):
     with h5py.File(path, "r+") as file:
         file.attrs["num_frames"] = value

@@ -21,29 +21,16 @@ def test_arrays(tmp_path, packed):
     assert read_idx(path).shape == (0,)
 
 
-def flipped(data, place):
-    return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
-
-
 @pytest.mark.parametrize(
     ("data", "match"),
     [
-        (b"", "array of unsigned bytes .got another header"),
         (b"\0\0\x0d\x01" + DATA[4:], "array of unsigned bytes"),
         (b"\0\0\x08\x00", r"1 to 4 dimensions \(got 0\)"),
-        (b"\0\0\x08\xff" + DATA[4:], r"1 to 4 dimensions \(got 255\)"),
-        (DATA[:10], "unpack requires"),
         (DATA[:-1], r"24 numbers for the shape \(2, 3, 4\) \(got 23\)"),
-        (DATA + b"\0", r"24 numbers for the shape \(2, 3, 4\) \(got more\)"),
-        (gzip.compress(DATA, mtime=0)[:-9], "end-of-stream"),
-        (flipped(gzip.compress(DATA, mtime=0), -6), "CRC check failed"),
         (gzip.compress(DATA + bytes(9), mtime=0), r"\(got more\)"),
         (b"\0\0\x08\x03" + struct.pack(">3I", 2**31, 28, 28), "it would take 1683627180032 bytes"),
     ],
-    ids=[
-        *("empty", "doubles", "no dimension", "255 dimensions", "cut header", "cut", "more"),
-        *("cut gzip", "flipped gzip", "more in gzip", "huge"),
-    ],
+    ids=["doubles", "no dimension", "cut", "more in gzip", "huge"],
 )
 def test_bad_files(tmp_path, data, match):
     path = tmp_path / "a.gz"

@@ -319,8 +319,6 @@ def test_sets_of_others_have_other_features(root):
     [
         ({"codebase_version": "v2.1"}, "must be a LeRobot data set of version 3 .*got v2.1"),
         ({"fps": 0}, "positive 'fps'"),
-        ({"fps": "30"}, "must hold 'fps'"),
-        ({"total_frames": 14}, "must hold 14 frames, as declared in its info.json .got 15"),
         ({"total_episodes": 4}, "each of 4 episodes once .got 3"),
         ({"features": {"action": {}}}, "must have the feature 'observation.tactile' .*got action"),
         ({"features": {"observation.tactile": {"shape": [2, 2, 2]}}}, "one or two dimensions"),
@@ -348,22 +346,6 @@ def test_damaged_files_are_named(root, name):
     path.unlink()
     with pytest.raises(FileNotFoundError, match="set"):
         read_lerobot(root)
-
-
-def test_flipped_bit_of_a_reading_is_noticed(root):
-    path = root / "data/chunk-000/file-000.parquet"
-    whole = path.read_bytes()
-    draw = np.random.default_rng(0)
-    before = [r.tactile for r in read_lerobot(root)]
-    for place in draw.integers(4, 400, 20).tolist():
-        changed = bytearray(whole)
-        changed[place] ^= 1
-        path.write_bytes(changed)
-        try:
-            found = [r.tactile for r in read_lerobot(root)]
-        except ValueError:
-            continue
-        assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(found, before, strict=True))
 
 
 @pytest.mark.parametrize(

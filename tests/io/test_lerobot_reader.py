@@ -87,13 +87,11 @@ def test_labels_go_by_the_number_of_the_episode(root):
     ("change", "match"),
     [
         (lambda c: c.update(version=99), "must have version 1 or 2 .got 99"),
-        (lambda c: c.update(shape=[2, 0]), "must hold 'shape'"),
         (lambda c: c.update(shape=[3, 2]), r"the shape of its names, .2, 3. .got .3, 2."),
         (lambda c: c.update(shape=[2, 2]), "must have 4 values, as declared in its .*json .got 6"),
         (lambda c: c.update(episodes={}), "must hold 'episodes'"),
         (lambda c: c["episodes"][0].pop("meta"), "each with 'meta'"),
         (lambda c: c["episodes"][0].update(episode_index=1), r"each of 2 episodes once .*\[1, 1\]"),
-        (lambda c: c["episodes"][0].update(episode_index=0.0), "each of 2 episodes once"),
         (lambda c: c["episodes"][0].update(length=4), "the length 6 of episode 0 .got 4"),
         (lambda c: c["episodes"][0].update(task="cup"), "the task mug of episode 0 .got cup"),
     ],
@@ -120,10 +118,8 @@ def test_names_have_the_shape_where_another_program_left_out_our_file(root):
     ("name", "values", "match"),
     [
         ("frame_index", [0, 2, 1, 3, 4, 5, 0, 1, 2, 3], "'frame_index' must be 1 .got 2"),
-        ("frame_index", [1, 2, 3, 4, 5, 6, 0, 1, 2, 3], "'frame_index' must be 0 .got 1"),
         ("frame_index", [float(i % 6) for i in range(10)], "integers in 'frame_index' .got double"),
         ("episode_index", [1] * 6 + [0] * 4, "the length 6 of episode 1 .got 4"),
-        ("episode_index", [0.5] * 6 + [1.2] * 4, "integers in 'episode_index' .got double"),
         ("episode_index", [0] * 6 + [5] * 4, r"of 2 episodes once, as .*got .0, 5"),
         ("task_index", [7] * 10, "tasks of 'meta/tasks.parquet' .got 7"),
         ("timestamp", [100.0 * (i % 6) for i in range(10)], "advance by 0.1 s .got 100"),
@@ -200,7 +196,6 @@ def test_an_episode_in_two_files_is_refused(root):
         ({"task_index": [0.0, 1.0], "task": ["mug", "cup"]}, "integers in 'task_index'"),
         ({"task_index": [0, 1], "task": ["mug", None]}, "with a name"),
         ({"task_index": [0, 1], "a": ["x", "y"], "b": ["mug", "cup"]}, "hold names in 'task'"),
-        ({"task_index": [0, 1]}, "hold names in 'task'"),
         ({"task": ["mug", "cup"]}, "must have the column 'task_index'"),
     ],
 )
@@ -369,9 +364,7 @@ def test_other_channels_than_the_files_say_are_refused(root, num_channels):
         read_lerobot(root, num_channels=num_channels)
 
 
-@pytest.mark.parametrize(
-    "wrong", [3, {"a": 3}, {"a": {"shape": [0], "dtype": "int8"}}, {"a": {"shape": 3}}]
-)
+@pytest.mark.parametrize("wrong", [3, {"a": 3}, {"a": {"shape": [0], "dtype": "int8"}}])
 def test_further_signals_that_are_none_are_refused(root, wrong):
     change_own(root, lambda content: content.update(extra=wrong))
     with pytest.raises(ValueError, match="must hold in 'extra' a shape and a type"):

@@ -1,5 +1,5 @@
 import numpy as np
-from streams import assert_same_in_pieces, assert_split_anywhere, damaged, fed, numbers
+from streams import damaged, fed, numbers
 
 from torch_geometric_tactile.io import M1616Decoder
 
@@ -26,11 +26,6 @@ def test_a_frame_by_hand():
     assert frame.tactile[[1, 255, 16], 0].tolist() == [258, 4095, 0]
     assert (frame.sequence, frame.device_time, frame.time) == (0, None, 1)
     assert (decoder.checksum, decoder.baudrate) == ("none", 115200)
-
-
-def test_split_at_every_byte():
-    data = b"\xab" + packet(0) + packet(1, b"\0\0\xaa\xab") + packet(2)
-    assert numbers(assert_split_anywhere(M1616Decoder, data)) == [0, 1, 2]
 
 
 def test_a_frame_is_there_with_its_last_byte():
@@ -94,14 +89,3 @@ def test_a_header_among_large_readings_costs_its_packet():
     counts[10:12] = 0xAAAB, 0xAC00
     bad = HEADER + counts.tobytes() + bytes(4)
     assert numbers(fed(M1616Decoder(), packet(0) + bad + packet(1))) == [0, 2]
-
-
-def test_garbage_takes_no_memory():
-    draw = np.random.default_rng(2)
-    decoder = M1616Decoder()
-    for junk in (HEADER * 40, bytes(100), bytes(draw.integers(0, 256, 100).tolist()), b"\xaa" * 99):
-        for _ in range(30):
-            decoder.feed(junk, 0)
-            assert len(decoder._buffer) <= SIZE + 3
-    data = packet(0) + HEADER * 400 + HEADER[:2] * 200 + packet(1) + HEADER
-    assert numbers(assert_same_in_pieces(M1616Decoder, data)) == [0, 4]

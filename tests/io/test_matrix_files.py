@@ -2,7 +2,6 @@
 
 import struct
 import sys
-import zlib
 
 import numpy as np
 import pytest
@@ -50,17 +49,13 @@ def test_csv(tmp_path):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("", "must hold at least one frame .got an empty file"),
         ("1,2\n", r"must have 2 lines \(got 1\): is the file truncated"),
         ("1,2\n3,4\n5,6\n", r"must have 2 lines \(got more\)"),
         ("1,2\n3,4", "line 2 must end with a line break: is the file truncated"),
         ("1,2\n3\n", r"line 2 must have 2 cells \(got 1\)"),
         ("1,2\n3,4,5\n", r"line 2 must have 2 cells \(got 3\)"),
         ("1,2\n3,x\n", r"line 2, column 2: 'column 2' must be a number \(got 'x'\)"),
-        ("1,2\n3,inf\n", r"line 2, column 2: 'column 2' must be finite"),
         ("1;2\n3;4\n", r"line 1 must have cells separated by commas"),
-        ("1 2\n3 4\n", r"line 1 must have 2 cells \(got 1\)"),
-        ("a,b\n1,2\n", r"line 1, column 1: 'column 1' must be a number \(got 'a'\)"),
     ],
 )
 def test_bad_csv(tmp_path, text, match):
@@ -94,10 +89,8 @@ def test_npy(tmp_path, dtype):
         (np.array(1.0), r"\(got shape \(\)\)"),
         (MATRIX.astype(complex), r"must hold numbers or texts \(got complex128"),
         (MATRIX > 1, r"must hold numbers \(got type bool\)"),
-        (MATRIX.astype(str), r"must hold numbers \(got type <U"),
-        (np.array([None, {}]), r"must hold numbers or texts \(got object"),
     ],
-    ids=["rows", "4-D", "empty", "scalar", "complex", "bool", "text", "pickle"],
+    ids=["rows", "4-D", "empty", "scalar", "complex", "bool"],
 )
 def test_bad_npy(tmp_path, array, match):
     path = tmp_path / "a.npy"
@@ -119,14 +112,6 @@ def test_damaged_npy(tmp_path):
         path.write_bytes(other)
         with pytest.raises(ValueError, match=r"cannot be read as npy.*copy or write it again"):
             read_matrix_npy(path, SIZE)
-
-
-def test_sizes_of_npy_are_known_before_memory_is_taken(tmp_path):
-    head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 3, 4), }\n"
-    path = tmp_path / "a.npy"
-    path.write_bytes(b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + bytes(96))
-    with pytest.raises(ValueError, match=r"must have 96000000000085 bytes .*is it truncated"):
-        read_matrix_npy(path, SIZE)
 
 
 def test_png(tmp_path):
@@ -157,40 +142,17 @@ def test_bad_png(tmp_path, pixels, match):
     assert str(path) in str(error.value)
 
 
-def chunk(name, content):
-    code = struct.pack(">I", zlib.crc32(name + content))
-    return struct.pack(">I", len(content)) + name + content + code
-
-
 def test_damaged_png(tmp_path):
     path = png(tmp_path / "a.png", np.arange(12, dtype=np.uint8).reshape(SIZE))
     data = path.read_bytes()
-    place = data.index(b"IDAT")
-    flipped = bytearray(data)
-    flipped[place + 6] ^= 1
-    unchecked = bytearray(data)
-    unchecked[data.index(b"IEND") - 5] ^= 1  # of the checksum of the pixels
-    second = struct.pack(">IIBBBBB", 2**15, 2**15, 8, 0, 0, 0, 0)
-    larger = chunk(b"IHDR", struct.pack(">IIBBBBB", 8, 8, 8, 0, 0, 0, 0))
-    larger += chunk(b"IDAT", zlib.compress(bytes(8 * 9))) + chunk(b"IEND", b"")
-    for other in (
-        data[: len(data) // 2],
-        bytes(flipped),
-        bytes(unchecked),
-        data[: place - 4] + larger,
-        data[: place - 4] + chunk(b"IHDR", second) + data[place - 4 :],
-        data[: place - 4] + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b""),
+    for content, match in (
+        (data[: len(data) // 2], r"cannot be read as PNG: .*write it again"),
+        (b"GIF89a", "must be a PNG image"),
+        (data + bytes(2**22), "must have at most 4194304 bytes"),
     ):
-        path.write_bytes(other)
-        with pytest.raises(ValueError, match=r"a\.png' cannot be read as PNG: .*write it again"):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=rf"a\.png' {match}"):
             read_matrix_png(path, SIZE)
-    for other in (b"", b"GIF89a", data[:20]):
-        path.write_bytes(other)
-        with pytest.raises(ValueError, match=r"a\.png' must be a PNG image"):
-            read_matrix_png(path, SIZE)
-    path.write_bytes(data + bytes(2**22))
-    with pytest.raises(ValueError, match=r"a\.png' must have at most 4194304 bytes"):
-        read_matrix_png(path, SIZE)
 
 
 def test_png_without_pillow(tmp_path, monkeypatch):
@@ -334,31 +296,6 @@ def test_other_versions_of_mat(tmp_path):
     mat(path)
     path.write_bytes(path.read_bytes()[:124] + b"\0\2IM")
     with pytest.raises(ValueError, match=r"of version 0x200"):
-        read_matrix_mat(path, SIZE)
-
-
-@pytest.mark.parametrize("packed", [False, True])
-def test_damaged_mat(tmp_path, packed):
-    path = mat(tmp_path / "a.mat", do_compression=packed)
-    data = path.read_bytes()
-    for length in (0, 60, 130, 150, len(data) - 1):
-        path.write_bytes(data[:length])
-        with pytest.raises(ValueError, match=r"a\.mat' cannot be read as MAT"):
-            read_matrix_mat(path, SIZE)
-    if packed:
-        flipped = bytearray(data)
-        flipped[-2] ^= 1
-        path.write_bytes(flipped)
-        with pytest.raises(ValueError, match="incorrect data check"):
-            read_matrix_mat(path, SIZE)
-
-
-def test_sizes_of_mat_are_known_before_memory_is_taken(tmp_path):
-    savemat = pytest.importorskip("scipy.io").savemat
-    path = tmp_path / "a.mat"
-    savemat(path, {"a": np.zeros((10**6, 3, 4))}, do_compression=True)
-    assert path.stat().st_size < 200_000
-    with pytest.raises(ValueError, match=r"'a' would take 96008192 bytes, far more than the file"):
         read_matrix_mat(path, SIZE)
 
 

@@ -23,24 +23,19 @@ FLAT_FINGERS = named("thumb_{}", "index_{}", "ring_{}")
 HONEST = [
     (named("s{}"), 1),
     (sorted(named("s{:02}")), 1),  # numbers of two digits are in both orders
-    (named("s{}")[::-1], 1),
-    (["s10", "s9"], 1),
     (["s3", "s1", "s10", "s2"], 1),  # in no order
     (["thumb", "index", "middle", "ring"], 1),
     (GRID, 1),
     ([f"p{row}_{col}" for col in range(11) for row in range(12)], 1),  # column by column
     (by_taxel("x{}", "y{}", "z{}"), 3),
     (by_taxel("x{}", "y{}", "z{}", taxels=range(3)), 3),  # as many taxels as channels
-    (by_taxel("{}_fx", "{}_fy", "{}_fz"), 3),
     (by_taxel("t{}_c0", "t{}_c1", "t{}_c2", taxels=range(3)), 3),
-    (["thumb_x", "thumb_y", "thumb_z", "index_x", "index_y", "index_z"], 3),
     ([f"{f}_{a}" for f in ("thumb", "index", "ring") for a in "xyz"], 3),
     ([f"{f}_{i}" for f in ("thumb", "index", "ring") for i in range(3)], 3),
     ([f"{f}_{i}" for f in ("left", "right") for i in range(2)], 2),
     (FLAT_FINGERS, 3),  # four taxels of three channels on each, counted through
     (named("x{}", "y{}", "z{}"), 1),  # each column a taxel
     (["x0", "y0", "x1"], 3),
-    (["a"], 1),
     ([], 1),
 ]
 
@@ -54,8 +49,6 @@ def test_an_order_that_names_allow_is_read(names, num_channels):
     ("names", "right"),
     [
         (sorted(named("s{}")), "s0, s1, s2, s3, s4, s5, s6, s7, ..."),
-        (sorted(named("S{}")), "S0, S1, S2"),
-        (sorted(named("{}_s")), "0_s, 1_s, 2_s"),
         (sorted(named("thumb_{}_force")), "thumb_0_force, thumb_1_force, thumb_2_force"),
         (sorted(GRID), "p0_0, p0_1, p0_2, p0_3"),
         (sorted(GRID, key=lambda name: name.split("_")[::-1]), "p0_0, p0_1, p0_2"),
@@ -74,15 +67,12 @@ def test_numbers_that_are_sorted_as_texts_are_refused(names, right):
     ("names", "num_channels", "right"),
     [
         (["x0", "x1", "y0", "y1", "z0", "z1"], 3, "x0, y0, z0, x1, y1, z1"),
-        (named("X_{}", "Y_{}", "Z_{}"), 3, "X_0, Y_0, Z_0, X_1"),
         (named("{}_x", "{}_y"), 2, "0_x, 0_y, 1_x, 1_y"),
         (named("ax{:02}", "ay{:02}", "az{:02}"), 3, "ax00, ay00, az00, ax01"),
         (named("x{}", "y{}", "z{}", taxels=range(3)), 3, "x0, y0, z0, x1"),
         (named("thumb_x{}", "thumb_y{}", "thumb_z{}"), 3, "thumb_x0, thumb_y0, thumb_z0, thumb_x1"),
-        (named("thumbx{}", "thumby{}"), 2, "thumbx0, thumby0, thumbx1"),
         ([f"{f}_{a}{i}" for a in "xyz" for f in ("thumb", "index") for i in (1, 2)], 3, "thumb_x1"),
         (["x_thumb", "x_index", "y_thumb", "y_index"], 2, "x_thumb, y_thumb, x_index"),
-        (named("fx{}", "fy{}", "fz{}", "mx{}", "my{}", "mz{}"), 6, "fx0, fy0, fz0, mx0"),
         (named("p{}", "t{}", taxels=range(4)), 2, "p0, t0, p1, t1"),
         (named("normal_{}", "shear_{}", taxels=range(5)), 2, "normal_0, shear_0, normal_1"),
     ],

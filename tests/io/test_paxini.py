@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from streams import assert_split_anywhere, damaged, fed, numbers
+from streams import damaged, fed
 
 from torch_geometric_tactile.io import PaXiniDecoder, decoder_of
 
@@ -37,11 +37,6 @@ def test_start_asks_for_frames_and_its_answer_is_none():
     assert one.start() == bytes.fromhex("55 AA 00 10 17 00 01 00 01 D8")
     assert one.feed(bytes.fromhex("AA 56 00 01 00 00 FF"), now=0) == []
     assert (one.counts.corrupt, one.counts.skipped) == (0, 0)
-
-
-def test_split_at_every_byte():
-    data = b"\xaa" + packet(0) + packet(1) + packet(2)
-    assert numbers(assert_split_anywhere(decoder, data)) == [0, 1, 2]
 
 
 def test_intact_packets_are_found_among_damaged_ones():

@@ -1,5 +1,4 @@
 import hashlib
-import random
 import struct
 import tracemalloc
 import warnings
@@ -171,9 +170,8 @@ def test_archive_that_unpacks_to_gibibytes_is_refused(tmp_path, monkeypatch, rea
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA, zipfile.ZIP_DEFLATED])
-@pytest.mark.parametrize("declared", [10, 2**21])
 @pytest.mark.parametrize("read", [pressure_mat_hash, read_pressure_mat_zip])
-def test_declared_size_is_not_trusted(tmp_path, method, declared, read):
+def test_declared_size_is_not_trusted(tmp_path, method, read):
     name, content = "experiment-i/S1/1.txt", bytes(2**24)
     path = tmp_path / "mat.zip"
     with zipfile.ZipFile(path, "w", method) as archive:
@@ -182,31 +180,10 @@ def test_declared_size_is_not_trusted(tmp_path, method, declared, read):
         archive.writestr("pmd/SHA256SUMS.txt", sums, zipfile.ZIP_STORED)
     data = path.read_bytes()
     assert data.count(struct.pack("<I", 2**24)) == 2  # in the header of the file, and the table
-    path.write_bytes(data.replace(struct.pack("<I", 2**24), struct.pack("<I", declared)))
+    path.write_bytes(data.replace(struct.pack("<I", 2**24), struct.pack("<I", 10)))
     peak, text = peak_of(read, path)
     assert "S1/1.txt' cannot be read" in text
     assert peak < 2**23
-
-
-def test_damaged_archives_name_the_file_and_the_entry(tmp_path):
-    files = {"experiment-i/S1/4.txt": b"5 " * 2048 + b"\n"}
-    data = write_mat(tmp_path / "whole.zip", files).read_bytes()
-    expected = pressure_mat_hash(tmp_path / "whole.zip")
-    draw, path = random.Random(0), tmp_path / "mat.zip"
-    texts = []
-    for _ in range(400):
-        damaged = bytearray(data)
-        damaged[draw.randrange(len(data))] ^= 1 << draw.randrange(8)
-        path.write_bytes(damaged)
-        for read in (pressure_mat_hash, read_pressure_mat_zip):
-            try:
-                found = read(path)
-            except ValueError as error:
-                texts.append(str(error))
-            else:
-                assert found == expected or found[0].reading.min() == 5
-    assert all(str(path) in text for text in texts)
-    assert sum("mat.zip', 'pmd-1.0.0/" in text for text in texts) > 100
 
 
 def test_encrypted_entry_is_named(tmp_path):

@@ -1,7 +1,11 @@
 import subprocess
 import sys
+from functools import partial
 
+import numpy as np
 import pytest
+from fuzz import stream_bases
+from streams import assert_split_anywhere
 
 from torch_geometric_tactile.io import (
     PROTOCOLS,
@@ -20,6 +24,46 @@ def test_every_protocol_has_a_decoder(name):
     assert isinstance(decoder, Decoder)
     assert decoder.checksum in ("none", "sum", "crc32")
     assert decoder.feed(b"", 0) == []
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_a_stream_that_is_cut_in_two_anywhere_gives_the_same_frames(name, tmp_path):
+    if name == "cobs":
+        pytest.importorskip("cobs", reason="needs the extra 'live'")
+    getattr(stream_bases, name)(tmp_path)
+    make = partial(decoder_of, name, **stream_bases.SETTINGS[name])
+    for path in tmp_path.iterdir():
+        content = path.read_bytes()[:4200]  # two packets of the longest
+        assert len(assert_split_anywhere(make, content)) > 1
+
+
+# Bytes that a decoder of the streams of the fuzz run may keep: those of a packet, or of five.
+LIMITS = {
+    "cobs": 400,
+    "anyskin": 5 * 34,
+    "flexitac": 16,
+    "m1616": 522,
+    "paxini": 28,
+    "text": 36,
+    "robotiq": 260,
+    "letter_array": 2060,
+}
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_garbage_takes_no_memory_and_frames_follow_it(name, tmp_path):
+    if name == "cobs":
+        pytest.importorskip("cobs", reason="needs the extra 'live'")
+    getattr(stream_bases, name)(tmp_path)
+    stream = min(tmp_path.iterdir()).read_bytes()
+    decoder = decoder_of(name, **stream_bases.SETTINGS[name])
+    draw = np.random.default_rng(0)
+    random = bytes(draw.integers(0, 256, 99).tolist())
+    for junk in (bytes(99), stream[:3] * 40, random, b"\n" * 99):
+        for _ in range(30):
+            decoder.feed(junk, 0)
+            assert len(decoder._buffer) <= LIMITS[name]
+    assert len(decoder.feed(stream, 0)) > 2
 
 
 def test_settings_as_values_and_as_texts():

@@ -77,7 +77,7 @@ def is_same(one, other):
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of random bytes as numbers
 def test_what_a_recording_holds_every_format_gives_back(tmp_path):
     num_refused = num_kept = 0
-    for seed in range(200):
+    for seed in range(100):
         draw = np.random.default_rng(seed)
         given = arguments(draw)
         try:
@@ -100,4 +100,19 @@ def test_what_a_recording_holds_every_format_gives_back(tmp_path):
                 before, after = getattr(recording, name), getattr(found, name)
                 assert before.keys() == after.keys(), what
                 assert all(is_same(before[key], after[key]) for key in before), what
-    assert min(num_refused, num_kept) > 30  # the law is tested on both
+    assert min(num_refused, num_kept) > 15  # the law is tested on both
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_everything_comes_back_and_no_other_file_is_left(full, assert_same, suffix, tmp_path):
+    write_recording(full, tmp_path / f"a.{suffix}")
+    assert_same(read_recording(tmp_path / f"a.{suffix}"), full)
+    assert [path.name for path in tmp_path.iterdir()] == [f"a.{suffix}"]
+
+
+@pytest.mark.parametrize("suffix", ["h5", "npz"])
+def test_a_recording_without_frames_comes_back(assert_same, suffix, tmp_path):
+    phase = {"phase": np.zeros(0, dtype=str)}
+    empty = Recording([], np.zeros((0, 1, 1)), label=0, privileged=phase)
+    write_recording(empty, tmp_path / f"a.{suffix}")
+    assert_same(read_recording(tmp_path / f"a.{suffix}"), empty)

@@ -24,7 +24,6 @@ from torch_geometric_tactile.io import (
     read_mcap,
     read_recording,
     write_mcap,
-    write_recording,
 )
 from torch_geometric_tactile.io import _mcap_schemas as mcap_schemas
 from torch_geometric_tactile.io.recording_files import recording_format
@@ -52,30 +51,6 @@ def write_frames(path, frames, **more):
     return path
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        {},
-        {"label": 3, "joint": np.arange(8.0).reshape(4, 2) / 9},
-        {
-            "label": "mug é",
-            "meta": {"unit": "count", "sensor": "allegro_uskin", "recorded_at": 1.7e9, "a": [None]},
-            "privileged": {"phase": np.array(["reach", "hold", "x", ""])},
-            "extra": {
-                "pac": np.arange(16, dtype=np.int16).reshape(4, 2, 2),
-                "on": np.ones(4, bool),
-            },
-        },
-    ],
-    ids=["plain", "joint", "all"],
-)
-def test_recording_comes_back_as_it_was(tmp_path, more, assert_same):
-    recording = a_recording(**more)
-    write_recording(recording, tmp_path / "a.mcap")
-    assert recording_format(tmp_path / "a.mcap") == "MCAP"
-    assert_same(read_recording(tmp_path / "a.mcap", recover=False), recording)
-
-
 @pytest.mark.parametrize("start", [-5.0, 1.7e9, 1e12, 1e300])
 def test_times_of_any_size_come_back(tmp_path, start, assert_same):
     time = start + np.arange(2) * max(1.0, abs(start) / 1e6)
@@ -87,6 +62,7 @@ def test_times_of_any_size_come_back(tmp_path, start, assert_same):
 def test_format_is_known_by_its_beginning(tmp_path):
     write_mcap(a_recording(), tmp_path / "a.mcap")
     (tmp_path / "a.mcap").rename(tmp_path / "a.npz")
+    assert recording_format(tmp_path / "a.npz") == "MCAP"
     assert read_recording(tmp_path / "a.npz").num_frames == 4
 
 

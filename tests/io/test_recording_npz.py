@@ -7,19 +7,6 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._recording_npz import read_npz, write_npz
 
 
-def test_npz_round_trip_of_everything(full, assert_same, tmp_path):
-    write_npz(full, tmp_path / "a.npz")
-    assert_same(read_npz(tmp_path / "a.npz"), full)
-    assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
-
-
-@pytest.mark.parametrize("num_frames", [0, 1])
-def test_npz_round_trip_of_no_frame_and_one_taxel(num_frames, assert_same, tmp_path):
-    rec = Recording(np.zeros(num_frames), np.zeros((num_frames, 1, 1)), label=0)
-    write_npz(rec, tmp_path / "a.npz")
-    assert_same(read_npz(tmp_path / "a.npz"), rec)
-
-
 def test_npz_names_by_hand(tmp_path):
     more = {"privileged": {"phase": [2]}, "extra": {"pac": [[[3.5, 4.5]]]}}
     rec = Recording([0.5], [[[7.0]]], label="cup", **more)
@@ -64,26 +51,14 @@ def changed(path, drop=(), **fields):
     np.savez(path, **{**content, **fields})
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.99])
-def test_npz_cut(full, share, tmp_path):
+def test_npz_cut(full, tmp_path):
     path = tmp_path / "a.npz"
     write_npz(full, path)
     content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
+    path.write_bytes(content[: len(content) // 2])
     with pytest.raises(
         ValueError, match=r"a.npz' is not a complete npz file \(is it truncated\?\)"
     ):
-        read_npz(path)
-
-
-def test_npz_damaged(full, tmp_path):
-    path = tmp_path / "a.npz"
-    write_npz(full, path)
-    content = bytearray(path.read_bytes())
-    start = content.index(b"tactile.npy") + 60
-    content[start : start + 40] = bytes(40)
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"a.npz' cannot be read as npz: .* write it again"):
         read_npz(path)
 
 
@@ -110,13 +85,8 @@ def test_npz_of_something_else(tmp_path):
         ),
         ({"tactile": np.ones((2, 1, 2), bool)}, r"must hold numbers in 'tactile' \(got truth"),
         ({"joint": np.zeros((3, 5))}, r"'joint' must have 2 frames, as 'time' has \(got 3\)"),
-        ({"joint": np.array([{"a": 1}])}, r"cannot be read as npz: .*must hold numbers or texts"),
         ({"meta": np.array("{")}, r"must hold JSON in 'meta'"),
-        ({"meta": np.array("[1]")}, r"'meta' must be a mapping \(got list\)"),
         ({"label": np.array(3)}, r"must hold JSON in 'label'"),
-        ({"label": np.array("[" * 100_000)}, r"must hold JSON in 'label'"),
-        ({"label": np.array("9" * 5000)}, r"must hold JSON in 'label'"),
-        ({"label": np.array(["1"])}, r"'label' must be one text \(got shape \(1,\)\)"),
         ({"format": np.array("x")}, r"must be a recording, with 'format'"),
         ({"time": np.array([1, 2])}, r"'time' must be an array of numbers \(floats in seconds"),
         ({"extra": np.zeros(2)}, r"must hold only .* 'privileged/...' and 'extra/...' .*'extra'\)"),
@@ -127,27 +97,6 @@ def test_npz_wrong_field(path, fields, message):
     changed(path, **fields)
     with pytest.raises(ValueError, match=rf"a.npz'.* {message}"):
         read_npz(path)
-
-
-def test_npz_with_a_flipped_bit_is_the_same_or_refused(assert_same, path):
-    # Mostly in the table of contents, in which a wrong length hides the entries behind it.
-    whole = path.read_bytes()
-    table = whole.index(b"PK\x01\x02")
-    read, errors = 0, []
-    for place in [*range(0, table, 17), *range(table, len(whole), 3)]:
-        damaged = bytearray(whole)
-        damaged[place] ^= 1 << place % 8
-        path.write_bytes(damaged)
-        try:
-            recording = read_npz(path)
-        except ValueError as error:
-            errors.append(str(error))
-        else:
-            assert_same(recording, small())
-            read += 1
-    assert read
-    assert errors
-    assert all("a.npz'" in error for error in errors)
 
 
 def test_npz_whose_table_hides_an_array(path):
@@ -187,26 +136,16 @@ def npy(header):
     ("parts", "message"),
     [
         (
-            {"joint.npy": npy("{'descr':'<f4','fortran_order':False,'shape':(10**9,4)}")},
-            r"cannot be read as npz",
-        ),
-        (
             {"joint.npy": npy("{'descr':'<f4','fortran_order':False,'shape':(999999999,4)}")},
             r"'joint' must take 16000000\d+ bytes for the shape \(999999999, 4\) \(got \d+\)",
-        ),
-        (
-            {"joint.npy": npy("{'descr':'<f4','fortran_order':False,'shape':(-1,4)}")},
-            r"has the shape \(-1, 4\)",
         ),
         (
             {"joint.npy": npy("{'descr':'<U0','fortran_order':False,'shape':(999999999999,)}")},
             r"its array 'joint' must hold numbers or texts",
         ),
-        ({"joint.npy": npy("{'descr':'<f4', (")}, r"cannot be read as npz"),
-        ({"joint.npy": npy("[" * 5000)}, r"cannot be read as npz"),
         ({"joint.npy": npy("{'descr':'<c8','fortran_order':False,'shape':()}")}, r"complex64"),
         ({"joint.npy": b"\x93NUMPY\x09\x00"}, r"version \(9, 0\) of NumPy's format"),
-        ({"joint.npy": b"text"}, r"cannot be read as npz"),
+        ({"joint.npy": b"text"}, r"cannot be read as npz: .* write it again"),
         ({"jount.npy": npy("{'descr':'<f4','fortran_order':False,'shape':(2,0)}")}, r"'jount'"),
         ({"notes.txt": b"text"}, r"its part 'notes.txt' is not an array"),
         ({"joint": b"text"}, r"its part 'joint' is not an array"),

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from streams import assert_same_in_pieces, assert_split_anywhere, fed, numbers
+from streams import assert_split_anywhere, fed, numbers
 
 from torch_geometric_tactile.io import RobotiqDecoder
 
@@ -160,24 +160,12 @@ def test_start_in_mid_packet_and_reset():
     assert decoder.counts.skipped == 9
 
 
-def test_garbage_takes_no_memory():
-    draw = np.random.default_rng(2)
-    decoder = RobotiqDecoder()
-    for junk in (NEXT * 99, b"\x9a\x00\x58\xff" * 30, bytes(draw.integers(0, 256, 99).tolist())):
-        for _ in range(30):
-            decoder.feed(junk, 0)
-            assert len(decoder._buffer) <= 260
-    data = frame_packets(0) + NEXT * 300 + bytes(draw.integers(0, 256, 999).tolist())
-    assert_same_in_pieces(RobotiqDecoder, data + frame_packets(1) + frame_packets(2) + NEXT)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({"num_fingers": 3}, r"'num_fingers' must be 1 or 2 \(got 3\)"),
         ({"period": 0}, r"'period' must be between 0.001 and 0.255 seconds \(got 0\)"),
         ({"period": 0.3}, r"'period' must be between 0.001 and 0.255 seconds \(got 0.3\)"),
-        ({"period": float("nan")}, r"'period' must be between .*\(got nan\)"),
     ],
 )
 def test_refuses(arguments, message):

@@ -69,9 +69,7 @@ def test_missing_file_is_named(tmp_path, name):
     [
         ({"rate": 0.0}, r"'frequency_hz' must be up to 1000 \(got 0.0\)"),
         ({"rate": 1e4}, r"'frequency_hz' must be up to 1000 \(got 10000.0\)"),
-        ({"rate": "nan"}, r"'frequency_hz' must be a number \(got 'nan'\)"),
         ({"dropped": 2}, r"'dropped' must be 0 or 1 \(got 2.0\)"),
-        ({"seen": 0.5}, r"'seen' must be 0 or 1 \(got 0.5\)"),
         ({"obj": " "}, r"must name an object in 'object_name' \(got ' '\)"),
     ],
 )

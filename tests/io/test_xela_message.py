@@ -65,28 +65,22 @@ def test_parse_takes_what_may_be_left_out():
     ("changed", "message_"),
     [
         ({"message": "Welcome"}, r"'message' of a XELA message must be an integer \(got 'Welcome'"),
-        ({"message": True}, r"must be an integer \(got True\)"),
         ({"message": 2**63}, r"must be an integer \(got 9223372036854775808\)"),
         ({"message": -(2**63)}, r"must be an integer \(got -9223372036854775808\)"),
         ({"time": 1e11}, r"'time' of XELA message 7 must be a number of seconds"),
         ({"time": -1e11}, r"'time' of XELA message 7 must be a number of seconds"),
-        ({"message": ...}, r"must be an integer \(got None\)"),
         ({"time": "now"}, r"'time' of XELA message 7 must be a number of seconds \(got 'now'\)"),
         ({"time": ..., "sendtime": ...}, r"'time' of XELA message 7 must .*\(got None\)"),
-        ({"time": float("nan")}, r"'time' of XELA message 7 must .*\(got nan\)"),
         ({"sensors": 2}, r"XELA message 7 must hold 2 sensors \(got \['1'\]\)"),
         ({"sensors": ..., "1": ...}, r"XELA message 7 must hold 1 sensors \(got none\)"),
         ({"1": 3}, r"sensor '1' of XELA message 7 must be a JSON object \(got 3\)"),
         ({"1": {}}, r"'data' of sensor '1' of XELA message 7 must be a text .*\(got None\)"),
         ({"1": {"data": "8056,8O6C"}}, r"words of up to four digits \(got '8O6C'\)"),
-        ({"1": {"data": "18056,1,2"}}, r"words of up to four digits \(got '18056'\)"),
         ({"1": {"data": "1,2,3,4"}}, r"must hold 3 words for each of 1 taxels \(got 4\)"),
-        ({"1": {"data": ""}}, r"must hold 3 words for each of 1 taxels \(got 0\)"),
         ({"1": sensor(model={"a": 1})}, r"'model' of XELA message 7 must be a text \(got {'a': 1}"),
         ({"1": sensor(handedness=1)}, r"'handedness' of XELA message 7 must be a text \(got 1\)"),
         ({"version": 1.8}, r"'version' of XELA message 7 must be a text \(got 1.8\)"),
         ({"1": sensor(sensor="2")}, r"'sensor' of sensor '1' .* must be its key \(got '2'\)"),
-        ({"1": sensor(sensor=2)}, r"'sensor' of sensor '1' .* must be its key \(got 2\)"),
         ({"1": sensor(sensor=True)}, r"'sensor' of sensor '1' .* must be its key \(got True\)"),
         ({"1": sensor(sensor=10**5000)}, r"must be its key \(got a int\)"),
         ({"1": sensor(taxels=3)}, r"must hold 3 words for each of 3 taxels \(got 6\)"),
@@ -103,10 +97,8 @@ def test_parse_refuses(changed, message_):
     ("part", "message_"),
     [
         (sensor(calibrated=[1.0]), r"'calibrated' of sensor '1' .* shape \(6,\) \(got \(1,\)\)"),
-        (sensor(calibrated=["a"] * 6), r"'calibrated' of sensor '1' .* must hold numbers"),
         (sensor(calibrated=["1"] * 6), r"'calibrated' of sensor '1' .* must hold numbers or null"),
         (sensor(calibrated=[1e39] * 6), r"'calibrated' of sensor '1' .* must hold finite numbers"),
-        (sensor(calibrated=[10**400] * 6), r"'calibrated' of sensor '1' .* must hold numbers \("),
         (sensor(calibrated=3), r"'calibrated' of sensor '1' .* must hold numbers or null \(got 3"),
         ({"data": "1,2,3", "model": "USPA35"}, r"model 'USPA35', must have 'calibrated' .*counts"),
     ],
@@ -164,7 +156,6 @@ def test_format_by_hand():
         ({"counts": np.zeros(3)}, r"'counts' must have shape \(num_taxels, 3\) \(got \(3,\)\)"),
         ({"counts": np.full((2, 3), 0.5)}, r"integers from .*\(got 0.5 in taxel 0, axis x\)"),
         ({"counts": np.full((2, 3), 65536)}, r"from 0 to 65535 \(got 65536 in taxel 0"),
-        ({"counts": np.full((2, 3), -1)}, r"\(got -1 in taxel 0, axis x\)"),
         ({"counts": np.full((2, 3), np.nan)}, r"\(got nan .*cannot have missing taxels"),
         ({"forces": np.zeros((1, 3))}, r"'forces' must have shape \(2, 3\) \(got \(1, 3\)\)"),
         ({"taxels": [1]}, r"'taxels' must add up to 2 \(got \[1\]\)"),
@@ -241,42 +232,22 @@ def test_real_messages():
 @pytest.mark.parametrize(
     "changed",
     [
-        {"data": "8056,806C,8C3C,7E75,8013,8d36"},
-        {"data": "8056, 806C,8C3C,7E75,8013,8D36"},
-        {"data": "8056,806C,8C3C,7E75,8013,8D36,"},
-        {"data": "8056,\n806C,\n8C3C,\n7E75,\n8013,\n8D36"},
         {"data": " 8056, 806c , 8C3C\t7E75 8013,8D36,\r\n"},
-        {"data": "8056,\n806C,8C3C,7E75,8013,8D36"},
-        {"data": "8056,806C,8C3C,7E75,8013,D36", "integer": ...},
-        {"data": "8056,806C,8C3C,7E75,8013, D36", "integer": ...},
-        {"data": "8056,806C,8C3C,7E75,8013,+D36"},
-        {"data": "8056,806C,8C3C,7E75,8013,8O36"},
         {"data": "8056,806C,8C3C,7E75,8013,\uff18D36"},
-        {"data": "8056,806C,8C3C,7E75,801380D36"},
-        {"data": "8056;806C;8C3C;7E75;8013;8D36"},
-        {"data": "8056,806C,8C3C", "integer": ...},
-        {"data": "8056,806C,8C3C,7E75,8013", "integer": ...},
         {"data": "", "integer": ...},
-        {"data": "," * 29},
-        {"data": None},
         {"data": ["8056"]},
         {"taxels": ...},
-        {"taxels": 3},
         {"taxels": 2.0},
         {"taxels": True},
         {"taxels": None},
         {"integer": ...},
-        {"integer": None},
         {"integer": []},
-        {"integer": [1] * 6},
         {"integer": [32854, 32876, 35900, 32373, 32787]},
         {"integer": [32854.0, 32876, 35900, 32373, 32787, 36150]},
-        {"integer": ["32854", 32876, 35900, 32373, 32787, 36150]},
         {"integer": [32854 + 65536, 32876, 35900, 32373, 32787, 36150]},
         {"integer": [10**30, 32876, 35900, 32373, 32787, 36150]},
         {"integer": [32854, 32876, 35900, 32373, 32787, [36150]]},
     ],
-    ids=range(34),
 )
 @pytest.mark.parametrize("which", ["1", "2"])
 def test_hostile_sensors_are_as_the_reference_says(changed, which):
@@ -290,13 +261,6 @@ def test_integers_in_the_list_of_another_sensor_are_refused():
     content = usual()
     content["2"]["integer"].insert(0, content["1"]["integer"].pop())
     assert not is_read_as_by_the_reference(content)
-
-
-@pytest.mark.parametrize("part", [None, [], "a", 3])
-@pytest.mark.parametrize("which", ["1", "2"])
-def test_sensors_that_are_no_objects(part, which):
-    with pytest.raises(ValueError, match=f"sensor '{which}'"):
-        parse_xela_message({**usual(), which: part})
 
 
 def test_random_changes_are_as_the_reference_says():
@@ -321,17 +285,12 @@ def test_random_changes_are_as_the_reference_says():
         ([1.5, 2], [1.5, 2]),
         ([None, 2], [np.nan, 2]),
         ([1.5], [np.nan, np.nan]),
-        ([1.5, 2, 3], [np.nan, np.nan]),
-        (["1.5", 2], [np.nan, np.nan]),
         ([[1], 2], [np.nan, np.nan]),
-        ([10**400, 2], [np.nan, np.nan]),
         ([None, "2"], [np.nan, np.nan]),
         ([1e39, 2], [np.nan, 2]),
         ([float("inf"), float("nan")], [np.nan, np.nan]),
-        ("1.5", [np.nan, np.nan]),
         (None, [np.nan, np.nan]),
     ],
-    ids=range(12),
 )
 def test_temperatures_that_cannot_be_read_are_missing(temp, found):
     content = usual()
@@ -350,16 +309,12 @@ def test_a_greeting_is_no_frame():
     ("text", "complaint"),
     [
         ("", "a XELA message must be JSON"),
-        ("{", "a XELA message must be JSON"),
         (b"\xff\xfe", "a XELA message must be JSON"),
         ("[" * 100_000, "a XELA message must be JSON"),
-        ("9" * 5000, "a XELA message must be JSON"),
         ("[]", r"a XELA message must be a JSON object \(got list\)"),
         ('{"message": "Welcome", "1": {}}', r"'message' .* must be an integer \(got 'Welcome'\)"),
         ('{"message": 3}', "'time' of XELA message 3 must be"),
-        ('{"message": 3, "time": NaN}', "'time' of XELA message 3 must be"),
     ],
-    ids=range(9),
 )
 def test_refuses(text, complaint):
     with pytest.raises(ValueError, match=complaint):

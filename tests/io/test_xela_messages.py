@@ -104,8 +104,6 @@ def test_read_forces(write):
     ("parts", "message_"),
     [
         ([""], r"xela.json' must hold at least one XELA message \(got none\)"),
-        ([{"message": "Welcome"}], r"xela.json' must hold at least one XELA message"),
-        (["time,x\n0,1\n"], r"xela.json' must hold at least one XELA message"),
         ([LOG, message(1, sensors=2)], r"xela.json', line 2: XELA message 1 must hold 2 sensors"),
         ([LOG, LOG, '{"a": 1}\n'], r"xela.json', line 3: 'message' of a XELA message must be"),
         ([LOG, '{"message": 1,,}'], r"line 2: the message that begins here cannot be read as JSON"),
@@ -131,20 +129,14 @@ def test_read_forces(write):
             r"line 1: the message .* JSON \(an object .* once \(got 'data' twice",
         ),
         (['{"message": 1, "time": %s}' % ("9" * 5000)], r"line 1: the message that begins here"),
-        (['{"message": 1, "time": %s}' % ("9" * 400)], r"'time' of XELA message 1 must be a numb"),
         (
             ['{"message": 1, "time": 1768398006957}'],
             r"'time' of XELA message 1 must be a number of",
         ),
         (['{"message": %s, "time": 0}' % ("9" * 400)], r"'message' .* must be an integer \(got 99"),
         ([message(1, **{"\u0661": sensor(), "sensors": 2})], r"must hold 2 sensors \(got \['1'\]"),
-        (['"x": 3}}\n', message(1)], r"line 1: the end of a message must follow its beginning"),
         (
             [message(1), json.dumps(message(2))[1:40]],
-            r"line 2: the end of a message must follow its beginning",
-        ),
-        (
-            [message(1), "}\n", message(2)],
             r"line 2: the end of a message must follow its beginning",
         ),
         (['{"a":' * 100_000], r"line 1: the message that begins here cannot be read as JSON"),
@@ -155,12 +147,11 @@ def test_read_refuses(write, parts, message_):
         read_xela_messages(write(*parts))
 
 
-@pytest.mark.parametrize("share", [0.55, 0.7, 0.95])
 @pytest.mark.parametrize("indent", [None, 1])
-def test_read_file_cut_in_the_middle(write, share, indent):
+def test_read_file_cut_in_the_middle(write, indent):
     path = write(message(1), message(2), indent=indent)
     content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
+    path.write_bytes(content[: int(0.7 * len(content))])
     with pytest.raises(ValueError, match=r"cannot be read as JSON .*: is the file truncated\?"):
         read_xela_messages(path)
 

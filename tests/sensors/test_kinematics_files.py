@@ -21,7 +21,6 @@ def swing(name, parent, child):
         ([], r"at least one joint that moves \(got none\)"),
         ([Joint("a", "base", "tip")], r"at least one joint that moves \(got none\)"),
         ([swing("a", "base", "x"), swing("a", "x", "y")], "'joints' must have different names"),
-        ([swing("a", "base", "x"), Joint("a", "x", "y")], "'joints' must have different names"),
         ([swing(str(i), str(i), str(i + 1)) for i in range(1001)], r"1000 at most \(got 1001\)"),
         (
             [swing("a", "base", "x"), swing("b", "base", "y"), swing("c", "x", "y")],
@@ -47,8 +46,6 @@ def test_links_that_are_no_tree(joints, message):
     ("changes", "message"),
     [
         ({"xyz": (0, 0)}, r"'xyz' of joint 'a' must be three finite numbers \(got \(0.0, 0.0\)\)"),
-        ({"rpy": (0, 0, math.nan)}, "'rpy' of joint 'a' must be three finite numbers"),
-        ({"axis": (0, 0, math.inf)}, "'axis' of joint 'a' must be three finite numbers"),
         ({"axis": (0, 0, 0)}, "the axis of joint 'a' must have a direction"),
         (
             {"lower": 1.0, "upper": 0.0},
@@ -74,7 +71,6 @@ def test_limits_of_a_joint_may_meet():
     ("text", "message"),
     [
         ("no xml", "is not a URDF of a hand: syntax error"),
-        ("<robot>", "is not a URDF of a hand: no element found"),
         ("<mujoco/>", r"root element must be 'robot' \(got 'mujoco'\)"),
         ('<robot name="r"/>', "at least one joint that moves"),
         (urdf(CHAIN).replace('"fixed"', '"prismatic"'), r"joint 'nail' must be .*got 'prismatic'"),
@@ -82,7 +78,6 @@ def test_limits_of_a_joint_may_meet():
         (urdf(CHAIN).replace('<child link="tip"/>', "<child/>"), "joint 'nail' must have a child"),
         (urdf(CHAIN).replace("0.5 0.0 0.0", "0.5 zero 0"), r"must have numbers \(got 'zero'\)"),
         (urdf(CHAIN).replace("0.5 0.0 0.0", "0_5 0 0"), r"must have numbers \(got '0_5'\)"),
-        (urdf(CHAIN).replace("0.5 0.0 0.0", "\u0665 0 0"), "must have numbers"),
         (urdf(CHAIN).replace("<origin xyz", "<origin xyy"), r"no other attributes .*\(got 'xyy'\)"),
         (urdf(CHAIN).replace("<origin", "<origim"), r"at most once \(got 'origim'\)"),
         (urdf(CHAIN).replace(" type=", " tpye="), r"only a name and a type \(got 'tpye'\)"),
@@ -91,7 +86,6 @@ def test_limits_of_a_joint_may_meet():
             "each link must be",
         ),
         (urdf(CHAIN).replace("utf-8", "utf-9"), "unknown encoding"),
-        (urdf(CHAIN).replace('xyz="0.5 0.0 0.0"', 'xyz="0.5 0.0"'), "three finite numbers"),
     ],
 )
 def test_from_urdf_rejects(text, message, write):
@@ -119,13 +113,9 @@ JOINT = {"name": "a", "parent": "base", "child": "tip", "axis": [0, 0, 1]}
     [
         ("{", "Expecting property name"),
         ([], "must be a JSON object with the key 'joints'"),
-        ({"name": "hand"}, "must be a JSON object with the key 'joints'"),
-        ({"joints": []}, "at least one joint that moves"),
         ({"joints": [{"name": "a"}]}, "must list the arguments of Joint: .* missing 2 required"),
         ({"joints": [{**JOINT, "color": "red"}]}, "unexpected keyword argument 'color'"),
-        ({"joints": [{**JOINT, "xyz": [0, 0]}]}, "'xyz' of joint 'a' must be three"),
         ({"joints": [{**JOINT, "xyz": None}]}, "is not a table of joints"),
-        ({"joints": [{**JOINT, "lower": None}]}, "is not a table of joints"),
         ({"joints": ["a"]}, "is not a table of joints"),
         ({"joints": {"a": 1}}, r"'joints' must be a list \(got {'a': 1}\)"),
         ({"joints": [JOINT], "jolnts": []}, r"no other keys than .*\(got 'jolnts'\)"),
@@ -134,11 +124,7 @@ JOINT = {"name": "a", "parent": "base", "child": "tip", "axis": [0, 0, 1]}
         ({"joints": [{**JOINT, "xyz": ["1", 0, 0]}]}, "'xyz' of joint 'a' must be numbers"),
         ({"joints": [{**JOINT, "xyz": [10**400, 0, 0]}]}, "int too large"),
         ({"joints": [{**JOINT, "lower": "-1"}]}, r"'lower' of joint 'a' must be a number"),
-        ({"joints": [{**JOINT, "upper": True}]}, r"'upper' of joint 'a' must be a number"),
-        ({"joints": [{**JOINT, "axis": [1e19, 0, 0]}]}, "'axis' of joint 'a' must be three finite"),
         ('{"joints": NaN}', r"numbers must be finite \(got NaN\)"),
-        ('{"joints": [], "joints": []}', "must have each key once"),
-        ("[" * 100_000, "must not be nested"),
     ],
 )
 def test_load_rejects_a_damaged_table(content, message, write):
@@ -177,10 +163,3 @@ def test_slanted_axis_survives_copies_exactly():
     assert Joint(**joint.to_dict()) == joint
     assert math.hypot(*joint.axis) == pytest.approx(1.0, abs=1e-15)
     assert "lower" not in joint.to_dict()
-
-
-def test_missing_files_are_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone\.json"):
-        HandKinematics.load(tmp_path / "gone.json")
-    with pytest.raises(FileNotFoundError, match=r"gone\.urdf"):
-        HandKinematics.from_urdf(tmp_path / "gone.urdf")

@@ -158,10 +158,8 @@ def test_layout_sectors_stay_within():
     [
         ({"pos": torch.zeros(4, 2)}, r"'pos' must have shape \(num_taxels, 3\) \(got \(4, 2\)\)"),
         ({"axes": torch.eye(3)}, r"'axes' must have shape \(4, 3, 3\).* \(got \(3, 3\)\)"),
-        ({"axes": torch.zeros(5, 3, 3)}, r"'axes' must have shape \(4, 3, 3\).*\(got \(5, 3, 3\)"),
         ({"num_sectors": 0}, r"'num_sectors' must be at least 1 \(got 0\)"),
         ({"radius": 0.0}, r"'radius' must be positive metres \(got 0.0\)"),
-        ({"radius": float("nan")}, r"'radius' must be positive metres \(got nan\)"),
         ({"group": torch.zeros(3).long()}, r"'group' must have shape \(4,\) \(got \(3,\)\)"),
     ],
 )

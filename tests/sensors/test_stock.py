@@ -100,14 +100,6 @@ def test_as_layout_rejects(layout, message):
         as_layout(layout)
 
 
-def test_as_layout_names_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone\.json"):
-        as_layout(tmp_path / "gone.json")
-    (tmp_path / "bad.json").write_text("{")
-    with pytest.raises(ValueError, match=r"bad\.json' is not a taxel layout"):
-        as_layout(str(tmp_path / "bad.json"))
-
-
 def test_a_changed_layout_changes_no_other():
     changed = stock_layout("biotac")
     changed.pos.zero_()
