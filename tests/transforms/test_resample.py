@@ -24,11 +24,6 @@ def signal(values, num):
     return Resample(num)(Data(x=values, num_frames=values.size(1))).x.view(-1)
 
 
-def test_kind():
-    assert Resample.causal is False
-    assert Resample.supports_static
-
-
 @pytest.mark.parametrize("dtype", [torch.float, torch.double])
 def test_static_batched_and_one_by_one_are_one(dtype):
     for num in (5, 9, 30):
