@@ -49,11 +49,6 @@ def test_tare_by_hand():
     assert Tare(first=2).fit(sessions())(sessions()).x.view(-1).tolist() == [-1, 1, -2, 2, 6]
 
 
-def test_z_score_single_taxel():
-    data = StaticData(x=torch.tensor([[[2.0]]]))
-    assert ZScore().fit(data)(data).x.tolist() == [[[0.0]]]
-
-
 def test_z_score_missing_readings():
     nan = torch.nan
     data = StaticData(x=torch.tensor([[nan, nan], [1.0, nan], [3.0, nan], [nan, nan]])[..., None])
