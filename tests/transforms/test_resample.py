@@ -146,6 +146,14 @@ def test_gaps_at_the_ends_stay():
     assert missing.tolist() == [0, 1, 2, *range(13, 19)]
 
 
+def test_a_gap_after_the_first_frame_is_a_straight_line():
+    values = torch.arange(9.0)
+    values[1:3] = torch.nan
+    out = signal(values, 5)
+    assert out.isnan().tolist() == [False, True, False, False, False]
+    assert out[[0, 2, 3, 4]].tolist() == pytest.approx([0.0, 4.0, 6.0, 8.0], abs=1e-4)
+
+
 def test_single_taxels():
     single = Resample(3)(StaticData(x=torch.rand(2, 1, 5), num_frames=5))  # one taxel
     assert single.x.shape == (2, 1, 3)
