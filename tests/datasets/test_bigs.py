@@ -238,12 +238,6 @@ def test_a_cut_file_is_named(folder):
         BiGS(folder)
 
 
-def test_no_grasps(tmp_path):
-    (tmp_path / "a_1.csv").touch()
-    with pytest.raises(FileNotFoundError, match=r"no grasps in .* with: tactile convert bigs IN"):
-        BiGS(tmp_path)
-
-
 def test_files_with_other_names(tmp_path):
     for i in range(2):
         arrays = readings(seed=i)

@@ -333,13 +333,6 @@ def test_bad_folders(folder, spoil, match):
     assert not list((folder / "processed").glob("*.pt"))
 
 
-@pytest.mark.parametrize("make", [lambda root: None, lambda root: (root / "raw").mkdir()])
-def test_empty_folders(tmp_path, make):
-    make(tmp_path)
-    with pytest.raises(FileNotFoundError, match=r"no letters in .*simulate --objects letters"):
-        LetterShape(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("kwargs", "match"),
     [

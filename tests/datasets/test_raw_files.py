@@ -4,16 +4,23 @@ import os
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile import datasets
+from torch_geometric_tactile.data import Recording, StaticDataset
 from torch_geometric_tactile.datasets import (
     AllegroUSkin,
     BiGS,
     BioTacSlide,
+    BioTacSP,
     BioTacSPDoS,
     BrailleLetters,
+    DigitImages,
+    EFleshSlip,
+    FakeTactileDataset,
     ICubGrasp,
     LetterShape,
+    PressureMat,
     RecordingFrames,
+    SamplesFile,
     SparshSkin,
     TactileGlove,
     USkinPick,
@@ -35,16 +42,31 @@ NEXT_STEPS = {
     SparshSkin: r"(?s)no episodes in .*the licence .*huggingface-cli download .*baseline/xela/data",
     USkinPick: r"no trials in '.*raw' or .*git clone; .* commit ed8c1a0",
     LetterShape: r"no letters in .*simulate --objects letters",
+    RecordingFrames: r"no trials in '.*raw' or '.*': put recordings",
 }
 
 
+def test_every_data_set_without_files_is_tested():
+    others = {BioTacSP, DigitImages, EFleshSlip, PressureMat}  # which are downloaded
+    others |= {FakeTactileDataset, SamplesFile}  # without a folder
+    kinds = {kind for kind in vars(datasets).values() if isinstance(kind, type)}
+    assert {kind for kind in kinds if issubclass(kind, StaticDataset)} - others == {*NEXT_STEPS}
+
+
+@pytest.mark.parametrize("root", [None, "empty", "empty raw"])
 @pytest.mark.parametrize("kind", NEXT_STEPS)
-def test_without_files_the_default_folder_and_the_next_step_are_named(kind, monkeypatch, tmp_path):
+def test_without_files_the_folder_and_the_next_step_are_named(kind, root, monkeypatch, tmp_path):
     monkeypatch.setenv("TACTILE_DATA", str(tmp_path))
+    options = {"layout": grid(2, 3, 0.01)} if kind is RecordingFrames else {}
+    folder = tmp_path / kind.__name__
+    if root is not None or kind is RecordingFrames:  # which has no default
+        options["root"] = folder = tmp_path / "mine"
+        (folder / "raw" if root == "empty raw" else folder).mkdir(parents=True)
+    before = sorted(tmp_path.rglob("*"))
     with pytest.raises(FileNotFoundError, match=NEXT_STEPS[kind]) as error:
-        kind()
-    assert str(tmp_path / kind.__name__) in str(error.value)
-    assert not list(tmp_path.iterdir())
+        kind(**options)
+    assert str(folder) in str(error.value)
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_a_long_first_reading_is_told_once(monkeypatch, tmp_path, caplog):

@@ -317,12 +317,6 @@ def test_rejects(arguments, message):
         RecordingFrames(**{"layout": GLOVE, **arguments})
 
 
-def test_empty_folder_says_what_to_put_there(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"no trials in '.*raw' or '.*': put recordings"):
-        RecordingFrames(tmp_path, layout=GLOVE)
-    assert not (tmp_path / "processed").exists()
-
-
 def test_subclass_reads_a_format_of_its_own(tmp_path):
     class Squared(RecordingFrames):
         def read_trial(self, path):

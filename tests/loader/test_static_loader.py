@@ -199,6 +199,7 @@ def test_lambda_is_named_where_workers_are_not_forked(context):
     assert len(list(StaticLoader(dataset, 2))) == 2
 
 
+@pytest.mark.full
 def test_function_of_a_module_works_where_workers_are_not_forked():
     dataset = FakeTactileDataset(4, transform=ToUndirected())
     loader = StaticLoader(dataset, 2, num_workers=1, multiprocessing_context="forkserver")

@@ -117,9 +117,7 @@ def test_numbers_are_those_of_scikit_learn(name, tmp_path):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(
-            name, marks=[pytest.mark.full] if name.startswith(("descriptor", "posed")) else []
-        )
+        pytest.param(name, marks=[pytest.mark.full] * (name not in ("flat_forest", "rbf_svm")))
         for name in NAMES
     ],
 )

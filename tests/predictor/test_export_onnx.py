@@ -357,11 +357,8 @@ def fitted(data, model, parts, **more):
     return Predictor.from_dataset(model.eval(), data, transform, **more)
 
 
-# Their models are exported by other tests too; `taxel_net` stands for them in `make test`.
-SLOW_PAIRS = {
-    *("bmf_cnn", "grasp_gcn", "grasp_lstm", "hand_cnn", "ms_cnn", "mt_cnn", "mt_gcn"),
-    *("pyg", "pyg_edges", "small_cnn", "tactile_fnn", "tactile_gcn", "temporal_taxel_net"),
-}
+# Of readings, of places and edges, and of windows in steps; `make check` exports the others.
+QUICK_PAIRS = {"knn", "taxel_net", "temporal_mixed"}
 
 
 def test_every_transform_and_model_is_in_a_pair():
@@ -380,7 +377,8 @@ def test_every_transform_and_model_is_in_a_pair():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.full] * (name in SLOW_PAIRS)) for name in PAIRS]
+    "name",
+    [pytest.param(name, marks=[pytest.mark.full] * (name not in QUICK_PAIRS)) for name in PAIRS],
 )
 def test_graphs_give_the_numbers_of_predictors(name, tmp_path):
     torch.manual_seed(0)
@@ -462,6 +460,7 @@ def test_what_the_rest_is_measured_on_is_an_output_if_steps_before_change_readin
     assert ("before_rest" in graph.output_names) == graph.outputs_rest_readings == shown
 
 
+@pytest.mark.full
 @pytest.mark.slow
 def test_the_rest_is_an_input_of_a_predictor_of_tared_readings(tmp_path):
     model = TactileFNN(11, 2, num_joints=2, widths=(4,), pools=(1,))

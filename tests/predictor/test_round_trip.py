@@ -94,7 +94,11 @@ WINDOWED = {  # of windows of frames
         lambda: transforms.ContactCrop(3, 4.0, 6.0, sustain=2, before=1, missing="keep"),
         lambda: transforms.ContactCrop(4, 3.0, 0.5),
     ],
+    "FillMissing": [lambda: transforms.FillMissing()],
+    "Normalize": [lambda: transforms.Normalize(per="signal")],
     "Resample": [lambda: transforms.Resample(5), lambda: transforms.Resample(20)],
+    "SelectChannels": [lambda: transforms.SelectChannels([2, 0])],
+    "SessionZScore": [lambda: transforms.SessionZScore(per="signal")],
     "TaxelDescriptors": [lambda: transforms.TaxelDescriptors(LAYOUT)],
     "ZScore": [
         lambda: transforms.ZScore(per="signal"),
@@ -133,6 +137,7 @@ OURS = {
     ],
     "KNNGraph": [lambda: transforms.KNNGraph(2), lambda: transforms.KNNGraph(1, symmetric=False)],
     "Normalize": [
+        lambda: transforms.Normalize(-2.0, 5.0),
         lambda: transforms.Normalize(0.0, 2.0, attr="joint"),
         lambda: transforms.Normalize(per="channel"),
     ],
@@ -166,11 +171,13 @@ OURS = {
     "SessionZScore": [
         lambda: transforms.SessionZScore(),
         lambda: transforms.SessionZScore("trial", attr="joint"),
+        lambda: transforms.SessionZScore(attr="edge_attr"),
         lambda: transforms.SessionZScore(per="channel"),
     ],
     "SquareRoot": [lambda: transforms.SquareRoot()],
     "NormalizeRMS": [lambda: transforms.NormalizeRMS()],
     "Tare": [
+        lambda: transforms.Tare(),
         lambda: transforms.Tare("trial", first=1),
         lambda: transforms.Tare(seconds=0.15),
     ],
@@ -195,6 +202,7 @@ OURS = {
     "ZScore": [
         lambda: transforms.ZScore(),
         lambda: transforms.ZScore(attr="joint"),
+        lambda: transforms.ZScore("edge_attr"),
         lambda: transforms.ZScore(per="channel"),
         lambda: transforms.ZScore(scale_per="channel"),
         lambda: transforms.ZScore(scale_per="channel", with_mean=False),

@@ -137,7 +137,13 @@ def evil_texts(path):
     return [text, *plain, [text], ["evil.f"], ["[evil.f]"], payload(path), [payload(path)]]
 
 
-@pytest.mark.parametrize("place", ["dataset", "transform", "compose", "pre_transform", "split"])
+@pytest.mark.parametrize(
+    "place",
+    [
+        *("dataset", "transform"),
+        *(pytest.param(p, marks=pytest.mark.full) for p in ("compose", "pre_transform", "split")),
+    ],
+)
 def test_configuration_beside_a_checkpoint_runs_nothing(run, tmp_path, monkeypatch, capsys, place):
     pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
     mark = tmp_path / "mark"

@@ -188,6 +188,7 @@ def test_unknown_template():
         expand_template("p3")
 
 
+@pytest.mark.full
 def test_experiment_trains_by_fit(grasps, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     keys = ("dataset", "val_dataset", "test_dataset")

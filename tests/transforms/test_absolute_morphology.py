@@ -4,7 +4,6 @@ from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
-from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import AbsoluteMorphology, TaxelPose
 
 
@@ -23,24 +22,6 @@ def test_absolute_morphology_by_hand():
     out = AbsoluteMorphology(origin=(1.0, -2.0, 2.0), cat=True)(data)
     assert out.x.tolist() == [[9, 5, 0, 4, 3]]
     assert "absolute" not in out
-
-
-@pytest.mark.parametrize("num_samples", [1, 3, 5])  # five samples of five taxels
-@pytest.mark.parametrize("shared", [False, True])
-@pytest.mark.parametrize("cat", [False, True])
-def test_absolute_morphology_laws(num_samples, shared, cat):
-    data = random_poses(num_samples)
-    if shared:
-        data.pos = data.pos[0]
-    transform = AbsoluteMorphology((0.1, 0.2, 0.3), cat)
-    assert_transform_static_equals_batched(transform, data, atol=1e-6)
-    out = transform(data)
-    if cat:
-        assert out.x.shape == (num_samples, 5, 6)
-    else:
-        assert out.absolute.shape == ((5, 4) if shared else (num_samples, 5, 4))
-        assert out.sample(0).absolute.shape == (5, 4)
-        assert out.index_select(slice(0, 1)).absolute.shape == ((5, 4) if shared else (1, 5, 4))
 
 
 def test_absolute_morphology_turns_about_the_origin():

@@ -4,7 +4,6 @@ from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import allegro_uskin, biotac_sp
-from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import CommonMode
 
 LAYOUT = allegro_uskin()
@@ -37,20 +36,6 @@ def test_missing_readings_are_left_out_and_stay():
     found = CommonMode([0, 0, 1, 1])(Data(x=x)).x
     expected = torch.tensor([[0.0, nan], [nan, nan], [0.0, -1.0], [nan, 1.0]])
     torch.testing.assert_close(found, expected, equal_nan=True)
-
-
-@pytest.mark.parametrize("transform", all_kinds(), ids=str)
-def test_laws_exactly(transform):
-    data = counts()
-    data.x[1, 5:40, 0] = torch.nan
-    data.x[2, :, 1] = torch.nan
-    assert_transform_static_equals_batched(transform, data)
-    found = transform(data).x
-    batch = transform(Batch.from_data_list(data.to_data_list())).x.view(4, 384, 3)
-    loop = torch.stack([transform(data.sample(i)).x for i in range(4)])
-    assert found.nan_to_num().equal(batch.nan_to_num())
-    assert found.nan_to_num().equal(loop.nan_to_num())
-    assert found.isnan().equal(data.x.isnan())
 
 
 @pytest.mark.parametrize(

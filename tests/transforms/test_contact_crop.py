@@ -38,11 +38,6 @@ def window(values, **more):
     return Data(x=torch.tensor([values], dtype=torch.float), num_frames=len(values), **more)
 
 
-def test_kind():
-    assert ContactCrop.causal
-    assert ContactCrop.supports_static
-
-
 def test_value_by_hand():
     # Deviations at rest are 1, 1, 0, 2, 0: their median is 1, the threshold 2 * 1.4826.
     values = [10, 12, 11, 13, 11, 20, 11, 14, 15, 16, 9]
@@ -172,12 +167,6 @@ def test_crop_and_resample_end_at_the_last_frame():
     assert last.equal(first)
     assert out.x.isfinite().all()
     assert out.contact_frame.shape == (6,)
-
-
-def test_whole_counts():
-    data, _ = grasps(3)
-    counts = StaticData(x=data.x.long(), num_frames=150)
-    assert ContactCrop()(counts).x.nan_to_num().equal(ContactCrop()(data).x.nan_to_num())
 
 
 @pytest.mark.parametrize(

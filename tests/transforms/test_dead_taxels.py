@@ -5,7 +5,6 @@ from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin
-from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import DropPatches, DropTaxels
 
 # Four taxels in three patches: one, two and one.
@@ -20,16 +19,6 @@ LAYOUT = TaxelLayout(
 def samples(num_samples=3, num_taxels=4):
     generator = torch.Generator().manual_seed(0)
     return StaticData(x=1 + torch.rand(num_samples, num_taxels, 2, generator=generator))
-
-
-def fixed():
-    return [
-        DropTaxels(taxels=[1, 3]),
-        DropTaxels(taxels=[], value=2.0),
-        DropTaxels(taxels=torch.tensor([0]), value=torch.nan),
-        DropPatches(LAYOUT, patches=["tip"]),
-        DropPatches(LAYOUT, patches=[0, "nail"], value=-1.0),
-    ]
 
 
 def drawn(p, **kwargs):
@@ -53,17 +42,6 @@ def test_drop_patches_by_hand():
     out = DropPatches(hand, patches=[0, 3])(StaticData(x=torch.ones(2, 384, 3)))
     assert torch.equal(out.dropped[0], (hand.patch == 0) | (hand.patch == 3))
     assert out.dropped.sum() == 2 * (16 + 24)
-
-
-@pytest.mark.parametrize("transform", fixed(), ids=str)
-@pytest.mark.parametrize("num_samples", [1, 3, 4])
-def test_dead_taxels_laws(transform, num_samples):
-    data = samples(num_samples)
-    assert_transform_static_equals_batched(transform, data)
-    out = transform(data)
-    assert out.dropped.shape == (num_samples, 4)
-    assert out.sample(0).dropped.shape == (4,)
-    assert torch.equal(out.x[~out.dropped], data.x[~out.dropped])
 
 
 @pytest.mark.parametrize("index", [0, 1])

@@ -4,7 +4,8 @@ import copy
 
 import pytest
 import torch
-from predictor.test_round_trip import GRID, HAND, LAYOUT, OURS, WINDOWED, samples, windows
+from predictor.test_round_trip import windows
+from transforms.test_transform_laws import ALL, EACH, ready, same
 
 from torch_geometric_tactile import transforms
 from torch_geometric_tactile.data import (
@@ -17,13 +18,10 @@ from torch_geometric_tactile.data import (
 from torch_geometric_tactile.nn import TaxelNet
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.transforms import FittedTransform, TactileTransform
+from torch_geometric_tactile.transforms import TactileTransform
 
-ALL = [(make, samples) for makes in OURS.values() for make in makes]
-ALL += [(make, windows) for makes in WINDOWED.values() for make in makes]
-IDS = [f"{make()!r}".replace("\n", "") for make, _ in ALL]
 NOT_RANDOM = pytest.mark.parametrize(
-    ("make", "given"), [(make, given) for make, given in ALL if not make().is_random]
+    ("make", "make_data"), [(make, make_data) for make, make_data in ALL if not make().is_random]
 )
 DRAWN = [
     transforms.DropTaxels(p=0.5),
@@ -35,124 +33,18 @@ DRAWN = [
 PLACES = ("pos", "edge_index", "edge_attr", "edge_weight", "num_frames", "valid_frames")
 
 
-HALVES = [3, 3, 3, 8, 8, 8]
-SHOWN = [
-    (transforms.AbsoluteMorphology([0, 0, 1], cat=True), "origin=(0.0, 0.0, 1.0), cat=True"),
-    (
-        transforms.Calibrate(torch.ones(4, 2)),
-        "3 -> 2, degree=1, per='taxel', units=('count', 'newton')",
-    ),
-    (
-        transforms.Calibrate(torch.ones(6, 10, 1), degree=2, per="sensor"),
-        "3 -> 1, num_taxels=6, degree=2, per='sensor', units=('count', 'newton')",
-    ),
-    (transforms.CommonMode(), ""),
-    (transforms.CommonMode(layout=LAYOUT), ""),
-    (transforms.CommonMode("digit", LAYOUT), "'digit', num_segments=2"),
-    (transforms.CommonMode(HALVES), "numbers, num_segments=2"),
-    (
-        transforms.ContactCrop(),
-        "rest=10, k=5.0, floor=5.0, sustain=3, before=0, missing='error'",
-    ),
-    (transforms.DropPatches(LAYOUT), "'finger', p=0.1, value=0.0"),
-    (transforms.DropPatches(LAYOUT, patches=[1]), "'finger', patches=['right'], value=0.0"),
-    (transforms.DropTaxels(), "p=0.1, value=0.0"),
-    (transforms.DropTaxels(taxels=[2, 0], value=1.0), "taxels=[0, 2], value=1.0"),
-    (transforms.FillMissing(), "value=0.0"),
-    (transforms.GeometricEdgeAttr(), "norm=False, max_value=None, cat=True"),
-    (transforms.GeometricEdgeAttr(True, 0.2, cat=False), "norm=True, max_value=0.2, cat=False"),
-    (transforms.KNNGraph(3, symmetric=False), "k=3, symmetric=False"),
-    (transforms.Normalize(0, 10), "low=0.0, high=10.0"),
-    (transforms.Normalize(attr="pos"), "low=-1.0, high=1.0, attr='pos'"),
-    (transforms.Normalize(per="channel"), "low=-1.0, high=1.0, per='channel'"),
-    (transforms.RandomContrast(center=0.5), "low=1.0, high=1.5, center=0.5"),
-    (transforms.RandomGain(0.2), "std=0.2"),
-    (transforms.RandomGain(0.2, "digit", LAYOUT), "std=0.2, 'digit', num_segments=2"),
-    (transforms.RandomInversion(generator=torch.Generator()), "p=0.5, low=0.0, high=1.0"),
-    (transforms.RandomMirror(GRID), "'grid_2x3', p=0.5, along='columns'"),
-    (transforms.RandomMirror(GRID, negate=0), "'grid_2x3', p=0.5, along='columns', negate=0"),
-    (transforms.RandomNoise(), "std=0.1"),
-    (transforms.RandomOffset(1, HALVES), "std=1.0, numbers, num_segments=2"),
-    (transforms.RandomShift(GRID), "'grid_2x3', rows=1, columns=1, value=0.0"),
-    (transforms.RandomTimeShift(), "steps=1"),
-    (transforms.RandomTimeShift(3, 7), "steps=3, num_frames=7"),
-    (transforms.Resample(), "60"),
-    (
-        transforms.SectorGraph("biotac_sp", 4, 0.01, "link"),
-        "'biotac_sp', num_sectors=4, radius=0.01, within='link'",
-    ),
-    (transforms.SelectChannels([2, 0]), "[2, 0]"),
-    (transforms.SessionZScore("trial"), "'trial'"),
-    (transforms.SessionZScore(attr="pos"), "'session', attr='pos'"),
-    (transforms.SessionZScore(per="channel"), "'session', per='channel'"),
-    (transforms.SquareRoot(), ""),
-    (transforms.NormalizeRMS(), ""),
-    (transforms.Tare(), "'session', first=None"),
-    (transforms.Tare("trial", first=5), "'trial', first=5"),
-    (transforms.Tare("trial", attr="joint"), "'trial', first=None, attr='joint'"),
-    (transforms.Tare(seconds=0.5, attr="joint"), "'session', seconds=0.5, attr='joint'"),
-    (transforms.TaxelDescriptors(LAYOUT), "'finger', posed=False"),
-    (transforms.TaxelForce(), ""),
-    (transforms.TaxelForce("force"), "'force'"),
-    (transforms.TaxelPose(LAYOUT, HAND), "'finger', 'finger'"),
-    (
-        transforms.TopologicalSegmentation("digit", LAYOUT),
-        "'digit', num_segments=2, drop=True",
-    ),
-    (
-        transforms.TopologicalSegmentation(HALVES, drop=False),
-        "numbers, num_segments=2, drop=False",
-    ),
-    (transforms.ZScore(per="taxel"), ""),
-    (transforms.ZScore(scale_per="channel"), "scale_per='channel'"),
-    (transforms.ZScore(with_mean=False), "with_mean=False"),
-    (transforms.ZScore("joint", per="channel"), "attr='joint', per='channel'"),
-]
-
-
-@pytest.mark.parametrize(("transform", "arguments"), SHOWN)
-def test_arguments_are_shown(transform, arguments):
-    assert repr(transform) == f"{type(transform).__name__}({arguments})"
-
-
-def test_each_transform_is_shown():
-    assert {type(transform).__name__ for transform, _ in SHOWN} == {*OURS, *WINDOWED}
-
-
-def ready(make, data):
-    transform = make()
-    return transform.fit(data) if isinstance(transform, FittedTransform) else transform
-
-
-def same(a, b):
-    if not isinstance(a, torch.Tensor) or not isinstance(b, torch.Tensor):
-        return a is b or a == b
-    return a.shape == b.shape and torch.allclose(a, b, 0, 0, equal_nan=True)
-
-
-@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
-def test_only_what_is_declared_is_written(make, given):
-    data = given()
+@EACH
+def test_only_what_is_declared_is_written(make, make_data):
+    data = make_data()
     transform, before = ready(make, data), data.to_dict()
     after = transform(copy.copy(data)).to_dict()
     changed = {k for k in {*before, *after} if k not in after or not same(before.get(k), after[k])}
     assert changed <= {*transform.writes}
 
 
-@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
-def test_the_caller_keeps_its_data(make, given):
-    data = given()
-    data.x[0, 1] = torch.nan
-    data.dropped = torch.zeros(8, 6, dtype=torch.bool)
-    before = copy.deepcopy(data.to_dict())
-    ready(make, data)(data)
-    assert {*data.keys()} == {*before}
-    assert all(same(data[key], value) for key, value in before.items())
-
-
-@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
-def test_only_what_is_declared_is_read(make, given):
-    data = given()
+@EACH
+def test_only_what_is_declared_is_read(make, make_data):
+    data = make_data()
     transform = ready(make, data)
     expected = transform(copy.copy(data)).to_dict()
     poisoned = copy.copy(data)
@@ -167,43 +59,16 @@ def test_only_what_is_declared_is_read(make, given):
             assert same(found[key], expected[key]), key
 
 
-@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
-def test_no_samples_stay_none(make, given):
-    data = given()
-    transform, none = ready(make, data), torch.empty(0, dtype=torch.long)
-    some, empty = transform(copy.copy(data)), transform(data.index_select(none))
-    for key in transform.writes:
-        if isinstance(getattr(some, key, None), torch.Tensor):
-            expected = some[key] if some.is_shared(key) else some[key][:0]
-            assert empty[key].shape == expected.shape, key
-
-
-OPTIONAL = {("KNNGraph", "edge_index"), ("TaxelPose", "x")}
-
-
-@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
-def test_what_is_missing_is_named(make, given):
-    transform = ready(make, given())
-    for key in {"x", "pos", "normal", "tangent", "joint", "edge_index"} & {*transform.reads}:
-        name = type(transform).__name__
-        if (name, key) in OPTIONAL or getattr(transform, "attr", key) != key:
-            continue
-        data = given()
-        del data[key]
-        with pytest.raises(ValueError, match=rf"^{name} needs '{key}' \(got none\)"):
-            transform(data)
-
-
 @NOT_RANDOM
-def test_what_is_not_random_gives_the_same_again(make, given):
-    data = given()
+def test_what_is_not_random_gives_the_same_again(make, make_data):
+    data = make_data()
     transform = ready(make, data)
     first, again = (transform(copy.copy(data)).to_dict() for _ in range(2))
     assert all(same(first[key], again[key]) for key in first)
 
 
 @NOT_RANDOM
-def test_only_what_is_per_frame_does_the_same_to_each_frame(make, given):
+def test_only_what_is_per_frame_does_the_same_to_each_frame(make, make_data):
     data = windows()
     transform = ready(make, data)
     if isinstance(transform, transforms.TaxelForce):
@@ -233,11 +98,11 @@ def test_of_what_is_random_only_noise_and_dead_taxels_are_per_frame():
 
 @pytest.mark.parametrize("shared", [True, False], ids=["one for all", "one each"])
 @NOT_RANDOM
-def test_step_of_an_exported_graph_does_what_the_transform_does(make, given, shared):
-    data = given()
+def test_step_of_an_exported_graph_does_what_the_transform_does(make, make_data, shared):
+    data = make_data()
     transform = ready(make, data)
     if getattr(transform, "key", None) is not None:
-        return  # a graph is given the rest of the session
+        return  # a graph is make_data the rest of the session
     data.x[0, 1] = torch.nan
     data.x[1, 2, 3::4] = torch.nan
     if not shared:

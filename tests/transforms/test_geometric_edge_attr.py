@@ -5,7 +5,6 @@ from torch_geometric.transforms import Cartesian, Distance
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import allegro_uskin, biotac_sp
-from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import GeometricEdgeAttr, KNNGraph
 
 EDGES = torch.tensor([[1, 0, 2], [0, 1, 1]])
@@ -45,25 +44,6 @@ def test_geometric_edge_attr_equals_pyg():
     assert torch.allclose(GeometricEdgeAttr()(data).edge_attr, expected)
     expected = Distance(norm=True)(data).edge_attr
     assert torch.allclose(GeometricEdgeAttr(norm=True)(data).edge_attr[:, :1], expected)
-
-
-@pytest.mark.parametrize("norm", [False, True])
-@pytest.mark.parametrize("max_value", [None, 0.3])
-@pytest.mark.parametrize("old", [None, (), (2,), "per sample"])
-@pytest.mark.parametrize("shared", [False, True])
-def test_geometric_edge_attr_laws(norm, max_value, old, shared):
-    data = random_poses()
-    if shared:
-        data.pos = data.pos[0]
-    if old is not None:
-        lead = (3, data.num_edges, 2) if old == "per sample" else (data.num_edges, *(old or (1,)))
-        data.edge_attr = torch.randn(lead)
-    transform = GeometricEdgeAttr(norm, max_value if norm else None)
-    assert_transform_static_equals_batched(transform, data, atol=1e-6)
-    features = 4 + (0 if old is None else data.edge_attr.size(-1))
-    out = transform(data).edge_attr
-    once = shared and old != "per sample"
-    assert out.shape == (() if once else (3,)) + (data.num_edges, features)
 
 
 def test_geometric_edge_attr_norm_is_of_each_graph():

@@ -1,9 +1,7 @@
-import pytest
 import torch
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import NormalizeRMS
 
 
@@ -21,16 +19,3 @@ def test_missing_readings_do_not_count_and_zeros_stay():
     assert out[1].isnan()
     assert torch.allclose(out[[0, 2]], x[[0, 2]].view(-1) / 12.5**0.5)
     assert NormalizeRMS()(Data(x=torch.zeros(3, 1))).x.tolist() == [[0.0]] * 3
-
-
-def test_samples_of_a_batch_do_not_mix():
-    x = torch.randn(5, 4, 3)
-    x[0, 1, 2] = torch.nan
-    assert_transform_static_equals_batched(NormalizeRMS(), StaticData(x=x))
-    counts = torch.tensor([[3], [4]])
-    assert torch.allclose(NormalizeRMS()(Data(x=counts)).x, counts / 12.5**0.5)
-
-
-def test_no_readings():
-    with pytest.raises(ValueError, match="'x'"):
-        NormalizeRMS()(Data())

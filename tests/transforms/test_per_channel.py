@@ -6,7 +6,6 @@ import torch
 from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import Normalize, SessionZScore, ZScore, fit_parts
 
 PER = "channel"
@@ -123,16 +122,6 @@ def test_large_offsets_keep_their_digits():
     found = ZScore(per=PER).fit(data)(data).x.numpy()
     expected = (exact - exact.mean((0, 1))) / exact.std((0, 1))
     assert np.abs(found - expected).max() < 1e-4
-
-
-@pytest.mark.parametrize("transform", both(), ids=str)
-def test_laws(transform):
-    data = readings()
-    transform.fit(data)
-    data.x[3, 1, 0] = torch.nan
-    assert_transform_static_equals_batched(transform, data)
-    batch = Batch.from_data_list(data.to_data_list())
-    assert torch.equal(transform(data).x.view(-1, 3).nan_to_num(), transform(batch).x.nan_to_num())
 
 
 @pytest.mark.parametrize("transform", both(), ids=str)

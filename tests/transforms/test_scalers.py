@@ -4,11 +4,10 @@ import io
 import numpy as np
 import pytest
 import torch
-from torch_geometric.data import Batch, Data
+from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import Normalize, SessionZScore, Tare, ZScore
 
 
@@ -50,20 +49,6 @@ def test_tare_by_hand():
     assert Tare(first=2).fit(sessions())(sessions()).x.view(-1).tolist() == [-1, 1, -2, 2, 6]
 
 
-@pytest.mark.parametrize("transform", fitted(), ids=str)
-def test_scalers_laws(transform):
-    data = random_data()
-    data.x[3, 1, 0] = torch.nan
-    assert_transform_static_equals_batched(transform, data)
-    batch = Batch.from_data_list(data.to_data_list())
-    assert torch.equal(transform(data).x.view(-1, 2).nan_to_num(), transform(batch).x.nan_to_num())
-
-
-def test_z_score_single_taxel():
-    data = StaticData(x=torch.tensor([[[2.0]]]))
-    assert ZScore().fit(data)(data).x.tolist() == [[[0.0]]]
-
-
 def test_z_score_missing_readings():
     nan = torch.nan
     data = StaticData(x=torch.tensor([[nan, nan], [1.0, nan], [3.0, nan], [nan, nan]])[..., None])
@@ -102,16 +87,6 @@ def test_step_of_an_exported_graph_keeps_the_digits_of_large_offsets():
     transform = ZScore().fit(data)
     found = transform.graph_step(data, set())(data.index_select(slice(None))).x
     torch.testing.assert_close(found, transform(data).x, rtol=0, atol=1e-4)
-
-
-def test_scalers_dtypes():
-    data = random_data()
-    transform = ZScore().fit(data)
-    double = StaticData(x=data.x.double())
-    assert transform(double).x.dtype == torch.double
-    assert torch.allclose(transform(double).x.float(), transform(data).x)
-    counts = StaticData(x=torch.tensor([1, 4]).view(2, 1, 1))
-    assert ZScore().fit(counts)(counts).x.view(-1).tolist() == [-1, 1]
 
 
 def test_scalers_strided_readings():

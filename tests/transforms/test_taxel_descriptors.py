@@ -3,12 +3,11 @@
 import pytest
 import torch
 from torch.nn import Linear, Module
-from torch_geometric.data import Batch, Data
+from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import StaticData, join_frames
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.sensors import allegro_uskin, biotac_sp, grid, taxel_descriptors
-from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import TaxelDescriptors, TaxelPose, ZScore
 
 PAD = grid(3, 4, 0.01)
@@ -19,15 +18,11 @@ def samples(num_samples=5, layout=PAD, **kwargs):
     return StaticData(x=torch.randn(num_samples, layout.num_taxels, 2, generator=draw), **kwargs)
 
 
-def test_one_sample_many_and_a_batch_agree():
+def test_samples_are_described_and_their_numbers_named():
     data, transform = samples(), TaxelDescriptors(PAD)
-    assert_transform_static_equals_batched(transform, data, atol=1e-6)
-    found = transform(data).descriptors
-    assert found.shape == (5, len(transform.names(num_channels=2)))
-    torch.testing.assert_close(found, taxel_descriptors(data.x, PAD))
-    batch = transform(Batch.from_data_list(samples().to_data_list()))
-    torch.testing.assert_close(batch.descriptors, found)
-    torch.testing.assert_close(transform(data.sample(2)).descriptors, found[2:3])
+    descriptors = transform(data).descriptors
+    assert descriptors.shape == (5, len(transform.names(num_channels=2)))
+    torch.testing.assert_close(descriptors, taxel_descriptors(data.x, PAD))
 
 
 def test_windows_are_described_by_their_end_their_change_and_their_course():
@@ -77,7 +72,9 @@ class Reader(Module):
         return self.lin(descriptors)
 
 
-@pytest.mark.parametrize("layout", [PAD, biotac_sp()], ids=["pad", "biotac"])
+@pytest.mark.parametrize(
+    "layout", [PAD, pytest.param(biotac_sp(), marks=pytest.mark.full)], ids=["pad", "biotac"]
+)
 def test_onnx_gives_the_same(layout, tmp_path):
     onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra 'export'")
     pytest.importorskip("onnxscript", reason="needs the extra 'export'")
@@ -102,5 +99,3 @@ def test_onnx_gives_the_same(layout, tmp_path):
 def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError, match=r"a sample must have 12 taxels, .*'grid_3x4' \(got 9\)"):
         TaxelDescriptors(PAD)(Data(x=torch.zeros(9, 2)))
-    with pytest.raises(ValueError, match=r"TaxelDescriptors needs 'pos' \(got none\)"):
-        TaxelDescriptors(PAD, posed=True)(Data(x=torch.zeros(12, 2)))

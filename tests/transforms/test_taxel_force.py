@@ -3,12 +3,11 @@ weight of simulated objects, in tests/sim/test_grasp.py."""
 
 import pytest
 import torch
-from torch_geometric.data import Batch, Data
+from torch_geometric.data import Data
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
-from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import TaxelForce, TaxelPose
 
 LAYOUT, HAND = allegro_uskin(), HandKinematics.allegro()
@@ -51,15 +50,6 @@ def test_lengths_are_kept():
     data = recording()
     found = posed()(recording()).x
     torch.testing.assert_close(found.norm(dim=-1), data.x.norm(dim=-1), atol=1e-5, rtol=1e-5)
-
-
-@pytest.mark.parametrize("out", ["x", "force"])
-def test_laws(out):
-    assert_transform_static_equals_batched(posed(out), recording(), atol=1e-6)
-    data = recording()
-    batch = posed(out)(Batch.from_data_list(data.to_data_list()))
-    static = posed(out)(recording())
-    torch.testing.assert_close(static[out].view(-1, 3), batch[out], atol=1e-6, rtol=0)
 
 
 def test_axes_that_all_samples_share():

@@ -8,7 +8,6 @@ from torch_geometric.utils import subgraph
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.sensors import allegro_uskin, grid
-from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import TopologicalSegmentation
 
 LAYOUT = allegro_uskin()
@@ -110,22 +109,6 @@ def test_topological_segmentation_is_the_induced_subgraph(by):
         assert torch.equal(part.y, data.y)
         assert part.joint.shape == (1, 16)
         assert set(part.keys()) == set(data.keys())
-
-
-@pytest.mark.parametrize("drop", [False, True])
-@pytest.mark.parametrize("num_samples", [1, 3, 4, 6])  # also as many as taxels and as edges
-def test_topological_segmentation_laws(drop, num_samples):
-    for edge_attr in (None, torch.randn(6, 2), torch.randn(num_samples, 6, 2)):
-        data = samples(num_samples)
-        if edge_attr is not None:
-            data.edge_attr = edge_attr
-        transform = TopologicalSegmentation(HALVES, drop=drop)
-        assert_transform_static_equals_batched(transform, data)
-        out = transform(data)
-        assert out.segment_batch.shape == (4,)
-        assert out.is_shared("segment_batch")
-        assert out.index_select(slice(0, 1)).segment_batch.tolist() == HALVES
-        assert out.sample(0).segment_batch.tolist() == HALVES
 
 
 def test_topological_segmentation_collates():

@@ -69,7 +69,6 @@ def test_signals_have_mean_zero_and_deviation_one_over_all_frames(dtype):
     each = split_frames(ZScore().fit(data)(data).x, T)
     each, out = (part.nan_to_num().mean(dim=0).abs().max() for part in (each, out))
     assert each < 1e-3 < 0.1 < out
-    assert_transform_static_equals_batched(scaler, data, atol=0)
 
 
 @pytest.mark.parametrize(
@@ -82,10 +81,9 @@ def test_signals_have_mean_zero_and_deviation_one_over_all_frames(dtype):
     ],
     ids=["signal", "channel scale", "normalize", "session"],
 )
-def test_signal_laws_state_and_other_lengths(make):
+def test_state_and_other_lengths_of_signals(make):
     data = windows(session=torch.arange(8) // 4)
     scaler = make().fit(data)
-    assert_transform_static_equals_batched(scaler, data, atol=1e-12)
     again = make()
     again.load_state_dict(scaler.state_dict())
     assert again(data).x.equal(scaler(data).x)
@@ -145,7 +143,6 @@ def test_channels_are_selected_with_all_their_frames():
     data = windows()
     out = SelectChannels([2, 0])(data)
     assert split_frames(out.x, T).equal(frames()[..., [2, 0]])
-    assert_transform_static_equals_batched(SelectChannels([1]), data, atol=0)
     columns = SelectChannels([2, 0])(StaticData(x=data.x))  # of no windows, the numbers of a taxel
     assert columns.x.equal(data.x[..., [2, 0]])
     with pytest.raises(ValueError, match=r"must have channel 3 \(got 3 channels, numbered"):
