@@ -110,9 +110,15 @@ def test_processed_file_serves_all_choices(tmp_path, caplog):
     ("arguments", "match"),
     [
         ({"rate": 0}, r"'rate' must be frames per second, above 0, or None \(got 0\)"),
+        ({"rate": float("nan")}, r"'rate' must be .* \(got nan\)"),
+        ({"rate": float("inf")}, r"'rate' must be .* \(got inf\)"),
+        ({"rate": True}, r"'rate' must be .* \(got True\)"),
         ({"rate": "30"}, r"'rate' must be .* \(got '30'\)"),
         ({"samples_per_trial": 0}, r"'samples_per_trial' must be an integer, .* \(got 0\)"),
+        ({"samples_per_trial": 2.5}, r"'samples_per_trial' must be .* \(got 2.5\)"),
+        ({"samples_per_trial": True}, r"'samples_per_trial' must be .* \(got True\)"),
         ({"sample_seed": -1}, r"'sample_seed' must be an integer, at least 0 \(got -1\)"),
+        ({"sample_seed": None}, r"'sample_seed' must be .* \(got None\)"),
     ],
 )
 def test_bad_choices_are_named(arguments, match):
