@@ -160,6 +160,22 @@ def test_processed_file_with_other_types_is_refused(toy, tmp_path, key, value, m
         toy(tmp_path)
 
 
+def test_processed_file_with_a_flipped_bit_is_refused(toy, tmp_path):
+    path = Path(toy(tmp_path).processed_paths[0])
+    content, expected = path.read_bytes(), read_processed(path)
+    for place in range(0, 8 * len(content), 997):
+        flipped = bytearray(content)
+        flipped[place // 8] ^= 1 << place % 8
+        path.unlink()  # others may have it mapped
+        path.write_bytes(flipped)
+        try:
+            data, *texts = read_processed(path)
+        except ValueError:
+            continue
+        assert all(value.equal(data[key]) for key, value in expected.data.to_dict().items())
+        assert texts == [*expected[1:]]
+
+
 def test_what_was_written_is_checked(toy, tmp_path, monkeypatch):
     save = torch.save
 
