@@ -62,7 +62,10 @@ def test_model_answers_nothing_to_missing_readings(name):
     assert model(**given).isnan().any(dim=1).tolist() == [False, True, False]
 
 
-@pytest.mark.parametrize("name", READING_MODELS)
+NORMED_READINGS = ("taxel_", "temporal_", "posed_")
+
+
+@pytest.mark.parametrize("name", [n for n in READING_MODELS if n.startswith(NORMED_READINGS)])
 def test_model_trains_on_a_single_sample(name):
     model = make_model(name).train()
     out = model(**model_inputs(model, 1))
