@@ -6,6 +6,7 @@ from typing import Any, Generic, NamedTuple, Optional, TypeVar
 
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 from torch.nn import Parameter
 from torch_geometric.typing import Adj, OptTensor
 
@@ -124,3 +125,11 @@ def is_wrapped(tensor: Tensor) -> bool:
     except RuntimeError:
         return True
     return False
+
+
+def is_transformed() -> bool:
+    r"""Returns whether a transform of :mod:`torch.func` or forward-mode differentiation is active,
+    which the sparse products do not support.
+    """
+    # PyTorch has no public function for either; a test covers both names.
+    return torch._C._are_functorch_transforms_active() or forward_ad._current_level >= 0

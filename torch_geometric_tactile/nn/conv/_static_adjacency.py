@@ -13,7 +13,7 @@ from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.typing import Adj, OptTensor
 from torch_geometric.utils import is_torch_sparse_tensor
 
-from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, is_cacheable, is_wrapped
+from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, is_cacheable, is_transformed
 from torch_geometric_tactile.nn.conv._edge_checks import (
     EdgeCheck,
     as_edges,
@@ -240,7 +240,7 @@ def may_multiply(x: Tensor) -> bool:
         and x.layout == torch.strided
         and x.numel() > 0
         and not torch.is_autocast_enabled("cpu")
-        and not is_wrapped(x)
+        and not is_transformed()
     )
 
 

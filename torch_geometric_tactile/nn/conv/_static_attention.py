@@ -7,7 +7,6 @@ from typing import Any, ClassVar, Optional
 import torch
 import torch.nn.functional as F
 from torch import Tensor
-from torch.autograd import forward_ad
 from torch.nn import Parameter
 from torch_geometric import EdgeIndex
 from torch_geometric.nn import MessagePassing
@@ -22,7 +21,7 @@ from torch_geometric.utils import (
 )
 
 from torch_geometric_tactile.nn.conv._attention_edges import AttentionCache, AttentionEdges
-from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, is_cacheable
+from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, is_cacheable, is_transformed
 from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
     check_edge_features,
@@ -145,7 +144,7 @@ class StaticAttention(ExplainablePropagate, MessagePassing):
             and not is_hooked(aggr_module)
             and not has_global_hooks()
             and not torch.is_autocast_enabled("cpu")
-            and not _is_transformed()
+            and not is_transformed()
         )
 
     def _attend(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *options: Any) -> Any:
@@ -305,15 +304,17 @@ def check_attention_input(
             f"(got shape {tuple(edge_attr.shape)})"
         )
     if conv.edge_dim is not None and conv.edge_dim != -1:
-        check_edge_features(edge_attr.view(len(edge_attr), -1), conv.edge_dim)
+        check_edge_features(
+            edge_attr if edge_attr.dim() == 2 else edge_attr.unsqueeze(-1), conv.edge_dim
+        )
 
 
 def as_long(edge_index: Adj) -> Adj:
     r"""Returns edges as 64-bit integers, the only type that PyG's messages support on a processor.
-    Sparse matrices and :class:`~torch_geometric.EdgeIndex` are returned unchanged.
+    Sparse matrices, whose indices are sorted, and :class:`~torch_geometric.EdgeIndex` keep theirs.
     """
     if is_torch_sparse_tensor(edge_index) or isinstance(edge_index, EdgeIndex):
-        return edge_index
+        return sorted_form(edge_index)
     return edge_index.long()
 
 
@@ -325,9 +326,3 @@ def _as_edges(edge_index: Adj, edge_attr: OptTensor) -> tuple[Tensor, OptTensor]
     if edge_attr is None and values is not None and values.dim() > 1:
         edge_attr = values
     return edge_index, edge_attr
-
-
-def _is_transformed() -> bool:
-    # Whether a transform of torch.func or forward-mode differentiation is active, which the sparse
-    # products do not support. PyTorch has no public function for either; a test covers both names.
-    return torch._C._are_functorch_transforms_active() or forward_ad._current_level >= 0
