@@ -10,8 +10,10 @@ not hold.
 
 import importlib.metadata
 import os
+import re
 import subprocess
 import sys
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -24,19 +26,26 @@ from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
-from lerobot.policies.factory import make_pre_post_processors
+from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.utils.import_utils import register_third_party_plugins
 from torch.utils.data import default_collate
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import write_lerobot
+from torch_geometric_tactile.sensors import stock_layout
 
 LAYOUT, NUM_TAXELS, CHANNELS, FPS, STEPS = "biotac", 19, 3, 20, 20
 SMALL = (
     *("--policy.chunk_size=8", "--policy.n_action_steps=1", "--policy.dim_model=64"),
     *("--policy.n_heads=4", "--policy.dim_feedforward=128", "--policy.use_vae=false"),
     *("--policy.device=cpu", "--policy.push_to_hub=false", "--wandb.enable=false"),
-    *("--batch_size=8", f"--steps={STEPS}", f"--save_freq={STEPS}", "--num_workers=0"),
+    *(
+        "--batch_size=8",
+        f"--steps={STEPS}",
+        f"--save_freq={STEPS}",
+        "--log_freq=5",
+        "--num_workers=0",
+    ),
 )
 ENVIRONMENT = "observation.environment_state"
 failures: list[str] = []
@@ -64,8 +73,8 @@ def demonstrations(num_episodes: int = 6, num_actions: int = 2) -> list[Recordin
     return recordings
 
 
-def train(root: Path, out: Path, *options: str) -> tuple[Any, Any, str]:
-    """Trains by lerobot-train. Returns the policy of the checkpoint, its pre-processor, the log."""
+def train(root: Path, out: Path, *options: str) -> tuple[Path, float]:
+    """Trains by lerobot-train, and returns the folder of the checkpoint and the last loss."""
     command = [str(Path(sys.executable).with_name("lerobot-train"))]
     command += [f"--dataset.repo_id=local/{root.name}", f"--dataset.root={root}", *SMALL, *options]
     done = subprocess.run(
@@ -73,13 +82,12 @@ def train(root: Path, out: Path, *options: str) -> tuple[Any, Any, str]:
     )
     if done.returncode:
         raise RuntimeError(done.stderr[-2000:])
-    return *load(out / "checkpoints" / "last" / "pretrained_model"), done.stderr
+    losses = re.findall(r"[ _]loss:([\w.]+)", done.stdout + done.stderr)
+    return out / "checkpoints" / "last" / "pretrained_model", float(losses[-1])
 
 
 def load(folder: Path) -> tuple[Any, Any]:
     """Returns the policy of a checkpoint, as lerobot loads it, and its pre-processor."""
-    from lerobot.policies.factory import get_policy_class
-
     config = PreTrainedConfig.from_pretrained(folder)
     policy = get_policy_class(config.type).from_pretrained(folder, config=config)
     preprocess, _ = make_pre_post_processors(config, pretrained_path=str(folder))
@@ -134,7 +142,8 @@ def check_act(folder: Path) -> None:
     """Trains ACT on touch as the state of the environment."""
     root = folder / "act"
     write_lerobot(demonstrations(), root, FPS, fill=0.0, key=ENVIRONMENT)
-    policy, preprocess, _ = train(root, folder / "train_act", "--policy.type=act")
+    checkpoint, _ = train(root, folder / "train_act", "--policy.type=act")
+    policy, preprocess = load(checkpoint)
     steps = observations(LeRobotDataset("local/act", root=root), 0, 1)
     change = action_moves(policy, preprocess, steps, ENVIRONMENT)
     report(f"ACT: the action moves with touch as '{ENVIRONMENT}' (by {change:.3g})", change > 0)
@@ -145,14 +154,14 @@ def check_touch_act(folder: Path, **options: Any) -> None:
     key = "observation.tactile_frames" if options.get("every_frame") else "observation.tactile"
     root = folder / key.rpartition(".")[2]
     write_lerobot(demonstrations(), root, FPS, **options)
-    policy, preprocess, log = train(
+    checkpoint, loss = train(
         root,
         folder / f"train_{root.name}",
         *("--policy.type=touch_act", f"--policy.layout={LAYOUT}", f"--policy.touch_key={key}"),
         f"--policy.touch_channels={CHANNELS}",
     )
-    loss = [part.partition("loss:")[2].split()[0] for part in log.splitlines() if "loss:" in part]
-    report(f"touch_act, '{key}': lerobot-train runs {STEPS} steps (loss {loss[-1:]})", True)
+    report(f"touch_act, '{key}': {STEPS} steps of lerobot-train (loss {loss})", isfinite(loss))
+    policy, preprocess = load(checkpoint)
     offsets = [offset / FPS for offset in policy.config.observation_delta_indices]
     names = list(policy.config.input_features)
     windows = LeRobotDataset(
@@ -174,6 +183,21 @@ def check_touch_act(folder: Path, **options: Any) -> None:
     )
 
 
+def check_layout_file(folder: Path) -> None:
+    """Trains with a layout file on actions of one number, and loads without the file."""
+    root, layout = folder / "one_action", folder / "layout.json"
+    write_lerobot(demonstrations(num_actions=1), root, FPS)
+    stock_layout(LAYOUT).save(layout)
+    options = ("--policy.type=touch_act", f"--policy.layout={layout}")
+    checkpoint, loss = train(root, folder / "train_one_action", *options)
+    report(f"touch_act: trains on actions of one number (loss {loss})", isfinite(loss))
+    layout.unlink()
+    policy, preprocess = load(checkpoint)
+    steps = observations(LeRobotDataset("local/one_action", root=root), 0, 1)
+    action = last_action(policy, preprocess, steps)
+    report("touch_act: a checkpoint needs no layout file", action.shape == (1, 1))
+
+
 def main(folder: Path) -> int:
     """Runs all checks in a folder, and returns the exit status."""
     folder.mkdir(parents=True)
@@ -184,10 +208,7 @@ def main(folder: Path) -> int:
     check_act(folder)
     check_touch_act(folder)
     check_touch_act(folder, every_frame=True)
-    root = folder / "one"
-    write_lerobot(demonstrations(num_actions=1), root, FPS)
-    train(root, folder / "train_one", "--policy.type=touch_act", f"--policy.layout={LAYOUT}")
-    report("touch_act: trains on actions of one number", True)
+    check_layout_file(folder)
     return bool(failures)
 
 
