@@ -130,7 +130,9 @@ def difference(root: Path, key: str, first: int, config: PreTrainedConfig) -> tu
 
 def read(folder: Path) -> bool:
     """Prints a line for each data set and policy, and returns whether all are as expected."""
-    print(f"lerobot {version('lerobot')}, torch {torch.__version__}, Python {sys.version.split()[0]}")
+    print(
+        f"lerobot {version('lerobot')}, torch {torch.__version__}, Python {sys.version.split()[0]}"
+    )
     is_expected = True
     for name, (key, first, is_read) in SETS.items():
         dataset = LeRobotDataset(f"touch/{name}", root=folder / name)
