@@ -280,6 +280,14 @@ def test_touch_is_joined_to_a_state_that_is_there_only(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
+def test_touch_is_joined_to_a_state_once(source, tmp_path):
+    touch = [demonstration(99, 100), demonstration(88, 100)]
+    add_to_lerobot(source, touch, tmp_path / "one", key=STATE)
+    with pytest.raises(ValueError, match=r"must not have readings in 'observation.state' already"):
+        add_to_lerobot(tmp_path / "one", touch, tmp_path / "two", key=STATE)
+    assert not (tmp_path / "two").exists()
+
+
 @pytest.mark.parametrize(
     ("change", "match"),
     [
