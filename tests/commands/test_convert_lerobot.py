@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import numpy as np
@@ -93,3 +94,28 @@ def test_errors_are_explained(trials, tmp_path, capsys, words, message):
     assert main(["convert", *words]) == 1
     assert message in capsys.readouterr().err
     assert not (tmp_path / "a.lerobot").exists()
+
+
+def test_touch_gets_the_feature_and_the_numbers_that_a_policy_needs(trials):
+    tactile = np.full((40, 2, 3), np.nan)
+    write_npz(Recording(np.arange(40) / 100, tactile, label="pen"), trials / "pen.npz")
+    options = ["--key", "observation.environment_state", "--fill", "0.5"]
+    assert main(["convert", "trials", "a.lerobot", "--fps", "50", *options]) == 0
+    content = json.loads(Path("a.lerobot/meta/tactile.json").read_text())
+    assert (content["feature"], content["fill"]) == ("observation.environment_state", 0.5)
+    assert (read_lerobot("a.lerobot")[2].tactile == 0.5).all()
+    arms = [Recording(np.arange(8) / 25, np.ones((8, 1, 1)), np.ones((8, 3)))] * 3
+    write_without_touch(arms, Path("arm"), fps=25)
+    options = ["--add-to", "arm", "--key", "observation.state", "--fill", "0.5"]
+    assert main(["convert", "trials", "b.lerobot", *options]) == 0
+    info = json.loads(Path("b.lerobot/meta/info.json").read_text())
+    assert info["features"]["observation.state"]["shape"] == [9]
+    assert (read_lerobot("b.lerobot")[2].tactile == 0.5).all()
+
+
+def test_a_wrong_key_or_number_is_refused(trials, capsys):
+    assert main(["convert", "trials", "a.lerobot", "--key", "touch"]) == 1
+    assert "'key' must be 'observation.tactile'" in capsys.readouterr().err
+    assert main(["convert", "trials", "a.lerobot", "--fill", "nan"]) == 1
+    assert "'fill' must be a finite number" in capsys.readouterr().err
+    assert not Path("a.lerobot").exists()

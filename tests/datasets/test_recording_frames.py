@@ -128,6 +128,28 @@ def test_property_names_in_another_order_and_unknown_ones():
         RecordingFrames(layout=GLOVE, recordings=made, target="property")
 
 
+def test_frames_have_the_actions_of_demonstrations_if_all_recordings_have_them(tmp_path):
+    made = [
+        replace(recording(object=name), action=np.full((3, 2), i)) for i, name in enumerate("ab")
+    ]
+    (tmp_path / "raw").mkdir()
+    for i in range(2):
+        write_recording(made[i], tmp_path / f"raw/{i}.npz")
+    in_memory = RecordingFrames(layout=GLOVE, recordings=made)
+    # Read from the files, and from the processed file.
+    in_files = [RecordingFrames(tmp_path, layout=GLOVE) for _ in range(2)]
+    for dataset in (in_memory, *in_files):
+        assert dataset.data.action.tolist() == [[0, 0]] * 3 + [[1, 1]] * 3
+        assert dataset[4].action.tolist() == [[1, 1]]
+    mixed = [made[0], recording(object="b")]
+    assert "action" not in RecordingFrames(layout=GLOVE, recordings=mixed).data
+    other = replace(made[1], action=np.zeros((3, 5)))
+    with pytest.raises(
+        ValueError, match=r"recording 1 must have 2 actions per frame, as rec.*got 5"
+    ):
+        RecordingFrames(layout=GLOVE, recordings=[made[0], other])
+
+
 def test_recordings_in_memory_with_any_channels_and_joints():
     made = [recording(10 * i, channels=5, joints=2, object=f"o{i % 2}") for i in range(4)]
     dataset = RecordingFrames(layout=GLOVE, recordings=made)

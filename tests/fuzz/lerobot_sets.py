@@ -19,12 +19,15 @@ from fuzz.text_mutations import encoded
 from fuzz.tree_mutations import as_json, mutated_tree
 
 SUFFIX = ".part"
+EVERY_FRAME = ("every", "policy")
 _MANY = 300_000  # rows that a Parquet file holds in a few bytes
 
 
 def make(folder: Path) -> None:
-    """A data set, one with all frames since the last step, and one in the form of 0.2.0."""
-    from fuzz.bases import small_recording
+    """A data set, one with all frames since the last step, one of touch that policies read, with
+    actions, one of touch and joint angles in one feature, and one in the form of 0.2.0.
+    """
+    from fuzz.bases import commands, small_recording
 
     from torch_geometric_tactile.io import write_lerobot
 
@@ -35,9 +38,15 @@ def make(folder: Path) -> None:
     ]
     write_lerobot(recordings, folder / "plain", fps=50)
     write_lerobot(recordings, folder / "every", fps=20, every_frame=True)
+    demonstrations = [replace(r, action=commands()) for r in recordings]
+    keys = {"policy": "observation.environment_state", "joined": "observation.state"}
+    write_lerobot(
+        demonstrations, folder / "policy", 20, key=keys["policy"], every_frame=True, fill=0
+    )
+    write_lerobot(demonstrations, folder / "joined", 50, key=keys["joined"])
     write_lerobot(recordings, folder / "old", fps=50, task="pick")
     _as_of_0_2_0(folder / "old")
-    for name in ("plain", "every", "old"):
+    for name in ("plain", *EVERY_FRAME, "joined", "old"):
         (folder / name / "README.md").unlink()
         for path in (folder / name).rglob("*.*"):
             if "episodes" not in path.parts and path.name != "stats.json":  # are not read
@@ -71,7 +80,7 @@ def read(path: Path) -> Any:
     root = path.parent / path.name.split("__")[0]
     if not root.exists():  # the whole files, beside which no data set was kept
         _assemble(path)
-    return [recording(r) for r in read_lerobot(root, every_frame=root.name == "every")]
+    return [recording(r) for r in read_lerobot(root, every_frame=root.name in EVERY_FRAME)]
 
 
 def mutate(path: Path, data: bytes, draw: Random, other: bytes) -> str:

@@ -43,6 +43,7 @@ KNOWN_ATTRIBUTES: Mapping[str, AttributeLevel] = {
     "edge_is_within": AttributeLevel("edge", (1,)),
     "y": AttributeLevel("sample"),
     "joint": AttributeLevel("sample"),
+    "action": AttributeLevel("sample"),
     "time": AttributeLevel("sample"),
     "trial": AttributeLevel("sample"),
     "group": AttributeLevel("sample"),

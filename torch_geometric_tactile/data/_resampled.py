@@ -15,7 +15,7 @@ def resampled_values(
     time: np.ndarray,
     signals: Mapping[str, np.ndarray],
     rate: float,
-    held: Collection[str] = (),
+    zero_order_hold: Collection[str] = (),
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     r"""Resamples signals to another rate. Each part between gaps is resampled separately.
 
@@ -26,8 +26,8 @@ def resampled_values(
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
         signals (Mapping of str to numpy.ndarray): Values by name :math:`(T, ...)`.
         rate (float): Frames per second.
-        held (collection of str): Signals that hold their value until the next frame, such as
-            commands: they are taken from the last frame at or before each new one.
+        zero_order_hold (collection of str): Signals that keep their value until the next frame,
+            such as commands: they are taken from the last frame at or before each new one.
 
     Shapes:
         - **output:** times :math:`(K,)` and values :math:`(K, ...)`
@@ -62,7 +62,7 @@ def resampled_values(
         last = np.searchsorted(old_time, new_time + ROUNDING / rate, side="right") - 1
         for name, value in signals.items():
             values = value[start:end]
-            if name in held:
+            if name in zero_order_hold:
                 value_parts[name].append(values[last])
             elif value.dtype.kind == "f" and len(old_time) > 1:
                 value_parts[name].append(

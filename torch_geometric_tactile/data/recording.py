@@ -292,7 +292,7 @@ class Recording:
                 **{f"extra/{name}": value for name, value in self.extra.items()},
             },
             rate,
-            held=("action",),
+            zero_order_hold=("action",),
         )
         return replace(
             self,

@@ -87,6 +87,9 @@ def frame_labels(
     }
     if trials[0].joint is not None:
         attributes["joint"] = torch.from_numpy(np.concatenate([trial.joint for trial in trials]))
+    actions = [trial.action for trial in trials if trial.action is not None]
+    if len(actions) == len(trials):
+        attributes["action"] = torch.from_numpy(np.concatenate(actions))
     if all(trial.object_name is not None for trial in trials):
         group = label_numbers(objects, [trial.object_name for trial in trials])
         attributes["group"] = torch.tensor(group).repeat_interleave(num_frames)

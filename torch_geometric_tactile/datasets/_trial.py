@@ -25,6 +25,7 @@ class Trial:
     Shapes:
         - **time:** Times in seconds :math:`(T,)`.
         - **joint:** Joint angles in radians :math:`(T, J)`.
+        - **action:** Commands :math:`(T, A)`.
         - **phase:** Indices into :obj:`phase_names` :math:`(T,)`.
         - **pose:** Positions and quaternions :math:`(T, 7)`.
     """
@@ -42,6 +43,7 @@ class Trial:
     phase_names: tuple[str, ...] = ()
     pose: Mapping[str, np.ndarray] = field(default_factory=dict)
     annotations: Sequence[Annotation] = ()
+    action: np.ndarray | None = None
 
     @property
     def num_frames(self) -> int:
@@ -178,6 +180,7 @@ def make_trial(
             if value.shape[1:] == (7,) and value.dtype.kind == "f"
         },
         annotations=recording.annotations,
+        action=recording.action,
     )
 
 
@@ -222,7 +225,8 @@ def _phase(where: str, recording: Recording) -> tuple[np.ndarray | None, tuple[s
 
 
 def check_compatible(trials: Sequence[Trial], unit: str | None = None) -> None:
-    r"""Checks that trials are unique and have the same unit and the same number of joints.
+    r"""Checks that trials are unique and have the same unit and the same numbers of joints and
+    actions.
 
     Args:
         trials (sequence of Trial): The trials.
@@ -240,6 +244,13 @@ def check_compatible(trials: Sequence[Trial], unit: str | None = None) -> None:
             raise ValueError(
                 f"{trial.where} must have {trials[0].num_joints} joint angles per frame, "
                 f"as {trials[0].where} (got {trial.num_joints})"
+            )
+    sizes = {t.where: t.action.shape[1] for t in trials if t.action is not None}
+    for where, size in sizes.items():
+        first, first_size = next(iter(sizes.items()))
+        if size != first_size:
+            raise ValueError(
+                f"{where} must have {first_size} actions per frame, as {first} (got {size})"
             )
     if len(units) > 1:
         unit_texts = " and ".join(f"{name or 'none'!r} in {where}" for name, where in units.items())

@@ -50,8 +50,8 @@ class RecordingFrames(TrialFrames):
     Each file in :obj:`root/raw` or :obj:`root` is one trial, in a format of
     :func:`~torch_geometric_tactile.io.read_recording`: ``.h5``, ``.hdf5``, ``.npz``, ``.mcap`` or
     ``.csv``. Beside :obj:`x` and :obj:`y` a sample has :obj:`trial` (the file) and :obj:`time` in
-    seconds. If they are known for all files, it also has :obj:`joint`, :obj:`group` (the object),
-    :obj:`session`, :obj:`placement` (of the hand), :obj:`size` (of the object) and
+    seconds. If they are known for all files, it also has :obj:`joint`, :obj:`action`, :obj:`group`
+    (the object), :obj:`session`, :obj:`placement` (of the hand), :obj:`size` (of the object) and
     :obj:`property`. :obj:`phase` is -1 in files without phases. Missing readings stay NaN. If the
     layout has one link, the samples share its :obj:`pos` and :obj:`normal`. Those of a hand depend
     on the joint angles; :class:`~torch_geometric_tactile.transforms.TaxelPose` computes them.

@@ -24,6 +24,7 @@ _UNUSED_ROW_STEPS = -2.0
 INDICES = ("frame_index", "episode_index", "index", "task_index")
 # Steps. A step that differs from a frame only by rounding, as of times since 1970, gets that frame.
 _STEP_TOLERANCE = 1e-3
+_MAX_FLOAT32 = float(np.finfo(np.float32).max)
 _logger = logging.getLogger(__name__)
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
@@ -65,7 +66,7 @@ def check_key_and_fill(key: Any, fill: Any) -> None:
             f"'observation.extra.' and without '_frames' at its end (got {key!r:.80})"
         )
     is_number = isinstance(fill, int | float) and not isinstance(fill, bool)
-    if fill is not None and not (is_number and abs(fill) <= np.finfo(np.float32).max):
+    if fill is not None and not (is_number and abs(fill) <= _MAX_FLOAT32):
         raise ValueError(f"'fill' must be a finite number, or None for NaN (got {fill!r:.80})")
 
 

@@ -113,26 +113,12 @@ def read_lerobot(
     if num_channels is not None and num_channels < 1:
         raise ValueError(f"'num_channels' must be at least 1 (got {num_channels})")
     tactile = content.feature if tactile is None else tactile
-    stated_shape = content.shape if tactile == content.feature else None
     touch = _touch_in_state(root, features, state, content) if tactile == state else None
-    if touch is not None:
-        described = {"shape": [touch.stop - touch.start], "names": None}
-        described["names"] = _value_names(root, features, state)[touch]
-        shape = _taxel_shape(root, {state: described}, state, stated_shape, num_channels)
-        sizes = _feature_sizes(root, features, state, 1)
-        columns = {state: _Column(sizes, sizes)}
-        if every_frame:  # frames of the readings and of the joint angles are separate features
-            tactile = TACTILE
-            num_joints = sizes[0] - math.prod(shape)
-            columns = {tactile: _Column((1,), shape), state: _Column((1,), (num_joints,))}
+    if touch is None:
+        columns = _separate_columns(root, features, tactile, state, content, num_channels)
     else:
-        shape = _taxel_shape(root, features, tactile, stated_shape, num_channels)
-        sizes = _feature_sizes(root, features, tactile, 2)
-        is_swapped = len(sizes) == 2 and _axis_order(root, features, tactile) == _CHANNELS_FIRST
-        columns = {tactile: _Column(sizes, shape, is_swapped=is_swapped)}
-        if state in features:
-            sizes = _feature_sizes(root, features, state, 1)
-            columns[state] = _Column(sizes, sizes)
+        columns = _joined_columns(root, features, state, touch, content, num_channels)
+        tactile = TACTILE
     extra = _extra_columns(root, features, content.extra, {tactile, state})
     columns |= extra
     if every_frame:
@@ -148,6 +134,11 @@ def read_lerobot(
         columns = frame_columns
     action_column, action_names = _action_column(root, features, action)
     if action_column is not None:
+        need(
+            action not in {tactile, state, *columns},
+            "'action' must be another feature than readings, state and further signals",
+            action,
+        )
         columns[action] = action_column
     dataset = _Dataset(
         columns,
@@ -159,8 +150,6 @@ def read_lerobot(
         content,
         action=action,
         action_names=action_names,
-        touch=None if every_frame else touch,
-        shape=shape,
     )
     episodes = [episode for path in paths for episode in dataset.recordings(path, allow_large)]
     return sort_episodes(root, info, episodes)
@@ -173,10 +162,14 @@ class _Column:
     shape: tuple[int, ...]
     dtype: str = "float32"  # in the recording
     is_swapped: bool = False  # stored with the channels before the taxels
+    source: str | None = None  # the feature, if it holds other values too
+    part: np.ndarray | None = None  # the indices of the values in it
 
     def values(self, path: Path, rows: Any, name: str) -> np.ndarray:
         dtype = "float32" if self.dtype == "float32" else "float64"
-        values = row_values(path, rows, name, self.stored, dtype)
+        values = row_values(path, rows, self.source or name, self.stored, dtype)
+        if self.part is not None:
+            values = values[:, self.part]
         if self.is_swapped:
             values = values.reshape(len(rows), *self.stored).swapaxes(1, 2)
         return values.reshape(len(rows), *self.shape)
@@ -194,11 +187,9 @@ class _Dataset:
     content: TactileContent
     action: str
     action_names: list[str] | None
-    touch: slice | None  # the readings in the feature of the state, if they are joined to it
-    shape: tuple[int, ...]
 
     def recordings(self, path: Path, allow_large: bool) -> Iterator[tuple[int, Recording]]:
-        sizes = {name: math.prod(column.stored) for name, column in self.columns.items()}
+        sizes = {c.source or name: math.prod(c.stored) for name, c in self.columns.items()}
         single = dict.fromkeys(("timestamp", *_INDICES), 1)
         table = read_numbers(path, {**sizes, **single}, allow_large)
         for number, rows in split_episodes(path, table):
@@ -223,16 +214,12 @@ class _Dataset:
                 action = np.where(last[:, None] < 0, np.float32(np.nan), action[last])
         if self.action_names is not None:
             meta.setdefault("action_names", self.action_names)
-        tactile, joint = values[self.tactile], values.get(self.state)
-        if self.touch is not None:
-            joint = np.delete(tactile, self.touch, axis=1)
-            joint = joint if joint.shape[1] else None
-            tactile = tactile[:, self.touch].reshape(len(tactile), *self.shape)
+        tactile = values[self.tactile]
         try:
             return Recording(
                 time=time,
                 tactile=tactile if tactile.ndim == 3 else tactile[:, :, None],
-                joint=joint,
+                joint=values.get(self.state),
                 label=episode.get("label"),
                 meta=meta,
                 extra={
@@ -290,6 +277,49 @@ def _taxel_shape(
             f"{list(shape or sizes)} (got {num_channels})"
         )
     return (total // num_channels, num_channels)
+
+
+def _separate_columns(
+    root: Path,
+    features: dict[str, Any],
+    tactile: str,
+    state: str,
+    content: TactileContent,
+    num_channels: int | None,
+) -> dict[str, _Column]:
+    stated_shape = content.shape if tactile == content.feature else None
+    shape = _taxel_shape(root, features, tactile, stated_shape, num_channels)
+    sizes = _feature_sizes(root, features, tactile, 2)
+    is_swapped = len(sizes) == 2 and _axis_order(root, features, tactile) == _CHANNELS_FIRST
+    columns = {tactile: _Column(sizes, shape, is_swapped=is_swapped)}
+    if state in features:
+        sizes = _feature_sizes(root, features, state, 1)
+        columns[state] = _Column(sizes, sizes)
+    return columns
+
+
+def _joined_columns(
+    root: Path,
+    features: dict[str, Any],
+    state: str,
+    touch: slice,
+    content: TactileContent,
+    num_channels: int | None,
+) -> dict[str, _Column]:
+    # Readings and joint angles that are one feature.
+    described = {
+        "shape": [touch.stop - touch.start],
+        "names": _value_names(root, features, state)[touch],
+    }
+    stated_shape = content.shape if state == content.feature else None
+    shape = _taxel_shape(root, {state: described}, state, stated_shape, num_channels)
+    sizes = _feature_sizes(root, features, state, 1)
+    indices = np.arange(sizes[0])
+    joints = np.delete(indices, touch)
+    columns = {TACTILE: _Column(sizes, shape, source=state, part=indices[touch])}
+    if len(joints):
+        columns[state] = _Column(sizes, (len(joints),), source=state, part=joints)
+    return columns
 
 
 def _touch_in_state(

@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -157,34 +158,21 @@ def add_to_lerobot(
     if key == STATE:  # with the further keys of its description
         features[STATE] = {**info["features"][STATE], **features[STATE]}
     with _copied_folder(source, root) as copy:
+        values_at_steps = partial(
+            touch_columns, rows=rows, extra=extra, max_gap=max_gap, key=key, fill=fill
+        )
         stats: dict[int, dict[str, Stats]] = {}
         for path in data_files(copy, info):
             table = read_parquet(path, allow_large)
             parts = []
             for number, episode_rows in split_episodes(path, table):
-                steps = episodes[number].steps
-                columns = touch_columns(
-                    shifted[number],
-                    steps,
-                    info["fps"],
-                    rows,
-                    extra=extra,
-                    max_gap=max_gap,
-                    key=key,
-                    fill=fill,
-                )
+                columns = values_at_steps(shifted[number], episodes[number].steps, info["fps"])
                 if key == STATE:
                     state = row_values(path, episode_rows, STATE, (len(state_names),))
                     columns[STATE] = np.concatenate([state, columns[STATE]], axis=1)
                 parts.append(columns)
-                stats[number] = {name: feature_stats(parts[-1][name]) for name in features}
-            for name in features:
-                values = arrow_column(np.concatenate([p[name] for p in parts]))
-                table = _set_column(table, name, values)
-            metadata = table.schema.metadata or {}
-            if b"huggingface" in metadata:
-                table = table.replace_schema_metadata(schema_metadata(features, metadata))
-            write_parquet(table, path)
+                stats[number] = {name: feature_stats(columns[name]) for name in features}
+            write_parquet(_with_columns(table, features, parts), path)
         _add_stats(copy, stats)
         lengths, tasks = [len(e.steps) for e in episodes], [e.task for e in episodes]
         content = tactile_content(
@@ -231,7 +219,26 @@ def _state_names(source: Path, info: dict[str, Any]) -> list[str]:
             f"joined (got {printable([dtype, shape] if feature else None)[:60]}): give another "
             "'key'"
         )
-    return value_names_of(feature.get("names"), shape[0]) or [f"state_{i}" for i in range(shape[0])]
+    names = value_names_of(feature.get("names"), shape[0])
+    if names and any(name.startswith("taxel_0_") for name in names):
+        raise ValueError(
+            f"'{source}' must not have readings in '{STATE}' already (got values named "
+            "'taxel_0_...')"
+        )
+    return names or [f"state_{i}" for i in range(shape[0])]
+
+
+def _with_columns(
+    table: Any, features: dict[str, Any], parts: Sequence[dict[str, np.ndarray]]
+) -> Any:
+    # The table with the values of features in its episodes.
+    for name in features:
+        values = arrow_column(np.concatenate([part[name] for part in parts]))
+        table = _set_column(table, name, values)
+    metadata = table.schema.metadata or {}
+    if b"huggingface" in metadata:
+        table = table.replace_schema_metadata(schema_metadata(features, metadata))
+    return table
 
 
 def _set_column(table: Any, name: str, values: Any) -> Any:
