@@ -253,6 +253,8 @@ def test_touch_is_joined_to_the_state_of_a_data_set(source, tmp_path):
     features = description(tmp_path / "new")
     names = ["wrist", "gripper", *NAMES]
     assert features[STATE] == {"dtype": "float32", "shape": [6], "names": names, "fps": 10.0}
+    content = json.loads((tmp_path / "new/meta/tactile.json").read_text())
+    assert content["columns"] == [2, 6]
     assert {name: f for name, f in features.items() if name != STATE} == {
         name: f for name, f in before.items() if name != STATE
     }
@@ -293,6 +295,7 @@ def test_touch_is_joined_to_a_state_once(source, tmp_path):
     [
         ({"columns": [0, 3]}, "must hold in 'columns' 4 columns, as many as its 'shape'"),
         ({"columns": [3, 7]}, "must have 7 values, as declared in its tactile.json .got 6"),
+        ({"columns": [2, 6, 7]}, "must hold in 'columns' the first column of the readings"),
         ({"columns": [-1, 3]}, "must hold in 'columns' the first column of the readings"),
         ({"columns": "all"}, "must hold in 'columns' the first column of the readings"),
         ({"feature": 5}, "must name in 'feature' the feature of the readings .got 5"),
