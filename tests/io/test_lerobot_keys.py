@@ -138,15 +138,15 @@ def test_all_recordings_have_actions_or_none(tmp_path):
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("every_frame", [False, True])
 def test_no_number_is_missing_with_fill(tmp_path, caplog, key, every_frame):
-    extra = {"pac": np.where(np.arange(9) < 3, np.nan, 1.0)}
-    whole = demonstration(extra=extra)
+    pac = np.where(np.arange(8) < 3, np.nan, 1.0)
+    whole = demonstration()
     time = np.r_[0:4, 5:9] / 20  # steps with one frame and with two
     frames = Recording(
         time,
         whole.tactile[:8],
         joint=whole.joint[:8],
         action=whole.action[:8],
-        extra={"pac": extra["pac"][:8]},
+        extra={"pac": pac, "pac_frames_time": pac},  # whose name is not that of times
     )
     write_lerobot([frames], tmp_path / "a", 10, key=key, every_frame=every_frame, fill=-0.5)
     for column in table(tmp_path / "a").column_names:
@@ -159,6 +159,7 @@ def test_no_number_is_missing_with_fill(tmp_path, caplog, key, every_frame):
     found = read_lerobot(tmp_path / "a", every_frame=every_frame)[0]
     expected = frames.tactile if every_frame else frames.tactile[[0, 2, 3, 5, 7]][: len(found.time)]
     assert np.array_equal(found.tactile, np.nan_to_num(expected, nan=-0.5))
+    assert found.extra["pac_frames_time"][0] == -0.5
     if every_frame:
         assert found.time == pytest.approx(time, abs=1e-6)
         assert same(found.joint, frames.joint)
@@ -253,6 +254,8 @@ def test_touch_is_joined_to_the_state_of_a_data_set(source, tmp_path):
     features = description(tmp_path / "new")
     names = ["wrist", "gripper", *NAMES]
     assert features[STATE] == {"dtype": "float32", "shape": [6], "names": names, "fps": 10.0}
+    content = json.loads((tmp_path / "new/meta/tactile.json").read_text())
+    assert content["columns"] == [2, 6]
     assert {name: f for name, f in features.items() if name != STATE} == {
         name: f for name, f in before.items() if name != STATE
     }
@@ -293,6 +296,7 @@ def test_touch_is_joined_to_a_state_once(source, tmp_path):
     [
         ({"columns": [0, 3]}, "must hold in 'columns' 4 columns, as many as its 'shape'"),
         ({"columns": [3, 7]}, "must have 7 values, as declared in its tactile.json .got 6"),
+        ({"columns": [2, 6, 7]}, "must hold in 'columns' the first column of the readings"),
         ({"columns": [-1, 3]}, "must hold in 'columns' the first column of the readings"),
         ({"columns": "all"}, "must hold in 'columns' the first column of the readings"),
         ({"feature": 5}, "must name in 'feature' the feature of the readings .got 5"),

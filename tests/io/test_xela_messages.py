@@ -211,10 +211,10 @@ def test_round_trip_gives_equal_counts_forces_and_metadata(assert_same, tmp_path
 
 def test_write_says_what_is_lost(caplog, tmp_path):
     more = {"meta": {"object": "mug"}, "extra": {"pac": np.zeros((6, 22))}}
-    rec = counts(label="cup", joint=np.zeros((6, 1)), **more)
+    rec = counts(label="cup", joint=np.zeros((6, 1)), action=np.zeros((6, 1)), **more)
     write_xela_messages(rec, tmp_path / "a.jsonl")
     assert (
-        "a.jsonl' is a file of XELA messages and cannot store joint, label, object, pac"
+        "a.jsonl' is a file of XELA messages and cannot store action, joint, label, object, pac"
         in caplog.text
     )
     caplog.clear()

@@ -41,6 +41,18 @@ def test_plot_has_a_panel_for_each_axis_the_sum_and_the_joints():
     assert names == ["joint 0", "joint 1"]
 
 
+def test_plot_has_a_panel_of_steps_for_the_actions():
+    span = [(100.5, 101.0, "slip")]
+    for joint in (None, np.zeros((40, 2))):
+        rec = recording(joint=joint, action=np.arange(80.0).reshape(40, 2), annotations=span)
+        panel = panels(plot_recording(rec))[-1]  # the annotations have no label
+        assert panel.get_ylabel() == "action"
+        assert [line.get_drawstyle() for line in panel.lines[:2]] == ["steps-post"] * 2
+        assert panel.lines[1].get_ydata().tolist() == [*range(1, 80, 2)]
+        names = [text.get_text() for text in panel.get_legend().get_texts()]
+        assert names == ["action 0", "action 1"]
+
+
 def test_plot_subtracts_the_rest_of_each_taxel():
     tactile = np.zeros((40, 2, 1))
     tactile[:, 0] = 33000

@@ -10,10 +10,10 @@ from torch_geometric_tactile.commands._reading import add_reading_options, readi
 
 HELP = "Summarise and plot a recording"
 DESCRIPTION = """\
-Prints the number of frames, rate, taxels, range of the readings, joints, dead taxels and
-metadata of a recording, and plots readings, contact and joints over time. Reads HDF5, npz,
-MCAP and CSV files, logs of xela_log and messages of XELA's server. The plot needs the
-extra 'viz'.
+Prints the number of frames, rate, taxels, range of the readings, joints, actions, dead
+taxels and metadata of a recording, and plots readings, contact, joints and actions over
+time. Reads HDF5, npz, MCAP and CSV files, logs of xela_log and messages of XELA's server.
+The plot needs the extra 'viz'.
 """
 EXAMPLES = """\
 examples:

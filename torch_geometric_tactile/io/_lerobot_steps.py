@@ -47,16 +47,22 @@ def frame_times_feature(key: str) -> str:
     return f"{frames_feature(key)}_time"
 
 
-def unused_row_time(fps: float) -> float:
-    r"""Returns the time of rows without a frame in data sets without NaN, in seconds."""
-    return _UNUSED_ROW_STEPS / fps
+def has_frame(times: np.ndarray, fps: float) -> np.ndarray:
+    r"""Returns whether a row of frames holds a frame, from its time in seconds after the step.
+
+    Examples:
+        >>> has_frame(np.array([np.nan, -0.2, -0.1, 0.0]), fps=10).tolist()
+        [False, False, True, True]
+    """
+    # Halfway between the oldest frame of a step and an unused row. NaN is not above it either.
+    return np.asarray(times * fps > (_UNUSED_ROW_STEPS - 1) / 2)
 
 
 def check_key_and_fill(key: Any, fill: Any) -> None:
     r"""Raises an error for an invalid feature of the readings, or number for missing readings."""
     if (
         not isinstance(key, str)
-        or not re.fullmatch(r"observation\.[^/]+", key)
+        or not re.fullmatch(r"observation\.[^/\s]+", key)
         or key.startswith(EXTRA)
         or key.endswith(("_frames", "_frames_time"))
     ):
@@ -87,12 +93,12 @@ def names_to_shape(names: Any) -> tuple[int, int] | None:
     return shape if names == [*signal_names(*shape)] else None
 
 
-def value_names_of(names: Any, size: int) -> list[str] | None:
+def feature_value_names(names: Any, size: int) -> list[str] | None:
     r"""Returns the names in the description of a feature of one dimension, or :obj:`None` unless
     there is one for each value. Earlier versions of LeRobot have them in an object.
 
     Examples:
-        >>> value_names_of({"motors": ["wrist", "gripper"]}, 2)
+        >>> feature_value_names({"motors": ["wrist", "gripper"]}, 2)
         ['wrist', 'gripper']
     """
     if isinstance(names, dict) and len(names) == 1:
@@ -381,17 +387,11 @@ def touch_columns(
         columns[ACTION] = _take_frames(recording.action, last)
     if rows:
         columns |= _frame_columns(time, steps, fps, rows, signals, frame_times_feature(key))
-    return columns if fill is None else _fill_missing(columns, fill, fps)
-
-
-def _fill_missing(
-    columns: Mapping[str, np.ndarray], fill: float, fps: float
-) -> dict[str, np.ndarray]:
-    numbers = {
-        name: unused_row_time(fps) if name.endswith("_frames_time") else fill for name in columns
-    }
+    if fill is None:
+        return columns
+    numbers = {frame_times_feature(key): _UNUSED_ROW_STEPS / fps}
     return {
-        name: np.where(np.isnan(values), values.dtype.type(numbers[name]), values)
+        name: np.where(np.isnan(values), values.dtype.type(numbers.get(name, fill)), values)
         for name, values in columns.items()
     }
 

@@ -115,11 +115,11 @@ def write_lerobot(
         max_gap (float, optional): The longest time in seconds that is not a gap: a step is in a gap
             if its frame is farther away than this, and farther than one step. Defaults to five
             times the median distance of frames in the recording.
-        key (str): The feature of the readings, which decides the policies that read them:
-            :obj:`"observation.environment_state"`, :obj:`"observation.state"` or another name that
-            begins with :obj:`"observation."`. The feature :obj:`"observation.state"` has the joint
-            angles first and the readings after them; the frames of :obj:`every_frame` stay in
-            :obj:`observation.tactile_frames`.
+        key (str): The feature of the readings, which begins with :obj:`"observation."`. LeRobot's
+            policies ignore the default. ACT, diffusion and TD-MPC read
+            :obj:`"observation.environment_state"`, and all policies :obj:`"observation.state"`. The
+            latter has the joint angles first and the readings after them; the frames of
+            :obj:`every_frame` stay in :obj:`observation.tactile_frames`.
         fill (float, optional): The number that replaces missing readings and further signals, since
             the loss of a policy is NaN if one of its inputs is. Statistics include it. Unused rows
             of :obj:`every_frame` have it too, and the time :obj:`-2 / fps`. Joint angles and

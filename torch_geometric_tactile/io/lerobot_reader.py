@@ -32,10 +32,10 @@ from torch_geometric_tactile.io._lerobot_steps import (
     STATE,
     TACTILE,
     ExtraSignal,
+    feature_value_names,
+    has_frame,
     names_to_shape,
     steps_to_frames,
-    unused_row_time,
-    value_names_of,
     value_names_to_shape,
 )
 from torch_geometric_tactile.io._lerobot_tables import read_numbers, require_pyarrow
@@ -203,7 +203,7 @@ class _Dataset:
         action = values.pop(self.action, None)
         if self.tactile not in values:  # all frames since the previous step, with their times
             frame_times = values[f"{self.tactile}_frames_time"]
-            is_stored = frame_times > 0.75 * unused_row_time(self.fps)  # false for NaN
+            is_stored = has_frame(frame_times, self.fps)
             steps, time = time, (time[:, None] + frame_times)[is_stored]
             values = {
                 name.removesuffix("_frames"): value[is_stored] for name, value in values.items()
@@ -344,7 +344,7 @@ def _touch_in_state(
 
 def _value_names(root: Path, features: dict[str, Any], name: str) -> list[str]:
     (size,) = _feature_sizes(root, features, name, 1)
-    return value_names_of(features[name].get("names"), size) or []
+    return feature_value_names(features[name].get("names"), size) or []
 
 
 def _action_column(
@@ -366,7 +366,7 @@ def _action_column(
         )
         return None, None
     sizes = _feature_sizes(root, features, action, 1)
-    names = value_names_of(feature.get("names"), sizes[0])
+    names = feature_value_names(feature.get("names"), sizes[0])
     is_numbered = names == [f"{ACTION}_{i}" for i in range(len(names or ()))]
     return _Column(sizes, sizes), None if is_numbered else names
 

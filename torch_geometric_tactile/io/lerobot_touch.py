@@ -40,12 +40,12 @@ from torch_geometric_tactile.io._lerobot_steps import (
     check_key_and_fill,
     extra_signals,
     feature_stats,
+    feature_value_names,
     frames_since,
     pool_stats,
     stats_to_lists,
     touch_columns,
     touch_features,
-    value_names_of,
     warn_of_unsupported_signals,
 )
 from torch_geometric_tactile.io._lerobot_tables import (
@@ -219,7 +219,7 @@ def _state_names(source: Path, info: dict[str, Any]) -> list[str]:
             f"joined (got {printable([dtype, shape] if feature else None)[:60]}): give another "
             "'key'"
         )
-    names = value_names_of(feature.get("names"), shape[0])
+    names = feature_value_names(feature.get("names"), shape[0])
     if names and any(name.startswith("taxel_0_") for name in names):
         raise ValueError(
             f"'{source}' must not have readings in '{STATE}' already (got values named "

@@ -46,7 +46,8 @@ _MAX_LEGEND_ENTRIES = 24
 
 def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     r"""Draws a recording over time: an image of the readings of all taxels for each channel, the
-    sum of the absolute readings, the joint angles, and the annotations, with a lane for each label.
+    sum of the absolute readings, the joint angles, the actions, and the annotations, with a lane
+    for each label.
 
     Readings are drawn relative to the rest of the taxel, the median of its first readings (for a
     single frame, relative to the median of all taxels). The colour scale of a channel is symmetric
@@ -88,7 +89,7 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
 
     image_height = min(max(recording.num_taxels / 90, 1.3), 2.2)
     heights = [image_height] * recording.num_channels + [1.6]
-    heights += [2.0] if recording.joint is not None else []
+    heights += [2.0 for values in (recording.joint, recording.action) if values is not None]
     lanes = annotation_lanes(recording)
     heights += [LANE_HEIGHT * len(lanes)] if lanes else []
     theme = current_theme()
@@ -115,18 +116,26 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     ax.set_ylim(0, 1.08 * float(total.max()) or 1.0)
     ax.set_ylabel(f"sum of\n|reading - {reference}|\n({unit})")
     _finish_lines(ax, len(channels))
-    if recording.joint is not None:
-        ax = axes[recording.num_channels + 1]
-        for i, name in enumerate(_joint_names(recording)):
+    panels = iter(axes[recording.num_channels + 1 :])
+    for kind, values, label, step in (
+        ("joint", recording.joint, "joint angle\n(rad)", "default"),
+        # A command is in force until the next one.
+        ("action", recording.action, "action", "steps-post"),
+    ):
+        if values is None:
+            continue
+        ax = next(panels)
+        for i, name in enumerate(_column_names(recording, kind, values.shape[1])):
             ax.plot(
                 time,
-                recording.joint[:, i],
+                values[:, i],
                 label=plain_text(name),
                 linewidth=1.0,
-                **_line_style(i, recording.num_joints, is_single_frame),
+                drawstyle=step,
+                **_line_style(i, values.shape[1], is_single_frame),
             )
-        ax.set_ylabel("joint angle\n(rad)")
-        _finish_lines(ax, recording.num_joints)
+        ax.set_ylabel(label)
+        _finish_lines(ax, values.shape[1])
     if lanes:
         draw_annotations(axes[-1], lanes)
     for ax in axes[recording.num_channels :]:
@@ -170,11 +179,11 @@ def _channel_names(num_channels: int) -> list[str]:
     return list("xyz") if num_channels == 3 else [f"channel {i}" for i in range(num_channels)]
 
 
-def _joint_names(recording: Recording) -> list[str]:
-    names = recording.meta.get("joint_names")
-    if isinstance(names, list) and len(names) == recording.num_joints:
+def _column_names(recording: Recording, kind: str, size: int) -> list[str]:
+    names = recording.meta.get(f"{kind}_names")
+    if isinstance(names, list) and len(names) == size:
         return [str(name) for name in names]
-    return [f"joint {i}" for i in range(recording.num_joints)]
+    return [f"{kind} {i}" for i in range(size)]
 
 
 def _to_columns(time: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
