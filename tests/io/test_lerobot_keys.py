@@ -3,6 +3,7 @@ missing readings.
 """
 
 import json
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -309,6 +310,23 @@ def test_descriptions_of_touch_that_do_not_fit_are_refused(tmp_path, change, mat
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
     with pytest.raises(ValueError, match=match):
         read_lerobot(tmp_path / "a")
+
+
+def test_sizes_of_a_joined_feature_are_checked_before_memory_is_taken(tmp_path):
+    write_lerobot(two(), tmp_path / "a", 10, key=STATE)
+    path = tmp_path / "a/meta/info.json"
+    info = json.loads(path.read_text())
+    info["features"][STATE] = {"dtype": "float32", "shape": [2**31 - 1], "names": None}
+    path.write_text(json.dumps(info))
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=r"it must hold 2147483647 numbers in 'observation.state'"):
+        read_lerobot(tmp_path / "a")
+    assert tracemalloc.get_traced_memory()[1] < 2**24
+    touch = [demonstration(99, 100), demonstration(88, 100)]
+    with pytest.raises(ValueError, match=r"it must hold 2147483647 numbers in 'observation.state'"):
+        add_to_lerobot(tmp_path / "a", touch, tmp_path / "b", key=STATE)
+    assert tracemalloc.get_traced_memory()[1] < 2**24
+    tracemalloc.stop()
 
 
 def test_actions_of_others_are_read_if_they_are_lists_of_numbers(tmp_path, caplog):

@@ -163,13 +163,16 @@ class _Column:
     dtype: str = "float32"  # in the recording
     is_swapped: bool = False  # stored with the channels before the taxels
     source: str | None = None  # the feature, if it holds other values too
-    part: np.ndarray | None = None  # the indices of the values in it
+    part: slice | None = None  # the values in it
+    is_outside: bool = False  # whether the values are those outside of this part
 
     def values(self, path: Path, rows: Any, name: str) -> np.ndarray:
         dtype = "float32" if self.dtype == "float32" else "float64"
         values = row_values(path, rows, self.source or name, self.stored, dtype)
         if self.part is not None:
-            values = values[:, self.part]
+            is_inside = np.zeros(values.shape[1], dtype=bool)
+            is_inside[self.part] = True
+            values = values[:, is_inside ^ self.is_outside]
         if self.is_swapped:
             values = values.reshape(len(rows), *self.stored).swapaxes(1, 2)
         return values.reshape(len(rows), *self.shape)
@@ -314,11 +317,10 @@ def _joined_columns(
     stated_shape = content.shape if state == content.feature else None
     shape = _taxel_shape(root, {state: described}, state, stated_shape, num_channels)
     sizes = _feature_sizes(root, features, state, 1)
-    indices = np.arange(sizes[0])
-    joints = np.delete(indices, touch)
-    columns = {TACTILE: _Column(sizes, shape, source=state, part=indices[touch])}
-    if len(joints):
-        columns[state] = _Column(sizes, (len(joints),), source=state, part=joints)
+    columns = {TACTILE: _Column(sizes, shape, source=state, part=touch)}
+    num_joints = sizes[0] - math.prod(shape)
+    if num_joints:
+        columns[state] = _Column(sizes, (num_joints,), source=state, part=touch, is_outside=True)
     return columns
 
 

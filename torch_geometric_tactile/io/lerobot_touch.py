@@ -147,7 +147,7 @@ def add_to_lerobot(
         check_gaps(number, recording.time, episode.steps, info["fps"], False, gaps, max_gap, fill)
     extra = extra_signals(recordings)
     warn_of_unsupported_signals(root, recordings, extra)
-    state_names = _state_names(source, info) if key == STATE else []
+    state_names = _state_names(source, info, allow_large) if key == STATE else []
     features = touch_features(shifted[0], rows, extra, key, state_names)
     # Checked before the copy, which may take long.
     existing_feature = next((n for n in features if n in info["features"] and n != STATE), None)
@@ -207,7 +207,7 @@ def _read_episodes(source: Path, info: dict[str, Any]) -> list[_Episode]:
     return sort_episodes(source, info, episodes)
 
 
-def _state_names(source: Path, info: dict[str, Any]) -> list[str]:
+def _state_names(source: Path, info: dict[str, Any], allow_large: bool) -> list[str]:
     # The names of the values of the state, to which readings are joined.
     feature = info["features"].get(STATE)
     feature = feature if isinstance(feature, dict) else {}
@@ -219,6 +219,8 @@ def _state_names(source: Path, info: dict[str, Any]) -> list[str]:
             f"joined (got {printable([dtype, shape] if feature else None)[:60]}): give another "
             "'key'"
         )
+    # The declared size is compared with a file before names are made of it.
+    read_numbers(data_files(source, info)[0], {STATE: shape[0]}, allow_large)
     names = feature_value_names(feature.get("names"), shape[0])
     if names and any(name.startswith("taxel_0_") for name in names):
         raise ValueError(
