@@ -10,10 +10,11 @@ from torch_geometric_tactile.sim.lift_object import LiftObject
 
 FINGERS = ("left", "right")
 TIMESTEP = 0.002  # s
+GRAVITY = 9.81  # m/s^2
 NORMAL_STIFFNESS, SHEAR_STIFFNESS = 600.0, 500.0  # N/m, of a taxel
 OBJECT_HEIGHT = 0.06  # m; the pads grip the middle
 _CROWN_RADIUS = 0.1  # m, of the crowned pads: outer taxels touch later and slip first
-_TIP_RADIUS = 0.0005  # m, of the sphere at the surface of a taxel: small, so that edges hold no sphere
+TIP_RADIUS = 0.0005  # m, of the sphere at the surface of a taxel: small, so that edges hold none
 _NORMAL_DAMPING, _SHEAR_DAMPING = 0.3, 1.0  # Ns/m, of a taxel
 # kg. A contact in MuJoCo is as stiff as the masses in contact: without this inertia, taxels would
 # creep along the object and excite it.
@@ -59,12 +60,30 @@ def pad_positions(pad: TaxelLayout) -> np.ndarray:
     return plane - middle
 
 
-def crown_height(position: np.ndarray) -> np.ndarray:
+def _crown_height(position: np.ndarray) -> np.ndarray:
     r"""Returns how far each taxel stands behind the middle of the crowned pad, in metres
     :math:`(N,)`.
     """
     height: np.ndarray = (position**2).sum(axis=1) / (2 * _CROWN_RADIUS)
     return height
+
+
+def normal_forces(position: np.ndarray, squeeze: float) -> np.ndarray:
+    r"""Returns the normal force of each taxel that touches a flat face in newtons :math:`(N,)`.
+
+    Args:
+        position (numpy.ndarray): The taxels in the plane of the pad in metres :math:`(N, 2)`.
+        squeeze (float): Their sum in newtons.
+    """
+    height = _crown_height(position)
+    level = np.sort(height)
+    num_taxels = np.arange(1, len(level) + 1)
+    # Depth of the face if exactly the first k taxels touch; the largest depth below the next
+    # taxel's height is the solution.
+    depth = (squeeze / NORMAL_STIFFNESS + np.cumsum(level)) / num_taxels
+    k = np.flatnonzero(depth > level)[-1]
+    forces: np.ndarray = NORMAL_STIFFNESS * (depth[k] - height).clip(min=0)
+    return forces
 
 
 def gripper_mjcf(pad: TaxelLayout, item: LiftObject, gap: float) -> str:
@@ -125,7 +144,7 @@ def _finger_mjcf(name: str, position: np.ndarray, distance: float) -> str:
     damping = _FINGER_DAMPING if name == "left" else 0.0  # one motor closes both fingers
     taxels = "".join(
         _taxel_mjcf(f"{name}_{i}", side, place, height)
-        for i, (place, height) in enumerate(zip(position, crown_height(position), strict=True))
+        for i, (place, height) in enumerate(zip(position, _crown_height(position), strict=True))
     )
     return f"""<body name="{name}" pos="{_join_numbers(-side * distance, 0, 0)}" gravcomp="1">
 <joint name="{name}" type="slide" axis="{side} 0 0" damping="{damping}"/>
@@ -136,7 +155,7 @@ def _finger_mjcf(name: str, position: np.ndarray, distance: float) -> str:
 
 def _taxel_mjcf(name: str, side: int, place: np.ndarray, height: float) -> str:
     # x of a taxel points to the next column, so that z points out of the pad on both sides.
-    pos = _join_numbers(-side * (_TIP_RADIUS + height), side * place[0], place[1])
+    pos = _join_numbers(-side * (TIP_RADIUS + height), side * place[0], place[1])
     joints = "".join(
         f'<joint name="{name}_{key}" type="slide" axis="{axis}" stiffness="{stiffness}" '
         f'damping="{damping}" armature="{_ARMATURE}"/>'
@@ -148,7 +167,7 @@ def _taxel_mjcf(name: str, side: int, place: np.ndarray, height: float) -> str:
     )
     return f"""<body name="{name}" pos="{pos}" gravcomp="1">{joints}
 <inertial pos="0 0 0" mass="0.0001" diaginertia="1e-8 1e-8 1e-8"/>
-<geom name="{name}" type="sphere" size="{_TIP_RADIUS}" contype="0" conaffinity="0" mass="0"
+<geom name="{name}" type="sphere" size="{TIP_RADIUS}" contype="0" conaffinity="0" mass="0"
  rgba="0.2 0.5 0.8 1"/></body>"""
 
 

@@ -10,22 +10,24 @@ from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.sim._gripper_scene import (
     FINGERS,
     NORMAL_STIFFNESS,
-    OBJECT_HEIGHT,
     SHEAR_STIFFNESS,
     TIMESTEP,
     default_pad,
     gripper_mjcf,
+)
+from torch_geometric_tactile.sim._lift_actions import (
+    CONTROL_RATE,
+    MAX_LIFT_SPEED,
+    MAX_LOG_CHANGE,
+    MAX_SQUEEZE,
+    MIN_SQUEEZE,
 )
 from torch_geometric_tactile.sim._mujoco import import_mujoco
 from torch_geometric_tactile.sim.lift_need import needed_squeeze
 from torch_geometric_tactile.sim.lift_object import LiftObject, draw_lift_object
 from torch_geometric_tactile.sim.pad_sensor import PadSensor
 
-CONTROL_RATE = 20  # Hz
-MIN_SQUEEZE, MAX_SQUEEZE = 0.3, 30.0  # N
-MAX_LOG_CHANGE = 0.3  # of the squeeze in a step
-MAX_LIFT_SPEED = 0.05  # m/s
-LIFT_HEIGHT = 0.03  # m
+_LIFT_HEIGHT = 0.03  # m
 _TICKS = round(1 / (CONTROL_RATE * TIMESTEP))
 _MAX_SPEED_CHANGE = 0.4 * TIMESTEP  # m/s in a tick: 4 % of gravity
 _MAX_STEPS = 120  # 6 s
@@ -161,6 +163,7 @@ class GripperLift:
         self.sensor = PadSensor() if sensor is None else sensor
         self.limits = LiftLimits() if limits is None else limits
         self.layout = TaxelLayout.join([self.pad] * 2, FINGERS, name="gripper_pads")
+        self._label: str | None = ""  # None while an episode is running
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.layout}, {self.sensor})"
@@ -188,9 +191,10 @@ class GripperLift:
         self._start: np.ndarray | None = None
         self._steps = self._steps_at_height = 0
         self._slide = self._tilt = self._peak = 0.0
-        self._label: str | None = None
+        self._label = None
         self._mujoco.mj_forward(self._model, self._data)
-        return self._observe()
+        self._observation = self._observe()
+        return self._observation
 
     def step(self, action: Any) -> tuple[LiftObservation, bool]:
         r"""Runs one step of 50 ms, and returns the observation at its end and whether the episode
@@ -204,7 +208,7 @@ class GripperLift:
             ValueError: If the action does not have two finite numbers.
             RuntimeError: If the episode is finished, or :meth:`reset` has not been called.
         """
-        if getattr(self, "_label", "") is not None:
+        if self._label is not None:
             raise RuntimeError("no episode is running; call 'reset' first")
         change = np.asarray(action, dtype=np.float64)
         if change.shape != (2,) or not np.isfinite(change).all():
@@ -216,19 +220,24 @@ class GripperLift:
         self._command = np.array([squeeze, speed])
         self._steps += 1
         self._judge()
-        return self._observe(), self._label is not None
+        self._observation = self._observe()
+        return self._observation, self._label is not None
 
     @property
     def outcome(self) -> LiftOutcome:
         r"""The outcome of the finished episode.
 
         Raises:
-            RuntimeError: If the episode is still running.
+            RuntimeError: If no episode is finished.
         """
-        if getattr(self, "_label", None) is None:
-            raise RuntimeError("the episode is still running; call 'step' until it is finished")
-        assert self._label is not None
+        if not self._label:
+            raise RuntimeError("no episode is finished; call 'reset', and 'step' until it is")
         return LiftOutcome(self._label, self._slide, self._tilt, self._peak, self.need)
+
+    @property
+    def observation(self) -> LiftObservation:
+        r"""The last observation."""
+        return self._observation
 
     @property
     def command(self) -> np.ndarray:
@@ -310,7 +319,7 @@ class GripperLift:
             # |<q1, q2>| is the cosine of half of the angle between two orientations.
             cosine = min(1.0, abs(float((pose[3:] * self._start[3:]).sum())))
             self._tilt = max(self._tilt, 2 * float(np.arccos(cosine)))
-        self._steps_at_height += height >= LIFT_HEIGHT
+        self._steps_at_height += height >= _LIFT_HEIGHT
         limits = self.limits
         if self._peak > limits.squeeze_ratio * self.need + limits.squeeze_margin:
             self._label = "crushed"

@@ -5,14 +5,14 @@ import numpy as np
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.sim._gripper_scene import (
-    NORMAL_STIFFNESS,
-    crown_height,
+    GRAVITY,
+    TIP_RADIUS,
     default_pad,
+    normal_forces,
     pad_positions,
 )
 from torch_geometric_tactile.sim.lift_object import LiftObject
 
-GRAVITY = 9.81  # m/s^2
 _MAX_NEED = 1000.0  # N
 _NUM_BISECTIONS = 50
 _NUM_CENTRES, _CENTRE_SCALE = 361, 0.01  # m
@@ -51,7 +51,8 @@ def needed_squeeze(item: LiftObject, pad: TaxelLayout | None = None) -> float:
         4.12
     """
     position = pad_positions(default_pad() if pad is None else pad)
-    position = position[np.abs(position[:, 0] - item.place) <= item.breadth / 2]
+    # A taxel at the very edge slips off.
+    position = position[np.abs(position[:, 0] - item.place) < item.breadth / 2 - TIP_RADIUS]
     need(len(position) > 1, "'item' must be touched by two taxels of each pad", item)
     # Centres of rotation from -inf to inf, most of them near the pad.
     middle = position[:, 0].mean()
@@ -67,21 +68,3 @@ def needed_squeeze(item: LiftObject, pad: TaxelLayout | None = None) -> float:
         else:
             high = squeeze
     return high
-
-
-def normal_forces(position: np.ndarray, squeeze: float) -> np.ndarray:
-    r"""Returns the normal force of each taxel that touches a flat face in newtons :math:`(N,)`.
-
-    Args:
-        position (numpy.ndarray): The taxels in the plane of the pad in metres :math:`(N, 2)`.
-        squeeze (float): Their sum in newtons.
-    """
-    height = crown_height(position)
-    level = np.sort(height)
-    num_taxels = np.arange(1, len(level) + 1)
-    # Depth of the face if exactly the first k taxels touch; the largest depth below the next
-    # taxel's height is the solution.
-    depth = (squeeze / NORMAL_STIFFNESS + np.cumsum(level)) / num_taxels
-    k = np.flatnonzero(depth > level)[-1]
-    forces: np.ndarray = NORMAL_STIFFNESS * (depth[k] - height).clip(min=0)
-    return forces

@@ -57,7 +57,7 @@ class LiftObject:
 
 def draw_lift_object(seed: int, held_out: bool = False, narrow: bool = False) -> LiftObject:
     r"""Draws an object for :class:`GripperLift`: mass from 0.05 to 0.4 kg on a logarithmic scale,
-    friction from 0.3 to 1, and a centre of mass that is off by up to 12 mm.
+    friction from 0.3 to 1, and a centre of mass that is up to 12 mm beside the middle of the box.
 
     Training and test differ in two ways. The four corners of the rectangle of mass and friction,
     where both are within the outer 30 % of their ranges, are held out, and so are the widths of
@@ -83,14 +83,16 @@ def draw_lift_object(seed: int, held_out: bool = False, narrow: bool = False) ->
     level = rng.uniform(size=2)
     while _in_corner(level) != held_out:
         level = rng.uniform(size=2)
-    place = rng.uniform(-_MAX_PLACE, _MAX_PLACE)  # drawn in any case, so that the rest is equal
+    place = float(rng.uniform(-_MAX_PLACE, _MAX_PLACE))
+    if not narrow:  # drawn nevertheless, so that narrow objects differ in nothing else
+        place = 0.0
     return LiftObject(
         mass=float(_MASS[0] * (_MASS[1] / _MASS[0]) ** level[0]),
         friction=float(_FRICTION[0] + (_FRICTION[1] - _FRICTION[0]) * level[1]),
-        offset=float(rng.uniform(-_MAX_OFFSET, _MAX_OFFSET)),
+        offset=place + float(rng.uniform(-_MAX_OFFSET, _MAX_OFFSET)),
         width=float(rng.choice(_HELD_OUT_WIDTHS if held_out else _TRAINING_WIDTHS)),
         breadth=_NARROW_BREADTH if narrow else _BREADTH,
-        place=float(place) if narrow else 0.0,
+        place=place,
     )
 
 
