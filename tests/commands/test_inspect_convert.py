@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -201,3 +202,16 @@ def test_convert_explains_bad_files(tmp_path, capsys, name, content, options, me
     assert f"tactile: error: '{tmp_path / name}'" in error
     assert message in error
     assert not (tmp_path / "out.npz").exists()
+
+
+def test_inspect_lists_the_actions_of_a_demonstration(tmp_path, capsys):
+    rec = Recording([0, 0.1], np.zeros((2, 1, 1)), action=[[0.5, np.nan], [20, np.nan]])
+    write_npz(rec, tmp_path / "a.npz")
+    assert main(["inspect", str(tmp_path / "a.npz"), "--no-picture"]) == 0
+    assert (
+        "actions      2\n             0: 0.5 to 20\n             1: none\n"
+        in capsys.readouterr().out
+    )
+    write_npz(replace(rec, meta={"action_names": ["grip", "lift"]}), tmp_path / "b.npz")
+    assert main(["inspect", str(tmp_path / "b.npz"), "--no-picture"]) == 0
+    assert "grip: 0.5 to 20\n" in capsys.readouterr().out

@@ -25,6 +25,13 @@ def test_recording_counts_and_rate_by_hand():
     assert rec.tactile[1, 1].tolist() == [9, 10, 11]
 
 
+def test_actions_are_numbers_of_any_size_and_may_be_missing():
+    rec = recording(action=[[1000, 2], [np.nan, 3], [4, 5], [6, 7]])
+    assert (rec.num_actions, rec.action.dtype) == (2, np.float32)
+    assert np.isnan(rec.action).nonzero()[0].tolist() == [1]
+    assert recording().num_actions == 0
+
+
 def test_recording_rate_ignores_a_gap():
     rec = Recording([0.0, 0.1, 0.2, 5.0, 5.1], np.zeros((5, 1, 1)))
     assert rec.rate == pytest.approx(10)
@@ -49,6 +56,9 @@ def test_recording_takes_arrays_that_fit_without_a_copy():
 
 def test_recording_repr():
     assert repr(recording()) == "Recording(num_frames=4, num_taxels=2, num_channels=3, rate=100)"
+    assert repr(recording(action=np.zeros((4, 2)))) == (
+        "Recording(num_frames=4, num_taxels=2, num_channels=3, num_actions=2, rate=100)"
+    )
     assert repr(recording(joint=np.zeros((4, 1)), label="cup")) == (
         "Recording(num_frames=4, num_taxels=2, num_channels=3, num_joints=1, rate=100, label='cup')"
     )
@@ -103,6 +113,7 @@ def test_recording_of_one_frame_and_one_taxel():
 def test_select_takes_rows_of_everything_and_keeps_the_rest():
     rec = recording(
         joint=np.arange(4.0)[:, None],
+        action=np.arange(4.0)[:, None] + 5,
         label="cup",
         meta={"a": 1},
         privileged={"p": np.arange(4)},
@@ -112,6 +123,7 @@ def test_select_takes_rows_of_everything_and_keeps_the_rest():
     assert part.time.tolist() == [0.01, 0.03]
     assert part.tactile[:, 0, 0].tolist() == [6, 18]
     assert part.joint.ravel().tolist() == [1, 3]
+    assert part.action.ravel().tolist() == [6, 8]
     assert part.privileged["p"].tolist() == [1, 3]
     assert part.extra["pac"][:, 0, 0].tolist() == [6, 18]
     assert np.shares_memory(part.extra["pac"], rec.extra["pac"])
@@ -163,6 +175,11 @@ def test_meta_is_a_copy_with_lists_for_tuples():
         ({"joint": np.zeros((2, 0))}, r"or be None without joints \(got \(2, 0\)\)"),
         ({"joint": [[0.0]]}, r"'joint' must have 2 frames, as 'time' has \(got 1\)"),
         ({"joint": [[0.0], [np.inf]]}, r"\(got inf in frame 1, joint 0\)"),
+        ({"action": [0.0, 1.0]}, r"'action' must have shape .* \(got \(2,\)\)"),
+        ({"action": np.zeros((2, 0))}, r"or be None without commands \(got \(2, 0\)\)"),
+        ({"action": [[0.0]]}, r"'action' must have 2 frames, as 'time' has \(got 1\)"),
+        ({"action": [[0.0], [np.inf]]}, r"\(got inf in frame 1, number 0\)"),
+        ({"action": [["up"], ["down"]]}, r"'action' must be an array of numbers"),
         ({"label": 1.5}, r"'label' must be a text, an integer or None \(got float\)"),
         ({"meta": ["a"]}, r"'meta' must be a mapping \(got list\)"),
         ({"meta": {1: "a"}}, r"'meta' must have texts as keys \(got 1\)"),

@@ -77,6 +77,17 @@ def test_all_signals_go_along():
     assert (found.label, list(found.annotations)) == ("cup", [(0.2, 0.4, "slip")])
 
 
+@pytest.mark.parametrize(
+    ("rate", "expected"), [(20.0, [0, 0, 1, 1, 2]), (5.0, [0, 2]), (10.0, [0, 1, 2])]
+)
+def test_a_command_stays_in_force_until_the_next_one(rate, expected):
+    # Times since 1970 are rounded, which must not select an earlier command.
+    time = 1.7e9 + np.r_[np.arange(3), 100 + np.arange(3)] / 10
+    commands = np.r_[np.arange(3.0), 10 + np.arange(3.0)][:, None]
+    found = recording(time, np.zeros(6), action=commands).resample(rate).action
+    assert found.ravel().tolist() == [*expected, *(10 + command for command in expected)]
+
+
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf, "fast", 1e12])
 def test_wrong_rates_are_refused(rate):
     with pytest.raises(ValueError, match="'rate' must"):

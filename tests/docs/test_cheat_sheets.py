@@ -15,5 +15,13 @@ def test_page_matches_the_code():
 def test_every_data_set_and_model_is_on_the_page():
     classes = {n for n in datasets.__all__ if inspect.isclass(getattr(datasets, n))}
     assert set(cheat_sheets.DATA_SETS) == classes
-    parts = {"CNNThread", "GCNThread", "SegmentedThread", "Thread", "PooledMLP", "TactileModel"}
+    parts = {
+        "CNNThread",
+        "GCNThread",
+        "SegmentedThread",
+        "Thread",
+        "PooledMLP",
+        "TactileModel",
+        "TouchEncoder",
+    }
     assert set(cheat_sheets.MODELS) == set(nn.models.__all__) - parts

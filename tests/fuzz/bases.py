@@ -21,6 +21,10 @@ def small_recording(joints: int = 2, **more: object) -> Recording:
     return Recording(time=TIME, tactile=tactile, joint=joint, **more)
 
 
+def commands() -> np.ndarray:
+    return np.arange(FRAMES * 2, dtype=np.float32).reshape(FRAMES, 2) / 4
+
+
 def full_recording() -> Recording:
     return small_recording(
         label="mug é",
@@ -32,6 +36,7 @@ def full_recording() -> Recording:
         },
         extra={"pac": np.arange(FRAMES * 6, dtype=np.int16).reshape(FRAMES, 3, 2)},
         annotations=[(0, 1 / 64, "slip é"), (1 / 64, 1 / 32, "hold"), (0, 1 / 32, "hold")],
+        action=commands(),
     )
 
 
@@ -48,7 +53,7 @@ def labels_csv(folder: Path) -> None:
 def wide_csv(folder: Path) -> None:
     from torch_geometric_tactile.io._wide_csv import write_wide_csv
 
-    write_wide_csv(small_recording(), folder / "a.csv")
+    write_wide_csv(small_recording(action=commands()), folder / "a.csv")
     write_wide_csv(small_recording(joints=0), folder / "b.csv")
 
 

@@ -29,7 +29,7 @@ def mutate_fields(path: Path, draw: Random) -> str:
 def _arrays(file: Any) -> list[str]:
     if "elec" in file:
         return [*file]
-    names = [name for name in ("time", "tactile", "joint", "checksums") if name in file]
+    names = [name for name in ("time", "tactile", "joint", "action", "checksums") if name in file]
     groups = ("privileged", "extra")
     return names + [f"{group}/{name}" for group in groups for name in file.get(group, ())]
 
@@ -90,7 +90,7 @@ def _h_storage(file: Any, draw: Random, h5py: Any) -> str:
 
 def _h_type(file: Any, draw: Random, h5py: Any) -> str:
     """A data set of another type, with the same numbers where it can hold them."""
-    name = draw.choice(["time", "tactile", "joint"])
+    name = draw.choice(["time", "tactile", "joint", "action"])
     if name not in file:
         return JUDGED
     array = file[name][()]

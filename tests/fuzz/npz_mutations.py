@@ -16,7 +16,7 @@ from fuzz.torch_mutations import Hostile
 def mutated_npz(data: bytes, draw: Random) -> tuple[bytes, str]:
     with np.load(io.BytesIO(data)) as file:
         content = {name: file[name] for name in file.files}
-    required = [name for name in content if name not in ("joint",) and "/" not in name]
+    required = [name for name in content if name not in ("joint", "action") and "/" not in name]
     name = draw.choice([*content])
     kind = draw.randrange(9)
     if kind == 0:
@@ -29,7 +29,7 @@ def mutated_npz(data: bytes, draw: Random) -> tuple[bytes, str]:
         del content[name]
         return _npz(content, draw), REWRITTEN if name == "annotations" else JUDGED
     if kind == 2:
-        name = draw.choice(["time", "tactile", "joint"])
+        name = draw.choice(["time", "tactile", "joint", "action"])
         if name in content:
             content[name] = _other_shape(content[name], draw)
         return _npz(content, draw), JUDGED

@@ -24,8 +24,10 @@ def reading(time: Any, tactile: Any, joint: Any = None, label: Any = None, **mor
     with np.errstate(over="ignore"):
         tactile = np.asarray(tactile, dtype=np.float32)
         joint = None if joint is None else np.asarray(joint, dtype=np.float32)
+        action = more.get("action")
+        action = None if action is None else np.asarray(action, dtype=np.float32)
     need(len(time) > 0 and bool(np.isfinite(time).all()) and bool((np.diff(time) > 0).all()))
-    need(not np.isinf(tactile).any() and (joint is None or not np.isinf(joint).any()))
+    need(not any(np.isinf(a).any() for a in (tactile, joint, action) if a is not None))
     meta, privileged = more.get("meta", {}), more.get("privileged", {})
     return {
         "time": time,
@@ -36,6 +38,7 @@ def reading(time: Any, tactile: Any, joint: Any = None, label: Any = None, **mor
         "privileged": privileged,
         "extra": more.get("extra", {}),
         "annotations": [],
+        "action": action,
     }
 
 
@@ -141,16 +144,19 @@ def wide_csv(data: bytes) -> Any:
     place = {name: i for i, name in enumerate(head)}
     taxels = sum(bool(re.fullmatch(r"taxel_[0-9]+_[a-z0-9]+", name)) for name in head)
     joints = sum(name.startswith("joint_") for name in head)
+    actions = sum(name.startswith("action_") for name in head)
     for channels in (1, 2, 3, 4):
         axes = AXES[:channels] if channels <= 3 else [str(i) for i in range(channels)]
         names = [f"taxel_{i}_{axis}" for i in range(taxels // channels) for axis in axes]
         names += [f"joint_{i}" for i in range(joints)]
+        names += [f"action_{i}" for i in range(actions)]
         if set(names) == set(head) - {timed} and taxels:
             found = numbers([[row[place[name]] for name in names] for row in rows])
             return reading(
                 time,
                 found[:, :taxels].reshape(len(rows), -1, channels),
-                found[:, taxels:] if joints else None,
+                found[:, taxels : taxels + joints] if joints else None,
+                action=found[:, taxels + joints :] if actions else None,
             )
     raise Refused("header")
 

@@ -8,6 +8,7 @@ NAMES = (
     *("time", "Time", "TIME", "t", "timestamp", "time_ms", "timestamp_ns", "time [s]", "seconds"),
     *("", "0", "1", "index", "Unnamed: 0", "label", "NA", "nan", "x", "joint_0", "joint_0_deg"),
     *("taxel_0_x", "taxel_0_z", "taxel_1_y", "taxel_00_x", "taxel_99999999_x", "joint_99999999"),
+    *("action_0", "action_1", "action_99999999"),
     *("0X", "1X", "1Z", "2Y", "99999999X", "Force 1X", "Force 0Z", "Send time", "Message number"),
     *("object", "slipped", "ff_biotac_1", "th_biotac_25", "taxel_\u0661_x", "taxel_0_x ", '"time"'),
 )

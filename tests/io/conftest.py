@@ -26,12 +26,15 @@ def make_recording(num_frames=20, num_taxels=5, seed=0):
             "pressure": np.where(draw.random((num_frames, 3)) > 0.1, 2100.5, np.nan),
             "state": np.array([f"tür {i}" for i in range(num_frames)], dtype=str),
         },
+        action=np.where(
+            draw.random((num_frames, 3)) > 0.1, draw.normal(size=(num_frames, 3)), np.nan
+        ),
     )
 
 
 @pytest.fixture
 def full():
-    """A recording that has everything: joints, missing readings, texts, metadata."""
+    """A recording that has everything: joints, actions, missing readings, texts, metadata."""
     return make_recording()
 
 
@@ -43,9 +46,10 @@ def assert_same():
         assert np.array_equal(a.time, b.time)
         assert np.array_equal(a.tactile, b.tactile, equal_nan=True)
         assert a.tactile.shape == b.tactile.shape
-        assert (a.joint is None) == (b.joint is None)
-        if a.joint is not None:
-            assert np.array_equal(a.joint, b.joint, equal_nan=True)
+        for one, other in ((a.joint, b.joint), (a.action, b.action)):
+            assert (one is None) == (other is None)
+            if one is not None:
+                assert np.array_equal(one, other, equal_nan=True)
         assert (a.label, a.meta) == (b.label, b.meta)
         for one, other in ((a.privileged, b.privileged), (a.extra, b.extra)):
             assert one.keys() == other.keys()

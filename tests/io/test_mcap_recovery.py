@@ -160,6 +160,20 @@ def test_topics_are_known_without_the_first_chunk(stream, tmp_path, caplog):
     assert no_wrong_frame(read_mcap(tmp_path / "out.mcap", recover=False)) == numbers
 
 
+def test_repaired_files_keep_their_actions_and_schema(tmp_path):
+    with McapWriter(tmp_path / "a.mcap", anchor=(10**18, 0), has_actions=True) as writer:
+        for i in range(5):
+            frame = LiveFrame(i, i / 10, i * 10**8, None, contents(i))
+            writer.write_frame(frame, action=np.array([i]))
+    data = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "a.mcap").write_bytes(data[:-40])
+    repair_mcap(tmp_path / "a.mcap", tmp_path / "b.mcap")
+    assert read_mcap(tmp_path / "b.mcap", recover=False).action.ravel().tolist() == [*range(5)]
+    with open(tmp_path / "b.mcap", "rb") as file:
+        schemas = make_reader(file).get_summary().schemas.values()
+    assert b"action" in next(schema.data for schema in schemas if schema.name == "tactile.Frame")
+
+
 def test_damaged_metadata_are_not_believed(stream, tmp_path, caplog):
     data = stream[2].replace(b'"mug"', b'"mum"', 1)
     path = tmp_path / "damaged.mcap"

@@ -56,6 +56,8 @@ def arguments(draw):
     out = {"time": 1e9 + np.arange(num_frames) / 7, "tactile": x}
     if draw.random() < 0.5:
         out["joint"] = draw.uniform(-3, 3, size=(num_frames, draw.integers(1, 3)))
+    if draw.random() < 0.5:
+        out["action"] = draw.normal(size=(num_frames, draw.integers(1, 3)))
     if draw.random() < 0.3:
         out["label"] = text(draw) if draw.random() < 0.7 else int(draw.integers(-9, 9)) * 10**30
     if draw.random() < 0.3:
@@ -92,8 +94,8 @@ def test_what_a_recording_holds_every_format_gives_back(tmp_path):
             found = read_recording(path)
             what = f"seed {seed}, {suffix}"
             assert (found.label, found.meta) == (recording.label, recording.meta), what
-            assert (found.joint is None) == (recording.joint is None), what
-            for name in ("time", "tactile", "joint"):
+            for name in ("time", "tactile", "joint", "action"):
+                assert (getattr(found, name) is None) == (getattr(recording, name) is None), what
                 if getattr(recording, name) is not None:
                     assert is_same(getattr(recording, name), getattr(found, name)), what
             for name in ("extra", "privileged"):

@@ -5,6 +5,7 @@ import re
 import struct
 import tracemalloc
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -320,6 +321,32 @@ def test_newer_schema_with_more_fields_is_read(tmp_path):
         channel, mcap_schemas.encode("tactile.Frame", values) + struct.pack("<BBB", 0x98, 6, 5)
     )
     assert read_mcap(others.done(), recover=False).tactile.tolist() == [[[2.0]]]
+
+
+def test_actions_are_a_field_of_the_files_that_have_them_only(full, tmp_path):
+    write_mcap(full, tmp_path / "a.mcap")
+    write_mcap(replace(full, action=None), tmp_path / "b.mcap")
+    for name, has_actions in (("a", True), ("b", False)):
+        with open(tmp_path / f"{name}.mcap", "rb") as file:
+            schemas = make_reader(file).get_summary().schemas.values()
+        schema = next(schema.data for schema in schemas if schema.name == "tactile.Frame")
+        assert schema == mcap_schemas.frame_schema(has_actions)
+        assert (b"action" in schema) == has_actions
+    # The schema of earlier versions, which files without actions keep.
+    assert zlib.crc32(mcap_schemas.frame_schema(False)) == 1484627828
+
+
+def test_actions_that_some_frames_lack_are_missing(tmp_path):
+    with McapWriter(tmp_path / "a.mcap", has_actions=True) as writer:
+        for i in range(3):
+            frame = LiveFrame(i, i / 10, 0, None, np.ones((1, 1), np.float32))
+            writer.write_frame(frame, action=np.array([i, 5.0]) if i else None)
+    found = read_mcap(tmp_path / "a.mcap").action
+    assert np.array_equal(found, [[np.nan, np.nan], [1, 5], [2, 5]], equal_nan=True)
+    with McapWriter(tmp_path / "b.mcap") as writer:
+        frame = LiveFrame(0, 0.0, 0, None, np.ones((1, 1), np.float32))
+        with pytest.raises(ValueError, match="'action' must be None without has_actions=True"):
+            writer.write_frame(frame, action=np.ones(2))
 
 
 def test_newer_version_is_refused(tmp_path, monkeypatch):

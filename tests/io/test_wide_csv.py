@@ -48,6 +48,20 @@ def test_read_our_header_tells_the_sizes(write):
         read_wide_csv(write(HEADER, f"0,{ROW}"), num_joints=16)
 
 
+def test_actions_come_back_in_any_order_of_columns(write, assert_same, tmp_path):
+    rec = Recording(
+        [0.0, 0.1], [[[1.0]], [[2.0]]], joint=[[3.0], [4.0]], action=[[50.0, 6.0], [np.nan, 7.0]]
+    )
+    write_wide_csv(rec, tmp_path / "a.csv")
+    header, *_ = (tmp_path / "a.csv").read_text().splitlines()
+    assert header == "time,taxel_0_x,joint_0,action_0,action_1"
+    assert_same(read_wide_csv(tmp_path / "a.csv"), rec)
+    mixed = write("action_1,time,action_0,taxel_0_x,joint_0", "6,0,50,1,3", "7,0.1,,2,4")
+    assert_same(read_wide_csv(mixed), rec)
+    with pytest.raises(ValueError, match="must have the column 'action_1'"):
+        read_wide_csv(write("time,taxel_0_x,action_0,action_2", "0,1,2,3"))
+
+
 def test_read_missing_cells(write):
     rec = read_wide_csv(write("1,,nan,4, ,NaN,", ROW), **SMALL)
     assert np.isnan(rec.tactile[0]).tolist() == [[False, True, True], [False, True, True]]
@@ -244,7 +258,10 @@ def test_names_that_are_not_understood(write, names):
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        ("taxel_1_x,taxel_2_x", r"have the column 'taxel_0_x': taxels and joints count from"),
+        (
+            "taxel_1_x,taxel_2_x",
+            r"have the column 'taxel_0_x': taxels, joints and actions count from",
+        ),
         ("taxel_0_x,joint_999999999", r"have the column 'joint_0'"),
         ("taxel_0_x,taxel_0_y,taxel_1_x", r"have the column 'taxel_1_y'"),
         ("taxel_0_z", r"have the axes x for taxels of 1 channels \(got z\)"),

@@ -21,6 +21,8 @@ _LEROBOT_OPTIONS = (
     "start",
     "gaps",
     "max_gap",
+    "key",
+    "fill",
 )
 _WRITABLE = ".h5, .hdf5, .npz, .mcap, .csv, .jsonl, .ndjson"
 HELP = "Convert a recording to another format"
@@ -43,6 +45,8 @@ examples:
                                                  recordings as a LeRobot data set
   tactile convert skin_*.h5 touch.lerobot --add-to datasets/cups
                                                  the same, added to a copy of a data set
+  tactile convert grasps/ grasps.lerobot --key observation.environment_state --fill 0
+                                                 touch that ACT and diffusion policies read
   tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set
 """
 # First arguments that select another parser, with the module of the parser.
@@ -128,6 +132,21 @@ def _add_lerobot_options(parser: argparse.ArgumentParser) -> None:
         help="longest time without frames that does not count as a gap (default: five frames)",
     )
     options.add_argument(
+        "--key",
+        metavar="FEATURE",
+        type=str,
+        help="feature of the readings: observation.environment_state, observation.state (joined to "
+        "the joint angles) or another name (default: observation.tactile, which no policy of "
+        "LeRobot reads)",
+    )
+    options.add_argument(
+        "--fill",
+        type=float,
+        metavar="NUMBER",
+        help="number in place of missing readings, which otherwise are NaN, as is the loss of a "
+        "policy that reads them",
+    )
+    options.add_argument(
         "--task",
         metavar="TEXT",
         type=str,
@@ -163,7 +182,7 @@ def _convert_to_lerobot(arguments: argparse.Namespace) -> int:
 
     options = _lerobot_options(arguments)
     source = options.pop("add_to", None)
-    shared_options = {"every_frame", "gaps", "max_gap"}
+    shared_options = {"every_frame", "gaps", "max_gap", "key", "fill"}
     allowed = shared_options | {"start"} if source else {*_LEROBOT_OPTIONS} - {"start"}
     misplaced = next((name for name in options if name not in allowed), None)
     if misplaced is not None:

@@ -1,7 +1,7 @@
 r"""Resamples the signals of a recording."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -12,7 +12,10 @@ _MAX_FRAMES = 10**8
 
 
 def resampled_values(
-    time: np.ndarray, signals: Mapping[str, np.ndarray], rate: float
+    time: np.ndarray,
+    signals: Mapping[str, np.ndarray],
+    rate: float,
+    held: Collection[str] = (),
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     r"""Resamples signals to another rate. Each part between gaps is resampled separately.
 
@@ -23,6 +26,8 @@ def resampled_values(
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
         signals (Mapping of str to numpy.ndarray): Values by name :math:`(T, ...)`.
         rate (float): Frames per second.
+        held (collection of str): Signals that hold their value until the next frame, such as
+            commands: they are taken from the last frame at or before each new one.
 
     Shapes:
         - **output:** times :math:`(K,)` and values :math:`(K, ...)`
@@ -53,9 +58,13 @@ def resampled_values(
         new_time = old_time[0] + np.arange(count) / rate
         time_parts.append(new_time)
         nearest = _nearest_frames(old_time, new_time)
+        # With a tolerance, since the new times are rounded.
+        last = np.searchsorted(old_time, new_time + ROUNDING / rate, side="right") - 1
         for name, value in signals.items():
             values = value[start:end]
-            if value.dtype.kind == "f" and len(old_time) > 1:
+            if name in held:
+                value_parts[name].append(values[last])
+            elif value.dtype.kind == "f" and len(old_time) > 1:
                 value_parts[name].append(
                     _resample_floats(old_time, values, new_time, nearest, width)
                 )

@@ -50,9 +50,9 @@ class Recording:
             :obj:`"object"`, :obj:`"trial"`, :obj:`"sensor"`, :obj:`"rate"` (nominal, in frames per
             second), :obj:`"tare"` and :obj:`"calibration"` (which were applied to the readings),
             :obj:`"synthetic"` (whether the readings are simulated), :obj:`"seed"`,
-            :obj:`"joint_names"`, :obj:`"phase_names"` (names of the integers in the privileged
-            :obj:`"phase"`), :obj:`"column_names"` (of :obj:`"tactile"` and :obj:`"joint"`, in the
-            order of their file, see :obj:`read_named_csv`).
+            :obj:`"joint_names"`, :obj:`"action_names"`, :obj:`"phase_names"` (names of the integers
+            in the privileged :obj:`"phase"`), :obj:`"column_names"` (of :obj:`"tactile"` and
+            :obj:`"joint"`, in the order of their file, see :obj:`read_named_csv`).
         privileged (Mapping of str to numpy.ndarray): Signals that only a simulator has, such as
             forces without noise, the pose of the object and the phase; numbers, truth values or
             texts, with :math:`T` rows and at least one value in a row. Names have 1 to 255
@@ -63,12 +63,14 @@ class Recording:
         annotations (sequence of Annotation): Labelled spans on the clock of :obj:`time`, as
             :class:`Annotation` or as tuples of start, end and label; at most 10,000. They are
             sorted by their starts and may overlap.
+        action (numpy.ndarray, optional): Commands :math:`(T, A)` of a demonstration, in any unit:
+            each row holds the last command at or before its frame.
 
     Raises:
         ValueError: If the dimensions or the number of frames of an array do not fit, the time does
-            not increase or is an integer, whose unit is not known, a time, reading or angle is
-            infinite, :obj:`meta` holds other than JSON values, an annotation ends before it starts,
-            or HDF5, npz and MCAP files cannot store a name, a text or a shape.
+            not increase or is an integer, whose unit is not known, a time, reading, angle or
+            command is infinite, :obj:`meta` holds other than JSON values, an annotation ends before
+            it starts, or HDF5, npz and MCAP files cannot store a name, a text or a shape.
 
     Examples:
         >>> Recording(time=[0.0, 0.01, 0.02], tactile=np.zeros((3, 4, 3)), label="cup")
@@ -83,6 +85,7 @@ class Recording:
     privileged: Mapping[str, np.ndarray] = field(default_factory=dict)
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
     annotations: Sequence[Annotation] = ()
+    action: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         self._set("time", checked_time(self.time))
@@ -109,6 +112,8 @@ class Recording:
         for kind in ("privileged", "extra"):
             self._set(kind, checked_rows(kind, getattr(self, kind), self.num_frames))
         self._set("annotations", checked_annotations(self.annotations))
+        if self.action is not None:
+            self._set("action", self._checked_action(self.action))
 
     def _set(self, key: str, value: Any) -> None:
         object.__setattr__(self, key, value)
@@ -138,6 +143,23 @@ class Recording:
             )
         return joint
 
+    def _checked_action(self, action: np.ndarray) -> np.ndarray:
+        action = checked_numbers("action", action, np.float32)
+        if action.ndim != 2 or action.shape[1] == 0:
+            raise ValueError(
+                "'action' must have shape (num_frames, num_actions), or be None without commands "
+                f"(got {action.shape})"
+            )
+        check_frames("action", action, self.num_frames)
+        infinite = np.argwhere(np.isinf(action))
+        if len(infinite):
+            frame, index = infinite[0].tolist()
+            raise ValueError(
+                "'action' must hold finite commands, or NaN where one is missing (got "
+                f"{action[frame, index]} in frame {frame}, number {index})"
+            )
+        return action
+
     @property
     def num_frames(self) -> int:
         r"""The number of frames :math:`T`."""
@@ -157,6 +179,11 @@ class Recording:
     def num_joints(self) -> int:
         r"""The number of joints :math:`J`, 0 without joint angles."""
         return 0 if self.joint is None else int(self.joint.shape[1])
+
+    @property
+    def num_actions(self) -> int:
+        r"""The number of values of a command :math:`A`, 0 without commands."""
+        return 0 if self.action is None else int(self.action.shape[1])
 
     @property
     def duration(self) -> float:
@@ -236,6 +263,7 @@ class Recording:
             privileged={name: value[frames] for name, value in self.privileged.items()},
             extra={name: value[frames] for name, value in self.extra.items()},
             annotations=annotations_within(self.annotations, self.time[frames]),
+            action=None if self.action is None else self.action[frames],
         )
 
     def resample(self, rate: float) -> Self:
@@ -245,7 +273,8 @@ class Recording:
         At a lower rate, readings, angles and other floating-point values are averaged over each new
         frame, which avoids aliasing. At a higher rate they are interpolated linearly. Integers,
         truth values and texts are those of the nearest frame. A reading is missing (NaN) if that of
-        the nearest frame is missing.
+        the nearest frame is missing. A command stays in force until the next one, so that an action
+        is that of the last frame at or before the new one.
 
         Args:
             rate (float): Frames per second.
@@ -258,16 +287,19 @@ class Recording:
             {
                 "tactile": self.tactile,
                 **({} if self.joint is None else {"joint": self.joint}),
+                **({} if self.action is None else {"action": self.action}),
                 **{f"privileged/{name}": value for name, value in self.privileged.items()},
                 **{f"extra/{name}": value for name, value in self.extra.items()},
             },
             rate,
+            held=("action",),
         )
         return replace(
             self,
             time=time,
             tactile=signals["tactile"],
             joint=signals.get("joint"),
+            action=signals.get("action"),
             meta={**self.meta, "rate": rate},
             privileged={name: signals[f"privileged/{name}"] for name in self.privileged},
             extra={name: signals[f"extra/{name}"] for name in self.extra},
@@ -299,6 +331,8 @@ class Recording:
         ]
         if self.joint is not None:
             parts.append(f"num_joints={self.num_joints}")
+        if self.action is not None:
+            parts.append(f"num_actions={self.num_actions}")
         if self.extra:
             parts.append(f"extra={sorted(self.extra)}")
         if self.num_frames > 1:

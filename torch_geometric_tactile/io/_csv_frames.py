@@ -36,8 +36,11 @@ _MAX_SECONDS = 1e11  # since 1970: the year 5138
 _logger = logging.getLogger(__name__)
 
 
-def signal_names(num_taxels: int, num_channels: int, num_joints: int = 0) -> Iterator[str]:
-    r"""Yields the column names of readings and joints. Up to three channels are named x, y and z.
+def signal_names(
+    num_taxels: int, num_channels: int, num_joints: int = 0, num_actions: int = 0
+) -> Iterator[str]:
+    r"""Yields the column names of readings, joints and actions. Up to three channels are named x, y
+    and z.
 
     Examples:
         >>> [*signal_names(1, 2, 1)]
@@ -46,6 +49,7 @@ def signal_names(num_taxels: int, num_channels: int, num_joints: int = 0) -> Ite
     axes = channel_names(num_channels)
     yield from (f"taxel_{taxel}_{axis}" for taxel in range(num_taxels) for axis in axes)
     yield from (f"joint_{joint}" for joint in range(num_joints))
+    yield from (f"action_{i}" for i in range(num_actions))
 
 
 def channel_names(num_channels: int) -> list[str]:
@@ -58,9 +62,9 @@ def channel_names(num_channels: int) -> list[str]:
 class FrameColumns(NamedTuple):
     r"""The roles of the columns of a file.
 
-    :obj:`tactile` and :obj:`joint` are columns in the order of the recording, and :obj:`extra` are
-    columns of further signals. :obj:`degrees` are the joints whose angles are in degrees. Readings
-    divided by :obj:`per_unit` are in :obj:`unit`.
+    :obj:`tactile`, :obj:`joint` and :obj:`action` are columns in the order of the recording, and
+    :obj:`extra` are columns of further signals. :obj:`degrees` are the joints whose angles are in
+    degrees. Readings divided by :obj:`per_unit` are in :obj:`unit`.
     """
 
     names: list[str]
@@ -74,17 +78,19 @@ class FrameColumns(NamedTuple):
     unit: str | None = None
     per_unit: float = 1.0
     extra: Sequence[int] = ()
+    action: Sequence[int] = ()
 
 
 class Frames(NamedTuple):
     r"""The frames of a file: readings :math:`(T, N C)`, joint angles :math:`(T, J)`, further
-    signals :math:`(T, E)`, the time in seconds :math:`(T,)` or :obj:`None`, and the cells of time
-    and label as text.
+    signals :math:`(T, E)`, actions :math:`(T, A)`, the time in seconds :math:`(T,)` or :obj:`None`,
+    and the cells of time and label as text.
     """
 
     tactile: np.ndarray
     joint: np.ndarray
     extra: np.ndarray
+    action: np.ndarray
     time: np.ndarray | None
     time_cells: list[str]
     labels: list[str]
@@ -101,14 +107,14 @@ def read_frames(
     time_columns, label_columns = (
         [] if column is None else [column] for column in (columns.time, columns.label)
     )
-    groups = [columns.tactile, columns.joint, columns.extra]
+    groups = [columns.tactile, columns.joint, columns.extra, columns.action]
     numeric = [*itertools.chain(*groups), *time_columns]
     texts = [*time_columns, *label_columns]
     table, cells = csv_table(
         path, lines, columns.names, numeric, texts=texts, required=time_columns
     )
     bounds = np.cumsum([len(group) for group in groups])
-    tactile, joint, extra, _ = np.split(table, bounds, axis=1)
+    tactile, joint, extra, action, _ = np.split(table, bounds, axis=1)
     joint[:, columns.degrees] = np.deg2rad(joint[:, columns.degrees])
     time, time_cells = None, [row[0].strip() for row in cells if time_columns]
     if time_columns:
@@ -123,6 +129,7 @@ def read_frames(
         tactile=tactile if columns.per_unit == 1 else tactile / columns.per_unit,
         joint=joint,
         extra=extra,
+        action=action,
         time=time,
         time_cells=time_cells,
         labels=[row[-1] for row in cells if label_columns],
@@ -141,6 +148,7 @@ def frames_to_recording(
         time=np.arange(num_frames) / rate if frames.time is None else frames.time,
         tactile=frames.tactile.reshape(num_frames, -1, columns.num_channels),
         joint=frames.joint if columns.joint else None,
+        action=frames.action if columns.action else None,
         extra={columns.names[i]: frames.extra[:, k] for k, i in enumerate(columns.extra)},
         annotations=annotations_beside(path),
         **content,

@@ -27,7 +27,8 @@ def find_datasets(path: Path, file: Any) -> dict[str, Any]:
         ValueError: If a data set is missing or invalid.
     """
     stored_names = list(file)
-    names: list[str] = [name for name in ("time", "tactile", "joint") if name in stored_names]
+    fields = ("time", "tactile", "joint", "action")
+    names: list[str] = [name for name in fields if name in stored_names]
     for name in ("time", "tactile"):
         if name not in names:
             raise missing_field(path, name)

@@ -3,6 +3,7 @@ r"""Checked reading of the folders of LeRobot data sets: descriptions, tasks, ep
 """
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -19,10 +20,10 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data._recording_arrays import warn_of_rounding
 from torch_geometric_tactile.io._lerobot_steps import (
     EXTRA,
-    FRAME_TIMES,
     TACTILE,
-    TACTILE_FRAMES,
     ExtraSignal,
+    frame_times_feature,
+    frames_feature,
 )
 from torch_geometric_tactile.io._lerobot_tables import (
     is_list,
@@ -69,14 +70,14 @@ def check_new_folder(root: Path) -> None:
 def check_alike(recordings: Sequence[Recording]) -> None:
     r"""Raises an error unless all recordings have frames, and the same shapes and unit."""
     need(recordings, "'recordings' must hold at least one recording (got none)")
-    shapes = [(r.num_taxels, r.num_channels, r.num_joints) for r in recordings]
+    shapes = [(r.num_taxels, r.num_channels, r.num_joints, r.num_actions) for r in recordings]
     for i, (recording, shape) in enumerate(zip(recordings, shapes, strict=True)):
         if recording.num_frames == 0:
             raise ValueError(f"recording {i} must hold at least one frame (got none)")
         if shape != shapes[0]:
             raise ValueError(
-                f"recording {i} must have {shapes[0][0]} taxels, {shapes[0][1]} channels and "
-                f"{shapes[0][2]} joints, as the first one (got {shape})"
+                f"recording {i} must have {shapes[0][0]} taxels, {shapes[0][1]} channels, "
+                f"{shapes[0][2]} joints and {shapes[0][3]} actions, as the first one (got {shape})"
             )
     units = {r.meta.get("unit") for r in recordings}
     if len(units) > 1:
@@ -108,6 +109,8 @@ class TactileContent:
     r"""The content of a ``meta/tactile.json``."""
 
     path: Path
+    feature: str = TACTILE
+    columns: tuple[int, int] | None = None  # of the readings in the feature, if it has others too
     shape: tuple[int, int] | None = None
     episodes: dict[int, dict[str, Any]] = field(default_factory=dict)
     extra: dict[str, ExtraSignal] = field(default_factory=dict)
@@ -137,6 +140,10 @@ def tactile_content(
     tasks: Sequence[str],
     rows: int,
     extra: Mapping[str, ExtraSignal],
+    *,
+    key: str = TACTILE,
+    first_column: int | None = None,
+    fill: float | None = None,
 ) -> dict[str, Any]:
     r"""Returns the content of a new ``meta/tactile.json``.
 
@@ -147,15 +154,23 @@ def tactile_content(
         tasks (sequence of str): Task of each episode.
         rows (int): Number of frames stored per step, or 0 if only one is stored.
         extra (Mapping): The further signals.
+        key (str): The feature of the readings.
+        first_column (int, optional): The first reading in this feature, if it has other values too.
+        fill (float, optional): The number that stands for missing readings.
     """
     shape = [recordings[0].num_taxels, recordings[0].num_channels]
-    content: dict[str, Any] = {"version": 2, "feature": TACTILE, "shape": shape}
+    content: dict[str, Any] = {"version": 2, "feature": key, "shape": shape}
+    if first_column is not None:
+        content["columns"] = [first_column, first_column + math.prod(shape)]
+    if fill is not None:
+        content["fill"] = fill
     if rows:
-        frames = {"feature": TACTILE_FRAMES, "shape": [rows, *shape]}
+        frames = {"feature": frames_feature(key), "shape": [rows, *shape]}
+        has_nan = "NaN" if fill is None else f"{fill}, at a time of -2 steps"
         content["every_frame"] = {
             **frames,
-            "time": FRAME_TIMES,
-            "missing": "NaN, before the others",
+            "time": frame_times_feature(key),
+            "missing": f"{has_nan}, before the others",
         }
     if extra:
         content["extra"] = {
@@ -214,10 +229,36 @@ def read_tactile_content(root: Path, num_episodes: int, tasks: Sequence[str]) ->
             f"{printable(numbers)[:80]}): {_REMOVE_ADVICE}"
         )
     by_number = dict(zip(numbers, episodes, strict=True))
-    shape = None if version == 1 else _read_shape(path, content)
-    return TactileContent(
-        path, shape, by_number, _read_extra_signals(path, content.get("extra", {}))
+    extra = _read_extra_signals(path, content.get("extra", {}))
+    if version == 1:
+        return TactileContent(path, episodes=by_number, extra=extra)
+    feature, shape = content.get("feature", TACTILE), _read_shape(path, content)
+    need(
+        isinstance(feature, str),
+        f"'{path}' must name in 'feature' the feature of the readings",
+        printable(feature)[:40],
     )
+    return TactileContent(
+        path, feature, _read_columns(path, content, math.prod(shape)), shape, by_number, extra
+    )
+
+
+def _read_columns(path: Path, content: dict[str, Any], size: int) -> tuple[int, int] | None:
+    columns = content.get("columns")
+    if columns is None:
+        return None
+    is_pair = isinstance(columns, list) and len(columns) == 2
+    if not is_pair or not all(type(n) is int and 0 <= n < 2**31 for n in columns):
+        raise ValueError(
+            f"'{path}' must hold in 'columns' the first column of the readings and the one after "
+            f"the last (got {printable(columns)[:40]})"
+        )
+    if columns[1] - columns[0] != size:
+        raise ValueError(
+            f"'{path}' must hold in 'columns' {size} columns, as many as its 'shape' (got "
+            f"{printable(columns)[:40]})"
+        )
+    return (columns[0], columns[1])
 
 
 def _read_extra_signals(path: Path, content: Any) -> dict[str, ExtraSignal]:

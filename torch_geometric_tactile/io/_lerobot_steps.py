@@ -15,10 +15,12 @@ import numpy as np
 from torch_geometric_tactile.data import Recording, measure_rate
 from torch_geometric_tactile.io._csv_frames import signal_names
 
-TACTILE, STATE = "observation.tactile", "observation.state"
+TACTILE, STATE, ACTION = "observation.tactile", "observation.state", "action"
 EXTRA = "observation.extra."  # followed by the name of a further signal
-TACTILE_FRAMES, STATE_FRAMES = f"{TACTILE}_frames", f"{STATE}_frames"
-FRAME_TIMES = f"{TACTILE_FRAMES}_time"
+STATE_FRAMES = f"{STATE}_frames"
+# The time of unused rows of frames with `fill`, in steps: before all frames of a step, which are at
+# most one step old.
+_UNUSED_ROW_STEPS = -2.0
 INDICES = ("frame_index", "episode_index", "index", "task_index")
 # Steps. A step that differs from a frame only by rounding, as of times since 1970, gets that frame.
 _STEP_TOLERANCE = 1e-3
@@ -26,6 +28,45 @@ _logger = logging.getLogger(__name__)
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
 Stats = dict[str, np.ndarray]
+
+
+def frames_feature(key: str) -> str:
+    r"""Returns the feature of all frames since the previous step, for a feature of the readings.
+    Frames have a separate feature if the readings are joined to the state.
+
+    Examples:
+        >>> frames_feature("observation.skin"), frames_feature("observation.state")
+        ('observation.skin_frames', 'observation.tactile_frames')
+    """
+    return f"{TACTILE if key == STATE else key}_frames"
+
+
+def frame_times_feature(key: str) -> str:
+    r"""Returns the feature of the times of these frames."""
+    return f"{frames_feature(key)}_time"
+
+
+def unused_row_time(fps: float) -> float:
+    r"""Returns the time of rows without a frame in data sets without NaN, in seconds."""
+    return _UNUSED_ROW_STEPS / fps
+
+
+def check_key_and_fill(key: Any, fill: Any) -> None:
+    r"""Raises an error for an invalid feature of the readings, or number for missing readings."""
+    if (
+        not isinstance(key, str)
+        or not re.fullmatch(r"observation\.[^/]+", key)
+        or key.startswith(EXTRA)
+        or key.endswith(("_frames", "_frames_time"))
+    ):
+        raise ValueError(
+            "'key' must be 'observation.tactile', 'observation.environment_state', "
+            "'observation.state' or another name after 'observation.', without '/', not after "
+            f"'observation.extra.' and without '_frames' at its end (got {key!r:.80})"
+        )
+    is_number = isinstance(fill, int | float) and not isinstance(fill, bool)
+    if fill is not None and not (is_number and abs(fill) <= np.finfo(np.float32).max):
+        raise ValueError(f"'fill' must be a finite number, or None for NaN (got {fill!r:.80})")
 
 
 def names_to_shape(names: Any) -> tuple[int, int] | None:
@@ -43,6 +84,20 @@ def names_to_shape(names: Any) -> tuple[int, int] | None:
         return None
     shape = (len(names) // num_channels, num_channels)
     return shape if names == [*signal_names(*shape)] else None
+
+
+def value_names_of(names: Any, size: int) -> list[str] | None:
+    r"""Returns the names in the description of a feature of one dimension, or :obj:`None` unless
+    there is one for each value. Earlier versions of LeRobot have them in an object.
+
+    Examples:
+        >>> value_names_of({"motors": ["wrist", "gripper"]}, 2)
+        ['wrist', 'gripper']
+    """
+    if isinstance(names, dict) and len(names) == 1:
+        (names,) = names.values()
+    is_list = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    return [*names] if is_list and len(names) == size else None
 
 
 def value_names(name: str, shape: tuple[int, ...]) -> list[str]:
@@ -133,14 +188,21 @@ def describe_feature(
 
 
 def touch_features(
-    recording: Recording, rows: int, extra: Mapping[str, ExtraSignal]
+    recording: Recording,
+    rows: int,
+    extra: Mapping[str, ExtraSignal],
+    key: str = TACTILE,
+    state_names: Sequence[str] = (),
 ) -> dict[str, Any]:
-    r"""Returns the descriptions of the features of readings and further signals."""
+    r"""Returns the descriptions of the features of readings and further signals. The readings
+    come after the values with :obj:`state_names`.
+    """
     shape = (recording.num_taxels, recording.num_channels)
-    features = {TACTILE: describe_feature(shape[0] * shape[1], [*signal_names(*shape)])}
+    touch_names = [*state_names, *signal_names(*shape)]
+    features = {key: describe_feature(len(touch_names), touch_names)}
     if rows:
-        features[TACTILE_FRAMES] = describe_feature(rows * shape[0] * shape[1])
-        features[FRAME_TIMES] = describe_feature(rows)
+        features[frames_feature(key)] = describe_feature(rows * shape[0] * shape[1])
+        features[frame_times_feature(key)] = describe_feature(rows)
     for name, signal in extra.items():
         size = math.prod(signal.shape)
         names = value_names(name, signal.shape) if len(signal.shape) > 1 else None
@@ -210,6 +272,7 @@ def check_gaps(
     nearest: bool,
     gaps: Literal["nan", "error"],
     max_gap: float | None,
+    fill: float | None = None,
 ) -> None:
     r"""Logs a warning if steps of a recording are in a gap and have no reading, or raises an error
     for :obj:`gaps="error"`.
@@ -227,7 +290,37 @@ def check_gaps(
             f"{message}: cut the recording there with Recording.select, give a larger max_gap, or "
             "gaps='nan' to write NaN there"
         )
-    _logger.warning("%s, where readings are NaN", message)
+    _logger.warning("%s, where readings are %s", message, "NaN" if fill is None else fill)
+
+
+def check_complete(
+    number: int,
+    recording: Recording,
+    steps: np.ndarray,
+    fps: float,
+    nearest: bool,
+    max_gap: float | None,
+    every_frame: bool,
+) -> None:
+    r"""Raises an error if a recording lacks joint angles or actions, which :obj:`fill` does not
+    replace: zero would be an angle or a command that never was.
+    """
+    time = recording.time - recording.time[0]
+    for name, values in (("joint", recording.joint), ("action", recording.action)):
+        if values is None:
+            continue
+        is_nearest = nearest and name == "joint"
+        frames = frames_near_steps(time, steps, fps, is_nearest, max_gap)
+        is_missing = np.isnan(values).any(axis=1)
+        times = steps[(frames < 0) | is_missing[frames]]
+        if every_frame and name == "joint":
+            times = np.append(times, time[is_missing])
+        if len(times):
+            raise ValueError(
+                f"recording {number} must have '{name}' at all steps with 'fill', which replaces "
+                f"readings only (got none {times[0]:.4g} s after its start): cut the recording "
+                "there with Recording.select"
+            )
 
 
 def check_gap_options(gaps: str, max_gap: float | None) -> None:
@@ -253,9 +346,13 @@ def touch_columns(
     *,
     extra: Mapping[str, ExtraSignal],
     max_gap: float | None = None,
+    key: str = TACTILE,
+    fill: float | None = None,
 ) -> dict[str, np.ndarray]:
-    r"""Returns readings, joint angles (if any) and further signals at each of :math:`S` steps, with
-    NaN in gaps.
+    r"""Returns readings, joint angles (if any), actions (if any) and further signals at each of
+    :math:`S` steps, with NaN in gaps.
+
+    The action of a step is the last command at or before it, also with :obj:`nearest`.
 
     Shapes:
         - **steps:** Increasing times of the steps on the clock of the recording :math:`(S,)`.
@@ -263,26 +360,58 @@ def touch_columns(
           the newest frame is in the last row, and unused first rows are NaN.
         - **output:** by feature: readings :math:`(S, N \cdot C)`, angles :math:`(S, J)`, and with
           rows :math:`(S, R, N \cdot C)`, :math:`(S, R, J)` and the times :math:`(S, R)` of the
-          frames in seconds after the step, at most 0
+          frames in seconds after the step, at most 0. With the key :obj:`"observation.state"`,
+          angles and readings are joined :math:`(S, J + N \cdot C)`
     """
     time = recording.time
     frames = frames_near_steps(time, steps, fps, nearest, max_gap)
-    signals = {TACTILE: recording.tactile.reshape(len(time), -1)}
+    signals = {TACTILE if key == STATE else key: recording.tactile.reshape(len(time), -1)}
     if recording.joint is not None:
         signals[STATE] = recording.joint
     for name, signal in extra.items():
         values = recording.extra[name].reshape(len(time), -1)
         signals[EXTRA + name] = values.astype(signal.stored_dtype)
     columns = {name: _take_frames(value, frames) for name, value in signals.items()}
-    if not rows:
-        return columns
+    if key == STATE:
+        joined = [columns.get(STATE, np.zeros((len(steps), 0), np.float32)), columns.pop(TACTILE)]
+        columns[STATE] = np.concatenate(joined, axis=1)
+    if recording.action is not None:
+        last = frames_near_steps(time, steps, fps, False, max_gap)
+        columns[ACTION] = _take_frames(recording.action, last)
+    if rows:
+        columns |= _frame_columns(time, steps, fps, rows, signals, frame_times_feature(key))
+    return columns if fill is None else _fill_missing(columns, fill, fps)
+
+
+def _fill_missing(
+    columns: Mapping[str, np.ndarray], fill: float, fps: float
+) -> dict[str, np.ndarray]:
+    numbers = {
+        name: unused_row_time(fps) if name.endswith("_frames_time") else fill for name in columns
+    }
+    return {
+        name: np.where(np.isnan(values), values.dtype.type(numbers[name]), values)
+        for name, values in columns.items()
+    }
+
+
+def _frame_columns(
+    time: np.ndarray,
+    steps: np.ndarray,
+    fps: float,
+    rows: int,
+    signals: Mapping[str, np.ndarray],
+    times_name: str,
+) -> dict[str, np.ndarray]:
+    # All frames since the previous step, and their times.
     frame_rows = np.full((len(steps), rows), -1)
     for row, indices in zip(frame_rows, frames_since(time, steps, fps), strict=True):
         row[rows - len(indices) :] = indices
-    for name, values in signals.items():
-        columns[f"{name}_frames"] = _take_frames(values, frame_rows)
     times = time[frame_rows] - steps[:, None]
-    return {**columns, FRAME_TIMES: np.where(frame_rows < 0, np.nan, times).astype(np.float32)}
+    return {
+        **{f"{name}_frames": _take_frames(values, frame_rows) for name, values in signals.items()},
+        times_name: np.where(frame_rows < 0, np.nan, times).astype(np.float32),
+    }
 
 
 def _take_frames(values: np.ndarray, frames: np.ndarray) -> np.ndarray:

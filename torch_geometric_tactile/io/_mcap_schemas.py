@@ -6,7 +6,7 @@ package reads one array. :obj:`foxglove.PointCloud` is the
 `schema of Foxglove <https://docs.foxglove.dev/docs/sdk/schemas/point-cloud>`_.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -55,6 +55,7 @@ MESSAGES: dict[str, dict[str, Field]] = {
         ("joint", "float*"),
         ("extra", "tactile.Signal*"),
         ("privileged", "tactile.Signal*"),
+        ("action", "float*"),
     ),
     PREDICTION: _fields(
         ("time", "double"),
@@ -110,17 +111,27 @@ _NUMERIC_TYPE = (
 FLOAT32 = _NUMERIC_TYPE.index("FLOAT32")
 
 
-def message_schema(message: str) -> bytes:
+def frame_schema(has_actions: bool) -> bytes:
+    r"""Returns the schema of frames in a file. Without actions, it is that of earlier versions."""
+    return message_schema(FRAME, () if has_actions else ("action",))
+
+
+def message_schema(message: str, without: Collection[str] = ()) -> bytes:
     r"""Returns the schema of a message and of its parts as a serialized :obj:`FileDescriptorSet`
-    of protobuf.
+    of protobuf, without some fields of the message.
     """
     pb = _import_descriptors()
     descriptors = pb.FileDescriptorSet()
     for name in _required_messages(message):
         package, _, message_name = name.rpartition(".")
         file = descriptors.file.add(name=_proto_file(name), package=package, syntax="proto3")
-        _add_fields(pb, file.message_type.add(name=message_name), MESSAGES[name])
-        kinds = {field.kind for field in MESSAGES[name].values()}
+        fields = {
+            key: field
+            for key, field in MESSAGES[name].items()
+            if name != message or key not in without
+        }
+        _add_fields(pb, file.message_type.add(name=message_name), fields)
+        kinds = {field.kind for field in fields.values()}
         file.dependency.extend(_proto_file(kind) for kind in sorted(kinds) if kind in MESSAGES)
     return bytes(descriptors.SerializeToString(deterministic=True))
 
@@ -129,7 +140,7 @@ def schema_problem(data: bytes) -> str:
     r"""Returns the first conflict of the schema in a file with the schema of frames in this
     package, or an empty text.
     """
-    if data == message_schema(FRAME):
+    if data in (frame_schema(False), frame_schema(True)):
         return ""
     pb = _import_descriptors()
     file_schema = pb.FileDescriptorSet()

@@ -108,7 +108,7 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
 
 
 def _find_problem(shapes: dict[str, tuple[int, ...]]) -> str:
-    valid_names = {*_TEXTS, "time", "tactile", "joint"}
+    valid_names = {*_TEXTS, "time", "tactile", "joint", "action"}
     num_frames = shapes.get("time", ())[:1]
     for name, shape in shapes.items():
         if name not in valid_names and not name.startswith(GROUPS):

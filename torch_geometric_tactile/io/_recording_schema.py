@@ -6,6 +6,7 @@ r"""Names, versions and checks of recordings in HDF5 and npz files.
 ``time``               seconds, float64 :math:`(T,)`
 ``tactile``            readings, float32 :math:`(T, N, C)`, NaN if missing
 ``joint``              radians, float32 :math:`(T, J)`; absent without joint angles
+``action``             commands, float32 :math:`(T, A)`; absent without commands
 ``privileged/<name>``  signals known only in simulation, :math:`(T, ...)`
 ``extra/<name>``       further signals, :math:`(T, ...)`
 ``label``              JSON text: a text, an integer or null
@@ -50,6 +51,8 @@ def recording_to_arrays(recording: Recording) -> dict[str, np.ndarray]:
     arrays = {"time": recording.time, "tactile": recording.tactile}
     if recording.joint is not None:
         arrays["joint"] = recording.joint
+    if recording.action is not None:
+        arrays["action"] = recording.action
     arrays |= {PRIVILEGED + name: value for name, value in recording.privileged.items()}
     return arrays | {EXTRA + name: value for name, value in recording.extra.items()}
 
@@ -86,7 +89,7 @@ def recording_from_fields(
     for name in ("time", "tactile"):
         if name not in arrays:
             raise missing_field(path, name)
-    for name in ("time", "tactile", "joint"):
+    for name in ("time", "tactile", "joint", "action"):
         if name in arrays and arrays[name].dtype.kind == "b":
             raise ValueError(f"'{path}' must hold numbers in '{name}' (got truth values)")
     values = {}
@@ -107,6 +110,7 @@ def recording_from_fields(
             privileged=_arrays_of_group(arrays, PRIVILEGED),
             extra=_arrays_of_group(arrays, EXTRA),
             annotations=values["annotations"],
+            action=arrays.get("action"),
         )
     except ValueError as error:
         raise ValueError(

@@ -39,6 +39,7 @@ _HAND_SIZES = {"num_taxels": 384, "num_channels": 3, "num_joints": 16}
 _HAND_COLUMNS = 384 * 3 + 16
 _TAXEL_NAME = re.compile(r"taxel_([0-9]{1,9})_([xyz]|[0-9]{1,9})(?:_([a-z]+))?")
 _JOINT_NAME = re.compile(r"joint_([0-9]{1,9})(?:_(rad|deg))?")
+_ACTION_NAME = re.compile(r"action_([0-9]{1,9})")
 # For each unit of a column, the unit in the metadata and the number of column units per unit.
 _UNITS = {
     "n": ("newton", 1.0),
@@ -84,8 +85,12 @@ def write_wide_csv(recording: Recording, path: PathLike) -> None:
     signals = [recording.tactile.reshape(recording.num_frames, -1)]
     if recording.joint is not None:
         signals.append(recording.joint)
+    if recording.action is not None:
+        signals.append(recording.action)
     table = np.concatenate(signals, axis=1)
-    names = signal_names(recording.num_taxels, recording.num_channels, recording.num_joints)
+    names = signal_names(
+        recording.num_taxels, recording.num_channels, recording.num_joints, recording.num_actions
+    )
     # Nine digits distinguish any two float32 numbers.
     row_format = ",".join(["%.9g"] * table.shape[1])
     with (
@@ -110,7 +115,8 @@ def read_wide_csv(
     r"""Reads a recording from a CSV file with one frame per row.
 
     The names in the first line are those of :meth:`write_wide_csv`, in any order: :obj:`time`,
-    :obj:`taxel_0_x`, :obj:`taxel_0_y`, ..., :obj:`joint_0`, ... A name may end in a unit:
+    :obj:`taxel_0_x`, :obj:`taxel_0_y`, ..., :obj:`joint_0`, ..., :obj:`action_0`, ... A name of a
+    time, a joint or a reading may end in a unit:
     :obj:`time_ms`, :obj:`time_us`, :obj:`time_ns`, :obj:`time_min`, :obj:`time_h`, :obj:`time_d`,
     :obj:`joint_0_deg`, :obj:`taxel_0_x_n` (newtons), :obj:`taxel_0_x_mn` (millinewtons) and
     :obj:`taxel_0_x_count`. The unit of the readings is the :obj:`unit` in the metadata. Empty cells
@@ -215,7 +221,10 @@ def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | Non
     joints = {
         i: match for i, key in enumerate(lower_names) if (match := _JOINT_NAME.fullmatch(key))
     }
-    matched = {*times, *taxels, *joints}
+    actions = {
+        i: match for i, key in enumerate(lower_names) if (match := _ACTION_NAME.fullmatch(key))
+    }
+    matched = {*times, *taxels, *joints, *actions}
     unknown = [name for i, name in enumerate(names) if i not in matched]
     units = {match[3] for match in taxels.values()}
     if unknown or not taxels or not units <= {None, *_UNITS}:
@@ -234,9 +243,9 @@ def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | Non
             f"{', '.join(names[i] for i in times)})"
         )
     keys = {i: f"taxel_{int(m[1])}_{m[2]}" for i, m in taxels.items()}
-    column_of_name = map_columns(
-        path, names, keys | {i: f"joint_{int(m[1])}" for i, m in joints.items()}
-    )
+    keys |= {i: f"joint_{int(m[1])}" for i, m in joints.items()}
+    keys |= {i: f"action_{int(m[1])}" for i, m in actions.items()}
+    column_of_name = map_columns(path, names, keys)
     axes_in_header = {match[2] for match in taxels.values()}
     axes = channel_names(len(axes_in_header))
     if axes_in_header != set(axes):
@@ -245,20 +254,19 @@ def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | Non
             f"channels (got {', '.join(sorted(axes_in_header)[:6])})"
         )
     header_sizes = (len({int(match[1]) for match in taxels.values()}), len(axes), len(joints))
+    all_sizes = (*header_sizes, len(actions))
     # A generator: with wrong numbers in the header, a list would take too much memory.
-    missing = next(
-        (name for name in signal_names(*header_sizes) if name not in column_of_name), None
-    )
+    missing = next((name for name in signal_names(*all_sizes) if name not in column_of_name), None)
     if missing is not None:
         raise ValueError(
-            f"'{path}', line 1 must have the column '{missing}': taxels and joints count from 0, "
-            "without gaps, and each taxel has all axes"
+            f"'{path}', line 1 must have the column '{missing}': taxels, joints and actions count "
+            "from 0, without gaps, and each taxel has all axes"
         )
     for (name, size), header_size in zip(sizes.items(), header_sizes, strict=True):
         if size not in (None, header_size):
             raise ValueError(f"'{name}' must be {header_size}, as in '{path}' (got {size})")
-    columns = [column_of_name[name] for name in signal_names(*header_sizes)]
-    joint = columns[len(taxels) :]
+    columns = [column_of_name[name] for name in signal_names(*all_sizes)]
+    joint = columns[len(taxels) : len(taxels) + len(joints)]
     unit, per_unit = _UNITS.get(units.pop(), (None, 1.0))
     return FrameColumns(
         names=names,
@@ -270,16 +278,17 @@ def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | Non
         time_unit=(name_to_time_unit(lower_names[times[0]]) if times else None) or "s",
         unit=unit,
         per_unit=per_unit,
+        action=columns[len(taxels) + len(joints) :],
     )
 
 
 def _column_name_error(path: Path, name: str) -> ValueError:
     return ValueError(
         f"'{path}', line 1 must name the columns 'time', 'taxel_0_x', 'taxel_0_y', 'taxel_0_z', "
-        "'taxel_1_x', ..., 'joint_0', ... in any order, with units 'time_ms', 'time_us', "
-        "'time_ns', 'joint_0_deg', 'taxel_0_x_n', 'taxel_0_x_mn' or 'taxel_0_x_count' if they are "
-        f"not s, rad and raw readings (got {quoted(name)}): rename the columns, or name their "
-        "roles with read_named_csv(path, tactile=..., num_channels=..., joint=..., "
+        "'taxel_1_x', ..., 'joint_0', ..., 'action_0', ... in any order, with units 'time_ms', "
+        "'time_us', 'time_ns', 'joint_0_deg', 'taxel_0_x_n', 'taxel_0_x_mn' or 'taxel_0_x_count' "
+        f"if they are not s, rad and raw readings (got {quoted(name)}): rename the columns, or "
+        "name their roles with read_named_csv(path, tactile=..., num_channels=..., joint=..., "
         "time=...) or the same options of tactile convert"
     )
 

@@ -167,8 +167,8 @@ def write_xela_messages(
     or absent.
 
     Sensors, models, handedness and version are taken from the metadata of
-    :meth:`read_xela_messages`. Joints, label, other metadata, further and privileged signals are
-    not stored, and a warning lists them.
+    :meth:`read_xela_messages`. Joints, actions, label, other metadata, further and privileged
+    signals are not stored, and a warning lists them.
 
     Args:
         recording (Recording): Readings in counts, with three channels.
@@ -219,6 +219,7 @@ def write_xela_messages(
     ]
     unsupported += [] if recording.label is None else ["label"]
     unsupported += [] if recording.joint is None else ["joint"]
+    unsupported += [] if recording.action is None else ["action"]
     unsupported += ["annotations"] if recording.annotations else []
     if unsupported:
         _log.warning(

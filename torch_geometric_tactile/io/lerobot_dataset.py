@@ -13,7 +13,7 @@ written with pyarrow alone.
 
 :obj:`observation.tactile` is float32 :math:`(N \cdot C,)` with NaN for missing readings, and
 :obj:`observation.state` the joint angles in radians. Further signals are
-:obj:`observation.extra.NAME`.
+:obj:`observation.extra.NAME`, and commands :obj:`action`.
 """
 
 import json
@@ -35,13 +35,17 @@ from torch_geometric_tactile.io._lerobot_content import (
     write_json,
 )
 from torch_geometric_tactile.io._lerobot_steps import (
+    ACTION,
     INDICES,
     STATE,
     STATE_FRAMES,
+    TACTILE,
     ExtraSignal,
     Stats,
+    check_complete,
     check_gap_options,
     check_gaps,
+    check_key_and_fill,
     describe_feature,
     extra_signals,
     feature_stats,
@@ -77,6 +81,8 @@ def write_lerobot(
     every_frame: bool = False,
     gaps: Literal["nan", "error"] = "nan",
     max_gap: float | None = None,
+    key: str = TACTILE,
+    fill: float | None = None,
 ) -> None:
     r"""Writes recordings as the episodes of a LeRobot data set.
 
@@ -88,9 +94,12 @@ def write_lerobot(
     shape in all recordings. Other signals, such as privileged ones, are left out, and a warning
     names them.
 
+    Actions become the feature :obj:`action`: that of a step is the last command at or before it, as
+    LeRobot records it.
+
     Args:
-        recordings (sequence of Recording): The recordings, all with the same taxels, channels and
-            joints.
+        recordings (sequence of Recording): The recordings, all with the same taxels, channels,
+            joints and actions. The names of joints and actions are those of the first one.
         root (str or PathLike): The folder, which must be new or empty.
         fps (int): Steps per second.
         robot_type (str, optional): Name of the robot.
@@ -100,19 +109,30 @@ def write_lerobot(
             features :obj:`observation.tactile_frames` (and :obj:`observation.state_frames`)
             :math:`(R \cdot N \cdot C,)` and :obj:`observation.tactile_frames_time` :math:`(R,)`,
             in seconds after the step. The newest frame is in the last of :math:`R` rows, and unused
-            rows are NaN. :func:`read_lerobot` returns the frames with their times.
+            rows are NaN. :func:`read_lerobot` returns the frames with their times. With another
+            :obj:`key`, the names begin with it.
         gaps (str): Whether steps in a gap are NaN (:obj:`"nan"`) or an error (:obj:`"error"`).
         max_gap (float, optional): The longest time in seconds that is not a gap: a step is in a gap
             if its frame is farther away than this, and farther than one step. Defaults to five
             times the median distance of frames in the recording.
+        key (str): The feature of the readings, which decides the policies that read them:
+            :obj:`"observation.environment_state"`, :obj:`"observation.state"` or another name that
+            begins with :obj:`"observation."`. The feature :obj:`"observation.state"` has the joint
+            angles first and the readings after them; the frames of :obj:`every_frame` stay in
+            :obj:`observation.tactile_frames`.
+        fill (float, optional): The number that replaces missing readings and further signals, since
+            the loss of a policy is NaN if one of its inputs is. Statistics include it. Unused rows
+            of :obj:`every_frame` have it too, and the time :obj:`-2 / fps`. Joint angles and
+            actions are not replaced.
 
     Raises:
         FileExistsError: If the folder is not empty.
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If the disk is full.
         ValueError: If there is no recording, a recording has no frames or another shape, :obj:`fps`
-            is not a positive integer, :obj:`nearest` and :obj:`every_frame` are both given, or
-            there is a gap and :obj:`gaps` is :obj:`"error"`.
+            is not a positive integer, :obj:`nearest` and :obj:`every_frame` are both given, there
+            is a gap and :obj:`gaps` is :obj:`"error"`, :obj:`key` or :obj:`fill` are invalid, or a
+            joint angle or an action is missing and :obj:`fill` is given.
 
     Examples:
         >>> import tempfile
@@ -130,12 +150,15 @@ def write_lerobot(
     if nearest and every_frame:
         raise ValueError("'nearest' must be False with 'every_frame', which has only past frames")
     check_gap_options(gaps, max_gap)
+    check_key_and_fill(key, fill)
     recordings = list(recordings)
     check_alike(recordings)
     for number, recording in enumerate(recordings):
         time = recording.time - recording.time[0]
         steps = regular_steps(time, fps, cover_last=every_frame)
-        check_gaps(number, time, steps, fps, nearest, gaps, max_gap)
+        check_gaps(number, time, steps, fps, nearest, gaps, max_gap, fill)
+        if fill is not None:
+            check_complete(number, recording, steps, fps, nearest, max_gap, every_frame)
     root = Path(root)
     check_new_folder(root)
     extra = extra_signals(recordings)
@@ -143,12 +166,12 @@ def write_lerobot(
     task_names = [label_to_task(r.label) if task is None else task for r in recordings]
     tasks = list(dict.fromkeys(task_names))
     rows = max(map(len, _frames_of_all_steps(recordings, fps))) if every_frame else 0
-    features = _features(recordings[0], rows, extra)
+    features = _features(recordings[0], rows, extra, key)
     num_steps = 0
     episodes: list[dict[str, Any]] = []
     stats: list[dict[str, Stats]] = []
     for file_indices, batch in _group_by_file(
-        recordings, _Sampling(fps, nearest, rows, max_gap, extra)
+        recordings, _Sampling(fps, nearest, rows, max_gap, extra, key, fill)
     ):
         tables = []
         for index, columns in batch:
@@ -173,7 +196,17 @@ def write_lerobot(
     write_json(root / "meta/stats.json", stats_to_lists(pool_stats(stats)), allow_nan=False)
     lengths = [episode["length"] for episode in episodes]
     starts = [float(recording.time[0]) for recording in recordings]
-    content = tactile_content(recordings, starts, lengths, task_names, rows, extra)
+    content = tactile_content(
+        recordings,
+        starts,
+        lengths,
+        task_names,
+        rows,
+        extra,
+        key=key,
+        first_column=recordings[0].num_joints if key == STATE else None,
+        fill=fill,
+    )
     info = {
         "codebase_version": _CODEBASE_VERSION,
         "robot_type": robot_type,
@@ -200,6 +233,8 @@ class _Sampling:
     rows: int
     max_gap: float | None
     extra: Mapping[str, ExtraSignal]
+    key: str
+    fill: float | None
 
     def columns(self, recording: Recording) -> dict[str, np.ndarray]:
         time = recording.time - recording.time[0]
@@ -212,6 +247,8 @@ class _Sampling:
             self.nearest,
             extra=self.extra,
             max_gap=self.max_gap,
+            key=self.key,
+            fill=self.fill,
         )
         return {
             **columns,
@@ -220,18 +257,28 @@ class _Sampling:
         }
 
 
-def _features(recording: Recording, rows: int, extra: Mapping[str, ExtraSignal]) -> dict[str, Any]:
-    features = touch_features(recording, rows, extra)
+def _features(
+    recording: Recording, rows: int, extra: Mapping[str, ExtraSignal], key: str
+) -> dict[str, Any]:
+    joint_names = _column_names(recording, "joint", recording.num_joints)
+    features = touch_features(recording, rows, extra, key, joint_names if key == STATE else ())
     if recording.joint is not None:
-        names = recording.meta.get("joint_names")
-        has_names = isinstance(names, list) and len(names) == recording.num_joints
-        default_names = [f"joint_{i}" for i in range(recording.num_joints)]
-        joint_names = [str(name) for name in names or ()] if has_names else default_names
-        features[STATE] = describe_feature(recording.num_joints, joint_names)
+        if key != STATE:
+            features[STATE] = describe_feature(recording.num_joints, joint_names)
         if rows:
             features[STATE_FRAMES] = describe_feature(rows * recording.num_joints)
+    if recording.action is not None:
+        names = _column_names(recording, "action", recording.num_actions)
+        features[ACTION] = describe_feature(recording.num_actions, names)
     features["timestamp"] = describe_feature(1)
     return features | {name: describe_feature(1, dtype="int64") for name in INDICES}
+
+
+def _column_names(recording: Recording, kind: str, size: int) -> list[str]:
+    names = recording.meta.get(f"{kind}_names")
+    if isinstance(names, list) and len(names) == size:
+        return [str(name) for name in names]
+    return [f"{kind}_{i}" for i in range(size)]
 
 
 def _frames_of_all_steps(recordings: Sequence[Recording], fps: int) -> Iterator[np.ndarray]:

@@ -1,6 +1,8 @@
 r"""Reader of the episodes of a LeRobot data set."""
 
+import logging
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,11 +27,15 @@ from torch_geometric_tactile.io._lerobot_content import (
     step_times,
 )
 from torch_geometric_tactile.io._lerobot_steps import (
+    ACTION,
     EXTRA,
     STATE,
     TACTILE,
     ExtraSignal,
     names_to_shape,
+    steps_to_frames,
+    unused_row_time,
+    value_names_of,
     value_names_to_shape,
 )
 from torch_geometric_tactile.io._lerobot_tables import read_numbers, require_pyarrow
@@ -39,30 +45,35 @@ _MAX_CHANNELS = 6
 _TAXELS_FIRST, _CHANNELS_FIRST = ("taxels", "channels"), ("channels", "taxels")
 _AXIS_OF_NAME = {"taxel": "taxels", "taxels": "taxels", "axis": "channels", "axes": "channels"}
 _AXIS_OF_NAME |= {"channel": "channels", "channels": "channels"}
+_logger = logging.getLogger(__name__)
 _INDICES = ("frame_index", "episode_index", "task_index")
 
 
 def read_lerobot(
     root: PathLike,
     *,
-    tactile: str = TACTILE,
+    tactile: str | None = None,
     state: str = STATE,
     num_channels: int | None = None,
     every_frame: bool = False,
     allow_large: bool = False,
+    action: str = ACTION,
 ) -> list[Recording]:
     r"""Reads the episodes of a LeRobot data set of any source.
 
     The time is that of the data set, from 0, and the label is the task. Data sets of
-    :func:`write_lerobot` also have labels, metadata, annotations and further signals. Other
-    features are left out.
+    :func:`write_lerobot` also have labels, metadata, annotations and further signals. Numbers that
+    :obj:`fill` wrote for missing readings are returned as readings. Other features are left out.
 
     Args:
         root (str or PathLike): The folder.
-        tactile (str): The feature of the readings, float :math:`(N \cdot C,)` with the names
-            :obj:`taxel_0_x`, ..., :math:`(N, C)`, or :math:`(N,)`. A feature of two dimensions is a
-            grid of taxels with one channel, row by row, if the last dimension is above 6.
-        state (str): The feature of the joint angles in radians. It may be missing.
+        tactile (str, optional): The feature of the readings, float :math:`(N \cdot C,)` with the
+            names :obj:`taxel_0_x`, ..., :math:`(N, C)`, or :math:`(N,)`. A feature of two
+            dimensions is a grid of taxels with one channel, row by row, if the last dimension is
+            above 6. Defaults to that of :obj:`meta/tactile.json`, or :obj:`observation.tactile`.
+        state (str): The feature of the joint angles in radians. It may be missing. If it is also
+            the feature of the readings, these are the columns that :obj:`meta/tactile.json`
+            declares, or those with the names of taxels at its end.
         num_channels (int, optional): Number of channels of a taxel :math:`C`, if neither
             :obj:`meta/tactile.json` nor the names give it. The values of a step are then the
             channels of the first taxel, of the second taxel, and so on.
@@ -70,6 +81,8 @@ def read_lerobot(
             a data set that was written with :obj:`every_frame`.
         allow_large (bool): Whether to read files whose tables take more than 1 GiB and more than
             200 times the size of the file.
+        action (str): The feature of the actions :math:`(A,)`. It may be missing. With
+            :obj:`every_frame`, a frame has the action of the last step at or before it.
 
     Raises:
         FileNotFoundError: If there is no such data set.
@@ -99,13 +112,27 @@ def read_lerobot(
     features = info["features"]
     if num_channels is not None and num_channels < 1:
         raise ValueError(f"'num_channels' must be at least 1 (got {num_channels})")
-    shape = _taxel_shape(root, features, tactile, content.shape, num_channels)
-    sizes = _feature_sizes(root, features, tactile, 2)
-    is_swapped = len(sizes) == 2 and _axis_order(root, features, tactile) == _CHANNELS_FIRST
-    columns = {tactile: _Column(sizes, shape, is_swapped=is_swapped)}
-    if state in features:
+    tactile = content.feature if tactile is None else tactile
+    stated_shape = content.shape if tactile == content.feature else None
+    touch = _touch_in_state(root, features, state, content) if tactile == state else None
+    if touch is not None:
+        described = {"shape": [touch.stop - touch.start], "names": None}
+        described["names"] = _value_names(root, features, state)[touch]
+        shape = _taxel_shape(root, {state: described}, state, stated_shape, num_channels)
         sizes = _feature_sizes(root, features, state, 1)
-        columns[state] = _Column(sizes, sizes)
+        columns = {state: _Column(sizes, sizes)}
+        if every_frame:  # frames of the readings and of the joint angles are separate features
+            tactile = TACTILE
+            num_joints = sizes[0] - math.prod(shape)
+            columns = {tactile: _Column((1,), shape), state: _Column((1,), (num_joints,))}
+    else:
+        shape = _taxel_shape(root, features, tactile, stated_shape, num_channels)
+        sizes = _feature_sizes(root, features, tactile, 2)
+        is_swapped = len(sizes) == 2 and _axis_order(root, features, tactile) == _CHANNELS_FIRST
+        columns = {tactile: _Column(sizes, shape, is_swapped=is_swapped)}
+        if state in features:
+            sizes = _feature_sizes(root, features, state, 1)
+            columns[state] = _Column(sizes, sizes)
     extra = _extra_columns(root, features, content.extra, {tactile, state})
     columns |= extra
     if every_frame:
@@ -119,7 +146,22 @@ def read_lerobot(
                     (size,), (rows, *column.shape), column.dtype
                 )
         columns = frame_columns
-    dataset = _Dataset(columns, tactile, state, extra, info["fps"], tasks, content)
+    action_column, action_names = _action_column(root, features, action)
+    if action_column is not None:
+        columns[action] = action_column
+    dataset = _Dataset(
+        columns,
+        tactile,
+        state,
+        extra,
+        info["fps"],
+        tasks,
+        content,
+        action=action,
+        action_names=action_names,
+        touch=None if every_frame else touch,
+        shape=shape,
+    )
     episodes = [episode for path in paths for episode in dataset.recordings(path, allow_large)]
     return sort_episodes(root, info, episodes)
 
@@ -150,6 +192,10 @@ class _Dataset:
     fps: float
     tasks: dict[int, str]
     content: TactileContent
+    action: str
+    action_names: list[str] | None
+    touch: slice | None  # the readings in the feature of the state, if they are joined to it
+    shape: tuple[int, ...]
 
     def recordings(self, path: Path, allow_large: bool) -> Iterator[tuple[int, Recording]]:
         sizes = {name: math.prod(column.stored) for name, column in self.columns.items()}
@@ -163,20 +209,30 @@ class _Dataset:
         episode = self.content.episode(number, len(rows), self._find_task(path, rows))
         values = {name: column.values(path, rows, name) for name, column in self.columns.items()}
         meta = {**episode["meta"], "rate": self.fps}
+        action = values.pop(self.action, None)
         if self.tactile not in values:  # all frames since the previous step, with their times
             frame_times = values[f"{self.tactile}_frames_time"]
-            is_stored = ~np.isnan(frame_times)
-            time = (time[:, None] + frame_times)[is_stored]
+            is_stored = frame_times > 0.75 * unused_row_time(self.fps)  # false for NaN
+            steps, time = time, (time[:, None] + frame_times)[is_stored]
             values = {
                 name.removesuffix("_frames"): value[is_stored] for name, value in values.items()
             }
-            meta = episode["meta"]
-        tactile = values[self.tactile]
+            meta = dict(episode["meta"])
+            if action is not None:
+                last = steps_to_frames(steps, time, self.fps)
+                action = np.where(last[:, None] < 0, np.float32(np.nan), action[last])
+        if self.action_names is not None:
+            meta.setdefault("action_names", self.action_names)
+        tactile, joint = values[self.tactile], values.get(self.state)
+        if self.touch is not None:
+            joint = np.delete(tactile, self.touch, axis=1)
+            joint = joint if joint.shape[1] else None
+            tactile = tactile[:, self.touch].reshape(len(tactile), *self.shape)
         try:
             return Recording(
                 time=time,
                 tactile=tactile if tactile.ndim == 3 else tactile[:, :, None],
-                joint=values.get(self.state),
+                joint=joint,
                 label=episode.get("label"),
                 meta=meta,
                 extra={
@@ -185,6 +241,7 @@ class _Dataset:
                     if name in values
                 },
                 annotations=episode.get("annotations", ()),
+                action=action,
             )
         except ValueError as error:
             raise ValueError(f"'{path}' does not hold a consistent recording: {error}") from error
@@ -203,7 +260,7 @@ def _taxel_shape(
     num_channels: int | None,
 ) -> tuple[int, ...]:
     sizes = _feature_sizes(root, features, tactile, 2)
-    if tactile != TACTILE or len(sizes) == 2:
+    if len(sizes) == 2:
         stated_shape = None
     if stated_shape is not None and math.prod(stated_shape) != sizes[0]:
         raise ValueError(
@@ -233,6 +290,55 @@ def _taxel_shape(
             f"{list(shape or sizes)} (got {num_channels})"
         )
     return (total // num_channels, num_channels)
+
+
+def _touch_in_state(
+    root: Path, features: dict[str, Any], state: str, content: TactileContent
+) -> slice | None:
+    # The readings in the feature of the state, from tactile.json or from the names of taxels.
+    if state not in features:
+        return None
+    (size,) = _feature_sizes(root, features, state, 1)
+    if content.feature == state and content.columns is not None:
+        first, end = content.columns
+        if end > size:
+            raise ValueError(
+                f"'{state}' of '{root}' must have {end} values, as declared in its tactile.json "
+                f"(got {size})"
+            )
+        return slice(first, end)
+    names = _value_names(root, features, state)
+    first = next((i for i, name in enumerate(names) if name.startswith("taxel_0_")), size)
+    return slice(first, size) if names_to_shape(names[first:]) is not None else None
+
+
+def _value_names(root: Path, features: dict[str, Any], name: str) -> list[str]:
+    (size,) = _feature_sizes(root, features, name, 1)
+    return value_names_of(features[name].get("names"), size) or []
+
+
+def _action_column(
+    root: Path, features: dict[str, Any], action: str
+) -> tuple[_Column | None, list[str] | None]:
+    # The column of the actions, and their names unless they are only numbered.
+    feature = features.get(action)
+    if not isinstance(feature, dict):
+        return None, None
+    shape, dtype = feature.get("shape"), feature.get("dtype")
+    is_flat = isinstance(shape, list) and len(shape) == 1
+    if not is_flat or not re.fullmatch(r"float(32|64)|u?int(8|16|32|64)", str(dtype)):
+        _logger.warning(
+            "'%s': left out '%s', which is not a list of numbers (%s %s)",
+            root,
+            printable(action),
+            printable(dtype)[:40],
+            printable(shape)[:40],
+        )
+        return None, None
+    sizes = _feature_sizes(root, features, action, 1)
+    names = value_names_of(feature.get("names"), sizes[0])
+    is_numbered = names == [f"{ACTION}_{i}" for i in range(len(names or ()))]
+    return _Column(sizes, sizes), None if is_numbered else names
 
 
 def _axis_order(root: Path, features: dict[str, Any], tactile: str) -> tuple[str, str] | None:

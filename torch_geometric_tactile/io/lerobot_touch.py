@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._lerobot_content import (
@@ -21,6 +22,7 @@ from torch_geometric_tactile.io._lerobot_content import (
     read_info,
     read_object,
     read_tasks,
+    row_values,
     sort_episodes,
     split_episodes,
     step_times,
@@ -29,9 +31,12 @@ from torch_geometric_tactile.io._lerobot_content import (
     write_json,
 )
 from torch_geometric_tactile.io._lerobot_steps import (
+    STATE,
+    TACTILE,
     Stats,
     check_gap_options,
     check_gaps,
+    check_key_and_fill,
     extra_signals,
     feature_stats,
     frames_since,
@@ -39,6 +44,7 @@ from torch_geometric_tactile.io._lerobot_steps import (
     stats_to_lists,
     touch_columns,
     touch_features,
+    value_names_of,
     warn_of_unsupported_signals,
 )
 from torch_geometric_tactile.io._lerobot_tables import (
@@ -61,12 +67,15 @@ def add_to_lerobot(
     gaps: Literal["nan", "error"] = "nan",
     max_gap: float | None = None,
     allow_large: bool = False,
+    key: str = TACTILE,
+    fill: float | None = None,
 ) -> None:
     r"""Writes a copy of a LeRobot data set with touch that was recorded at the same time.
 
-    Each step has the last frame up to it, or NaN in a gap. Joint angles of the recordings are left
-    out. Annotations and further signals are written as by :func:`write_lerobot`. The data set
-    itself is not changed, and the copy appears under its name only when it is complete.
+    Each step has the last frame up to it, or NaN in a gap. Joint angles and actions of the
+    recordings are left out, since the data set has those of its robot. Annotations and further
+    signals are written as by :func:`write_lerobot`. The data set itself is not changed, and the
+    copy appears under its name only when it is complete.
 
     Args:
         source (str or PathLike): The folder of the data set.
@@ -82,6 +91,11 @@ def add_to_lerobot(
         max_gap (float, optional): The longest time in seconds that is not a gap, as in
             :func:`write_lerobot`.
         allow_large (bool): Whether to read large tables, as in :func:`read_lerobot`.
+        key (str): The feature of the readings, as in :func:`write_lerobot`. With
+            :obj:`"observation.state"`, the readings come after the values of the data set, whose
+            names stay and whose statistics are computed again.
+        fill (float, optional): The number that replaces missing readings and further signals, as in
+            :func:`write_lerobot`. The features of the data set stay as they are.
 
     Raises:
         FileExistsError: If the folder of the copy is not empty.
@@ -90,7 +104,9 @@ def add_to_lerobot(
         OSError: If the disk is full, or a file cannot be read.
         ValueError: If the data set cannot be read, has links out of its folder or already has
             touch, if there is not one recording for each episode, or if a recording does not cover
-            its episode, or has a gap and :obj:`gaps` is :obj:`"error"`.
+            its episode, or has a gap and :obj:`gaps` is :obj:`"error"`, if :obj:`key` or
+            :obj:`fill` are invalid, or if the data set has no :obj:`observation.state` of one
+            dimension to which readings are to be joined.
 
     Examples:
         >>> from torch_geometric_tactile.io import add_to_lerobot, read_recording
@@ -99,6 +115,7 @@ def add_to_lerobot(
     """
     require_pyarrow()
     check_gap_options(gaps, max_gap)
+    check_key_and_fill(key, fill)
     source, root = Path(source), Path(root)
     info = read_info(source)
     recordings = list(recordings)
@@ -115,7 +132,7 @@ def add_to_lerobot(
         )
     start_times = [r.time[0] for r in recordings] if starts is None else starts
     shifted = [
-        replace(r, time=r.time - start, joint=None)
+        replace(r, time=r.time - start, joint=None, action=None)
         for r, start in zip(recordings, start_times, strict=True)
     ]
     check_new_folder(root)
@@ -126,39 +143,61 @@ def add_to_lerobot(
         if every_frame:
             step_frames = frames_since(recording.time, episode.steps, info["fps"])
             rows = max(rows, 1, *map(len, step_frames))
-        check_gaps(number, recording.time, episode.steps, info["fps"], False, gaps, max_gap)
+        check_gaps(number, recording.time, episode.steps, info["fps"], False, gaps, max_gap, fill)
     extra = extra_signals(recordings)
     warn_of_unsupported_signals(root, recordings, extra)
-    features = touch_features(shifted[0], rows, extra)
+    state_names = _state_names(source, info) if key == STATE else []
+    features = touch_features(shifted[0], rows, extra, key, state_names)
     # Checked before the copy, which may take long.
-    existing_feature = next((name for name in features if name in info["features"]), None)
+    existing_feature = next((n for n in features if n in info["features"] and n != STATE), None)
     need(
         existing_feature is None,
         f"'{source}' must not have the feature '{existing_feature}' already",
     )
+    if key == STATE:  # with the further keys of its description
+        features[STATE] = {**info["features"][STATE], **features[STATE]}
     with _copied_folder(source, root) as copy:
         stats: dict[int, dict[str, Stats]] = {}
         for path in data_files(copy, info):
             table = read_parquet(path, allow_large)
             parts = []
-            for number, _ in split_episodes(path, table):
+            for number, episode_rows in split_episodes(path, table):
                 steps = episodes[number].steps
                 columns = touch_columns(
-                    shifted[number], steps, info["fps"], rows, extra=extra, max_gap=max_gap
+                    shifted[number],
+                    steps,
+                    info["fps"],
+                    rows,
+                    extra=extra,
+                    max_gap=max_gap,
+                    key=key,
+                    fill=fill,
                 )
+                if key == STATE:
+                    state = row_values(path, episode_rows, STATE, (len(state_names),))
+                    columns[STATE] = np.concatenate([state, columns[STATE]], axis=1)
                 parts.append(columns)
                 stats[number] = {name: feature_stats(parts[-1][name]) for name in features}
             for name in features:
-                table = table.append_column(
-                    name, arrow_column(np.concatenate([p[name] for p in parts]))
-                )
+                values = arrow_column(np.concatenate([p[name] for p in parts]))
+                table = _set_column(table, name, values)
             metadata = table.schema.metadata or {}
             if b"huggingface" in metadata:
                 table = table.replace_schema_metadata(schema_metadata(features, metadata))
             write_parquet(table, path)
         _add_stats(copy, stats)
         lengths, tasks = [len(e.steps) for e in episodes], [e.task for e in episodes]
-        content = tactile_content(recordings, start_times, lengths, tasks, rows, extra)
+        content = tactile_content(
+            recordings,
+            start_times,
+            lengths,
+            tasks,
+            rows,
+            extra,
+            key=key,
+            first_column=len(state_names) if key == STATE else None,
+            fill=fill,
+        )
         info["features"] |= features
         write_description(copy, content, info)
 
@@ -180,6 +219,28 @@ def _read_episodes(source: Path, info: dict[str, Any]) -> list[_Episode]:
     return sort_episodes(source, info, episodes)
 
 
+def _state_names(source: Path, info: dict[str, Any]) -> list[str]:
+    # The names of the values of the state, to which readings are joined.
+    feature = info["features"].get(STATE)
+    feature = feature if isinstance(feature, dict) else {}
+    shape, dtype = feature.get("shape"), feature.get("dtype")
+    is_flat = isinstance(shape, list) and len(shape) == 1 and type(shape[0]) is int
+    if not isinstance(shape, list) or not is_flat or shape[0] < 1 or dtype != "float32":
+        raise ValueError(
+            f"'{source}' must have '{STATE}' of float32 in one dimension, to which readings are "
+            f"joined (got {printable([dtype, shape] if feature else None)[:60]}): give another "
+            "'key'"
+        )
+    return value_names_of(feature.get("names"), shape[0]) or [f"state_{i}" for i in range(shape[0])]
+
+
+def _set_column(table: Any, name: str, values: Any) -> Any:
+    index = table.schema.get_field_index(name)
+    if index < 0:
+        return table.append_column(name, values)
+    return table.set_column(index, name, values)
+
+
 def _check_coverage(number: int, recording: Recording, steps: np.ndarray, fps: float) -> None:
     tolerance = 1.001 / fps  # one step, with rounding of the times
     start, end = recording.time[0], recording.time[-1]
@@ -195,10 +256,16 @@ def _add_stats(root: Path, stats: dict[int, dict[str, Stats]]) -> None:
     for path in sorted(root.glob("meta/episodes/*/*.parquet")):
         table = read_parquet(path)
         numbers = integer_column(path, table, "episode_index").tolist()
+        # Statistics of the state without its readings are of another length.
+        stale = {
+            n for n in table.column_names for name in stats[0] if n.startswith(f"stats/{name}/")
+        }
+        stale -= {f"stats/{name}/{key}" for name, part in stats[0].items() for key in part}
+        table = table.drop_columns([*stale])
         for name, part in stats[0].items():
             for key in part:
                 values = [stats[number][name][key].tolist() for number in numbers]
-                table = table.append_column(f"stats/{name}/{key}", pa.array(values))
+                table = _set_column(table, f"stats/{name}/{key}", pa.array(values))
         write_parquet(table, path)
     path = root / "meta/stats.json"
     content = read_object(path) if path.is_file() else {}

@@ -202,15 +202,15 @@ class _FrameRows:
 
 def _decode_frame(frame: Any) -> dict[str, np.ndarray]:
     shape, tactile = tuple(frame.shape), np.array(frame.tactile, np.float32)
-    joint = np.array(frame.joint, np.float32)
+    joint, action = np.array(frame.joint, np.float32), np.array(frame.action, np.float32)
     if len(shape) != 2 or 0 in shape or math.prod(shape) != len(tactile):
         raise ValueError(
             f"'tactile' must have the shape declared in its frame (got {len(tactile)} numbers "
             f"for {shape[:4]})"
         )
     need(math.isfinite(frame.time), "'time' must be finite", frame.time)
-    for name, readings in (("tactile", tactile), ("joint", joint)):
-        if np.isinf(readings).any():
+    for name, values in (("tactile", tactile), ("joint", joint), ("action", action)):
+        if np.isinf(values).any():
             raise ValueError(f"'{name}' must hold finite readings, or NaN for missing ones")
     arrays = {
         "time": np.array(frame.time),
@@ -221,6 +221,8 @@ def _decode_frame(frame: Any) -> dict[str, np.ndarray]:
     }
     if len(joint):
         arrays["joint"] = joint
+    if len(action):
+        arrays["action"] = action
     arrays |= {f"extra/{signal.name}": _decode_signal(signal) for signal in frame.extra}
     arrays |= {f"privileged/{signal.name}": _decode_signal(signal) for signal in frame.privileged}
     if sum(value.nbytes for value in arrays.values()) > FRAME_BYTES:

@@ -18,7 +18,7 @@ from torch_geometric_tactile.io._mcap_records import (
     Scan,
     texts_checksum,
 )
-from torch_geometric_tactile.io._mcap_schemas import TOPICS, message_schema
+from torch_geometric_tactile.io._mcap_schemas import FRAME, TOPICS, frame_schema, message_schema
 from torch_geometric_tactile.io._recording_schema import recording_path
 from torch_geometric_tactile.io.mcap_reader import join_problems
 
@@ -147,9 +147,9 @@ class _RecordCopier:
             topics = {number: topic for topic, number in parse_json(texts["channels"]).items()}
             for number, topic in sorted(topics.items()):
                 if topic in TOPICS:
-                    schema_number = self.writer.register_schema(
-                        topic, "protobuf", message_schema(topic)
-                    )
+                    has_actions = texts.get("has_actions") == "1"
+                    schema = frame_schema(has_actions) if topic == FRAME else message_schema(topic)
+                    schema_number = self.writer.register_schema(topic, "protobuf", schema)
                     new_number = self.writer.register_channel(topic, "protobuf", schema_number)
                     self._written[number] = topic, new_number
         self.writer.add_metadata(record.name, record.metadata)

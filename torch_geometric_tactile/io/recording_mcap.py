@@ -18,6 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
@@ -35,6 +36,7 @@ from torch_geometric_tactile.io._mcap_schemas import (
     SPAN_START,
     TOPICS,
     encode,
+    frame_schema,
     message_schema,
 )
 
@@ -66,6 +68,7 @@ class McapWriter:
             chunk is closed when it is full, for files that are written at once.
         live (bool): Whether readers return the numbers and device times of the frames as further
             signals (:obj:`"sequence"`, :obj:`"device_time"`).
+        has_actions (bool): Whether :meth:`write_frame` gets actions.
 
     Raises:
         FileExistsError: If the file exists, and :obj:`overwrite` is false.
@@ -94,23 +97,27 @@ class McapWriter:
         overwrite: bool = False,
         flush_seconds: float | None = _FLUSH_SECONDS,
         live: bool = True,
+        has_actions: bool = False,
     ) -> None:
         library = require_mcap()
         head = Recording(
             time=np.zeros(0), tactile=np.zeros((0, 1, 1)), label=label, meta=dict(meta or {})
         )
         self.path = Path(path)
+        self._has_actions = has_actions
         self._anchor = int(anchor[0]), int(anchor[1])
         self._flush_ns = None if flush_seconds is None else int(flush_seconds * _NS_PER_SECOND)
         self._chunk_start: int | None = None
         schemas = {topic: message_schema(topic) for topic in TOPICS}
+        schemas[FRAME] = frame_schema(has_actions)
         self._output = McapOutput(self.path, overwrite, lock=live)
         self._writer = library.Writer(self._output, chunk_size=_CHUNK_BYTES, enable_data_crcs=True)
         self._channels: dict[str, int] = {}
         try:
             self._writer.start(library="torch_geometric_tactile")
             self._writer.add_metadata(
-                METADATA_NAME, _metadata_texts(head, layout or "", live, schemas, self._anchor)
+                METADATA_NAME,
+                _metadata_texts(head, layout or "", live, schemas, self._anchor, has_actions),
             )
             for topic, schema in schemas.items():
                 number = self._writer.register_schema(topic, "protobuf", schema)
@@ -134,7 +141,10 @@ class McapWriter:
         )
 
     def write_frame(
-        self, frame: LiveFrame, privileged: Mapping[str, np.ndarray] | None = None
+        self,
+        frame: LiveFrame,
+        privileged: Mapping[str, np.ndarray] | None = None,
+        action: np.ndarray | None = None,
     ) -> None:
         r"""Writes a frame.
 
@@ -142,10 +152,16 @@ class McapWriter:
             frame (LiveFrame): The frame.
             privileged (Mapping of str to numpy.ndarray, optional): Signals known only in
                 simulation.
+            action (numpy.ndarray, optional): The last command at or before the frame :math:`(A,)`.
 
         Raises:
             OSError: If the disk is full.
+            ValueError: If there is an action, and :obj:`has_actions` is false.
         """
+        need(
+            action is None or self._has_actions,
+            "'action' must be None without has_actions=True in McapWriter (got a command)",
+        )
         tactile = np.asarray(frame.tactile)
         data = encode(
             FRAME,
@@ -159,6 +175,7 @@ class McapWriter:
                 "joint": None if frame.joint is None else np.asarray(frame.joint, np.float32),
                 "extra": _encode_signals(frame.extra),
                 "privileged": _encode_signals(privileged or {}),
+                "action": None if action is None else np.asarray(action, np.float32),
             },
         )
         self._write(FRAME, frame.time, data, frame.sequence)
@@ -302,6 +319,7 @@ def _metadata_texts(
     live: bool,
     schemas: Mapping[str, bytes],
     anchor: tuple[int, int],
+    has_actions: bool,
 ) -> dict[str, str]:
     texts = {
         "version": str(VERSION),
@@ -314,6 +332,8 @@ def _metadata_texts(
         # The channel records are in the first chunk, which may be damaged.
         "channels": json.dumps({topic: i for i, topic in enumerate(schemas, start=1)}),
     }
+    if has_actions:
+        texts["has_actions"] = "1"
     return {**texts, "crc32": str(texts_checksum(texts))}
 
 
@@ -367,9 +387,11 @@ def write_mcap(recording: Recording, path: PathLike) -> None:
                 overwrite=True,
                 flush_seconds=None,
                 live=False,
+                has_actions=recording.action is not None,
             ) as writer:
                 for i, time in enumerate(recording.time.tolist()):
-                    writer.write_frame(*_live_frame(recording, i, time))
+                    action = None if recording.action is None else recording.action[i]
+                    writer.write_frame(*_live_frame(recording, i, time), action)
                 for start, end, label in recording.annotations:  # pairs of events, in any order
                     writer.write_event(start, SPAN_START, label)
                     writer.write_event(end, SPAN_END, label)

@@ -56,6 +56,7 @@ def describe_recording(recording: Recording) -> str:
         ("taxels", [f"{recording.num_taxels} of {recording.num_channels} channels"]),
         ("readings", [_format_range(recording.tactile, unit)]),
         ("joints", _joint_lines(recording)),
+        *([("actions", _action_lines(recording))] if recording.action is not None else []),
         ("dead taxels", [_format_indices(dead)]),
         ("missing", [missing_text]),
         ("label", ["none" if recording.label is None else str(recording.label)]),
@@ -88,11 +89,11 @@ def draw_recording(recording: Recording, path: PathLike) -> None:
     save_figure(plot_recording(recording), path)
 
 
-def _format_range(values: np.ndarray, unit: str) -> str:
+def _format_range(values: np.ndarray, unit: str = "") -> str:
     present = values[~np.isnan(values)]
     if present.size == 0:
         return "none"
-    return f"{_format_number(present.min())} to {_format_number(present.max())} {unit}"
+    return f"{_format_number(present.min())} to {_format_number(present.max())} {unit}".rstrip()
 
 
 def _format_number(value: float) -> str:
@@ -108,6 +109,17 @@ def _joint_lines(recording: Recording) -> list[str]:
     lines = [f"{recording.num_joints}, {_format_range(recording.joint, 'rad')}"]
     return lines + [
         f"{name}: {_format_range(recording.joint[:, i], 'rad')}" for i, name in enumerate(names)
+    ]
+
+
+def _action_lines(recording: Recording) -> list[str]:
+    assert recording.action is not None
+    names = recording.meta.get("action_names")
+    if not isinstance(names, list) or len(names) != recording.num_actions:
+        names = list(range(recording.num_actions))
+    return [
+        str(recording.num_actions),
+        *(f"{name}: {_format_range(recording.action[:, i])}" for i, name in enumerate(names)),
     ]
 
 

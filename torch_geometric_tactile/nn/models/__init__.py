@@ -23,6 +23,7 @@ from torch_geometric_tactile.nn.models.taxel_net import TaxelNet
 from torch_geometric_tactile.nn.models.temporal_cnn import TemporalCNN
 from torch_geometric_tactile.nn.models.temporal_taxel_net import TemporalTaxelNet
 from torch_geometric_tactile.nn.models.thread import Thread
+from torch_geometric_tactile.nn.models.touch_encoder import TouchEncoder
 
 __all__ = [
     "BMFCNN",
@@ -45,6 +46,7 @@ __all__ = [
     "TemporalCNN",
     "TemporalTaxelNet",
     "Thread",
+    "TouchEncoder",
 ]
 
 if not TYPE_CHECKING:
