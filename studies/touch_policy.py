@@ -250,7 +250,7 @@ def rules() -> dict[str, list[Rule]]:
     }
 
 
-def best_rule(name: str) -> dict[str, Any]:
+def best_rule(name: str) -> list[dict[str, Any]]:
     """Returns the outcomes of the rule with the most successes on 60 training objects."""
 
     def successes(rule: Rule) -> int:
@@ -259,10 +259,11 @@ def best_rule(name: str) -> dict[str, Any]:
     best = max(rules()[name], key=successes)
     tests = range(FIRST_EPISODE, FIRST_EPISODE + NUM_EPISODES)
     outcomes = run_rule(best, tests, held_out=True)
-    return {"condition": "clean", "row": name, "column": "rule", "seed": 0, "outcomes": outcomes}
+    run = {"condition": "clean", "row": name, "column": "rule", "seed": 0}
+    return [{**run, "outcomes": outcomes}]
 
 
-def run_expert() -> dict[str, Any]:
+def run_expert() -> list[dict[str, Any]]:
     """Returns the outcomes of the expert, which knows the object."""
     outcomes = []
     env = GripperLift()
@@ -366,9 +367,11 @@ def main() -> None:
     ]
     calls = [delayed(run_seed)(*task) for task in tasks if task not in done]
     if not any(r["column"] == "rule" for r in results):
-        calls += [delayed(lambda name: [best_rule(name)])(name) for name in rules()]
-        calls += [delayed(lambda: [run_expert()])()]
-    for new in Parallel(arguments.jobs, return_as="generator_unordered")(calls):
+        calls += [delayed(best_rule)(name) for name in rules()]
+        calls += [delayed(run_expert)()]
+    # Processes that are forked know this file, which is no module.
+    workers = Parallel(arguments.jobs, "multiprocessing", return_as="generator_unordered")
+    for new in workers(calls):
         results += new
         content = {"machine": describe_machine(), "results": results}
         with atomic_path(out) as path:
