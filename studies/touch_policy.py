@@ -369,9 +369,7 @@ def main() -> None:
     if not any(r["column"] == "rule" for r in results):
         calls += [delayed(best_rule)(name) for name in rules()]
         calls += [delayed(run_expert)()]
-    # Processes that are forked know this file, which is no module.
-    workers = Parallel(arguments.jobs, "multiprocessing", return_as="generator_unordered")
-    for new in workers(calls):
+    for new in Parallel(arguments.jobs, return_as="generator_unordered")(calls):
         results += new
         content = {"machine": describe_machine(), "results": results}
         with atomic_path(out) as path:
@@ -380,4 +378,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    import touch_policy  # as a module, whose functions other processes find
+
+    touch_policy.main()
