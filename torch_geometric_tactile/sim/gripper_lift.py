@@ -14,6 +14,7 @@ from torch_geometric_tactile.sim._gripper_scene import (
     TIMESTEP,
     default_pad,
     gripper_mjcf,
+    pad_positions,
 )
 from torch_geometric_tactile.sim._lift_actions import (
     CONTROL_RATE,
@@ -141,7 +142,7 @@ class GripperLift:
 
     Raises:
         ImportError: If MuJoCo is missing.
-        ValueError: If the pad is not flat.
+        ValueError: If the pad is not flat, or too high for the object.
 
     Examples:
         >>> env = GripperLift()
@@ -160,6 +161,7 @@ class GripperLift:
     ) -> None:
         self._mujoco = import_mujoco()
         self.pad = default_pad() if pad is None else pad
+        pad_positions(self.pad)  # checks the pad
         self.sensor = PadSensor() if sensor is None else sensor
         self.limits = LiftLimits() if limits is None else limits
         self.layout = TaxelLayout.join([self.pad] * 2, FINGERS, name="gripper_pads")
