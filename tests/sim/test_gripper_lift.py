@@ -118,7 +118,7 @@ def test_gripper_that_does_not_lift_is_unfinished():
 def test_gripper_that_lifts_without_touching_is_unfinished():
     env = GripperLift()
     env.reset(0, ITEM)
-    env._data.qpos[env._motors[0]] = -0.2  # wide open
+    env.data.qpos[env._motors[0]] = -0.2  # wide open
     finished = False
     while not finished:
         _, finished = env.step([0.0, 0.05])
@@ -184,7 +184,7 @@ def test_object_held_at_twice_the_need_does_not_creep(item):
         change = np.log(squeeze / env.command[0]) if env.is_touching else 0.0
         observation, finished = env.step([change, speed])
         assert not finished
-        place.append(env._data.qpos[env._object][1:3] - [0.0, env._data.qpos[env._motors[1]]])
+        place.append(env.data.qpos[env._object][1:3] - [0.0, env.data.qpos[env._motors[1]]])
     creep = np.hypot(*(place[-1] - place[-61]))  # in 3 s
     print(f"{item}: {1e3 * creep:.4f} mm in 3 s, {1e3 * env.slide:.2f} mm since the first contact")
     assert env.load == pytest.approx(item.mass * 9.81, rel=0.02)

@@ -115,7 +115,9 @@ def gripper_mjcf(pad: TaxelLayout, item: LiftObject, gap: float) -> str:
 <compiler angle="radian" autolimits="true"/>
 <option timestep="{TIMESTEP}" integrator="implicitfast" solver="Newton" cone="elliptic"
  impratio="10" noslip_iterations="3"/>
-<visual><headlight ambient="0.5 0.5 0.5"/><global offwidth="1280" offheight="960"/></visual>
+<visual><headlight ambient="0.5 0.5 0.5"/><global offwidth="1280" offheight="960"/>
+<map znear="0.001"/></visual>
+<asset><texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="8"/></asset>
 <worldbody>
 <geom name="table" type="plane" size="0.3 0.3 0.1" contype="0" conaffinity="0"
  rgba="0.9 0.9 0.9 1"/>
@@ -150,7 +152,7 @@ def _finger_mjcf(name: str, position: np.ndarray, distance: float) -> str:
     return f"""<body name="{name}" pos="{_join_numbers(-side * distance, 0, 0)}" gravcomp="1">
 <joint name="{name}" type="slide" axis="{side} 0 0" damping="{damping}"/>
 <inertial pos="0 0 0" mass="{_FINGER_MASS}" diaginertia="1e-5 1e-5 1e-5"/>
-<geom type="box" size="0.004 0.011 0.011" pos="{_join_numbers(-side * 0.009, 0, 0)}"
+<geom type="box" size="0.004 0.011 0.011" pos="{_join_numbers(-side * 0.0085, 0, 0)}"
  contype="0" conaffinity="0" mass="0" rgba="0.3 0.3 0.35 1"/>{taxels}</body>"""
 
 
@@ -168,8 +170,9 @@ def _taxel_mjcf(name: str, side: int, place: np.ndarray, height: float) -> str:
     )
     return f"""<body name="{name}" pos="{pos}" gravcomp="1">{joints}
 <inertial pos="0 0 0" mass="0.0001" diaginertia="1e-8 1e-8 1e-8"/>
-<geom name="{name}" type="sphere" size="{TIP_RADIUS}" contype="0" conaffinity="0" mass="0"
- rgba="0.2 0.5 0.8 1"/></body>"""
+<geom name="{name}" type="sphere" size="{TIP_RADIUS}" contype="0" conaffinity="0" mass="0"/>
+<geom type="box" pos="{_join_numbers(-side * 0.0015, 0, 0)}" size="0.0015 0.002 0.002" contype="0"
+ conaffinity="0" mass="0" rgba="0.1 0.45 0.75 1"/></body>"""
 
 
 def _box_inertia(item: LiftObject) -> str:
