@@ -101,11 +101,12 @@ def gripper_mjcf(pad: TaxelLayout, item: LiftObject, gap: float) -> str:
     position, half_width, half_height = pad_positions(pad), item.width / 2, OBJECT_HEIGHT / 2
     foot, foot_height = max(item.breadth, _FOOT_BREADTH), _FOOT_HEIGHT / 2
     fingers = "".join(_finger_mjcf(name, position, half_width + gap) for name in FINGERS)
-    # noslip and the stiff contact: an object at rest would creep by millimetres in a second.
+    # Without noslip, an object at rest creeps. With a stiffer contact (solimp 0.99), slow slides are
+    # jerky, and the object slips at 10 % more squeeze than friction needs.
     slide = f"{item.friction!r} {item.friction!r} 0.001 0.0001 0.0001"
     pairs = "".join(
         f'<pair geom1="{name}_{i}" geom2="object" condim="3" friction="{slide}" '
-        f'solref="0.004 1" solimp="0.99 0.999 0.001"/>'
+        f'solref="0.004 1" solimp="0.95 0.99 0.001"/>'
         for name in FINGERS
         for i in range(len(position))
     )
@@ -114,7 +115,9 @@ def gripper_mjcf(pad: TaxelLayout, item: LiftObject, gap: float) -> str:
 <compiler angle="radian" autolimits="true"/>
 <option timestep="{TIMESTEP}" integrator="implicitfast" solver="Newton" cone="elliptic"
  impratio="10" noslip_iterations="3"/>
-<visual><headlight ambient="0.5 0.5 0.5"/><global offwidth="1280" offheight="960"/></visual>
+<visual><headlight ambient="0.5 0.5 0.5"/><global offwidth="1280" offheight="960"/>
+<map znear="0.001"/></visual>
+<asset><texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="8"/></asset>
 <worldbody>
 <geom name="table" type="plane" size="0.3 0.3 0.1" contype="0" conaffinity="0"
  rgba="0.9 0.9 0.9 1"/>
@@ -149,7 +152,7 @@ def _finger_mjcf(name: str, position: np.ndarray, distance: float) -> str:
     return f"""<body name="{name}" pos="{_join_numbers(-side * distance, 0, 0)}" gravcomp="1">
 <joint name="{name}" type="slide" axis="{side} 0 0" damping="{damping}"/>
 <inertial pos="0 0 0" mass="{_FINGER_MASS}" diaginertia="1e-5 1e-5 1e-5"/>
-<geom type="box" size="0.004 0.011 0.011" pos="{_join_numbers(-side * 0.009, 0, 0)}"
+<geom type="box" size="0.004 0.011 0.011" pos="{_join_numbers(-side * 0.0085, 0, 0)}"
  contype="0" conaffinity="0" mass="0" rgba="0.3 0.3 0.35 1"/>{taxels}</body>"""
 
 
@@ -167,8 +170,9 @@ def _taxel_mjcf(name: str, side: int, place: np.ndarray, height: float) -> str:
     )
     return f"""<body name="{name}" pos="{pos}" gravcomp="1">{joints}
 <inertial pos="0 0 0" mass="0.0001" diaginertia="1e-8 1e-8 1e-8"/>
-<geom name="{name}" type="sphere" size="{TIP_RADIUS}" contype="0" conaffinity="0" mass="0"
- rgba="0.2 0.5 0.8 1"/></body>"""
+<geom name="{name}" type="sphere" size="{TIP_RADIUS}" contype="0" conaffinity="0" mass="0"/>
+<geom type="box" pos="{_join_numbers(-side * 0.0015, 0, 0)}" size="0.0015 0.002 0.002" contype="0"
+ conaffinity="0" mass="0" rgba="0.1 0.45 0.75 1"/></body>"""
 
 
 def _box_inertia(item: LiftObject) -> str:

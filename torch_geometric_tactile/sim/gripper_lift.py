@@ -14,6 +14,7 @@ from torch_geometric_tactile.sim._gripper_scene import (
     TIMESTEP,
     default_pad,
     gripper_mjcf,
+    pad_positions,
 )
 from torch_geometric_tactile.sim._lift_actions import (
     CONTROL_RATE,
@@ -130,6 +131,8 @@ class GripperLift:
     -0.3 to 0.3, and the speed of the lift in metres per second, from 0 to 0.05. Actions outside of
     these ranges are clipped. The squeeze is from 0.3 to 30 N, and starts at 0.3 N.
 
+    :obj:`model` and :obj:`data` are those of MuJoCo, for pictures and measurements.
+
     Seed and object determine an episode bit for bit; other releases of MuJoCo may differ in some
     bits. Stiffness, damping and noise are plausible, not measured.
 
@@ -141,7 +144,7 @@ class GripperLift:
 
     Raises:
         ImportError: If MuJoCo is missing.
-        ValueError: If the pad is not flat.
+        ValueError: If the pad is not flat, or too high for the object.
 
     Examples:
         >>> env = GripperLift()
@@ -160,6 +163,7 @@ class GripperLift:
     ) -> None:
         self._mujoco = import_mujoco()
         self.pad = default_pad() if pad is None else pad
+        pad_positions(self.pad)  # checks the pad
         self.sensor = PadSensor() if sensor is None else sensor
         self.limits = LiftLimits() if limits is None else limits
         self.layout = TaxelLayout.join([self.pad] * 2, FINGERS, name="gripper_pads")
@@ -192,7 +196,7 @@ class GripperLift:
         self._steps = self._steps_at_height = 0
         self._slide = self._tilt = self._peak = 0.0
         self._label = None
-        self._mujoco.mj_forward(self._model, self._data)
+        self._mujoco.mj_forward(self.model, self.data)
         self._observation = self._observe()
         return self._observation
 
@@ -261,7 +265,7 @@ class GripperLift:
         r"""The forces on the taxels without gains, offsets and noise, in newtons
         :math:`(N, 3)`.
         """
-        force: np.ndarray = self._data.qpos[self._taxels] * self._stiffness
+        force: np.ndarray = self.data.qpos[self._taxels] * self._stiffness
         return force
 
     @property
@@ -283,8 +287,8 @@ class GripperLift:
     def _build(self) -> None:
         mujoco = self._mujoco
         xml = gripper_mjcf(self.pad, self.item, self._gap)
-        self._model = model = mujoco.MjModel.from_xml_string(xml)
-        self._data = mujoco.MjData(model)
+        self.model = model = mujoco.MjModel.from_xml_string(xml)
+        self.data = mujoco.MjData(model)
         names = [f"{finger}_{i}" for finger in FINGERS for i in range(self.pad.num_taxels)]
         # The joints of a taxel follow one another in the state.
         first = np.array([model.joint(f"{name}_x").qposadr[0] for name in names])
@@ -297,7 +301,7 @@ class GripperLift:
 
     def _run_ticks(self, squeeze: float, speed: float) -> float:
         # Returns the mean of the squeeze over the step.
-        model, data = self._model, self._data
+        model, data = self.model, self.data
         total, start = 0.0, self._command[0]
         for tick in range(1, _TICKS + 1):
             change = np.clip(speed - self._speed, -_MAX_SPEED_CHANGE, _MAX_SPEED_CHANGE)
@@ -309,8 +313,8 @@ class GripperLift:
         return float(total) * NORMAL_STIFFNESS / (2 * _TICKS)
 
     def _judge(self) -> None:
-        height = float(self._data.qpos[self._motors[1]])
-        pose = self._data.qpos[self._object].copy()
+        height = float(self.data.qpos[self._motors[1]])
+        pose = self.data.qpos[self._object].copy()
         pose[2] -= height
         if self._start is None and self.is_touching:
             self._start = pose
@@ -333,7 +337,7 @@ class GripperLift:
             self._label = "unfinished"
 
     def _observe(self) -> LiftObservation:
-        data, rng = self._data, self._rng
+        data, rng = self.data, self._rng
         position = data.qpos[self._motors].copy()
         velocity = data.qvel[self._motor_speeds].copy()
         position[0] = self.item.width + 2 * (self._gap - position[0])

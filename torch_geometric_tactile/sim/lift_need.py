@@ -48,7 +48,7 @@ def needed_squeeze(item: LiftObject, pad: TaxelLayout | None = None) -> float:
         >>> round(needed_squeeze(LiftObject(mass=0.2, friction=0.5)), 2)
         1.96
         >>> round(needed_squeeze(LiftObject(mass=0.2, friction=0.5, offset=0.012)), 2)
-        4.12
+        4.28
     """
     position = pad_positions(default_pad() if pad is None else pad)
     # A taxel at the very edge slips off.
