@@ -94,7 +94,9 @@ def main() -> None:
         axes[0, i].imshow(images[k])
         axes[0, i].axis("off")
         axes[0, i].set_title(f"{numbers[k, 0]:.2f} s", fontsize=9)
-        draw_pad(axes[1, i], forces[k], f"{max(0, round(100 * carried[k]))} % of the weight carried")
+        draw_pad(
+            axes[1, i], forces[k], f"{max(0, round(100 * carried[k]))} % of the weight carried"
+        )
     draw_lines(axes[2, :3], env, numbers)
     axes[2, 3].axis("off")
     note = (

@@ -67,6 +67,17 @@ def test_pressure_falls_to_the_edge_of_the_crowned_pad(held):
     assert middle > 1.2 * corners
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_narrow_object_touches_the_columns_at_its_place(side):
+    env = GripperLift()
+    item = replace(ITEM, breadth=0.01, place=side * 0.005, offset=side * 0.005)
+    assert run(env, 0, lift_expert, item).success
+    touched = (env.taxel_force[:, 2] > 0.01).reshape(2, 4, 4).any(axis=1)
+    right, left = [False, False, True, True], [True, True, False, False]
+    # Columns count along y on the left pad, and against it on the right pad, which faces it.
+    assert touched.tolist() == ([right, left] if side == 1 else [left, right])
+
+
 def test_motors_measure_opening_height_and_forces(held):
     position, force = held.observation.position, held.observation.force
     assert position[0] == pytest.approx(ITEM.width, abs=0.003)
@@ -186,7 +197,7 @@ def test_object_held_at_twice_the_need_does_not_creep(item):
         assert not finished
         place.append(env.data.qpos[env._object][1:3] - [0.0, env.data.qpos[env._motors[1]]])
     creep = np.hypot(*(place[-1] - place[-61]))  # in 3 s
-    print(f"{item}: {1e3 * creep:.4f} mm in 3 s, {1e3 * env.slide:.2f} mm since the first contact")
+    print(f"{item}: {1e3 * creep:.4f} mm in 3 s, {1e3 * env.slide:.2f} mm in all")  # noqa: T201
     assert env.load == pytest.approx(item.mass * 9.81, rel=0.02)
     assert creep < 1e-4
     assert env.slide < 0.001

@@ -40,6 +40,14 @@ def test_narrow_object_needs_more_against_turning():
     assert needed_squeeze(replace(item, breadth=0.01)) > 1.05 * needed_squeeze(item)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_lever_is_from_the_taxels_that_touch(side):
+    item = replace(ITEM, breadth=0.01, place=side * 0.005)
+    slide = needed_squeeze(ITEM)
+    assert needed_squeeze(replace(item, offset=side * 0.0045)) < 1.1 * slide
+    assert needed_squeeze(replace(item, offset=-side * 0.0045)) > 1.5 * slide
+
+
 def test_smaller_pad_needs_more_against_turning():
     item = replace(ITEM, offset=0.008)
     assert needed_squeeze(item, grid(4, 4, 0.003)) > 1.2 * needed_squeeze(item)
@@ -95,5 +103,6 @@ def test_formula_is_within_5_percent_of_the_bisected_squeeze(held_out):
         item = draw_lift_object(seed, held_out=held_out)
         need = needed_squeeze(item)
         bisected = _bisected_squeeze(env, item, 0.7 * need, 1.5 * need)
-        print(f"{item}: formula {need:.3f} N, bisected {bisected:.3f} N, {need / bisected:.3f}")
+        ratio = need / bisected
+        print(f"{item}: {need:.3f} N, bisected {bisected:.3f} N, {ratio:.3f}")  # noqa: T201
         assert need == pytest.approx(bisected, rel=0.05)

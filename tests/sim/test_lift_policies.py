@@ -48,7 +48,7 @@ def test_expert_squeezes_in_proportion_to_the_load(recording):
     is_loading = (load > 0.2 * weight) & (load < 0.9 * weight)
     assert is_loading.sum() >= 4
     ratio = squeeze[is_loading] / (need * load[is_loading] / weight)
-    assert 0.8 < ratio.min()
+    assert ratio.min() > 0.8
     assert ratio.max() < 2
     assert squeeze[-1] == pytest.approx(1.3 * need, rel=0.03)
     assert recording.extra["action"][load < 0.5 * weight, 1].max() < 0.004

@@ -101,8 +101,8 @@ def gripper_mjcf(pad: TaxelLayout, item: LiftObject, gap: float) -> str:
     position, half_width, half_height = pad_positions(pad), item.width / 2, OBJECT_HEIGHT / 2
     foot, foot_height = max(item.breadth, _FOOT_BREADTH), _FOOT_HEIGHT / 2
     fingers = "".join(_finger_mjcf(name, position, half_width + gap) for name in FINGERS)
-    # Without noslip, an object at rest creeps. With a stiffer contact (solimp 0.99), slow slides are
-    # jerky, and the object slips at 10 % more squeeze than friction needs.
+    # Without noslip, an object at rest creeps. With a stiffer contact (solimp 0.99), slow slides
+    # are jerky, and the object slips at 10 % more squeeze than friction needs.
     slide = f"{item.friction!r} {item.friction!r} 0.001 0.0001 0.0001"
     pairs = "".join(
         f'<pair geom1="{name}_{i}" geom2="object" condim="3" friction="{slide}" '
@@ -117,7 +117,8 @@ def gripper_mjcf(pad: TaxelLayout, item: LiftObject, gap: float) -> str:
  impratio="10" noslip_iterations="3"/>
 <visual><headlight ambient="0.5 0.5 0.5"/><global offwidth="1280" offheight="960"/>
 <map znear="0.001"/></visual>
-<asset><texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="8"/></asset>
+<asset><texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8"
+ height="8"/></asset>
 <worldbody>
 <geom name="table" type="plane" size="0.3 0.3 0.1" contype="0" conaffinity="0"
  rgba="0.9 0.9 0.9 1"/>

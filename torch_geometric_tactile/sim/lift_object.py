@@ -13,7 +13,9 @@ _TRAINING_WIDTHS = (0.030, 0.040, 0.060)  # m
 _HELD_OUT_WIDTHS = (0.035, 0.050)  # m
 _CORNER = 0.3  # part of both ranges that belongs to a corner
 _BREADTH, _NARROW_BREADTH = 0.040, 0.010  # m
-_MAX_PLACE = 0.005  # m, of a narrow object
+# A narrow object is in the middle of the pads or at one side, up to 1 mm off: its edges are then
+# between the columns of the default pads, and it hardly catches further taxels when it turns.
+_SIDE, _MAX_SHIFT = 0.005, 0.001  # m
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def draw_lift_object(seed: int, held_out: bool = False, narrow: bool = False) ->
         seed (int): Seed, not negative. Equal seeds give equal objects.
         held_out (bool): If :obj:`True`, draws an object of a corner and of a held-out width.
         narrow (bool): If :obj:`True`, the object has a breadth of 10 mm, half of that of the
-            default pads, at an unknown place within 5 mm of their middle.
+            default pads. It is within 1 mm of their middle, or of a place 5 mm beside it.
 
     Raises:
         ValueError: If the seed is negative.
@@ -83,9 +85,8 @@ def draw_lift_object(seed: int, held_out: bool = False, narrow: bool = False) ->
     level = rng.uniform(size=2)
     while _in_corner(level) != held_out:
         level = rng.uniform(size=2)
-    place = float(rng.uniform(-_MAX_PLACE, _MAX_PLACE))
-    if not narrow:  # drawn nevertheless, so that narrow objects differ in nothing else
-        place = 0.0
+    side = float(rng.uniform(-1, 1))  # drawn in any case: narrow objects differ in nothing else
+    place = _SIDE * round(side) + 2 * _MAX_SHIFT * (side - round(side)) if narrow else 0.0
     return LiftObject(
         mass=float(_MASS[0] * (_MASS[1] / _MASS[0]) ** level[0]),
         friction=float(_FRICTION[0] + (_FRICTION[1] - _FRICTION[0]) * level[1]),
