@@ -55,7 +55,8 @@ def lift_expert(env: GripperLift) -> np.ndarray:
 
 
 def constant_squeeze(squeeze: float) -> _Policy:
-    r"""Returns a policy that squeezes every object with the same force, and then lifts it.
+    r"""Returns a policy that waits for contact, squeezes every object with the same force, and
+    lifts it.
 
     Args:
         squeeze (float): Squeeze in newtons.
