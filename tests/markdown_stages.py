@@ -34,6 +34,7 @@ EXTRAS = {  # modules of extras that the blocks of a page need
     "docs/results/hand_study.md": ("mujoco",),
     "docs/serial_formats.md": ("cobs",),
     "docs/simulation.md": ("mujoco", "h5py"),
+    "docs/touch_policies.md": ("mujoco",),
     "docs/your_own_classes.md": ("lightning",),
     "docs/your_own_data.md": ("lightning", "matplotlib"),
 }

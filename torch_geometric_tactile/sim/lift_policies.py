@@ -1,0 +1,157 @@
+r"""Policies for the simulated gripper, and recordings of their episodes."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+
+import numpy as np
+
+from torch_geometric_tactile._checks import need
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.sim._gripper_scene import GRAVITY
+from torch_geometric_tactile.sim._lift_actions import (
+    CONTROL_RATE,
+    MAX_LIFT_SPEED,
+    MAX_LOG_CHANGE,
+    MIN_SQUEEZE,
+)
+from torch_geometric_tactile.sim.gripper_lift import GripperLift
+from torch_geometric_tactile.sim.lift_object import LiftObject
+
+_Policy = Callable[[GripperLift], np.ndarray]
+_EXPERT_RATIO = 1.3  # squeeze of the expert relative to the need
+_LEAD = 0.05  # part of the weight by which the expert squeezes ahead of the load
+_LOADING_SPEED, _SPEED_CHANGE = 0.003, 0.01  # m/s until the object is carried; m/s in a step
+_CARRIED = 0.97  # part of the weight from which on the object counts as lifted
+_READY_RATIO = 0.97  # of the squeeze that the load asks for, below which the expert does not lift
+
+
+def lift_expert(env: GripperLift) -> np.ndarray:
+    r"""Returns the action of an expert that knows the object :math:`(2,)`.
+
+    As a person does, it squeezes in proportion to the load: the needed squeeze times the part of
+    the weight that the pads carry, plus 30 %. It lifts slowly until they carry all of it, and
+    waits for the squeeze meanwhile.
+
+    Args:
+        env (GripperLift): The running episode.
+
+    Examples:
+        >>> env = GripperLift()
+        >>> _ = env.reset(seed=0)
+        >>> lift_expert(env).shape
+        (2,)
+    """
+    squeeze, speed = env.command
+    if not env.is_touching:
+        return np.zeros(2)
+    carried = env.load / (env.item.mass * GRAVITY)
+    target = max(_EXPERT_RATIO * env.need * min(1.0, carried + _LEAD), MIN_SQUEEZE)
+    change = np.clip(np.log(target / squeeze), -MAX_LOG_CHANGE, MAX_LOG_CHANGE)
+    if squeeze * np.exp(change) < _READY_RATIO * target:
+        return np.array([change, 0.0])
+    if carried < _CARRIED:
+        return np.array([change, _LOADING_SPEED])
+    return np.array([change, min(speed + _SPEED_CHANGE, MAX_LIFT_SPEED)])
+
+
+def constant_squeeze(squeeze: float) -> _Policy:
+    r"""Returns a policy that waits for contact, squeezes every object with the same force, and
+    lifts it.
+
+    Args:
+        squeeze (float): Squeeze in newtons.
+
+    Raises:
+        ValueError: If the squeeze is not positive.
+
+    Examples:
+        >>> policy = constant_squeeze(4.0)
+        >>> env = GripperLift()
+        >>> _ = env.reset(seed=0)
+        >>> policy(env).tolist()  # no contact yet
+        [0.0, 0.0]
+    """
+    need(squeeze > 0, "'squeeze' must be positive", squeeze)
+
+    def policy(env: GripperLift) -> np.ndarray:
+        if not env.is_touching:
+            return np.zeros(2)
+        current, speed = env.command
+        change = np.log(max(squeeze, MIN_SQUEEZE) / current)
+        if abs(change) > MAX_LOG_CHANGE:
+            return np.array([np.clip(change, -MAX_LOG_CHANGE, MAX_LOG_CHANGE), 0.0])
+        return np.array([change, min(speed + _SPEED_CHANGE, MAX_LIFT_SPEED)])
+
+    return policy
+
+
+def record_lift(
+    env: GripperLift,
+    seed: int,
+    item: LiftObject | None = None,
+    *,
+    policy: _Policy = lift_expert,
+    noise: float = 0.0,
+) -> Recording:
+    r"""Runs an episode and returns its recording, a demonstration to learn from.
+
+    The recording has one frame per step, before the action of the step. Its label is that of the
+    outcome, :obj:`joint` the positions of the motors in metres, and :obj:`extra` their
+    :obj:`"velocity"`, :obj:`"command"` and :obj:`"motor_force"`, and the :obj:`"action"` of the
+    policy. :obj:`privileged` has :obj:`"force"`, the forces on the taxels, and :obj:`"squeeze"` and
+    :obj:`"load"` in newtons, :obj:`"slide"` in metres and :obj:`"tilt"` in radians.
+
+    Args:
+        env (GripperLift): The task.
+        seed (int): Seed of the episode.
+        item (LiftObject, optional): The object (default: :func:`draw_lift_object` of the seed).
+        policy (callable): Maps the running episode to an action.
+        noise (float): Standard deviation of the noise on the executed actions, relative to the
+            largest action. The recorded actions are without noise: what the policy does after a
+            disturbance.
+
+    Raises:
+        ValueError: If the noise is negative.
+
+    Examples:
+        >>> recording = record_lift(GripperLift(), seed=0)
+        >>> recording.label, recording.num_taxels, recording.extra["action"].shape[1]
+        ('success', 32, 2)
+    """
+    need(noise >= 0, "'noise' must not be negative", noise)
+    rng = np.random.default_rng([seed, 2])
+    scale = noise * np.array([MAX_LOG_CHANGE, MAX_LIFT_SPEED])
+    observation, finished = env.reset(seed, item), False
+    rows = []
+    while not finished:
+        action = policy(env)
+        state = (env.taxel_force, env.squeeze, env.load, env.slide, env.tilt)
+        rows.append((*observation, action, *state))
+        observation, finished = env.step(action + scale * rng.normal(size=2))
+    columns = [np.asarray(column, dtype=np.float32) for column in zip(*rows, strict=True)]
+    readings, position, velocity, command, motor_force, actions, *states = columns
+    outcome = env.outcome
+    return Recording(
+        time=np.arange(len(rows)) / CONTROL_RATE,
+        tactile=readings,
+        joint=position,
+        label=outcome.label,
+        meta={
+            "unit": "newton",
+            "rate": float(CONTROL_RATE),
+            "synthetic": True,
+            "seed": seed,
+            "joint_names": ["opening", "height"],
+            "object_properties": asdict(env.item),
+            "sensor_properties": asdict(env.sensor),
+            "need": outcome.need,
+            "peak": outcome.peak,
+        },
+        extra={
+            "velocity": velocity,
+            "command": command,
+            "motor_force": motor_force,
+            "action": actions,
+        },
+        privileged=dict(zip(("force", "squeeze", "load", "slide", "tilt"), states, strict=True)),
+    )
