@@ -123,7 +123,7 @@ def demonstrations(number: int, sensor: str) -> list[Episode]:
             *(recording.extra[k] for k in ("velocity", "command", "motor_force")),
         )
         columns = zip(recording.tactile, *motors, strict=True)
-        episodes.append(([LiftObservation(*row) for row in columns], recording.extra["action"]))
+        episodes.append(([LiftObservation(*row) for row in columns], recording.action))
     return episodes
 
 

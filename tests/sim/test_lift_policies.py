@@ -25,11 +25,11 @@ def test_recording_holds_the_episode(recording):
     assert recording.tactile.shape[1:] == (32, 3)
     assert recording.rate == pytest.approx(20)
     assert recording.joint.shape == (recording.num_frames, 2)
-    assert set(recording.extra) == {"velocity", "command", "motor_force", "action"}
+    assert set(recording.extra) == {"velocity", "command", "motor_force"}
     assert recording.meta["object_properties"]["mass"] == 0.2
     assert recording.meta["unit"] == "newton"
     # A frame is before its action: the command of a frame is that of the action before.
-    command, action = recording.extra["command"], recording.extra["action"]
+    command, action = recording.extra["command"], recording.action
     assert command[1:, 1] == pytest.approx(action[:-1, 1], abs=1e-6)
     change = np.diff(np.log(command[:, 0]))
     assert change == pytest.approx(action[:-1, 0], abs=1e-5)
@@ -39,7 +39,7 @@ def test_recording_survives_a_file(recording, tmp_path):
     write_recording(recording, tmp_path / "lift.npz")
     copy = read_recording(tmp_path / "lift.npz")
     assert np.array_equal(copy.tactile, recording.tactile)
-    assert np.array_equal(copy.extra["action"], recording.extra["action"])
+    assert np.array_equal(copy.action, recording.action)
 
 
 def test_expert_squeezes_in_proportion_to_the_load(recording):
@@ -51,7 +51,7 @@ def test_expert_squeezes_in_proportion_to_the_load(recording):
     assert ratio.min() > 0.8
     assert ratio.max() < 2
     assert squeeze[-1] == pytest.approx(1.3 * need, rel=0.03)
-    assert recording.extra["action"][load < 0.5 * weight, 1].max() < 0.004
+    assert recording.action[load < 0.5 * weight, 1].max() < 0.004
 
 
 def test_noise_moves_the_episode_and_not_the_labels():
@@ -61,7 +61,7 @@ def test_noise_moves_the_episode_and_not_the_labels():
     assert first.label == "success"
     before_touch = first.privileged["squeeze"] < 0.02
     assert before_touch.any()
-    assert not first.extra["action"][before_touch].any()
+    assert not first.action[before_touch].any()
     assert first.extra["command"][before_touch][1:].std(axis=0).min() > 0
     with pytest.raises(ValueError, match=r"'noise' must not be negative \(got -1\)"):
         record_lift(env, 0, noise=-1)
@@ -69,7 +69,7 @@ def test_noise_moves_the_episode_and_not_the_labels():
 
 def test_constant_squeeze_waits_for_contact_and_then_lifts():
     recording = record_lift(GripperLift(), 0, ITEM, policy=constant_squeeze(4.0))
-    squeeze, action = recording.privileged["squeeze"], recording.extra["action"]
+    squeeze, action = recording.privileged["squeeze"], recording.action
     assert recording.label == "success"
     assert squeeze[-1] == pytest.approx(4.0, rel=0.02)
     assert not action[squeeze < 0.05].any()

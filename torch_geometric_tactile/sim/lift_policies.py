@@ -96,9 +96,9 @@ def record_lift(
     r"""Runs an episode and returns its recording, a demonstration to learn from.
 
     The recording has one frame per step, before the action of the step. Its label is that of the
-    outcome, :obj:`joint` the positions of the motors in metres, and :obj:`extra` their
-    :obj:`"velocity"`, :obj:`"command"` and :obj:`"motor_force"`, and the :obj:`"action"` of the
-    policy. :obj:`privileged` has :obj:`"force"`, the forces on the taxels, and :obj:`"squeeze"` and
+    outcome, :obj:`joint` the positions of the motors in metres, :obj:`action` the actions of the
+    policy, and :obj:`extra` the motors' :obj:`"velocity"`, :obj:`"command"` and
+    :obj:`"motor_force"`. :obj:`privileged` has :obj:`"force"`, the forces on the taxels, and :obj:`"squeeze"` and
     :obj:`"load"` in newtons, :obj:`"slide"` in metres and :obj:`"tilt"` in radians.
 
     Args:
@@ -115,7 +115,7 @@ def record_lift(
 
     Examples:
         >>> recording = record_lift(GripperLift(), seed=0)
-        >>> recording.label, recording.num_taxels, recording.extra["action"].shape[1]
+        >>> recording.label, recording.num_taxels, recording.num_actions
         ('success', 32, 2)
     """
     need(noise >= 0, "'noise' must not be negative", noise)
@@ -135,6 +135,7 @@ def record_lift(
         time=np.arange(len(rows)) / CONTROL_RATE,
         tactile=readings,
         joint=position,
+        action=actions,
         label=outcome.label,
         meta={
             "unit": "newton",
@@ -142,16 +143,12 @@ def record_lift(
             "synthetic": True,
             "seed": seed,
             "joint_names": ["opening", "height"],
+            "action_names": ["log_squeeze_change", "lift_speed"],
             "object_properties": asdict(env.item),
             "sensor_properties": asdict(env.sensor),
             "need": outcome.need,
             "peak": outcome.peak,
         },
-        extra={
-            "velocity": velocity,
-            "command": command,
-            "motor_force": motor_force,
-            "action": actions,
-        },
+        extra={"velocity": velocity, "command": command, "motor_force": motor_force},
         privileged=dict(zip(("force", "squeeze", "load", "slide", "tilt"), states, strict=True)),
     )
