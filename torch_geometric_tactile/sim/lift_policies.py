@@ -98,8 +98,9 @@ def record_lift(
     The recording has one frame per step, before the action of the step. Its label is that of the
     outcome, :obj:`joint` the positions of the motors in metres, :obj:`action` the actions of the
     policy, and :obj:`extra` the motors' :obj:`"velocity"`, :obj:`"command"` and
-    :obj:`"motor_force"`. :obj:`privileged` has :obj:`"force"`, the forces on the taxels, and :obj:`"squeeze"` and
-    :obj:`"load"` in newtons, :obj:`"slide"` in metres and :obj:`"tilt"` in radians.
+    :obj:`"motor_force"`. :obj:`privileged` has :obj:`"force"`, the forces on the taxels, and
+    :obj:`"squeeze"` and :obj:`"load"` in newtons, :obj:`"slide"` in metres and :obj:`"tilt"` in
+    radians.
 
     Args:
         env (GripperLift): The task.
