@@ -32,6 +32,7 @@ NEEDED = {
     "TaxelNet": {"layout": LAYOUT, "out_channels": 2},
     "TemporalCNN": {"layout": LAYOUT, "out_channels": 2},
     "TemporalTaxelNet": {"layout": LAYOUT, "out_channels": 2},
+    "TouchEncoder": {"layout": LAYOUT},
     "Thread": {"in_channels": 3, "widths": (4,), "pools": (1,), "conv": torch.nn.Linear},
 }
 # No sizes, and PyG's own.
