@@ -26,7 +26,7 @@ _FILE = re.compile(r"`([\w./-]+)`:\s*$")
 _CONFIGURATION = "grasp_gcn_df"  # in place of a configuration that the reader writes
 _RAW = ("fit", "validate", "test")  # verbs whose arguments Lightning reads
 _NEVER = ("pip", "make", "git", "ssh", "cd", "export", "colcon", "ros2", "conda", "source", ".")
-_NEVER += ("huggingface-cli",)
+_NEVER += ("huggingface-cli", "lerobot-train")
 
 
 @dataclass(frozen=True)
