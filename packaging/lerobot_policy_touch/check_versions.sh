@@ -14,8 +14,7 @@ while read -r python lerobot; do
   environment="$FOLDER/lerobot-$lerobot"
   if [ ! -e "$environment/ready" ]; then
     "$python" -m venv --clear "$environment"
-    "$environment/bin/python" -m pip install --quiet "lerobot[training]==$lerobot" || \
-      "$environment/bin/python" -m pip install --quiet "lerobot==$lerobot"
+    "$environment/bin/python" -m pip install --quiet "lerobot[training]==$lerobot"
     "$environment/bin/python" -m pip install --quiet --editable "$ROOT"
     "$environment/bin/python" -m pip install --quiet --no-deps --editable .
     touch "$environment/ready"

@@ -106,33 +106,39 @@ class Recording:
             )
         self._set("tactile", tactile)
         if self.joint is not None:
-            self._set("joint", self._checked_joint(self.joint))
+            joint = self._checked_vectors("joint", "joints", "angles", "joint")
+            self._warn_of_degrees(joint)
+            self._set("joint", joint)
         self._set("label", _checked_label(self.label))
         self._set("meta", _checked_meta(self.meta))
         for kind in ("privileged", "extra"):
             self._set(kind, checked_rows(kind, getattr(self, kind), self.num_frames))
         self._set("annotations", checked_annotations(self.annotations))
         if self.action is not None:
-            self._set("action", self._checked_action(self.action))
+            self._set("action", self._checked_vectors("action", "commands", "commands", "number"))
 
     def _set(self, key: str, value: Any) -> None:
         object.__setattr__(self, key, value)
 
-    def _checked_joint(self, joint: np.ndarray) -> np.ndarray:
-        joint = checked_numbers("joint", joint, np.float32)
-        if joint.ndim != 2 or joint.shape[1] == 0:
+    def _checked_vectors(self, key: str, source: str, contents: str, item: str) -> np.ndarray:
+        # Returns a vector for each frame, such as joint angles.
+        values = checked_numbers(key, getattr(self, key), np.float32)
+        if values.ndim != 2 or values.shape[1] == 0:
             raise ValueError(
-                "'joint' must have shape (num_frames, num_joints), or be None without joints "
-                f"(got {joint.shape})"
+                f"'{key}' must have shape (num_frames, num_{key}s), or be None without {source} "
+                f"(got {values.shape})"
             )
-        check_frames("joint", joint, self.num_frames)
-        infinite = np.argwhere(np.isinf(joint))
+        check_frames(key, values, self.num_frames)
+        infinite = np.argwhere(np.isinf(values))
         if len(infinite):
             frame, index = infinite[0].tolist()
             raise ValueError(
-                "'joint' must hold finite angles, or NaN where one is missing (got "
-                f"{joint[frame, index]} in frame {frame}, joint {index})"
+                f"'{key}' must hold finite {contents}, or NaN where one is missing (got "
+                f"{values[frame, index]} in frame {frame}, {item} {index})"
             )
+        return values
+
+    def _warn_of_degrees(self, joint: np.ndarray) -> None:
         present = np.abs(joint[~np.isnan(joint)])
         if present.size and present.max() > _FULL_TURN:
             warnings.warn(
@@ -141,24 +147,6 @@ class Recording:
                 UserWarning,
                 stacklevel=4,
             )
-        return joint
-
-    def _checked_action(self, action: np.ndarray) -> np.ndarray:
-        action = checked_numbers("action", action, np.float32)
-        if action.ndim != 2 or action.shape[1] == 0:
-            raise ValueError(
-                "'action' must have shape (num_frames, num_actions), or be None without commands "
-                f"(got {action.shape})"
-            )
-        check_frames("action", action, self.num_frames)
-        infinite = np.argwhere(np.isinf(action))
-        if len(infinite):
-            frame, index = infinite[0].tolist()
-            raise ValueError(
-                "'action' must hold finite commands, or NaN where one is missing (got "
-                f"{action[frame, index]} in frame {frame}, number {index})"
-            )
-        return action
 
     @property
     def num_frames(self) -> int:

@@ -166,11 +166,11 @@ def tactile_content(
         content["fill"] = fill
     if rows:
         frames = {"feature": frames_feature(key), "shape": [rows, *shape]}
-        has_nan = "NaN" if fill is None else f"{fill}, at a time of -2 steps"
+        missing_row = "NaN" if fill is None else f"{fill}, at a time of -2 steps"
         content["every_frame"] = {
             **frames,
             "time": frame_times_feature(key),
-            "missing": f"{has_nan}, before the others",
+            "missing": f"{missing_row}, before the others",
         }
     if extra:
         content["extra"] = {

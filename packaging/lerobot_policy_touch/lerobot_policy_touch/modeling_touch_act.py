@@ -62,8 +62,7 @@ class TouchACTPolicy(ACTPolicy):
         batch = self._encode(batch)
         if batch[ACTION].dim() == 2:  # LeRobot's data sets have one number a step as (B, S)
             batch[ACTION] = batch[ACTION].unsqueeze(-1)
-        loss, parts = super().forward(batch)
-        return loss, parts
+        return super().forward(batch)
 
     def _encode(self, batch: Batch) -> Batch:
         # Returns the batch with the token of touch, and with the last step of all else.
