@@ -47,8 +47,8 @@ from torch_geometric_tactile.sim.gripper_lift import (
 )
 
 STEPS = 8  # of the inputs that a policy sees: 0.4 s
-NUM_DEMONSTRATIONS, NUM_AGGREGATED, NOISE = 200, 200, 0.2
-NUM_EPISODES, FIRST_EPISODE = 100, 1000
+NUM_DEMONSTRATIONS, NUM_AGGREGATED, NOISE = 200, 200, 0.4
+TEST_EPISODES = range(1000, 1100)
 BATCH_SIZE, NUM_UPDATES, LEARNING_RATE = 128, 3000, 1e-3
 ACTION_SCALE = np.array([MAX_LOG_CHANGE, MAX_LIFT_SPEED])
 ROWS = (*LIFT_INPUTS, "encoder")
@@ -66,13 +66,14 @@ TESTS: dict[str, tuple[str, bool, tuple[str, ...]]] = {
 }
 # Differences that docs/touch_policies.md has a sentence for, whatever they are.
 PAIRS = (
-    *(("normal", "none"), ("total", "none"), ("wrench", "total"), ("taxels", "wrench")),
-    *(("encoder", "taxels"), ("taxels", "none")),
+    *(("none", "constant"), ("normal", "none"), ("total", "none"), ("wrench", "total")),
+    *(("taxels", "wrench"), ("encoder", "taxels"), ("taxels", "none")),
+    *(("ACT with touch", "none"), ("ACT with touch", "ACT")),
 )
 
 
 class Policy(nn.Module):
-    """Two hidden layers on the last steps of the inputs; touch may come as a token of an encoder."""
+    """Two hidden layers on the last steps of the inputs; touch may be a token of an encoder."""
 
     def __init__(self, row: str, inputs: Tensor) -> None:
         super().__init__()
@@ -99,17 +100,17 @@ class Policy(nn.Module):
 
 def inputs_of(row: str, observation: LiftObservation) -> np.ndarray:
     """Returns the inputs of a row at one step."""
-    return lift_inputs(observation, "taxels" if row == "encoder" else row)
+    return lift_inputs(observation, row if row in LIFT_INPUTS else "taxels")
 
 
 def windows(steps: np.ndarray) -> np.ndarray:
-    """Returns the last steps (T, STEPS, D) at each step, the first one repeated before the start."""
+    """Returns the last steps (T, STEPS, D) at each step; before the start, the first is repeated."""
     padded = np.concatenate([np.repeat(steps[:1], STEPS - 1, axis=0), steps])
     return np.lib.stride_tricks.sliding_window_view(padded, STEPS, axis=0).swapaxes(1, 2)
 
 
 Episode = tuple[list[LiftObservation], np.ndarray]
-Rule = Callable[[LiftObservation], float]  # the squeeze in newtons
+Rule = Callable[[list[LiftObservation]], float]  # the squeeze in newtons after all steps
 
 
 @cache
@@ -127,9 +128,8 @@ def demonstrations(number: int, sensor: str) -> list[Episode]:
     return episodes
 
 
-def train(row: str, episodes: Iterable[Episode], seed: int) -> Policy:
+def train(row: str, episodes: list[Episode], seed: int) -> nn.Module:
     """Returns a policy that imitates the actions."""
-    episodes = list(episodes)
     steps = [np.stack([inputs_of(row, o) for o in observations]) for observations, _ in episodes]
     inputs = torch.from_numpy(np.concatenate([windows(s) for s in steps])).float()
     actions = torch.from_numpy(np.concatenate([a for _, a in episodes]) / ACTION_SCALE).float()
@@ -159,7 +159,9 @@ class Runner:
             self.envs.append(env)
 
     @torch.no_grad()
-    def run(self, row: str, policy: Policy, label: bool = False) -> tuple[list[str], list[Episode]]:
+    def run(
+        self, row: str, policy: nn.Module, label: bool = False
+    ) -> tuple[list[str], list[Episode]]:
         """Returns the outcomes and, if asked, the observations with the expert's actions."""
         running = list(range(len(self.envs)))
         history = [[o] for o in self.observations]
@@ -181,22 +183,26 @@ class Runner:
         return outcomes, [(h, np.stack(a)) for h, a in zip(history, labels, strict=True) if label]
 
 
-def run_seed(condition: str, row: str, seed: int) -> list[dict[str, Any]]:
+def run_seed(
+    condition: str,
+    row: str,
+    seed: int,
+    train: Callable[[str, list[Episode], int], nn.Module] = train,
+) -> list[dict[str, Any]]:
     """Returns the outcomes of one row and seed: behaviour cloning, and one round of DAgger."""
     torch.set_num_threads(1)
     sensor, number, _ = CONDITIONS[condition]
     results = []
 
     def test(
-        policy: Policy,
+        policy: nn.Module,
         name: str,
         column: str,
         sensor: str,
         held_out: bool = True,
         narrow: bool = False,
     ) -> None:
-        seeds = range(FIRST_EPISODE, FIRST_EPISODE + NUM_EPISODES)
-        outcomes, _ = Runner(seeds, sensor, held_out, narrow).run(row, policy)
+        outcomes, _ = Runner(TEST_EPISODES, sensor, held_out, narrow).run(row, policy)
         run = {"condition": name, "row": row, "column": column, "seed": seed}
         results.append({**run, "outcomes": outcomes})
 
@@ -221,41 +227,74 @@ def run_rule(rule: Rule, seeds: Iterable[int], held_out: bool) -> list[str]:
     """Returns the outcomes of a rule for the squeeze, which lifts slowly in the first second."""
     env, outcomes = GripperLift(), []
     for seed in seeds:
-        observation = env.reset(seed, draw_lift_object(seed, held_out=held_out))
+        history = [env.reset(seed, draw_lift_object(seed, held_out=held_out))]
         finished, speed, lifted = False, 0.0, 0
         while not finished:
             change = 0.0
             if env.is_touching:
-                change = math.log(max(rule(observation), MIN_SQUEEZE) / env.command[0])
+                change = math.log(max(rule(history), MIN_SQUEEZE) / env.command[0])
                 is_ready = change < MAX_LOG_CHANGE
                 lifted += is_ready
                 limit = 0.003 if lifted < CONTROL_RATE else MAX_LIFT_SPEED
                 speed = min(speed + 0.01, limit) if is_ready else 0.0
             observation, finished = env.step([change, speed])
+            history.append(observation)
         outcomes.append(env.outcome.label)
     return outcomes
 
 
+def from_motors(ratio: float, least: float) -> Rule:
+    """Returns a rule that squeezes in proportion to what the lift motor carries."""
+
+    def squeeze(history: list[LiftObservation]) -> float:
+        force = [o.force[1] for o in history]
+        return ratio * max(0.0, np.mean(force[-4:]) - np.mean(force[:4])) + least
+
+    return squeeze
+
+
+def from_wrench(ratio: float, radius: float) -> Rule:
+    """Returns a rule that squeezes in proportion to the load that the pads feel."""
+    return lambda history: ratio * felt_load(history[-1], radius) + 0.4
+
+
+def from_taxels(ratio: float, part: float) -> Rule:
+    """Returns a rule that also divides by the friction. On taxels that slip, it is the ratio of
+    shear to pressure: the quantile `part` of the ratios, the largest one so far."""
+
+    def squeeze(history: list[LiftObservation]) -> float:
+        frictions = [0.05]
+        for observation in history:
+            shear, pressure = np.hypot(*observation.readings.T[:2]), observation.readings[:, 2]
+            if (pressure > 0.05).sum() > 4:
+                felt = shear[pressure > 0.05] / pressure[pressure > 0.05]
+                frictions.append(float(np.quantile(felt, part)))
+        return ratio * felt_load(history[-1], 0.006) / max(frictions) + 0.4
+
+    return squeeze
+
+
+def felt_load(observation: LiftObservation, radius: float) -> float:
+    """Returns the load of a pad in newtons: its shear, and its torque as a force at a radius."""
+    pads = lift_inputs(observation, "wrench")[8:].reshape(2, 6)
+    shear, twist = np.hypot(pads[:, 0], pads[:, 1]).mean(), np.abs(pads[:, 5]).mean()
+    return float(np.hypot(shear, twist / radius))
+
+
 def rules() -> dict[str, list[Rule]]:
-    """Returns the rules of each input, with all candidate numbers."""
-
-    def constant(force: float) -> Rule:
-        return lambda observation: force
-
-    def from_wrench(ratio: float, radius: float) -> Rule:
-        def squeeze(observation: LiftObservation) -> float:
-            pads = lift_inputs(observation, "wrench")[8:].reshape(2, 6)
-            shear = np.hypot(pads[:, 0], pads[:, 1]).mean()
-            twist = np.abs(pads[:, 5]).mean()
-            return ratio * (shear + twist / radius) + 0.4
-
-        return squeeze
-
+    """Returns the rules of each input, with all candidate numbers. Pressure alone allows no better
+    one than the motors."""
+    constants = np.geomspace(0.5, 12, 14)
     ratios = np.geomspace(1.2, 5, 8)
+    radii = (0.004, 0.006, 0.009)
     return {
-        "none": [constant(f) for f in np.geomspace(0.5, 12, 14)],
-        "total": [from_wrench(r, math.inf) for r in ratios],
-        "wrench": [from_wrench(r, radius) for r, radius in product(ratios, (0.004, 0.006, 0.009))],
+        "constant": [from_motors(0.0, squeeze) for squeeze in constants],
+        "none": [from_motors(*pair) for pair in product((0.0, 0.5, 1.0, 1.5, 2.0), constants[:10])],
+        "total": [from_wrench(ratio, math.inf) for ratio in ratios],
+        "wrench": [from_wrench(*pair) for pair in product(ratios, radii)],
+        "taxels": [
+            from_taxels(*pair) for pair in product(np.geomspace(0.8, 2.4, 7), (0.6, 0.75, 0.9))
+        ],
     }
 
 
@@ -266,40 +305,48 @@ def best_rule(name: str) -> list[dict[str, Any]]:
         return run_rule(rule, range(60), held_out=False).count("success")
 
     best = max(rules()[name], key=successes)
-    tests = range(FIRST_EPISODE, FIRST_EPISODE + NUM_EPISODES)
-    outcomes = run_rule(best, tests, held_out=True)
-    run = {"condition": "clean", "row": name, "column": "rule", "seed": 0}
-    return [{**run, "outcomes": outcomes}]
+    return [
+        {
+            "condition": "clean" if held_out else "new objects",
+            "row": name,
+            "column": "rule",
+            "seed": 0,
+            "outcomes": run_rule(best, TEST_EPISODES, held_out),
+        }
+        for held_out in (True, False)
+    ]
 
 
 def run_expert() -> list[dict[str, Any]]:
     """Returns the outcomes of the expert, which knows the object."""
-    outcomes = []
-    env = GripperLift()
-    for seed in range(FIRST_EPISODE, FIRST_EPISODE + NUM_EPISODES):
-        outcomes.append(record_lift(env, seed, draw_lift_object(seed, held_out=True)).label)
-    return {
-        "condition": "clean",
-        "row": "expert",
-        "column": "rule",
-        "seed": 0,
-        "outcomes": outcomes,
-    }
+    env, results = GripperLift(), []
+    for held_out in (True, False):
+        items = [draw_lift_object(seed, held_out=held_out) for seed in TEST_EPISODES]
+        pairs = zip(TEST_EPISODES, items, strict=True)
+        outcomes = [record_lift(env, seed, item).label for seed, item in pairs]
+        condition = "clean" if held_out else "new objects"
+        run = {"condition": condition, "row": "expert", "column": "rule", "seed": 0}
+        results.append({**run, "outcomes": outcomes})
+    return results
 
 
-def successes(results: list[dict[str, Any]], condition: str, row: str, column: str) -> np.ndarray:
-    """Returns the successes (seeds, episodes) in percent."""
-    runs = [
-        r for r in results if (r["condition"], r["row"], r["column"]) == (condition, row, column)
-    ]
-    runs.sort(key=lambda run: run["seed"])
-    return np.array([[100.0 * (o == "success") for o in run["outcomes"]] for run in runs])
+Run = tuple[str, str, str]  # condition, row and column
 
 
-def difference(first: np.ndarray, second: np.ndarray) -> Difference:
-    """Returns the difference of two rows on the same episodes, by the rule for one test part."""
-    gain = first - second
-    return Difference(
+def outcomes_of(results: list[dict[str, Any]], run: Run) -> np.ndarray:
+    """Returns the outcomes (seeds, episodes) of a run."""
+    runs = [r for r in results if (r["condition"], r["row"], r["column"]) == run]
+    return np.array([r["outcomes"] for r in sorted(runs, key=lambda r: r["seed"])])
+
+
+def difference(results: list[dict[str, Any]], first: Run, second: Run) -> str:
+    """Returns the difference of two runs on the same episodes, by the rule for one test part. A
+    rule or the expert has no seeds."""
+    pair = [100.0 * (outcomes_of(results, run) == "success") for run in (first, second)]
+    if not all(len(values) for values in pair) or max(len(values) for values in pair) < 2:
+        return ""
+    gain = pair[0] - pair[1]
+    found = Difference(
         mean=float(gain.mean()),
         over_splits=math.nan,
         over_units=float(gain.mean(axis=0).std(ddof=1) / math.sqrt(gain.shape[1])),
@@ -310,48 +357,58 @@ def difference(first: np.ndarray, second: np.ndarray) -> Difference:
         over_seeds=float(gain.mean(axis=1).std(ddof=1) / math.sqrt(len(gain))),
         num_seeds=len(gain),
     )
+    names = [f"{row}, {column}, {condition}" for condition, row, column in (first, second)]
+    return f"| {names[0]} | {names[1]} | {found.mean:+.1f} ± {found.margin:.1f} | {found.verdict} |"
 
 
-def describe(values: np.ndarray) -> str:
-    """Returns the mean of the seeds with its deviation."""
-    means = values.mean(axis=1) if len(values) else values
+def describe(outcomes: np.ndarray) -> str:
+    """Returns the successes in percent, with the deviation over seeds."""
+    means = 100.0 * (outcomes == "success").mean(axis=1) if len(outcomes) else outcomes
     spread = f" ± {means.std(ddof=1):.1f}" if len(means) > 1 else ""
     return f"{means.mean():.1f}{spread}" if len(means) else ""
 
 
-def failures(results: list[dict[str, Any]], condition: str, row: str) -> str:
-    """Returns how cloned policies failed, in percent of the episodes."""
-    key = (condition, row, "cloning")
-    runs = [r for r in results if (r["condition"], r["row"], r["column"]) == key]
-    counts = Counter(o for run in runs for o in run["outcomes"] if o != "success")
-    share = 100 / max(1, len(runs) * NUM_EPISODES)
-    return ", ".join(f"{name} {share * n:.0f} %" for name, n in counts.most_common())
+def describe_failures(outcomes: np.ndarray) -> str:
+    """Returns how policies failed, in percent of the episodes."""
+    counts = Counter(outcomes.ravel().tolist())
+    del counts["success"]
+    return ", ".join(f"{name} {100 * n / outcomes.size:.0f} %" for name, n in counts.most_common())
 
 
 def write_tables(results: list[dict[str, Any]]) -> str:
-    """Returns the tables of success in Markdown."""
+    """Returns the tables of success and of differences in Markdown."""
+    runs = list(dict.fromkeys((r["condition"], r["row"], r["column"]) for r in results))
+    order = ["constant", *ROWS, "ACT", "ACT with touch", "expert"]
+    runs.sort(key=lambda run: (run[0], order.index(run[1])))
     lines = []
-    rows_of = {name: rows for name, (*_, rows) in (CONDITIONS | TESTS).items()}
-    for condition, rows in {**rows_of, "new objects": ROWS}.items():
-        is_clean = condition == "clean"
-        columns = ("cloning", "dagger", "rule") if is_clean else ("cloning", "dagger")
-        lines += [
-            f"\n**{condition}**\n",
-            f"| input | {' | '.join(columns)} | failures of cloning |",
-            "|---" * (len(columns) + 2) + "|",
+    for condition in dict.fromkeys(run[0] for run in runs):
+        columns = [
+            c for c in ("cloning", "dagger", "rule") if any(r[::2] == (condition, c) for r in runs)
         ]
-        for row in (*rows, *(["expert"] if is_clean else [])):
-            cells = [describe(successes(results, condition, row, column)) for column in columns]
-            lines.append(f"| {row} | {' | '.join(cells)} | {failures(results, condition, row)} |")
-        for column, (first, second) in product(columns[:2], PAIRS):
-            pair = [successes(results, condition, row, column) for row in (first, second)]
-            if len(pair[0]) > 1 and pair[0].shape == pair[1].shape:
-                gain = difference(*pair)
-                lines.append(
-                    f"\n{column}, {first} - {second}: {gain.mean:+.1f} ± {gain.margin:.1f}, "
-                    f"{gain.verdict}"
-                )
-    return "\n".join(lines)
+        head = f"| input | {' | '.join(columns)} | failures of {columns[0]} |"
+        lines += [f"\n**{condition}**\n", head, "|---" * (len(columns) + 2) + "|"]
+        for row in dict.fromkeys(run[1] for run in runs if run[0] == condition):
+            found = [outcomes_of(results, (condition, row, column)) for column in columns]
+            cells = [describe(outcomes) for outcomes in found]
+            lines.append(f"| {row} | {' | '.join(cells)} | {describe_failures(found[0])} |")
+    pairs = [
+        ((condition, first, column), (condition, second, "rule" if is_rule else column))
+        for condition, column in dict.fromkeys(run[::2] for run in runs if run[2] != "rule")
+        for first, second in PAIRS
+        for is_rule in (second == "constant",)
+    ]
+    for condition, row, column in runs:
+        if column == "dagger":
+            pairs.append(((condition, row, column), (condition, row, "cloning")))
+        elif condition not in ("clean", "new objects"):
+            pairs.append(((condition, row, column), ("clean", row, "cloning")))
+        elif column == "cloning":
+            pairs += [
+                ((condition, row, column), (condition, *r))
+                for r in ((row, "rule"), ("expert", "rule"))
+            ]
+    lines += ["\n| first | second | difference | verdict |", "|---|---|---:|---|"]
+    return "\n".join([*lines, *filter(None, (difference(results, *pair) for pair in pairs))])
 
 
 def main() -> None:
@@ -362,28 +419,37 @@ def main() -> None:
             "--out": (Path("touch_policies.json"), "file of the runs"),
             "--seeds": (5, "seeds of a row"),
             "--jobs": (2, "runs at once"),
-            "--conditions": ([*CONDITIONS], "conditions to run"),
+            "--conditions": ([*CONDITIONS, "rules"], "conditions to run"),
         },
     )
-    out = arguments.out
-    results = json.loads(out.read_text())["results"] if out.is_file() else []
-    done = {(r["condition"], r["row"], r["seed"]) for r in results}
+    results = read(arguments.out)
     tasks = [
         (condition, row, seed)
         for condition in arguments.conditions
         for seed in range(1, arguments.seeds + 1)
-        for row in CONDITIONS[condition][-1]
+        for row in CONDITIONS.get(condition, ("",) * 3)[-1]
     ]
+    done = {(r["condition"], r["row"], r["seed"]) for r in results}
     calls = [delayed(run_seed)(*task) for task in tasks if task not in done]
-    if not any(r["column"] == "rule" for r in results):
-        calls += [delayed(best_rule)(name) for name in rules()]
-        calls += [delayed(run_expert)()]
-    for new in Parallel(arguments.jobs, return_as="generator_unordered")(calls):
-        results += new
-        content = {"machine": describe_machine(), "results": results}
+    if "rules" in arguments.conditions:
+        names = [name for name in rules() if ("clean", name, 0) not in done]
+        calls += [delayed(best_rule)(name) for name in names]
+        calls += [delayed(run_expert)()] * (("clean", "expert", 0) not in done)
+    run(arguments.out, arguments.jobs, calls)
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """Returns the results of a file, none if there is no file."""
+    return json.loads(path.read_text())["results"] if path.is_file() else []
+
+
+def run(out: Path, jobs: int, calls: list[Any]) -> None:
+    """Runs what is missing, adds the results to a file, and prints the tables."""
+    for new in Parallel(jobs, return_as="generator_unordered")(calls):
+        content = {"machine": describe_machine(), "results": read(out) + new}
         with atomic_path(out) as path:
             path.write_text(json.dumps(content), encoding="utf-8")
-    print(write_tables(results))
+    print(write_tables(read(out)))
 
 
 if __name__ == "__main__":

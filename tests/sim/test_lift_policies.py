@@ -6,6 +6,7 @@ pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.sim import (
     GripperLift,
+    LiftLimits,
     LiftObject,
     constant_squeeze,
     lift_expert,
@@ -56,15 +57,25 @@ def test_expert_squeezes_in_proportion_to_the_load(recording):
 
 def test_noise_moves_the_episode_and_not_the_labels():
     env = GripperLift()
-    first, again = (record_lift(env, 0, ITEM, noise=0.2) for _ in range(2))
+    first, again = (record_lift(env, 0, ITEM, noise=0.4) for _ in range(2))
     assert np.array_equal(first.tactile, again.tactile)
     assert first.label == "success"
     before_touch = first.privileged["squeeze"] < 0.02
     assert before_touch.any()
     assert not first.action[before_touch].any()
-    assert first.extra["command"][before_touch][1:].std(axis=0).min() > 0
+    assert first.extra["command"][before_touch][1:].std(axis=0).max() > 0
     with pytest.raises(ValueError, match=r"'noise' must not be negative \(got -1\)"):
         record_lift(env, 0, noise=-1)
+
+
+def test_a_disturbance_lasts():
+    env, changes = GripperLift(limits=LiftLimits(squeeze_ratio=100)), []
+    for seed in range(8):
+        recording = record_lift(env, seed, policy=lambda env: np.array([0.02, 0.0]), noise=0.4)
+        changes.append(np.diff(np.log(recording.extra["command"][:, 0]))[20:])
+    first, second = (np.concatenate([c[part] for c in changes]) for part in np.s_[:-1, 1:])
+    assert np.corrcoef(first, second)[0, 1] == pytest.approx(0.9, abs=0.07)
+    assert np.concatenate(changes).std() == pytest.approx(0.4 * 0.3, rel=0.3)
 
 
 def test_constant_squeeze_waits_for_contact_and_then_lifts():

@@ -23,6 +23,8 @@ _LEAD = 0.05  # part of the weight by which the expert squeezes ahead of the loa
 _LOADING_SPEED, _SPEED_CHANGE = 0.003, 0.01  # m/s until the object is carried; m/s in a step
 _CARRIED = 0.97  # part of the weight from which on the object counts as lifted
 _READY_RATIO = 0.97  # of the squeeze that the load asks for, below which the expert does not lift
+_DISTURBANCE = np.array([MAX_LOG_CHANGE, MAX_LIFT_SPEED / 4])  # of squeeze and lift, noise 1
+_KEPT = 0.9  # part of a disturbance that is left after a step
 
 
 def lift_expert(env: GripperLift) -> np.ndarray:
@@ -107,9 +109,10 @@ def record_lift(
         seed (int): Seed of the episode.
         item (LiftObject, optional): The object (default: :func:`draw_lift_object` of the seed).
         policy (callable): Maps the running episode to an action.
-        noise (float): Standard deviation of the noise on the executed actions, relative to the
-            largest action. The recorded actions are without noise: what the policy does after a
-            disturbance.
+        noise (float): Standard deviation of the disturbance of the executed actions, relative to
+            the largest change of the squeeze, and to a quarter of the largest lift speed. A
+            disturbance lasts, half of it for 0.35 seconds, so that the squeeze stays too high or
+            too low for a while. The recorded actions are those of the policy: what to do then.
 
     Raises:
         ValueError: If the noise is negative.
@@ -121,14 +124,16 @@ def record_lift(
     """
     need(noise >= 0, "'noise' must not be negative", noise)
     rng = np.random.default_rng([seed, 2])
-    scale = noise * np.array([MAX_LOG_CHANGE, MAX_LIFT_SPEED])
+    scale = noise * _DISTURBANCE
     observation, finished = env.reset(seed, item), False
-    rows = []
+    rows, disturbance = [], scale * rng.normal(size=2)
     while not finished:
         action = policy(env)
         state = (env.taxel_force, env.squeeze, env.load, env.slide, env.tilt)
         rows.append((*observation, action, *state))
-        observation, finished = env.step(action + scale * rng.normal(size=2))
+        observation, finished = env.step(action + disturbance)
+        fresh = np.sqrt(1 - _KEPT**2) * scale * rng.normal(size=2)
+        disturbance = _KEPT * disturbance + fresh
     columns = [np.asarray(column, dtype=np.float32) for column in zip(*rows, strict=True)]
     readings, position, velocity, command, motor_force, actions, *states = columns
     outcome = env.outcome
