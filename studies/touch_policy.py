@@ -281,37 +281,46 @@ def felt_load(observation: LiftObservation, radius: float) -> float:
     return float(np.hypot(shear, twist / radius))
 
 
-def rules() -> dict[str, list[Rule]]:
+def rules() -> dict[str, dict[str, Rule]]:
     """Returns the rules of each input, with all candidate numbers. Pressure alone allows no better
     one than the motors."""
-    constants = np.geomspace(0.5, 12, 14)
-    ratios = np.geomspace(1.2, 5, 8)
-    radii = (0.004, 0.006, 0.009)
+    constants, ratios = np.geomspace(0.5, 12, 14).round(2), np.geomspace(1.2, 5, 8).round(2)
+    factors, times = np.geomspace(0.8, 2.4, 7).round(2), (0.0, 0.5, 1.0, 1.5, 2.0)
+    radii, parts = (0.004, 0.006, 0.009), (0.6, 0.75, 0.9)
     return {
-        "constant": [from_motors(0.0, squeeze) for squeeze in constants],
-        "none": [from_motors(*pair) for pair in product((0.0, 0.5, 1.0, 1.5, 2.0), constants[:10])],
-        "total": [from_wrench(ratio, math.inf) for ratio in ratios],
-        "wrench": [from_wrench(*pair) for pair in product(ratios, radii)],
-        "taxels": [
-            from_taxels(*pair) for pair in product(np.geomspace(0.8, 2.4, 7), (0.6, 0.75, 0.9))
-        ],
+        "constant": {f"{n} N": from_motors(0.0, n) for n in constants},
+        "none": {
+            f"{r} times the lift force and {n} N": from_motors(r, n)
+            for r, n in product(times, constants[:10])
+        },
+        "total": {f"{r} times the load and 0.4 N": from_wrench(r, math.inf) for r in ratios},
+        "wrench": {
+            f"{r} times the load, radius {n} m, and 0.4 N": from_wrench(r, n)
+            for r, n in product(ratios, radii)
+        },
+        "taxels": {
+            f"{r} times the load over the friction, quantile {n}, and 0.4 N": from_taxels(r, n)
+            for r, n in product(factors, parts)
+        },
     }
 
 
 def best_rule(name: str) -> list[dict[str, Any]]:
     """Returns the outcomes of the rule with the most successes on the first 60 demonstrations."""
+    candidates = rules()[name]
 
-    def successes(rule: Rule) -> int:
-        return run_rule(rule, range(60), held_out=False).count("success")
+    def successes(numbers: str) -> int:
+        return run_rule(candidates[numbers], range(60), held_out=False).count("success")
 
-    best = max(rules()[name], key=successes)
+    best = max(candidates, key=successes)
     return [
         {
             "condition": "clean" if held_out else "new objects",
             "row": name,
             "column": "rule",
             "seed": 0,
-            "outcomes": run_rule(best, TEST_EPISODES, held_out),
+            "rule": best,
+            "outcomes": run_rule(candidates[best], TEST_EPISODES, held_out),
         }
         for held_out in (True, False)
     ]
