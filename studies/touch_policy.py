@@ -52,11 +52,19 @@ TEST_EPISODES = range(1000, 1100)
 BATCH_SIZE, NUM_UPDATES, LEARNING_RATE = 128, 3000, 1e-3
 ACTION_SCALE = np.array([MAX_LOG_CHANGE, MAX_LIFT_SPEED])
 ROWS = (*LIFT_INPUTS, "encoder")
-SENSORS = {"good": PadSensor(), "rough": PadSensor.rough(), "dead": PadSensor(dead=0.1)}
+SENSORS = {
+    "good": PadSensor(),
+    "5 mN": PadSensor(gain_spread=0.08, offset=0.005),
+    "10 mN": PadSensor(gain_spread=0.11, offset=0.01),
+    "rough": PadSensor.rough(),
+    "dead": PadSensor(dead=0.1),
+}
 # Name of the condition: the sensor and the number of the demonstrations, and the rows.
 CONDITIONS: dict[str, tuple[str, int, tuple[str, ...]]] = {
     "clean": ("good", NUM_DEMONSTRATIONS, ROWS),
     "30 demonstrations": ("good", 30, ("wrench", "taxels", "encoder")),
+    "8 % gains, 5 mN offsets": ("5 mN", NUM_DEMONSTRATIONS, ("wrench", "taxels")),
+    "11 % gains, 10 mN offsets": ("10 mN", NUM_DEMONSTRATIONS, ("wrench", "taxels")),
     "rough sensor": ("rough", NUM_DEMONSTRATIONS, ("none", "wrench", "taxels", "encoder")),
 }
 # Further tests of the policies of "clean": the sensor, whether objects are narrow, and the rows.

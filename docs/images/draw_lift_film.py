@@ -1,0 +1,133 @@
+"""Draws docs/images/touch_policies.gif: two policies lift one object, without and with touch.
+
+Both are rows of studies/touch_policy.py, trained here once more with seed 1. The object is that of
+the first test episode that they end differently. MuJoCo draws without a screen with MUJOCO_GL=egl
+(or osmesa).
+
+Examples:
+    export MUJOCO_GL=egl PYTHONPATH=benchmarks:studies
+    python docs/images/draw_lift_film.py docs/images/touch_policies.gif
+"""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib
+import mujoco
+import numpy as np
+import torch
+from draw_lift import BLUE, GREEN, GREY, ORANGE
+from PIL import Image
+from touch_policy import (
+    ACTION_SCALE,
+    STEPS,
+    TEST_EPISODES,
+    Runner,
+    demonstrations,
+    inputs_of,
+    train,
+    windows,
+)
+
+from torch_geometric_tactile.sim import GripperLift, draw_lift_object
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+TITLES = {"none": "motors only", "taxels": "motors and touch"}
+FRAME_MS, LAST_MS = 100, 2500
+
+
+@torch.no_grad()
+def run_episode(
+    row: str, policy: torch.nn.Module, seed: int
+) -> Iterator[tuple[GripperLift, np.ndarray]]:
+    """Yields the task and a picture after each step."""
+    env = GripperLift()
+    history = [env.reset(seed, draw_lift_object(seed, held_out=True))]
+    renderer = mujoco.Renderer(env.model, 360, 360)
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = 0, 0, 0.05
+    camera.distance, camera.azimuth, camera.elevation = 0.2, 70, -12
+    finished = False
+    while not finished:
+        inputs = windows(np.stack([inputs_of(row, o) for o in history[-STEPS:]]))[-1:]
+        action = policy(torch.from_numpy(inputs.copy()).float())[0].double().numpy() * ACTION_SCALE
+        observation, finished = env.step(action)
+        history.append(observation)
+        renderer.update_scene(env.data, camera)
+        yield env, renderer.render().copy()
+
+
+def draw_frame(episodes: dict[str, list], step: int, need: float) -> Image.Image:
+    """Returns the picture of a step: scenes above, squeeze and need below."""
+    figure, axes = plt.subplots(
+        2, 2, figsize=(6, 4.6), height_ratios=(2, 1), layout="constrained", sharey="row"
+    )
+    length = max(len(rows) for rows in episodes.values())
+    top = 1.3 * max(1.6 * need + 0.5, *(row[1] for rows in episodes.values() for row in rows))
+    for column, (row, rows) in enumerate(episodes.items()):
+        image, _, label = rows[min(step, len(rows) - 1)]
+        scene, lines = axes[:, column]
+        scene.imshow(image)
+        scene.axis("off")
+        scene.set_title(TITLES[row], fontsize=11)
+        color = GREEN if label == "success" else ORANGE
+        scene.text(
+            0.5,
+            0.02,
+            label,
+            color=color,
+            fontsize=14,
+            ha="center",
+            weight="bold",
+            transform=scene.transAxes,
+        )
+        seen = [squeeze for _, squeeze, _ in rows[: step + 1]]
+        lines.axhspan(need, 1.6 * need + 0.5, color=GREEN, alpha=0.2, label="holds, not crushed")
+        lines.axhline(need, color=GREY, lw=1)
+        lines.plot(np.arange(1, len(seen) + 1) / 20, seen, color=BLUE)
+        lines.set(xlim=(0, length / 20), ylim=(0, top), xlabel="time in s")
+    axes[1, 0].set_ylabel("squeeze in N")
+    axes[1, 0].legend(loc="upper left", fontsize=8, frameon=False)
+    figure.canvas.draw()
+    image = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
+    plt.close(figure)
+    return image
+
+
+def main() -> None:
+    """Draws the film."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    out = parser.parse_args().out
+    torch.set_num_threads(1)
+    policies = {row: train(row, demonstrations(200, "good"), 1) for row in TITLES}
+    outcomes = [
+        Runner(TEST_EPISODES, "good", held_out=True, narrow=False).run(row, policy)[0]
+        for row, policy in policies.items()
+    ]
+    seed = next(
+        s for s, *labels in zip(TEST_EPISODES, *outcomes, strict=True) if len({*labels}) > 1
+    )
+    episodes: dict[str, list] = {}
+    for row, policy in policies.items():
+        rows = [[image, env.squeeze, ""] for env, image in run_episode(row, policy, seed)]
+        rows[-1][2] = outcomes[len(episodes)][seed - TEST_EPISODES[0]]
+        episodes[row] = rows
+    item = draw_lift_object(seed, held_out=True)
+    env = GripperLift()
+    env.reset(seed, item)
+    steps = [*range(0, max(map(len, episodes.values())), 2)]
+    frames = [draw_frame(episodes, step, env.need) for step in steps]
+    frames.append(draw_frame(episodes, 10**6, env.need))
+    palette = frames[-1].quantize(128)
+    small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    durations = [FRAME_MS] * len(steps) + [LAST_MS]
+    small[0].save(out, save_all=True, append_images=small[1:], duration=durations, loop=0)
+    print(seed, item, {row: rows[-1][2] for row, rows in episodes.items()})
+
+
+if __name__ == "__main__":
+    main()
