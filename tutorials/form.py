@@ -21,6 +21,7 @@ NAMES = (
     "08_grasps_in_time",
     "09_letters",
     "10_what_it_learnt",
+    "11_touch_policy",
 )
 CLOSING = ("What to take from this", "Next")
 _LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
