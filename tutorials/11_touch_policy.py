@@ -8,7 +8,7 @@
 # - **Data**: demonstrations of a simulated gripper (MuJoCo, no real one), recorded here.
 # - **You will see** an expert's squeeze, two policies that differ in nothing but their inputs, how
 #   often each succeeds in closed loop, and the demonstrations as a LeRobot data set.
-# - **Time**: about 40 s. The whole table, with five seeds and more inputs, is
+# - **Time**: about 50 s. The whole table, with five seeds and more inputs, is
 #   [on a page](../docs/results/touch_policies.md).
 
 # %% [markdown]

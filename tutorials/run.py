@@ -39,7 +39,7 @@ _ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
 class Limits:
     r"""What one tutorial may take: processor time in seconds, memory in bytes."""
 
-    seconds: float = 45
+    seconds: float = 60
     memory: float = 2e9
 
 
