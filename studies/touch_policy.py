@@ -37,6 +37,7 @@ from torch_geometric_tactile.sim import (
     draw_lift_object,
     lift_expert,
     lift_inputs,
+    lift_observations,
     record_lift,
 )
 from torch_geometric_tactile.sim.gripper_lift import (
@@ -127,29 +128,38 @@ def demonstrations(number: int, sensor: str) -> list[Episode]:
     env, episodes = GripperLift(sensor=SENSORS[sensor]), []
     for seed in range(number):
         recording = record_lift(env, seed, noise=NOISE)
-        motors = (
-            recording.joint,
-            *(recording.extra[k] for k in ("velocity", "command", "motor_force")),
-        )
-        columns = zip(recording.tactile, *motors, strict=True)
-        episodes.append(([LiftObservation(*row) for row in columns], recording.action))
+        episodes.append((lift_observations(recording), recording.action))
     return episodes
 
 
 def train(row: str, episodes: list[Episode], seed: int) -> nn.Module:
     """Returns a policy that imitates the actions."""
-    steps = [np.stack([inputs_of(row, o) for o in observations]) for observations, _ in episodes]
-    inputs = torch.from_numpy(np.concatenate([windows(s) for s in steps])).float()
+    inputs = inputs_table(row, episodes)
     actions = torch.from_numpy(np.concatenate([a for _, a in episodes]) / ACTION_SCALE).float()
     torch.manual_seed(seed)
     policy = Policy(row, inputs)
-    optimizer = torch.optim.AdamW(policy.parameters(), LEARNING_RATE, weight_decay=1e-4)
+
+    def loss(index: Tensor) -> Tensor:
+        return nn.functional.mse_loss(policy(inputs[index]), actions[index])
+
+    return fit(policy, loss, len(inputs), LEARNING_RATE)
+
+
+def inputs_table(row: str, episodes: list[Episode]) -> Tensor:
+    """Returns the inputs (S, STEPS, D) of all steps of episodes."""
+    steps = [np.stack([inputs_of(row, o) for o in observations]) for observations, _ in episodes]
+    return torch.from_numpy(np.concatenate([windows(s) for s in steps])).float()
+
+
+def fit(
+    policy: nn.Module, loss: Callable[[Tensor], Tensor], num_steps: int, rate: float
+) -> nn.Module:
+    """Trains a policy by the loss of random steps, and returns it."""
+    optimizer = torch.optim.AdamW(policy.parameters(), rate, weight_decay=1e-4)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, NUM_UPDATES)
     for _ in range(NUM_UPDATES):
-        index = torch.randint(len(inputs), (BATCH_SIZE,))
-        loss = nn.functional.mse_loss(policy(inputs[index]), actions[index])
         optimizer.zero_grad()
-        loss.backward()
+        loss(torch.randint(num_steps, (BATCH_SIZE,))).backward()
         optimizer.step()
         schedule.step()
     return policy.eval()
@@ -409,21 +419,21 @@ def write_tables(results: list[dict[str, Any]]) -> str:
             cells = [describe(outcomes) for outcomes in found]
             lines.append(f"| {row} | {' | '.join(cells)} | {describe_failures(found[0])} |")
     pairs = [
-        ((condition, first, column), (condition, second, "rule" if is_rule else column))
+        (
+            (condition, first, column),
+            (condition, second, "rule" if second == "constant" else column),
+        )
         for condition, column in dict.fromkeys(run[::2] for run in runs if run[2] != "rule")
         for first, second in PAIRS
-        for is_rule in (second == "constant",)
     ]
     for condition, row, column in runs:
+        policy = (condition, row, column)
         if column == "dagger":
-            pairs.append(((condition, row, column), (condition, row, "cloning")))
-        elif condition not in ("clean", "new objects"):
-            pairs.append(((condition, row, column), ("clean", row, "cloning")))
-        elif column == "cloning":
-            pairs += [
-                ((condition, row, column), (condition, *r))
-                for r in ((row, "rule"), ("expert", "rule"))
-            ]
+            pairs.append((policy, (condition, row, "cloning")))
+        if condition not in ("clean", "new objects"):
+            pairs.append((policy, ("clean", row, "cloning")))
+        elif column != "rule":
+            pairs += [(policy, (condition, row, "rule")), (policy, (condition, "expert", "rule"))]
     lines += ["\n| first | second | difference | verdict |", "|---|---|---:|---|"]
     return "\n".join([*lines, *filter(None, (difference(results, *pair) for pair in pairs))])
 
@@ -443,8 +453,9 @@ def main() -> None:
     tasks = [
         (condition, row, seed)
         for condition in arguments.conditions
+        if condition != "rules"
         for seed in range(1, arguments.seeds + 1)
-        for row in CONDITIONS.get(condition, ("",) * 3)[-1]
+        for row in CONDITIONS[condition][-1]
     ]
     done = {(r["condition"], r["row"], r["seed"]) for r in results}
     calls = [delayed(run_seed)(*task) for task in tasks if task not in done]

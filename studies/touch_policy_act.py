@@ -25,18 +25,16 @@ from shared import parse
 from torch import Tensor, nn
 from touch_policy import (
     ACTION_SCALE,
-    BATCH_SIZE,
     NUM_DEMONSTRATIONS,
-    NUM_UPDATES,
     STEPS,
     Episode,
     Runner,
     demonstrations,
-    inputs_of,
+    fit,
+    inputs_table,
     read,
     run,
     run_seed,
-    windows,
 )
 
 from torch_geometric_tactile.sim import GripperLift
@@ -93,10 +91,9 @@ class Policy(nn.Module):
         return self.policy.predict_action_chunk(self.batch(inputs))[:, 0]
 
 
-def train(row: str, episodes: list[Episode], seed: int, rate: float, layout: Path) -> Policy:
+def train(row: str, episodes: list[Episode], seed: int, rate: float, layout: Path) -> nn.Module:
     """Returns a policy that imitates the actions."""
-    steps = [np.stack([inputs_of(row, o) for o in observations]) for observations, _ in episodes]
-    inputs = torch.from_numpy(np.concatenate([windows(s) for s in steps])).float()
+    inputs = inputs_table(row, episodes)
     chunks, padding = [], []
     for _, actions in episodes:
         index = np.arange(len(actions))[:, None] + np.arange(CHUNK)
@@ -106,17 +103,12 @@ def train(row: str, episodes: list[Episode], seed: int, rate: float, layout: Pat
     is_pad = torch.from_numpy(np.concatenate(padding))
     torch.manual_seed(seed)
     policy = Policy(row, inputs, layout).train()
-    optimizer = torch.optim.AdamW(policy.parameters(), rate, weight_decay=1e-4)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, NUM_UPDATES)
-    for _ in range(NUM_UPDATES):
-        index = torch.randint(len(inputs), (BATCH_SIZE,))
-        batch = policy.batch(inputs[index])
-        loss, _ = policy.policy({**batch, "action": actions[index], "action_is_pad": is_pad[index]})
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        schedule.step()
-    return policy.eval()
+
+    def loss(index: Tensor) -> Tensor:
+        batch = {"action": actions[index], "action_is_pad": is_pad[index]}
+        return policy.policy({**policy.batch(inputs[index]), **batch})[0]
+
+    return fit(policy, loss, len(inputs), rate)
 
 
 def main() -> None:

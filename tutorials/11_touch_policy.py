@@ -32,7 +32,8 @@ print(demonstrations[0])
 print({label: sum(r.label == label for r in demonstrations) for label in ("success", "crushed")})
 
 # %% [markdown]
-# The right squeeze differs from object to object by a factor of up to 40, so no constant fits:
+# The right squeeze differs from object to object by a factor of up to 40, so no constant fits.
+# A line ends a step before its episode does:
 
 # %% tags=["figure"]
 figure, axes = plt.subplots(1, 3, figsize=(9, 2.6), sharey=True, layout="constrained")
@@ -60,7 +61,7 @@ axes[0].set(ylabel="squeeze in N, green: right")
 import torch
 from torch import nn
 
-from torch_geometric_tactile.sim import LiftObservation, lift_inputs
+from torch_geometric_tactile.sim import lift_inputs, lift_observations
 
 STEPS, SCALE = 8, np.array([0.3, 0.05])  # the largest actions
 
@@ -73,9 +74,7 @@ def last_steps(steps):
 def table(name):
     inputs, actions = [], []
     for r in demonstrations:
-        motors = (r.joint, r.extra["velocity"], r.extra["command"], r.extra["motor_force"])
-        steps = zip(r.tactile, *motors, strict=True)
-        inputs.append(last_steps(np.stack([lift_inputs(LiftObservation(*s), name) for s in steps])))
+        inputs.append(last_steps(np.stack([lift_inputs(o, name) for o in lift_observations(r)])))
         actions.append(r.action / SCALE)
     return [torch.from_numpy(np.concatenate(rows)).float() for rows in (inputs, actions)]
 

@@ -202,7 +202,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("names", nargs="*", help="names or numbers, such as 04; all if left out")
     parser.add_argument("--jobs", type=int, default=1, help="tutorials that run at once")
-    parser.add_argument("--limit", type=float, default=Limits.seconds, help="processor time of each in seconds")
+    parser.add_argument(
+        "--limit", type=float, default=Limits.seconds, help="processor time of each in seconds"
+    )
     parser.add_argument("--total", type=float, default=420, help="processor time of all in seconds")
     parser.add_argument("--memory", type=float, default=2, help="memory of each in GB")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "tutorials", help="results")

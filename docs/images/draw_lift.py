@@ -7,6 +7,7 @@ Examples:
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib
@@ -23,23 +24,33 @@ WEIGHT = ITEM.mass * 9.81
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#8a97a6"
 
 
+def scene(env: GripperLift, height: int, width: int) -> Callable[[], np.ndarray]:
+    """Returns a function that draws the running episode."""
+    renderer = mujoco.Renderer(env.model, height, width)
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = 0, 0, 0.05
+    camera.distance, camera.azimuth, camera.elevation = 0.2, 70, -12
+
+    def draw() -> np.ndarray:
+        renderer.update_scene(env.data, camera)
+        return renderer.render().copy()
+
+    return draw
+
+
 def run_episode(seed: int) -> tuple[GripperLift, np.ndarray, list[np.ndarray], list[np.ndarray]]:
     """Returns the task, (time, squeeze, load, slide, tilt, height) of each step, the forces on the
     taxels and the pictures."""
     env = GripperLift()
     env.reset(seed, ITEM)
-    renderer = mujoco.Renderer(env.model, 480, 400)
-    camera = mujoco.MjvCamera()
-    camera.lookat[:] = 0, 0, 0.05
-    camera.distance, camera.azimuth, camera.elevation = 0.2, 70, -12
+    draw = scene(env, 480, 400)
     rows, forces, images, finished = [], [], [], False
     while not finished:
         observation, finished = env.step(lift_expert(env))
         height = observation.position[1]
         rows.append((env.squeeze, env.load, 1e3 * env.slide, np.rad2deg(env.tilt), 1e3 * height))
         forces.append(env.taxel_force[:16])
-        renderer.update_scene(env.data, camera)
-        images.append(renderer.render().copy())
+        images.append(draw())
     numbers = np.column_stack([np.arange(1, len(rows) + 1) / 20, np.array(rows)])
     return env, numbers, forces, images
 

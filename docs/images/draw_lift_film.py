@@ -1,8 +1,8 @@
 """Draws docs/images/touch_policies.gif: two policies lift one object, without and with touch.
 
 Both are rows of studies/touch_policy.py, trained here once more with seed 1. The object is that of
-the first test episode that they end differently. MuJoCo draws without a screen with MUJOCO_GL=egl
-(or osmesa).
+the first test episode on which they end differently. MuJoCo draws without a screen with
+MUJOCO_GL=egl (or osmesa).
 
 Examples:
     export MUJOCO_GL=egl PYTHONPATH=benchmarks:studies
@@ -10,20 +10,18 @@ Examples:
 """
 
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
 
 import matplotlib
-import mujoco
 import numpy as np
 import torch
-from draw_lift import BLUE, GREEN, GREY, ORANGE
+from draw_lift import BLUE, GREEN, GREY, ORANGE, scene
 from PIL import Image
 from touch_policy import (
     ACTION_SCALE,
+    NUM_DEMONSTRATIONS,
     STEPS,
     TEST_EPISODES,
-    Runner,
     demonstrations,
     inputs_of,
     train,
@@ -40,24 +38,19 @@ FRAME_MS, LAST_MS = 100, 2500
 
 
 @torch.no_grad()
-def run_episode(
-    row: str, policy: torch.nn.Module, seed: int
-) -> Iterator[tuple[GripperLift, np.ndarray]]:
-    """Yields the task and a picture after each step."""
-    env = GripperLift()
+def run_episode(row: str, policy: torch.nn.Module, seed: int) -> tuple[GripperLift, list]:
+    """Returns the finished task, and the picture, the squeeze and the outcome at each step, which
+    is empty before the end."""
+    env, steps, finished = GripperLift(), [], False
     history = [env.reset(seed, draw_lift_object(seed, held_out=True))]
-    renderer = mujoco.Renderer(env.model, 360, 360)
-    camera = mujoco.MjvCamera()
-    camera.lookat[:] = 0, 0, 0.05
-    camera.distance, camera.azimuth, camera.elevation = 0.2, 70, -12
-    finished = False
+    draw = scene(env, 360, 360)
     while not finished:
         inputs = windows(np.stack([inputs_of(row, o) for o in history[-STEPS:]]))[-1:]
         action = policy(torch.from_numpy(inputs.copy()).float())[0].double().numpy() * ACTION_SCALE
         observation, finished = env.step(action)
         history.append(observation)
-        renderer.update_scene(env.data, camera)
-        yield env, renderer.render().copy()
+        steps.append((draw(), env.squeeze, env.outcome.label if finished else ""))
+    return env, steps
 
 
 def draw_frame(episodes: dict[str, list], step: int, need: float) -> Image.Image:
@@ -103,30 +96,20 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     out = parser.parse_args().out
     torch.set_num_threads(1)
-    policies = {row: train(row, demonstrations(200, "good"), 1) for row in TITLES}
-    outcomes = [
-        Runner(TEST_EPISODES, "good", held_out=True, narrow=False).run(row, policy)[0]
-        for row, policy in policies.items()
-    ]
-    seed = next(
-        s for s, *labels in zip(TEST_EPISODES, *outcomes, strict=True) if len({*labels}) > 1
-    )
-    episodes: dict[str, list] = {}
-    for row, policy in policies.items():
-        rows = [[image, env.squeeze, ""] for env, image in run_episode(row, policy, seed)]
-        rows[-1][2] = outcomes[len(episodes)][seed - TEST_EPISODES[0]]
-        episodes[row] = rows
-    item = draw_lift_object(seed, held_out=True)
-    env = GripperLift()
-    env.reset(seed, item)
-    steps = [*range(0, max(map(len, episodes.values())), 2)]
-    frames = [draw_frame(episodes, step, env.need) for step in steps]
-    frames.append(draw_frame(episodes, 10**6, env.need))
+    policies = {row: train(row, demonstrations(NUM_DEMONSTRATIONS, "good"), 1) for row in TITLES}
+    for seed in TEST_EPISODES:
+        runs = {row: run_episode(row, policy, seed) for row, policy in policies.items()}
+        if len({env.outcome.label for env, _ in runs.values()}) > 1:
+            break
+    env, _ = runs["none"]
+    episodes = {row: steps for row, (_, steps) in runs.items()}
+    last = max(len(steps) for steps in episodes.values()) - 1
+    frames = [draw_frame(episodes, step, env.need) for step in (*range(0, last, 2), last)]
     palette = frames[-1].quantize(128)
     small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    durations = [FRAME_MS] * len(steps) + [LAST_MS]
+    durations = [FRAME_MS] * (len(frames) - 1) + [LAST_MS]
     small[0].save(out, save_all=True, append_images=small[1:], duration=durations, loop=0)
-    print(seed, item, {row: rows[-1][2] for row, rows in episodes.items()})
+    print(seed, env.item, {row: env.outcome.label for row, (env, _) in runs.items()})
 
 
 if __name__ == "__main__":

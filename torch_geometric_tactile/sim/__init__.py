@@ -18,7 +18,12 @@ from torch_geometric_tactile.sim.letter_press import LetterPress, LetterPresses
 from torch_geometric_tactile.sim.lift_inputs import LIFT_INPUTS, lift_inputs
 from torch_geometric_tactile.sim.lift_need import needed_squeeze
 from torch_geometric_tactile.sim.lift_object import LiftObject, draw_lift_object
-from torch_geometric_tactile.sim.lift_policies import constant_squeeze, lift_expert, record_lift
+from torch_geometric_tactile.sim.lift_policies import (
+    constant_squeeze,
+    lift_expert,
+    lift_observations,
+    record_lift,
+)
 from torch_geometric_tactile.sim.objects import PROPERTIES, GraspObject, control8, paper8, twenty
 from torch_geometric_tactile.sim.pad_sensor import PadDevice, PadSensor
 from torch_geometric_tactile.sim.simulate import (
@@ -69,6 +74,7 @@ __all__ = [
     "letter_strokes",
     "lift_expert",
     "lift_inputs",
+    "lift_observations",
     "needed_squeeze",
     "paper8",
     "record_lift",

@@ -14,7 +14,7 @@ from torch_geometric_tactile.sim._lift_actions import (
     MAX_LOG_CHANGE,
     MIN_SQUEEZE,
 )
-from torch_geometric_tactile.sim.gripper_lift import GripperLift
+from torch_geometric_tactile.sim.gripper_lift import GripperLift, LiftObservation
 from torch_geometric_tactile.sim.lift_object import LiftObject
 
 _Policy = Callable[[GripperLift], np.ndarray]
@@ -158,3 +158,24 @@ def record_lift(
         extra={"velocity": velocity, "command": command, "motor_force": motor_force},
         privileged=dict(zip(("force", "squeeze", "load", "slide", "tilt"), states, strict=True)),
     )
+
+
+def lift_observations(recording: Recording) -> list[LiftObservation]:
+    r"""Returns the observations of a recording of :func:`record_lift`, one for each step.
+
+    Args:
+        recording (Recording): The episode.
+
+    Raises:
+        ValueError: If the recording lacks measurements of the motors.
+
+    Examples:
+        >>> recording = record_lift(GripperLift(), seed=0)
+        >>> len(lift_observations(recording)) == recording.num_frames
+        True
+    """
+    joint, extra = recording.joint, recording.extra
+    if joint is None or not {"velocity", "command", "motor_force"} <= set(extra):
+        raise ValueError(f"'recording' must have all that 'record_lift' writes (got {recording})")
+    columns = (recording.tactile, joint, extra["velocity"], extra["command"], extra["motor_force"])
+    return [LiftObservation(*row) for row in zip(*columns, strict=True)]
