@@ -140,8 +140,7 @@ def test_columns_without_meaning_may_be_ignored(write):
         read_named_csv(write("a,Unnamed: 0", "1,0"))
     path = write("Unnamed: 0,a", "0,1")
     assert read_named_csv(path, ignore=["Unnamed: 0"], rate=10).num_taxels == 1
-    with pytest.raises(ValueError, match=r"line 1, column 3 must be the name of a column \(got ''"):
-        read_named_csv(write("a,b,", "1,2,"))
+    assert read_named_csv(write("a,b,", "1,2,"), rate=10).num_taxels == 2
     assert read_named_csv(write("a,b,", "1,2,"), ignore=[""], rate=10).num_taxels == 2
 
 
@@ -173,7 +172,7 @@ def test_a_frame_without_readings_is_missing(write):
             {"time": "time"},
             r"column 2 must be a reading .*stamp",
         ),
-        (["time [ms],a", "1,2"], {}, r"must be a reading or end in a unit .*\(got 'time \[ms\]'"),
+        (["time [x],a", "1,2"], {}, r"must be a reading or end in a unit .*\(got 'time \[x\]'"),
         (["timestamp.1,a", "1,2"], {}, r"column 1 must be .*got 'timestamp.1'\)"),
         (
             ["time_hours,a", "1,2"],
@@ -185,7 +184,11 @@ def test_a_frame_without_readings_is_missing(write):
             {"time_unit": "s"},
             r"'time_unit' must be 'ms', as in ",
         ),
-        (["time,a", "1768398006957,2"], {}, r"line 2: 'time' must be in s \(got '1768398006957'"),
+        (
+            ["time,a", "1768398006957,2"],
+            {},
+            r"line 2, column 1: 'time' must be in s \(got '1768398006957'",
+        ),
         (["pad_1,a", "1,2"], {"tactile": "pad_(.*"}, r"'tactile' must be .* regular expression"),
         (["pad_1,a", "1,2"], {"joint": "*"}, r"'joint' must be .* \(got '\*': nothing to repeat"),
         (["\x1b[31m,a", "b,1"], {"rate": 1}, r"column 1: '\\x1b\[31m' must be a number"),

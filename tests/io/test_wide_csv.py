@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import _wide_csv, read_recording
+from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.io._csv_frames import READING_UNITS
 from torch_geometric_tactile.io._wide_csv import read_wide_csv, write_wide_csv
 
 SMALL = {"num_taxels": 2, "num_channels": 3, "num_joints": 1}
@@ -283,7 +284,9 @@ def test_names_that_contradict(write, names, message):
 
 @pytest.mark.parametrize("cell", ["1768398006957662101", "100000000001", "-100000000001"])
 def test_a_time_without_its_unit(write, cell):
-    with pytest.raises(ValueError, match=rf"line 2: 'time' must be in s \(got '{cell}'.*time_ns"):
+    with pytest.raises(
+        ValueError, match=rf"line 2, column 1: 'timestamp' must be in s \(got '{cell}'.*time_ns"
+    ):
         read_wide_csv(write("timestamp,taxel_0_x", f"{cell},1"))
 
 
@@ -357,7 +360,7 @@ def test_a_frame_without_readings_is_missing(write):
             ["taxel_0_x,time", ",", "1,0.75"],
             r"line 2, column 2: 'time' must be a number",
         ),
-        ([";".join(VALUES), "1"], r"line 1 must have cells separated by commas"),
+        ([":".join(VALUES), "1"], r"line 1 must name the columns"),
     ],
 )
 def test_lines_refused(write, lines, message):
@@ -400,4 +403,4 @@ def test_units_of_columns_and_their_factors(tmp_path, suffix, unit, expected):
 
 def test_every_unit_of_columns_is_tested():
     names = {"n", "newton", "mn", "count", "counts"}
-    assert set(_wide_csv._UNITS) == names
+    assert set(READING_UNITS) == names

@@ -1,6 +1,7 @@
 from .bigs_format import BiGSFormat
 from .bigs_grasp import read_bigs
 from .biotac_slide_csv import read_biotac_slide_csv
+from .dataframe import dataframe_to_recording
 from .decoders.anyskin import AnySkinDecoder
 from .decoders.decoder import Decoder, DecoderCounts
 from .decoders.flexitac import FlexiTacDecoder
@@ -40,6 +41,7 @@ __all__ = [
     "RobotiqDecoder",
     "TextRowsDecoder",
     "add_to_lerobot",
+    "dataframe_to_recording",
     "decoder_of",
     "encode_letter_array",
     "encode_packet",

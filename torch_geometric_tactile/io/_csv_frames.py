@@ -2,6 +2,7 @@ r"""Recordings in CSV files with one frame per line: roles of the columns, and t
 
 import itertools
 import logging
+import math
 import re
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
@@ -10,9 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile._texts import quoted
+from torch_geometric_tactile._checks import Argument, ArgumentError
+from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_table import csv_table
+from torch_geometric_tactile.io._csv_format import CsvFormat
+from torch_geometric_tactile.io._csv_table import csv_table, is_number_cell
 from torch_geometric_tactile.io._folder_tables import annotations_beside
 from torch_geometric_tactile.io._recording_schema import new_recording
 
@@ -31,6 +34,25 @@ TIME_UNITS = (*_DECIMAL_PLACES, *_SECONDS)
 # 2,200. A unit of time is plausible if it gives a rate in the usual range.
 _MAX_RATE = 3000.0
 _USUAL_RATES = (10.0, 2000.0)
+# A unit in brackets or after a slash at the end of a name, and other spellings of units.
+_UNIT_IN_BRACKETS = re.compile(r"(.*?)[\s_]*(?:\[([^\[\]]+)\]|\(([^()]+)\)|/([^\s/]+))\s*")
+_UNIT_SPELLINGS = {
+    **dict.fromkeys(("sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("msec", "millis", "millisecond", "milliseconds"), "ms"),
+    **dict.fromkeys(("µs", "μs", "usec", "microseconds"), "us"),
+    **dict.fromkeys(("°", "degree", "degrees"), "deg"),
+    **dict.fromkeys(("radian", "radians"), "rad"),
+}
+# For each unit of a column of readings, the unit in the metadata and the number of column units per
+# unit.
+READING_UNITS = {
+    "n": ("newton", 1.0),
+    "newton": ("newton", 1.0),
+    "mn": ("newton", 1000.0),
+    "count": ("count", 1.0),
+    "counts": ("count", 1.0),
+}
+_DAY = 86400.0
 _AXES = ("x", "y", "z")
 _MAX_SECONDS = 1e11  # since 1970: the year 5138
 _logger = logging.getLogger(__name__)
@@ -64,7 +86,8 @@ class FrameColumns(NamedTuple):
 
     :obj:`tactile`, :obj:`joint` and :obj:`action` are columns in the order of the recording, and
     :obj:`extra` are columns of further signals. :obj:`degrees` are the joints whose angles are in
-    degrees. Readings divided by :obj:`per_unit` are in :obj:`unit`.
+    degrees. Readings divided by :obj:`per_unit` are in :obj:`unit`. :obj:`csv_format` tells how the
+    text is written.
     """
 
     names: list[str]
@@ -79,12 +102,13 @@ class FrameColumns(NamedTuple):
     per_unit: float = 1.0
     extra: Sequence[int] = ()
     action: Sequence[int] = ()
+    csv_format: CsvFormat = CsvFormat()
 
 
 class Frames(NamedTuple):
     r"""The frames of a file: readings :math:`(T, N C)`, joint angles :math:`(T, J)`, further
     signals :math:`(T, E)`, actions :math:`(T, A)`, the time in seconds :math:`(T,)` or :obj:`None`,
-    and the cells of time and label as text.
+    whether it was written as dates, and the cells of time and label as text.
     """
 
     tactile: np.ndarray
@@ -92,6 +116,7 @@ class Frames(NamedTuple):
     extra: np.ndarray
     action: np.ndarray
     time: np.ndarray | None
+    has_dates: bool
     time_cells: list[str]
     labels: list[str]
 
@@ -108,29 +133,31 @@ def read_frames(
         [] if column is None else [column] for column in (columns.time, columns.label)
     )
     groups = [columns.tactile, columns.joint, columns.extra, columns.action]
-    numeric = [*itertools.chain(*groups), *time_columns]
-    texts = [*time_columns, *label_columns]
     table, cells = csv_table(
-        path, lines, columns.names, numeric, texts=texts, required=time_columns
+        path,
+        lines,
+        columns.names,
+        [*itertools.chain(*groups)],
+        texts=[*time_columns, *label_columns],
+        csv_format=columns.csv_format,
     )
-    bounds = np.cumsum([len(group) for group in groups])
-    tactile, joint, extra, action, _ = np.split(table, bounds, axis=1)
+    tactile, joint, extra, action = np.split(
+        table, np.cumsum([len(group) for group in groups])[:-1], axis=1
+    )
     joint[:, columns.degrees] = np.deg2rad(joint[:, columns.degrees])
-    time, time_cells = None, [row[0].strip() for row in cells if time_columns]
+    time, has_dates = None, False
+    time_cells = [row[0].strip() for row in cells if time_columns]
     if time_columns:
-        unit, name = columns.time_unit, columns.names[time_columns[0]]
-        seconds = [
-            _parse_seconds(path, line, cell, unit)
-            for line, cell in enumerate(time_cells, first_line)
-        ]
-        time = np.array(seconds)
-        check_increasing_time(path, time, [*range(first_line, first_line + len(time))], name)
+        time, has_dates = _parse_times(path, time_cells, columns, first_line)
+        line_numbers = range(first_line, first_line + len(time))
+        check_increasing_time(path, time, line_numbers, columns.names[time_columns[0]], True)
     return Frames(
         tactile=tactile if columns.per_unit == 1 else tactile / columns.per_unit,
         joint=joint,
         extra=extra,
         action=action,
         time=time,
+        has_dates=has_dates,
         time_cells=time_cells,
         labels=[row[-1] for row in cells if label_columns],
     )
@@ -155,8 +182,17 @@ def frames_to_recording(
     )
 
 
-def check_increasing_time(path: Path, seconds: np.ndarray, lines: Sequence[int], name: str) -> None:
+def check_increasing_time(
+    path: Path, seconds: np.ndarray, lines: Sequence[int], name: str, has_options: bool = False
+) -> None:
     r"""Raises an error unless the time increases from line to line.
+
+    Args:
+        path (Path): The file, for the message.
+        seconds (numpy.ndarray): The times.
+        lines (sequence of int): The lines of the times.
+        name (str): The name of the column.
+        has_options (bool): Whether the reader has options for the time, which the message names.
 
     Shapes:
         - **seconds:** The times of the lines :math:`(T,)`.
@@ -164,10 +200,50 @@ def check_increasing_time(path: Path, seconds: np.ndarray, lines: Sequence[int],
     backward = np.flatnonzero(np.diff(seconds) <= 0)
     if len(backward):
         before, after = seconds[backward[0] : backward[0] + 2].tolist()
-        raise ValueError(
+        message = (
             f"'{path}', line {lines[backward[0] + 1]}: {quoted(name)} must increase (got {after} s "
             f"after {before} s)"
         )
+        if after < before or not has_options:
+            raise ValueError(message)
+        advice = ": if the clock is too coarse, skip the column with ", " and give the "
+        raise ArgumentError(
+            message, advice[0], Argument("ignore"), advice[1], Argument("rate"), " of the frames"
+        )
+
+
+def normalized_name(name: str, unit: str | None = None) -> str:
+    r"""Returns the name of a column in lower case, with a unit in brackets, after a slash or from a
+    row of units as in :obj:`time_ms`.
+
+    Examples:
+        >>> normalized_name("Bend (deg)"), normalized_name("time [msec]"), normalized_name("t", "s")
+        ('bend_deg', 'time_ms', 'time_s')
+    """
+    name = name.lower()
+    match = None if unit else _UNIT_IN_BRACKETS.fullmatch(name)
+    if match is not None:
+        name, unit = match[1], match[2] or match[3] or match[4]
+    if not unit:
+        return name
+    unit = unit.strip().lower()
+    return f"{'time' if name == 't' else name}_{_UNIT_SPELLINGS.get(unit, unit)}"
+
+
+def read_units(
+    path: Path, lines: Iterator[tuple[int, list[str]]], header: Sequence[str]
+) -> list[str]:
+    r"""Reads the row of units after a header, and returns the unit of each column, without the
+    brackets that some programs write around it.
+    """
+    line, row = next(lines, (0, []))
+    if len(row) != len(header) or any(cell.strip() and is_number_cell(cell) for cell in row):
+        raise ArgumentError(
+            f"'{path}', line {line} must hold the units of {len(header)} columns (got "
+            f"{short_list(row, 6, quoted)}): leave out ",
+            *(Argument("unit_row"), " if there is no such line"),
+        )
+    return [cell.strip(" []()") for cell in row]
 
 
 def name_to_time_unit(name: str) -> str | None:
@@ -177,7 +253,7 @@ def name_to_time_unit(name: str) -> str | None:
         >>> name_to_time_unit("Time"), name_to_time_unit("timestamp_ns"), name_to_time_unit("thumb")
         ('s', 'ns', None)
     """
-    match = _TIME_NAME.fullmatch(name.lower())
+    match = _TIME_NAME.fullmatch(normalized_name(name))
     return None if match is None else match[1] or "s"
 
 
@@ -230,19 +306,67 @@ def warn_of_unit(
         )
 
 
-def _parse_seconds(path: Path, line: int, cell: str, unit: str) -> float:
-    # Moves the decimal point in the text, so that the number is rounded only once.
-    if unit in _SECONDS:
-        has_exponent = "e" in cell.lower()  # Decimal is slow for a large exponent
-        size = _SECONDS[unit]
-        seconds = float(cell) * size if has_exponent else float(Decimal(cell) * size)
-    elif "e" in cell.lower():
-        seconds = float(cell) / 10 ** _DECIMAL_PLACES[unit]
-    else:
-        seconds = float(f"{cell}e-{_DECIMAL_PLACES[unit]}")
-    if abs(seconds) > _MAX_SECONDS:
-        raise ValueError(
-            f"'{path}', line {line}: 'time' must be in {unit} (got {quoted(cell)}, after the year "
-            "5000): name the column time_ms, time_us or time_ns if that is its unit"
+def _parse_times(
+    path: Path, cells: Sequence[str], columns: FrameColumns, first_line: int
+) -> tuple[np.ndarray, bool]:
+    r"""Returns the seconds of the cells of a time column, and whether they hold dates or times of a
+    day. Times of a day continue after midnight.
+    """
+    assert columns.time is not None
+    csv_format = columns.csv_format
+    has_dates = csv_format.time_format is not None or not is_number_cell(
+        csv_format.number_texts(cells[:1])[0]
+    )
+    seconds = np.empty(len(cells))
+    for i, cell in enumerate(cells):
+        try:
+            seconds[i] = (
+                csv_format.date_seconds(cell)
+                if has_dates
+                else _parse_seconds(csv_format.number_texts([cell])[0], columns.time_unit)
+            )
+        except (ValueError, OverflowError) as error:
+            raise _time_error(path, first_line + i, cell, columns, has_dates) from error
+    if has_dates and all(map(csv_format.is_clock_time, cells)):
+        seconds[1:] += _DAY * np.cumsum(np.diff(seconds) < -_DAY / 2)
+    return seconds, has_dates
+
+
+def _time_error(
+    path: Path, line: int, cell: str, columns: FrameColumns, has_dates: bool
+) -> ValueError:
+    assert columns.time is not None
+    name = quoted(columns.names[columns.time])
+    where = f"'{path}', line {line}, column {columns.time + 1}: {name}"
+    if has_dates:
+        return ArgumentError(
+            f"{where} must be a number, a date such as 2024-01-31T10:00:00.25 or a time of day "
+            f"such as 10:00:00.25 (got {quoted(cell)}): give the form of other dates as ",
+            Argument("time_format"),
         )
+    text = columns.csv_format.number_texts([cell])[0]
+    if not cell or not is_number_cell(text) or math.isnan(float(text)):
+        return ValueError(f"{where} must be a number (got {quoted(cell)})")
+    if math.isinf(float(text)):
+        return ValueError(f"{where} must be finite (got {quoted(cell)})")
+    return ValueError(
+        f"{where} must be in {columns.time_unit} (got {quoted(cell)}, after the year 5000): "
+        "name the column time_ms, time_us or time_ns if that is its unit"
+    )
+
+
+def _parse_seconds(text: str, unit: str) -> float:
+    # Moves the decimal point in the text, so that the number is rounded only once.
+    if not text or not is_number_cell(text):
+        raise ValueError("not a number")
+    if unit in _SECONDS:
+        has_exponent = "e" in text.lower()  # Decimal is slow for a large exponent
+        size = _SECONDS[unit]
+        seconds = float(text) * size if has_exponent else float(Decimal(text) * size)
+    elif "e" in text.lower():
+        seconds = float(text) / 10 ** _DECIMAL_PLACES[unit]
+    else:
+        seconds = float(f"{text}e-{_DECIMAL_PLACES[unit]}")
+    if not abs(seconds) <= _MAX_SECONDS:
+        raise OverflowError("after the year 5000")
     return seconds

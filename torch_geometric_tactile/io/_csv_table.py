@@ -10,13 +10,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile._texts import quoted
+from torch_geometric_tactile.io._csv_format import CsvFormat
 
 # Spreadsheet programs run a cell that begins with these as a formula; also full-width characters.
 _FORMULA_STARTS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 _Key = TypeVar("_Key", bound=Hashable)
-_SEPARATOR = re.compile(r"[;\t|]")
+_SEPARATOR = re.compile(r"[,;\t|]")
 
 
 def text_to_cell(text: str) -> str:
@@ -46,51 +47,95 @@ def _is_formula(text: str) -> bool:
     return text.startswith(("\t", "\r", "\n")) or text.lstrip().startswith(_FORMULA_STARTS)
 
 
-def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    r"""Yields the line number and the cells of each line.
+def csv_rows(path: Path, csv_format: CsvFormat | None = None) -> Iterator[tuple[int, list[str]]]:
+    r"""Yields the line number and the cells of each line after the preamble. Empty cells at the end
+    of a line are left out if the header has no names for them.
+
+    Args:
+        path (Path): The file.
+        csv_format (CsvFormat, optional): How the file is written. By default it is separated by
+            commas, and messages name no options.
 
     Raises:
         ValueError: If the file is empty, truncated or not valid CSV.
     """
-    # Without a line break at its end, the last number of a file may have lost digits.
-    with path.open("rb") as file:
-        if file.seek(0, 2):
-            file.seek(-1, 2)
-            is_complete = file.read(1) in b"\r\n"
-        else:
-            raise ValueError(f"'{path}' must hold at least one frame (got an empty file)")
-    last_line = 0
+    text_format = csv_format or CsvFormat(separator=",")
+    is_complete = _ends_with_line_break(path)
+    last_line = text_format.preamble
+    width = 0
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
+        with path.open(newline="", encoding=text_format.encoding) as file:
             # A file may begin with two byte order marks, if two programs wrote them.
-            first_line = filter(None, [file.readline().lstrip("\ufeff")])
-            reader = csv.reader(chain(first_line, file), strict=True)
+            text = file.readline().lstrip("\ufeff")
+            for _ in range(text_format.preamble):
+                text = file.readline()
+            separator = text_format.detected_separator(text)
+            reader = text_format.reader(chain(filter(None, [text]), file), separator)
             for row in reader:
-                previous_line, last_line = last_line, reader.line_num
+                previous_line, last_line = last_line, text_format.preamble + reader.line_num
                 if last_line > previous_line + 1:
                     raise ValueError(
                         f"'{path}', line {previous_line + 1} must have no cell with a line break "
                         f"(got one up to line {last_line}): is a quote missing?"
                     )
-                if not row or (len(row) == 1 and row[0].isspace()):
-                    raise ValueError(
-                        f"'{path}', line {last_line} must not be empty: delete it, or write the "
-                        "commas of a frame without readings if it is a missing frame"
-                    )
-                if len(row) == 1 and not is_number_cell(row[0]) and _SEPARATOR.search(row[0]):
-                    raise ValueError(
-                        f"'{path}', line {last_line} must have cells separated by commas (got "
-                        f"{quoted(row[0])})"
-                    )
-                yield last_line, row
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise ValueError(f"'{path}' cannot be read as CSV: {error}") from error
-    need(last_line != 0, f"'{path}' must hold at least one frame (got no line)")
+                _check_cells(path, last_line, row, separator, csv_format)
+                width = width or _num_names(row)
+                yield last_line, row if any(map(str.strip, row[width:])) else row[:width]
+    except (csv.Error, UnicodeError) as error:
+        raise _text_error(path, error, csv_format) from error
+    need(last_line != text_format.preamble, f"'{path}' must hold at least one frame (got no line)")
     if not is_complete:
         raise ValueError(
             f"'{path}', line {last_line} must end with a line break: is the file truncated? Delete "
             "the line, or add the line break if you know that the line is complete"
         )
+
+
+def _ends_with_line_break(path: Path) -> bool:
+    # Without a line break at its end, the last number of a file may have lost digits.
+    with path.open("rb") as file:
+        num_bytes = file.seek(0, 2)
+        need(num_bytes, f"'{path}' must hold at least one frame (got an empty file)")
+        file.seek(-min(2, num_bytes), 2)
+        return file.read().strip(b"\0").endswith((b"\r", b"\n"))  # UTF-16 has a null byte
+
+
+def _num_names(row: Sequence[str]) -> int:
+    # The number of cells of a first line, without empty ones at the end of a header.
+    num_cells = max((i for i, cell in enumerate(row, 1) if cell.strip()), default=0)
+    return num_cells if is_header(row[:num_cells]) else len(row)
+
+
+def _check_cells(
+    path: Path, line: int, row: Sequence[str], separator: str, csv_format: CsvFormat | None
+) -> None:
+    if len(row) > 1:
+        return
+    if not row or not row[0] or row[0].isspace():
+        raise ValueError(
+            f"'{path}', line {line} must not be empty: delete it, or write the commas of a frame "
+            "without readings if it is a missing frame"
+        )
+    if not is_number_cell(row[0]) and _SEPARATOR.search(row[0]):
+        sign = "commas" if separator == "," else quoted(separator)
+        message = (
+            f"'{path}', line {line} must have cells separated by {sign} (got {quoted(row[0])})"
+        )
+        raise _with_advice(message, csv_format, ": give another ", Argument("separator"))
+
+
+def _text_error(path: Path, error: Exception, csv_format: CsvFormat | None) -> ValueError:
+    message = f"'{path}' cannot be read as CSV: {error}"
+    if not isinstance(error, UnicodeError):
+        return ValueError(message)
+    return _with_advice(
+        message, csv_format, ": give its ", Argument("encoding"), ", such as cp1252 for Windows"
+    )
+
+
+def _with_advice(message: str, csv_format: CsvFormat | None, *advice: str) -> ValueError:
+    # Files of published data sets have a fixed format, and so no options to name.
+    return ValueError(message) if csv_format is None else ArgumentError(message, *advice)
 
 
 def read_header(lines: Iterator[tuple[int, list[str]]]) -> list[str]:
@@ -107,6 +152,7 @@ def csv_table(
     texts: Sequence[int] = (),
     required: Sequence[int] = (),
     row_noun: str = "frame",
+    csv_format: CsvFormat | None = None,
 ) -> tuple[np.ndarray, list[list[str]]]:
     r"""Reads a table of numbers and texts.
 
@@ -118,6 +164,7 @@ def csv_table(
         texts (sequence of int): The columns to return as texts.
         required (sequence of int): The columns in which no number may be missing.
         row_noun (str): The noun for a line, for messages.
+        csv_format (CsvFormat, optional): How the numbers are written.
 
     Returns:
         The numbers (one row for each line), and the texts of each line.
@@ -126,10 +173,10 @@ def csv_table(
     required_indices = [i for i, column in enumerate(numeric) if column in required]
     rows, cells = [], []
     for line, row in lines:
-        numbers = csv_numbers(path, line, row, names, columns, required)
+        numbers = csv_numbers(path, line, row, names, columns, required, csv_format)
         if required_indices and np.isnan(numbers[required_indices]).any():
             column = next(numeric[i] for i in required_indices if np.isnan(numbers[i]))
-            raise _number_error(path, line, column, row[column], names[column])
+            raise _number_error(path, line, column, row, names)
         rows.append(numbers)
         cells.append([row[i] for i in texts])
     need(rows, f"'{path}' must hold at least one {row_noun} (got a header only)")
@@ -162,20 +209,20 @@ def csv_numbers(
     names: Sequence[str],
     columns: Sequence[int] | None = None,
     required: Sequence[int] = (),
+    csv_format: CsvFormat | None = None,
 ) -> np.ndarray:
-    r"""Returns the numbers of a line, with NaN for empty cells.
+    r"""Returns the numbers of a line, with NaN for empty cells and missing readings.
 
     Raises:
         ValueError: If a cell is not a finite number, or the number of cells is not that of the
             names.
     """
     if len(row) != len(names):
-        raise ValueError(
-            f"'{path}', line {line} must have {len(names)} cells (got {len(row)}): is the file "
-            "truncated, or are the cells not separated by commas?"
-        )
+        raise _count_error(path, line, row, names, csv_format)
     cell_columns = range(len(row)) if columns is None else columns
     cells = row if columns is None else [row[i] for i in columns]
+    if csv_format is not None:
+        cells = csv_format.number_texts(cells)
     text = "".join(cells)
     # Converts the line at once, which is faster than cell by cell; errors take the slow path.
     try:
@@ -184,7 +231,16 @@ def csv_numbers(
             raise ValueError
         numbers = np.array(cells, dtype=object).astype(np.float64)
     except ValueError:
-        numbers = np.array([_parse_number(path, line, i, row[i], names[i]) for i in cell_columns])
+        invalid = [
+            i
+            for i, cell in zip(cell_columns, cells, strict=True)
+            if not _is_number(cell, csv_format)
+        ]
+        if invalid:
+            raise _number_error(path, line, invalid[0], row, names, csv_format) from None
+        numbers = np.array([_to_number(cell) for cell in cells])
+    if csv_format is not None and csv_format.missing_numbers:
+        numbers[np.isin(numbers, csv_format.missing_numbers)] = math.nan
     # Readings are stored as float32, so numbers beyond its range are infinite as well.
     with np.errstate(over="ignore"):
         infinite = np.flatnonzero(np.isinf(numbers.astype(np.float32)))
@@ -198,6 +254,23 @@ def csv_numbers(
     return numbers
 
 
+def _count_error(
+    path: Path,
+    line: int,
+    row: Sequence[str],
+    names: Sequence[str],
+    csv_format: CsvFormat | None,
+) -> ValueError:
+    message = f"'{path}', line {line} must have {len(names)} cells (got {len(row)}): "
+    if csv_format is None or len(row) < len(names):
+        return ValueError(
+            f"{message}is the file truncated, or are the cells not separated by commas?"
+        )
+    return ArgumentError(
+        f"{message}if lines come before the header, give their number as ", Argument("preamble")
+    )
+
+
 def is_number_cell(cell: str) -> bool:
     r"""Returns whether a cell holds a number, or is empty."""
     if not cell.isascii() or "_" in cell:
@@ -209,18 +282,39 @@ def is_number_cell(cell: str) -> bool:
     return True
 
 
-def _parse_number(path: Path, line: int, column: int, cell: str, name: str) -> float:
-    if not cell.strip():
-        return math.nan
-    if is_number_cell(cell):
-        return float(cell)
-    raise _number_error(path, line, column, cell, name)
+def _is_number(cell: str, csv_format: CsvFormat | None) -> bool:
+    return is_number_cell(cell) or (
+        csv_format is not None and cell.strip() in csv_format.missing_texts
+    )
 
 
-def _number_error(path: Path, line: int, column: int, cell: str, name: str) -> ValueError:
-    return ValueError(
-        f"'{path}', line {line}, column {column + 1}: {quoted(name)} must be a number "
+def _to_number(cell: str) -> float:
+    return float(cell) if cell.strip() and is_number_cell(cell) else math.nan
+
+
+def _number_error(
+    path: Path,
+    line: int,
+    column: int,
+    row: Sequence[str],
+    names: Sequence[str],
+    csv_format: CsvFormat | None = None,
+) -> ValueError:
+    cell = row[column]
+    message = (
+        f"'{path}', line {line}, column {column + 1}: {quoted(names[column])} must be a number "
         f"(got {quoted(cell)})"
+    )
+    if csv_format is None:
+        return ValueError(message)
+    if is_number_cell(cell.replace(",", ".")):
+        return ArgumentError(f"{message}; if it is a decimal comma, give ", Argument("decimal"))
+    if line == csv_format.preamble + 2 and is_header(row):
+        return ArgumentError(
+            f"{message}; if the line holds the units of the columns, give ", Argument("unit_row")
+        )
+    return ArgumentError(
+        f"{message}; if it stands for a missing reading, give it as ", Argument("missing")
     )
 
 

@@ -2,22 +2,27 @@ r"""Reader of recordings in CSV files with any column names, such as those of a 
 
 import re
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile._checks import Argument, ArgumentError, need_argument
+from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io._csv_format import CsvFormat
 from torch_geometric_tactile.io._csv_frames import (
+    READING_UNITS,
     TIME_UNITS,
     FrameColumns,
     frames_to_recording,
     is_clock_name,
     name_to_time_unit,
+    normalized_name,
     read_frames,
+    read_units,
     warn_of_unit,
 )
 from torch_geometric_tactile.io._csv_table import (
@@ -32,6 +37,7 @@ from torch_geometric_tactile.io._csv_table import (
 from torch_geometric_tactile.io._name_order import check_name_order
 from torch_geometric_tactile.io._recording_schema import recording_path
 
+_NO_FORMAT = CsvFormat()
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _MISSING_NAMES = ("na", "n/a", "<na>", "null", "none")
 _MAX_LABEL_LENGTH = 1000
@@ -51,6 +57,8 @@ def read_named_csv(
     ignore: Sequence[str] = (),
     unit: str | None = None,
     rate: float | None = None,
+    csv_format: CsvFormat = _NO_FORMAT,
+    num_frames: int | None = None,
 ) -> Recording:
     r"""Reads a recording from a CSV file with one frame per row and a header with the names of the
     columns.
@@ -66,11 +74,12 @@ def read_named_csv(
             (s0, s1, s10, s2), or by axis (x0, x1, y0, y1) with several channels.
         num_channels (int): Number of channels of a taxel :math:`C`.
         joint (sequence of str or str): The columns of the joint angles, or a regular expression for
-            their names. Angles are in degrees if the name ends in :obj:`_deg`, and otherwise in
-            radians.
+            their names. Angles are in degrees if the name ends in :obj:`_deg`, :obj:`(deg)`,
+            :obj:`[deg]` or :obj:`/deg`, or with the sign of degrees, and otherwise in radians.
         time (str, optional): The column of the time. Defaults to a column named :obj:`time`,
             :obj:`timestamp` or :obj:`t` (in any case), which may end in a unit, as in
-            :obj:`time_ms`.
+            :obj:`time_ms` or :obj:`Time [ms]`. It holds numbers, dates of ISO 8601 (seconds since
+            1970 of UTC) or times of a day (:obj:`10:00:00.25`).
         time_unit (str, optional): Unit of the time, :obj:`"s"`, :obj:`"ms"`, :obj:`"us"`,
             :obj:`"ns"`, :obj:`"min"`, :obj:`"h"` or :obj:`"d"` (days). Defaults to the unit in the
             name, or else seconds.
@@ -84,6 +93,9 @@ def read_named_csv(
             :obj:`meta`.
         rate (float, optional): Frames per second, which files without time need. With a time, it
             suppresses the warning about the unit of the time if it agrees with the time.
+        csv_format (CsvFormat): Separator, decimal sign, encoding, and missing readings.
+        num_frames (int, optional): The number of frames to read from the start of the file.
+            Defaults to all frames.
 
     The names of columns that were selected by an expression or by default are in
     :obj:`meta["column_names"]`. With them, a data set or a predictor reorders the columns of other
@@ -114,22 +126,19 @@ def read_named_csv(
             Argument("time_unit"), f" must be one of {list(TIME_UNITS)} (got {time_unit})"
         )
     need_argument(num_channels >= 1, "num_channels", "must be at least 1", num_channels)
-    lines = csv_rows(path)
-    columns = _find_columns(
-        path,
-        read_header(lines),
-        tactile,
-        joint,
-        (time, time_unit),
-        label,
-        (extra, ignore),
-        num_channels,
-    )
+    roles = _Roles(tactile, num_channels, joint, time, time_unit, label, extra, ignore)
+    lines = csv_rows(path, csv_format)
+    header = read_header(lines)
+    units = read_units(path, lines, header) if csv_format.unit_row else [""] * len(header)
+    lines = islice(lines, num_frames)
+    columns = _find_columns(path, header, units, roles)._replace(csv_format=csv_format)
     names = columns.names
     if columns.time is None and rate is None:
-        raise ValueError(
-            f"'{path}' must have a column of the time (got {_join_names(names)}): give its "
-            "name as 'time', or the frames per second as 'rate' if there is none"
+        raise ArgumentError(
+            f"'{path}' must have a column of the time (got {_join_names(names)}): give its name ",
+            *("as ", Argument("time"), ", or the frames per second as ", Argument("rate")),
+            " if there is none; if lines come before the header, give their number as ",
+            Argument("preamble"),
         )
     if not columns.tactile or len(columns.tactile) % num_channels:
         raise ValueError(
@@ -145,47 +154,52 @@ def read_named_csv(
     }
     for key, file_names in in_file_order.items():
         check_name_order(path, key, file_names, num_channels if key == "tactile" else 1)
+    first_line = csv_format.preamble + 2 + csv_format.unit_row
     try:
-        frames = read_frames(path, lines, columns)
+        frames = read_frames(path, lines, columns, first_line)
     except ValueError as error:
         raise _add_label_advice(error, tactile is None) from None
     if tactile is None:
         _check_no_frame_number(path, frames.tactile, [names[i] for i in columns.tactile])
-    if time_unit is None and columns.time_unit == "s":
+    if time_unit is None and columns.time_unit == "s" and not frames.has_dates:
         warn_of_unit(path, frames.time, "give time_unit='{}'", rate)
-    content: dict[str, Any] = {} if label is None else _label_content(path, label, frames.labels)
+    content: dict[str, Any] = (
+        {} if label is None else _label_content(path, label, frames.labels, first_line)
+    )
     meta: dict[str, Any] = {"column_names": in_file_order} if in_file_order else {}
+    unit = unit or columns.unit
     content["meta"] = meta if unit is None else {**meta, "unit": unit}
     return frames_to_recording(path, frames, columns, rate or 1, **content)
 
 
+class _Roles(NamedTuple):
+    # The arguments of `read_named_csv` that give roles to columns.
+    tactile: Sequence[str] | str | None
+    num_channels: int
+    joint: Sequence[str] | str
+    time: str | None
+    time_unit: str | None
+    label: str | None
+    extra: Sequence[str]
+    ignore: Sequence[str]
+
+
 def _add_label_advice(error: ValueError, is_default_selection: bool) -> ValueError:
     # A column of text that was taken as a reading by default is often the label.
-    message = str(error)
-    if (
-        not is_default_selection
-        or "must be a number" not in message
-        or message.endswith("(got '')")
-    ):
+    is_text = isinstance(error, ArgumentError) and error.argument == Argument("missing")
+    if not is_default_selection or not is_text or not isinstance(error, ArgumentError):
         return error
     return ArgumentError(
-        f"{error}; if the column is not a reading, give it as ",
+        *(*error.parts, "; if the column is not a reading, give it as "),
         *(Argument("label"), " or ", Argument("ignore")),
     )
 
 
 def _find_columns(
-    path: Path,
-    names: list[str],
-    tactile: Sequence[str] | str | None,
-    joint: Sequence[str] | str,
-    time_and_unit: tuple[str | None, str | None],
-    label: str | None,
-    extra_and_ignore: tuple[Sequence[str], Sequence[str]],
-    num_channels: int,
+    path: Path, names: list[str], units: Sequence[str], roles: _Roles
 ) -> FrameColumns:
-    extra, ignore = extra_and_ignore
-    check_no_index(path, names, ignore)
+    tactile, label = roles.tactile, roles.label
+    check_no_index(path, names, roles.ignore)
     if tactile is None:
         check_no_counted_header(path, names, "or select the readings with tactile=['0', ...]")
     if all(map(is_number_cell, names)) and not is_counted_header(names):
@@ -209,12 +223,17 @@ def _find_columns(
             return matches
         return [find_column(name) for name in selection]
 
+    normalized = [normalized_name(name, unit) for name, unit in zip(names, units, strict=True)]
     label_column = None if label is None else find_column(label)
-    joints = find_selected("joint", joint)
-    extra_columns = [find_column(name) for name in extra]
-    used = {label_column, *joints, *extra_columns, *(find_column(name) for name in ignore)}
-    time, unit = time_and_unit
-    time_column = _find_time_column(path, names, used) if time is None else find_column(time)
+    joints = find_selected("joint", roles.joint)
+    extra_columns = [find_column(name) for name in roles.extra]
+    # An empty name at the end of a header is no column any more.
+    ignored = [find_column(name) for name in roles.ignore if name or name in column_of_name]
+    used = {label_column, *joints, *extra_columns, *ignored}
+    if roles.time is None:
+        time_column = _find_time_column(path, names, normalized, used)
+    else:
+        time_column = find_column(roles.time)
     used.add(time_column)
     if tactile is None:
         readings = [i for i in range(len(names)) if i not in used]
@@ -224,15 +243,21 @@ def _find_columns(
     ambiguous = [names[i] for i in readings if i in used]
     if ambiguous:
         raise ValueError(f"column '{ambiguous[0]}' of '{path}' must have a single role (got two)")
+    reading_units = sorted({units[i].lower() for i in readings})
+    need(len(reading_units) <= 1, f"'{path}' must have all readings in one unit", reading_units)
+    unit, per_unit = READING_UNITS.get("".join(reading_units), (None, 1.0))
+    time_name = "" if time_column is None else normalized[time_column]
     return FrameColumns(
         names=names,
         tactile=readings,
-        num_channels=num_channels,
+        num_channels=roles.num_channels,
         joint=joints,
-        degrees=[i for i, column in enumerate(joints) if names[column].lower().endswith("_deg")],
+        degrees=[i for i, column in enumerate(joints) if normalized[column].endswith("_deg")],
         time=time_column,
-        time_unit=_time_unit("" if time_column is None else names[time_column], unit),
+        time_unit=_time_unit(time_name, roles.time_unit),
         label=label_column,
+        unit=unit,
+        per_unit=per_unit,
         extra=extra_columns,
     )
 
@@ -246,8 +271,10 @@ def _compile_pattern(argument: str, text: str) -> re.Pattern[str]:
         ) from error
 
 
-def _find_time_column(path: Path, names: Sequence[str], used: set[int | None]) -> int | None:
-    times = [i for i, name in enumerate(names) if name_to_time_unit(name) and i not in used]
+def _find_time_column(
+    path: Path, names: Sequence[str], normalized: Sequence[str], used: set[int | None]
+) -> int | None:
+    times = [i for i, name in enumerate(normalized) if name_to_time_unit(name) and i not in used]
     if len(times) > 1:
         raise ValueError(
             f"'{path}' must have one column of the time (got "
@@ -298,9 +325,9 @@ def _missing_name_error(path: Path, column: int, name: str) -> ValueError:
     )
 
 
-def _label_content(path: Path, name: str, cells: Sequence[str]) -> dict[str, Any]:
+def _label_content(path: Path, name: str, cells: Sequence[str], first_line: int) -> dict[str, Any]:
     labels = [cell.strip() for cell in cells]
-    for line, label in enumerate(labels, 2):
+    for line, label in enumerate(labels, first_line):
         if len(label) > _MAX_LABEL_LENGTH:
             raise ValueError(
                 f"'{path}', line {line} must have a label of up to {_MAX_LABEL_LENGTH} characters "

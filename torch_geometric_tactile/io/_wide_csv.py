@@ -5,7 +5,7 @@ hand data of the papers have this format (384 taxels of 3 axes and 16 joints: 11
 import logging
 import re
 from collections.abc import Mapping, Sequence
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +15,16 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io._csv_format import CsvFormat
 from torch_geometric_tactile.io._csv_frames import (
+    READING_UNITS,
     FrameColumns,
     channel_names,
     frames_to_recording,
     name_to_time_unit,
+    normalized_name,
     read_frames,
+    read_units,
     signal_names,
     warn_of_unit,
 )
@@ -35,19 +39,12 @@ from torch_geometric_tactile.io._folder_tables import write_annotations
 from torch_geometric_tactile.io._recording_schema import recording_path
 
 _log = logging.getLogger(__name__)
+_NO_FORMAT = CsvFormat()
 _HAND_SIZES = {"num_taxels": 384, "num_channels": 3, "num_joints": 16}
 _HAND_COLUMNS = 384 * 3 + 16
 _TAXEL_NAME = re.compile(r"taxel_([0-9]{1,9})_([xyz]|[0-9]{1,9})(?:_([a-z]+))?")
 _JOINT_NAME = re.compile(r"joint_([0-9]{1,9})(?:_(rad|deg))?")
 _ACTION_NAME = re.compile(r"action_([0-9]{1,9})")
-# For each unit of a column, the unit in the metadata and the number of column units per unit.
-_UNITS = {
-    "n": ("newton", 1.0),
-    "newton": ("newton", 1.0),
-    "mn": ("newton", 1000.0),
-    "count": ("count", 1.0),
-    "counts": ("count", 1.0),
-}
 
 
 def write_wide_csv(recording: Recording, path: PathLike) -> None:
@@ -111,6 +108,8 @@ def read_wide_csv(
     num_joints: int | None = None,
     rate: float = 100.0,
     header: bool | None = None,
+    csv_format: CsvFormat = _NO_FORMAT,
+    num_frames: int | None = None,
 ) -> Recording:
     r"""Reads a recording from a CSV file with one frame per row.
 
@@ -134,6 +133,9 @@ def read_wide_csv(
         rate (float): Frames per second, for files without time.
         header (bool, optional): Whether the first line has names. By default, it has names if most
             of its cells are not numbers.
+        csv_format (CsvFormat): Separator, decimal sign, encoding, and missing readings.
+        num_frames (int, optional): The number of frames to read from the start of the file.
+            Defaults to all frames.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -157,25 +159,29 @@ def read_wide_csv(
     for name, size in sizes.items():
         if size is not None and size < (name != "num_joints"):
             raise ValueError(f"'{name}' must be at least {int(name != 'num_joints')} (got {size})")
-    lines = csv_rows(path)
+    lines = csv_rows(path, csv_format)
     line, row = next(lines)
     if header or (header is None and is_header(row)):
         names = [cell.strip() for cell in row]
         check_no_index(path, names)
-        columns = _columns_by_name(path, names, sizes)
-        frames = read_frames(path, lines, columns)
+        units = read_units(path, lines, names) if csv_format.unit_row else [""] * len(names)
+        lower_names = [normalized_name(*pair) for pair in zip(names, units, strict=True)]
+        columns = _columns_by_name(path, names, lower_names, sizes)._replace(csv_format=csv_format)
+        first_line = line + 1 + csv_format.unit_row
+        frames = read_frames(path, islice(lines, num_frames), columns, first_line)
     else:
         if header is None:
             check_no_counted_header(path, row, "pass header=False if this is a frame")
-        columns = _columns_by_position(path, len(row), sizes)
-        frames = read_frames(path, chain([(line, row)], lines), columns, first_line=1)
+        columns = _columns_by_position(path, len(row), sizes)._replace(csv_format=csv_format)
+        lines = islice(chain([(line, row)], lines), num_frames)
+        frames = read_frames(path, lines, columns, line)
         frame_numbers = [str(i) for i in range(len(frames.tactile))]
         if len(frame_numbers) > 1 and frames.time_cells == frame_numbers:
             raise ValueError(
                 f"'{path}' must have the time in seconds in its first column (got 0, 1, 2, ..., as "
                 "the index of pandas): write the file with to_csv(index=False), or name the columns"
             )
-    if columns.time_unit == "s":
+    if columns.time_unit == "s" and not frames.has_dates:
         warn_of_unit(path, frames.time, "name the column time_{}")
     meta = {} if columns.unit is None else {"unit": columns.unit}
     return frames_to_recording(path, frames, columns, rate, meta=meta)
@@ -209,11 +215,13 @@ def _columns_by_position(
     )
 
 
-def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | None]) -> FrameColumns:
-    r"""Returns the columns of a header, which may be in any order. The sizes of the header must
-    agree with :obj:`sizes`, as far as these are given.
+def _columns_by_name(
+    path: Path, names: list[str], lower_names: Sequence[str], sizes: Mapping[str, int | None]
+) -> FrameColumns:
+    r"""Returns the columns of a header, which may be in any order. :obj:`lower_names` are the names
+    in lower case with their units. The sizes of the header must agree with :obj:`sizes`, as far as
+    these are given.
     """
-    lower_names = [name.lower() for name in names]
     times = [i for i, key in enumerate(lower_names) if name_to_time_unit(key)]
     taxels = {
         i: match for i, key in enumerate(lower_names) if (match := _TAXEL_NAME.fullmatch(key))
@@ -227,9 +235,9 @@ def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | Non
     matched = {*times, *taxels, *joints, *actions}
     unknown = [name for i, name in enumerate(names) if i not in matched]
     units = {match[3] for match in taxels.values()}
-    if unknown or not taxels or not units <= {None, *_UNITS}:
+    if unknown or not taxels or not units <= {None, *READING_UNITS}:
         invalid = next(
-            (names[i] for i, m in taxels.items() if m[3] not in (None, *_UNITS)), names[0]
+            (names[i] for i, m in taxels.items() if m[3] not in (None, *READING_UNITS)), names[0]
         )
         raise _column_name_error(path, unknown[0] if unknown else invalid)
     if len(units) > 1:
@@ -267,7 +275,7 @@ def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | Non
             raise ValueError(f"'{name}' must be {header_size}, as in '{path}' (got {size})")
     columns = [column_of_name[name] for name in signal_names(*all_sizes)]
     joint = columns[len(taxels) : len(taxels) + len(joints)]
-    unit, per_unit = _UNITS.get(units.pop(), (None, 1.0))
+    unit, per_unit = READING_UNITS.get(units.pop(), (None, 1.0))
     return FrameColumns(
         names=names,
         tactile=columns[: len(taxels)],

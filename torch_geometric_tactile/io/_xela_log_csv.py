@@ -12,6 +12,7 @@ import numpy as np
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io._csv_format import CsvFormat
 from torch_geometric_tactile.io._csv_frames import check_increasing_time
 from torch_geometric_tactile.io._csv_table import csv_rows, csv_table, map_columns, read_header
 from torch_geometric_tactile.io._recording_schema import new_recording, recording_path
@@ -19,11 +20,14 @@ from torch_geometric_tactile.io._recording_schema import new_recording, recordin
 _SEND_TIME, _MESSAGE_NUMBER = "send time", "message number"
 _REQUIRED_COLUMNS = (_SEND_TIME, _MESSAGE_NUMBER)
 _CLOCK_COLUMNS = {"receive time", *_REQUIRED_COLUMNS}
+_NO_FORMAT = CsvFormat()
 _logger = logging.getLogger(__name__)
 _READING_COLUMN = re.compile(r"(force )?([0-9]{1,9})([xyz])")
 
 
-def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
+def read_xela_log_csv(
+    path: PathLike, forces: bool = False, csv_format: CsvFormat = _NO_FORMAT
+) -> Recording:
     r"""Reads a recording from a XELA log with the header ``Receive time,Send time,Message
     number,1X,1Y,1Z,...`` and, for a calibrated sensor, ``Force 1X,Force 1Y,Force 1Z,...``.
 
@@ -35,6 +39,8 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
         path (str or PathLike): The file. The columns of its header may be in any order, and taxels
             may be numbered from 1 or from 0.
         forces (bool): Whether to read the forces in newtons instead of the counts.
+        csv_format (CsvFormat): Separator, decimal sign, encoding, and missing readings, if another
+            program has saved the file.
 
     Returns:
         Recording: The send time in seconds since 1970, and the readings of the three axes.
@@ -60,7 +66,7 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
         [[30000.0, 30001.0, 30002.0]]
     """
     path = recording_path(path)
-    lines = csv_rows(path)
+    lines = csv_rows(path, csv_format)
     header = read_header(lines)
     names = _normalize_names(header)
     matches = {
@@ -100,13 +106,14 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
     if unread_columns:
         listed = short_list([header[i] for i in unread_columns], 6, quoted, ending="")
         _logger.warning("'%s' has columns that are not read: %s", path, listed)
-    table, _ = csv_table(path, lines, header, columns_read, required=clocks)
+    table, _ = csv_table(path, lines, header, columns_read, required=clocks, csv_format=csv_format)
     kept_rows: list[int] = []
     for i, row in enumerate(table[:, : len(compared_columns)]):
         if not kept_rows or not _is_stale(row, table[kept_rows[-1], : len(compared_columns)]):
             kept_rows.append(i)
     time = table[kept_rows, 0]
-    check_increasing_time(path, time, [i + 2 for i in kept_rows], "Send time")
+    first_line = csv_format.preamble + 2
+    check_increasing_time(path, time, [first_line + i for i in kept_rows], "Send time")
     columns = [columns_read.index(column) for column in (newtons if forces else counts)]
     return new_recording(
         path,

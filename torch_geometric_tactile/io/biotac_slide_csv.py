@@ -1,7 +1,5 @@
 r"""Reader of CSV files with one slide of a BioTac over a material each."""
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from torch_geometric_tactile._files import existing_file
@@ -48,8 +46,9 @@ def read_biotac_slide_csv(path: PathLike) -> Recording:
         ((2, 19, 1), (2, 22))
     """
     path = existing_file(path, "put the file of BioTac_slide_20_50 there")
-    lines = _drop_trailing_comma(csv_rows(path))
-    table, _ = csv_columns(path, lines, ["timestamp", *_SIGNALS, *_PRESSURES, *_ELECTRODES])
+    table, _ = csv_columns(
+        path, csv_rows(path), ["timestamp", *_SIGNALS, *_PRESSURES, *_ELECTRODES]
+    )
     check_increasing_time(path, table[:, 0], range(2, len(table) + 2), "timestamp")
     signals = table[:, 1:].astype(np.float32)
     pac, electrodes = np.split(signals[:, len(_SIGNALS) :], [_NUM_PRESSURES], axis=1)
@@ -59,13 +58,3 @@ def read_biotac_slide_csv(path: PathLike) -> Recording:
         meta={"sensor": "biotac", "unit": "count"},
         extra={"pac": pac, **{name: signals[:, i] for i, name in enumerate(_SIGNALS)}},
     )
-
-
-def _drop_trailing_comma(
-    lines: Iterator[tuple[int, list[str]]],
-) -> Iterator[tuple[int, list[str]]]:
-    width = 0
-    for line, row in lines:
-        width = width or len(row)  # of the header
-        has_trailing_comma = len(row) == width + 1 and not row[-1].strip()
-        yield line, row[:-1] if has_trailing_comma else row

@@ -2,12 +2,13 @@ r"""Reading and writing of recordings in any supported format."""
 
 import inspect
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io._csv_format import CSV_OPTIONS, CsvFormat
 from torch_geometric_tactile.io._csv_table import csv_rows
 from torch_geometric_tactile.io._mcap_records import MAGIC
 from torch_geometric_tactile.io._named_csv import read_named_csv
@@ -48,7 +49,7 @@ _PROBE_FILES = ("sensor.csv", "states.csv")  # of a run of eFlesh's probe
 _JSON_START = re.compile(rb"(\xef\xbb\xbf)*\s*[\[{]")
 
 
-def recording_format(path: PathLike) -> str:
+def recording_format(path: PathLike, csv_format: CsvFormat | None = None) -> str:
     r"""Returns the name of a file's format: :obj:`"HDF5"`, :obj:`"npz"`, :obj:`"MCAP"`,
     :obj:`"wide CSV"`, :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`, or
     :obj:`"eFlesh probe"` for a folder with a run of eFlesh's probe.
@@ -61,6 +62,7 @@ def recording_format(path: PathLike) -> str:
 
     Args:
         path (str or PathLike): The file.
+        csv_format (CsvFormat, optional): How a CSV file is written.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -86,7 +88,7 @@ def recording_format(path: PathLike) -> str:
     for signature, name in _SIGNATURES.items():
         if first_bytes.startswith(signature):
             return name
-    header = [] if _JSON_START.match(first_bytes) else _first_row(path)
+    header = [] if _JSON_START.match(first_bytes) else _first_row(path, csv_format)
     if is_xela_log(header):
         return "XELA log CSV"
     if _SUFFIXES[suffix] == "wide CSV" and is_named_csv_header(header):
@@ -94,9 +96,9 @@ def recording_format(path: PathLike) -> str:
     return _SUFFIXES[suffix]
 
 
-def _first_row(path: Path) -> list[str]:
+def _first_row(path: Path, csv_format: CsvFormat | None) -> list[str]:
     try:
-        return next(csv_rows(path), (0, []))[1]
+        return next(csv_rows(path, csv_format), (0, []))[1]
     except ValueError:  # the reader reports it
         return []
 
@@ -106,7 +108,12 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
 
     Args:
         path (str or PathLike): The file, or the folder of a run of eFlesh's probe.
-        **kwargs: Options of the reader of the format, such as :obj:`forces` for XELA's formats.
+        **kwargs: Options of the reader of the format, such as :obj:`forces` for XELA's formats. For
+            CSV files these are :obj:`tactile`, :obj:`num_channels`, :obj:`joint`, :obj:`time`,
+            :obj:`time_unit`, :obj:`label`, :obj:`extra`, :obj:`ignore`, :obj:`unit` and
+            :obj:`rate` for the columns, :obj:`num_taxels`, :obj:`num_joints` and :obj:`header` for
+            files without names, and :obj:`separator`, :obj:`decimal`, :obj:`encoding`,
+            :obj:`preamble`, :obj:`unit_row`, :obj:`time_format` and :obj:`missing` for the text.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -123,22 +130,45 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
         ...     read_recording(path, unit="count")
         Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100)
     """
-    name = select_format(path, kwargs)
-    options = format_options(name)
-    for key in kwargs:
-        if key not in options:
-            valid_options = ", ".join(options) or "none"
+    name, options = _reader_options(path, kwargs)
+    return _FORMATS[name].read(path, **options)
+
+
+def read_first_frame(path: PathLike, **kwargs: Any) -> Recording | None:
+    r"""Reads the first frame of a CSV file with the options of :func:`read_recording`, to check its
+    columns before long files are read. Returns :obj:`None` for other formats.
+    """
+    name, options = _reader_options(path, kwargs)
+    if "num_frames" not in inspect.signature(_FORMATS[name].read).parameters:
+        return None
+    return _FORMATS[name].read(path, **options, num_frames=1)
+
+
+def _reader_options(path: PathLike, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    # The format of a file and the arguments of its reader.
+    name = select_format(path, options)
+    supported = format_options(name)
+    for key in options:
+        if key not in supported:
+            valid_options = ", ".join(supported) or "none"
             raise ValueError(
                 f"'{key}' must be an option of the format {name}: {valid_options} ('{path}')"
             )
-    return _FORMATS[name].read(path, **kwargs)
+    arguments = {key: value for key, value in options.items() if key not in CSV_OPTIONS}
+    if len(arguments) < len(options):
+        arguments["csv_format"] = _csv_format(options)
+    return name, arguments
 
 
-def select_format(path: PathLike, options: Iterable[str]) -> str:
+def _csv_format(options: Mapping[str, Any]) -> CsvFormat:
+    return CsvFormat(**{key: options[key] for key in CSV_OPTIONS if key in options})
+
+
+def select_format(path: PathLike, options: Mapping[str, Any]) -> str:
     r"""Returns the format in which a file is read with some options. The options select between the
     types of CSV.
     """
-    name, option_names = recording_format(path), {*options}
+    name, option_names = recording_format(path, _csv_format(options)), {*options}
     if not name.endswith("CSV"):
         return name
     if name != "XELA log CSV" and option_names & {"num_taxels", "num_joints", "header"}:
@@ -148,13 +178,15 @@ def select_format(path: PathLike, options: Iterable[str]) -> str:
 
 
 def format_options(name: str) -> list[str]:
-    r"""Returns the names of the options of a format's reader.
+    r"""Returns the names of the options with which :func:`read_recording` reads a format.
 
     Examples:
         >>> format_options("XELA messages")
         ['forces']
     """
-    return [*inspect.signature(_FORMATS[name].read).parameters][1:]
+    names = [*inspect.signature(_FORMATS[name].read).parameters][1:]
+    options = [option for option in names if option not in ("csv_format", "num_frames")]
+    return [*options, *CSV_OPTIONS] if "csv_format" in names else options
 
 
 def write_recording(recording: Recording, path: PathLike) -> None:
