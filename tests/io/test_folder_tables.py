@@ -6,9 +6,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data import Annotation, Recording
 from torch_geometric_tactile.io import read_recording
-from torch_geometric_tactile.io._folder_tables import read_annotations, read_labels
+from torch_geometric_tactile.io._folder_tables import (
+    read_annotations,
+    read_labels,
+    write_annotations,
+)
 from torch_geometric_tactile.io._named_csv import read_named_csv
 from torch_geometric_tactile.io._wide_csv import write_wide_csv
 
@@ -95,7 +99,7 @@ WRITER = """
 import sys
 from pathlib import Path
 import numpy as np
-from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data import Annotation, Recording
 from torch_geometric_tactile.io._wide_csv import write_wide_csv
 
 folder, name, count = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
@@ -163,3 +167,16 @@ with exclusive_access(sys.argv[1] + "/annotations.csv"):
     assert waiter.wait(60) == 0
     waiter.communicate()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["annotations.csv", "b0.csv"]
+
+
+def test_tables_of_a_spreadsheet_with_decimal_commas(tmp_path):
+    (tmp_path / "annotations.csv").write_text("recording;start;end;label\na;0,5;1,25;a, b\n")
+    (tmp_path / "labels.csv").write_text("recording;label;object\na;slip;mug\n")
+    annotations = read_annotations(tmp_path / "annotations.csv")
+    assert annotations == {"a": [(0.5, 1.25, "a, b")]}
+    assert read_labels(tmp_path / "labels.csv") == {"a": {"label": "slip", "object": "mug"}}
+    write_annotations(tmp_path / "b.npz", [Annotation(2.0, 3.0, "hold")])
+    assert read_annotations(tmp_path / "annotations.csv") == {
+        **annotations,
+        "b": [(2.0, 3.0, "hold")],
+    }

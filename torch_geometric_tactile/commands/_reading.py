@@ -47,6 +47,42 @@ _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
         "ignore": {"action": "append", "metavar": "NAME", "type": str, "help": "a column to skip"},
         "unit": {"metavar": "UNIT", "type": str, "help": "unit of the readings: count or newton"},
     },
+    "text of CSV files": {
+        "separator": {
+            "metavar": "SIGN",
+            "type": str,
+            "help": "the sign between two cells: one character, or comma, semicolon, tab, blank "
+            "(default: that of the first line)",
+        },
+        "decimal": {"metavar": "SIGN", "type": str, "help": "the decimal sign: . or ,"},
+        "encoding": {
+            "metavar": "NAME",
+            "type": str,
+            "help": "the encoding of the text, such as cp1252 or utf-16 (default: UTF-8)",
+        },
+        "preamble": {
+            "metavar": "N",
+            "type": not_negative,
+            "help": "number of lines before the header",
+        },
+        "unit_row": {
+            "action": "store_true",
+            "help": "the line after the header holds units",
+        },
+        "time_format": {
+            "metavar": "FORMAT",
+            "type": str,
+            "help": "form of dates, such as '%%d.%%m.%%Y %%H:%%M:%%S,%%f' (numbers, ISO 8601 and "
+            "10:00:00.25 need none)",
+        },
+        "missing": {
+            "action": "append",
+            "metavar": "VALUE",
+            "type": str,
+            "help": "a text or number that stands for a missing reading, such as NA or -1; may be "
+            "repeated",
+        },
+    },
     "CSV files without column names": {
         "num_taxels": {"type": positive, "metavar": "N", "help": "number of taxels"},
         "num_channels": {"type": positive, "metavar": "C", "help": "channels per taxel"},

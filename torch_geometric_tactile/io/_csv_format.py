@@ -42,6 +42,8 @@ class CsvFormat:
             times of ISO 8601 and times of a clock (:obj:`10:00:00.25`) need none.
         missing (sequence): Texts and numbers that stand for a missing reading, such as
             :obj:`["NA", -1, 4095]`. Empty cells and :obj:`nan` always do.
+        has_options (bool): Whether error messages name these arguments. They do not for files
+            whose format is fixed.
 
     Raises:
         ValueError: If an argument is unknown.
@@ -58,6 +60,7 @@ class CsvFormat:
     unit_row: bool = False
     time_format: str | None = None
     missing: Sequence[str | float] = ()
+    has_options: bool = True
 
     def __post_init__(self) -> None:
         separator = _SEPARATORS.get(str(self.separator), self.separator)
@@ -152,10 +155,6 @@ class CsvFormat:
         return self.time_format is None and _CLOCK.fullmatch(cell.replace(",", ".")) is not None
 
 
-# The options of `read_recording` that make up a CsvFormat.
-CSV_OPTIONS = tuple(field.name for field in fields(CsvFormat))
-
-
 def _is_encoding(name: object) -> bool:
     try:
         "".encode(str(name))
@@ -166,3 +165,8 @@ def _is_encoding(name: object) -> bool:
 
 def _seconds_since_1970(time: datetime) -> float:
     return (time if time.tzinfo is not None else time.replace(tzinfo=UTC)).timestamp()
+
+
+FIXED_FORMAT = CsvFormat(separator=",", has_options=False)  # of published data sets
+# The options of `read_recording` that make up a CsvFormat.
+CSV_OPTIONS = tuple(field.name for field in fields(CsvFormat) if field.name != "has_options")

@@ -12,7 +12,7 @@ import numpy as np
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile._texts import quoted
-from torch_geometric_tactile.io._csv_format import CsvFormat
+from torch_geometric_tactile.io._csv_format import FIXED_FORMAT, CsvFormat
 
 # Spreadsheet programs run a cell that begins with these as a formula; also full-width characters.
 _FORMULA_STARTS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
@@ -47,32 +47,30 @@ def _is_formula(text: str) -> bool:
     return text.startswith(("\t", "\r", "\n")) or text.lstrip().startswith(_FORMULA_STARTS)
 
 
-def csv_rows(path: Path, csv_format: CsvFormat | None = None) -> Iterator[tuple[int, list[str]]]:
+def csv_rows(path: Path, csv_format: CsvFormat = FIXED_FORMAT) -> Iterator[tuple[int, list[str]]]:
     r"""Yields the line number and the cells of each line after the preamble. Empty cells at the end
     of a line are left out if the header has no names for them.
 
     Args:
         path (Path): The file.
-        csv_format (CsvFormat, optional): How the file is written. By default it is separated by
-            commas, and messages name no options.
+        csv_format (CsvFormat): How the file is written.
 
     Raises:
         ValueError: If the file is empty, truncated or not valid CSV.
     """
-    text_format = csv_format or CsvFormat(separator=",")
     is_complete = _ends_with_line_break(path)
-    last_line = text_format.preamble
+    last_line = csv_format.preamble
     width = 0
     try:
-        with path.open(newline="", encoding=text_format.encoding) as file:
+        with path.open(newline="", encoding=csv_format.encoding) as file:
             # A file may begin with two byte order marks, if two programs wrote them.
             text = file.readline().lstrip("\ufeff")
-            for _ in range(text_format.preamble):
+            for _ in range(csv_format.preamble):
                 text = file.readline()
-            separator = text_format.detected_separator(text)
-            reader = text_format.reader(chain(filter(None, [text]), file), separator)
+            separator = csv_format.detected_separator(text)
+            reader = csv_format.reader(chain(filter(None, [text]), file), separator)
             for row in reader:
-                previous_line, last_line = last_line, text_format.preamble + reader.line_num
+                previous_line, last_line = last_line, csv_format.preamble + reader.line_num
                 if last_line > previous_line + 1:
                     raise ValueError(
                         f"'{path}', line {previous_line + 1} must have no cell with a line break "
@@ -83,7 +81,7 @@ def csv_rows(path: Path, csv_format: CsvFormat | None = None) -> Iterator[tuple[
                 yield last_line, row if any(map(str.strip, row[width:])) else row[:width]
     except (csv.Error, UnicodeError) as error:
         raise _text_error(path, error, csv_format) from error
-    need(last_line != text_format.preamble, f"'{path}' must hold at least one frame (got no line)")
+    need(last_line != csv_format.preamble, f"'{path}' must hold at least one frame (got no line)")
     if not is_complete:
         raise ValueError(
             f"'{path}', line {last_line} must end with a line break: is the file truncated? Delete "
@@ -107,7 +105,7 @@ def _num_names(row: Sequence[str]) -> int:
 
 
 def _check_cells(
-    path: Path, line: int, row: Sequence[str], separator: str, csv_format: CsvFormat | None
+    path: Path, line: int, row: Sequence[str], separator: str, csv_format: CsvFormat
 ) -> None:
     if len(row) > 1:
         return
@@ -124,7 +122,7 @@ def _check_cells(
         raise _with_advice(message, csv_format, ": give another ", Argument("separator"))
 
 
-def _text_error(path: Path, error: Exception, csv_format: CsvFormat | None) -> ValueError:
+def _text_error(path: Path, error: Exception, csv_format: CsvFormat) -> ValueError:
     message = f"'{path}' cannot be read as CSV: {error}"
     if not isinstance(error, UnicodeError):
         return ValueError(message)
@@ -133,9 +131,8 @@ def _text_error(path: Path, error: Exception, csv_format: CsvFormat | None) -> V
     )
 
 
-def _with_advice(message: str, csv_format: CsvFormat | None, *advice: str) -> ValueError:
-    # Files of published data sets have a fixed format, and so no options to name.
-    return ValueError(message) if csv_format is None else ArgumentError(message, *advice)
+def _with_advice(message: str, csv_format: CsvFormat, *advice: str) -> ValueError:
+    return ArgumentError(message, *advice) if csv_format.has_options else ValueError(message)
 
 
 def read_header(lines: Iterator[tuple[int, list[str]]]) -> list[str]:
@@ -152,7 +149,7 @@ def csv_table(
     texts: Sequence[int] = (),
     required: Sequence[int] = (),
     row_noun: str = "frame",
-    csv_format: CsvFormat | None = None,
+    csv_format: CsvFormat = FIXED_FORMAT,
 ) -> tuple[np.ndarray, list[list[str]]]:
     r"""Reads a table of numbers and texts.
 
@@ -164,7 +161,7 @@ def csv_table(
         texts (sequence of int): The columns to return as texts.
         required (sequence of int): The columns in which no number may be missing.
         row_noun (str): The noun for a line, for messages.
-        csv_format (CsvFormat, optional): How the numbers are written.
+        csv_format (CsvFormat): How the numbers are written.
 
     Returns:
         The numbers (one row for each line), and the texts of each line.
@@ -176,7 +173,7 @@ def csv_table(
         numbers = csv_numbers(path, line, row, names, columns, required, csv_format)
         if required_indices and np.isnan(numbers[required_indices]).any():
             column = next(numeric[i] for i in required_indices if np.isnan(numbers[i]))
-            raise _number_error(path, line, column, row, names)
+            raise _number_error(path, line, column, row, names, csv_format)
         rows.append(numbers)
         cells.append([row[i] for i in texts])
     need(rows, f"'{path}' must hold at least one {row_noun} (got a header only)")
@@ -209,7 +206,7 @@ def csv_numbers(
     names: Sequence[str],
     columns: Sequence[int] | None = None,
     required: Sequence[int] = (),
-    csv_format: CsvFormat | None = None,
+    csv_format: CsvFormat = FIXED_FORMAT,
 ) -> np.ndarray:
     r"""Returns the numbers of a line, with NaN for empty cells and missing readings.
 
@@ -221,8 +218,7 @@ def csv_numbers(
         raise _count_error(path, line, row, names, csv_format)
     cell_columns = range(len(row)) if columns is None else columns
     cells = row if columns is None else [row[i] for i in columns]
-    if csv_format is not None:
-        cells = csv_format.number_texts(cells)
+    cells = csv_format.number_texts(cells)
     text = "".join(cells)
     # Converts the line at once, which is faster than cell by cell; errors take the slow path.
     try:
@@ -239,7 +235,7 @@ def csv_numbers(
         if invalid:
             raise _number_error(path, line, invalid[0], row, names, csv_format) from None
         numbers = np.array([_to_number(cell) for cell in cells])
-    if csv_format is not None and csv_format.missing_numbers:
+    if csv_format.missing_numbers:
         numbers[np.isin(numbers, csv_format.missing_numbers)] = math.nan
     # Readings are stored as float32, so numbers beyond its range are infinite as well.
     with np.errstate(over="ignore"):
@@ -259,10 +255,10 @@ def _count_error(
     line: int,
     row: Sequence[str],
     names: Sequence[str],
-    csv_format: CsvFormat | None,
+    csv_format: CsvFormat,
 ) -> ValueError:
     message = f"'{path}', line {line} must have {len(names)} cells (got {len(row)}): "
-    if csv_format is None or len(row) < len(names):
+    if not csv_format.has_options or len(row) < len(names):
         return ValueError(
             f"{message}is the file truncated, or are the cells not separated by commas?"
         )
@@ -282,10 +278,8 @@ def is_number_cell(cell: str) -> bool:
     return True
 
 
-def _is_number(cell: str, csv_format: CsvFormat | None) -> bool:
-    return is_number_cell(cell) or (
-        csv_format is not None and cell.strip() in csv_format.missing_texts
-    )
+def _is_number(cell: str, csv_format: CsvFormat) -> bool:
+    return is_number_cell(cell) or cell.strip() in csv_format.missing_texts
 
 
 def _to_number(cell: str) -> float:
@@ -298,14 +292,14 @@ def _number_error(
     column: int,
     row: Sequence[str],
     names: Sequence[str],
-    csv_format: CsvFormat | None = None,
+    csv_format: CsvFormat = FIXED_FORMAT,
 ) -> ValueError:
     cell = row[column]
     message = (
         f"'{path}', line {line}, column {column + 1}: {quoted(names[column])} must be a number "
         f"(got {quoted(cell)})"
     )
-    if csv_format is None:
+    if not csv_format.has_options:
         return ValueError(message)
     if is_number_cell(cell.replace(",", ".")):
         return ArgumentError(f"{message}; if it is a decimal comma, give ", Argument("decimal"))

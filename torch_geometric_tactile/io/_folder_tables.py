@@ -15,6 +15,7 @@ from torch_geometric_tactile._files import atomic_path, exclusive_access
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile.data import Annotation
 from torch_geometric_tactile.data._annotations import checked_annotation
+from torch_geometric_tactile.io._csv_format import CsvFormat
 from torch_geometric_tactile.io._csv_table import (
     cell_to_text,
     check_columns_exist,
@@ -27,13 +28,15 @@ from torch_geometric_tactile.io._csv_table import (
 )
 
 ANNOTATIONS_FILE, LABELS_FILE = TABLES = ("annotations.csv", "labels.csv")
+# As spreadsheets write it: with commas, or with semicolons and decimal commas.
+_FORMAT = CsvFormat(decimal=",", has_options=False)
 _COLUMNS = ("recording", "start", "end", "label")
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 
 
 def read_annotations(path: Path) -> dict[str, list[Annotation]]:
     r"""Reads an ``annotations.csv``, and returns the annotations by the name of the recording."""
-    lines = csv_rows(path)
+    lines = csv_rows(path, _FORMAT)
     names = read_header(lines)
     column_of_name = map_columns(path, names, dict(enumerate(names)))
     check_columns_exist(path, column_of_name, _COLUMNS)
@@ -46,6 +49,7 @@ def read_annotations(path: Path) -> dict[str, list[Annotation]]:
         texts=[recording, label],
         required=[start, end],
         row_noun="annotation",
+        csv_format=_FORMAT,
     )
     annotations: dict[str, list[Annotation]] = {}
     for line, (times, texts) in enumerate(zip(table.tolist(), cells, strict=True), 2):
@@ -62,7 +66,7 @@ def read_labels(path: Path) -> dict[str, dict[str, str | int]]:
 
     A column that holds only integers is converted to integers. Empty cells are left out.
     """
-    lines = csv_rows(path)
+    lines = csv_rows(path, _FORMAT)
     names = read_header(lines)
     check_no_index(path, names)
     column_of_name = map_columns(path, names, dict(enumerate(names)))
@@ -124,7 +128,7 @@ def _replace_rows(table: Path, path: Path, annotations: Sequence[Annotation]) ->
     names, old_rows = [*_COLUMNS], []
     if table.exists():
         read_annotations(table)  # raises an error for an invalid table
-        lines = csv_rows(table)
+        lines = csv_rows(table, _FORMAT)
         names = read_header(lines)
         old_rows = [row for _, row in lines]
     column = names.index("recording")

@@ -45,11 +45,12 @@ _FORMATS = {
 _WRITERS = {suffix: format_.write for format_ in _FORMATS.values() for suffix in format_.suffixes}
 _SUFFIXES = {s: name for name, f in _FORMATS.items() for s in (*f.suffixes, *f.read_only_suffixes)}
 _SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz", MAGIC: "MCAP"}
+_NO_OPTIONS = CsvFormat()
 _PROBE_FILES = ("sensor.csv", "states.csv")  # of a run of eFlesh's probe
 _JSON_START = re.compile(rb"(\xef\xbb\xbf)*\s*[\[{]")
 
 
-def recording_format(path: PathLike, csv_format: CsvFormat | None = None) -> str:
+def recording_format(path: PathLike, csv_format: CsvFormat = _NO_OPTIONS) -> str:
     r"""Returns the name of a file's format: :obj:`"HDF5"`, :obj:`"npz"`, :obj:`"MCAP"`,
     :obj:`"wide CSV"`, :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`, or
     :obj:`"eFlesh probe"` for a folder with a run of eFlesh's probe.
@@ -62,7 +63,7 @@ def recording_format(path: PathLike, csv_format: CsvFormat | None = None) -> str
 
     Args:
         path (str or PathLike): The file.
-        csv_format (CsvFormat, optional): How a CSV file is written.
+        csv_format (CsvFormat): How a CSV file is written.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -96,7 +97,7 @@ def recording_format(path: PathLike, csv_format: CsvFormat | None = None) -> str
     return _SUFFIXES[suffix]
 
 
-def _first_row(path: Path, csv_format: CsvFormat | None) -> list[str]:
+def _first_row(path: Path, csv_format: CsvFormat) -> list[str]:
     try:
         return next(csv_rows(path, csv_format), (0, []))[1]
     except ValueError:  # the reader reports it

@@ -22,6 +22,13 @@ _OPTION_TYPES: dict[str, type | tuple[type, ...]] = {
     "num_taxels": int,
     "num_joints": int,
     "header": bool,
+    "separator": str,
+    "decimal": str,
+    "encoding": str,
+    "preamble": int,
+    "unit_row": bool,
+    "time_format": str,
+    "missing": list,
 }
 
 
@@ -56,7 +63,8 @@ def _is_valid(key: str, value: Any) -> bool:
     if not isinstance(value, _OPTION_TYPES.get(key, ())):
         return False
     if isinstance(value, list):
-        return all(isinstance(name, str) for name in value)
+        items = str | int | float if key == "missing" else str
+        return all(isinstance(item, items) for item in value)
     return isinstance(value, bool) == (_OPTION_TYPES[key] is bool)
 
 
