@@ -65,6 +65,12 @@ def named_csv(folder: Path) -> None:
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
 
 
+def excel_csv(folder: Path) -> None:
+    lines = [f"{t!r};{i}.5;NA;-1" for i, t in enumerate(TIME.tolist())]
+    text = "\n".join(["Glove 7, day 2", "time;thumb;index;palm", *lines, ""])
+    (folder / "a.csv").write_text(text.replace(".", ","))
+
+
 def given_names_csv(folder: Path) -> None:
     head = "timestamp,cup,thumb,index,palm,wrist"
     lines = [f"{t!r},{i % 2},{i}.25,,{3 * i},0.{i}" for i, t in enumerate(TIME.tolist())]

@@ -42,13 +42,17 @@ def reading(time: Any, tactile: Any, joint: Any = None, label: Any = None, **mor
     }
 
 
+SEPARATORS = ";\t|"
+
+
 def annotations_csv(data: bytes) -> Any:
-    head, rows = table(data)
+    head, rows = table(data, separators=SEPARATORS)
     need({"recording", "start", "end", "label"} <= {*head})
     out: dict[str, Any] = {}
     for row in rows:
         told = dict(zip(head, row, strict=True))
-        start, end, label = number(told["start"]), number(told["end"]), _unmarked(told["label"])
+        start, end = (number(told[key].replace(",", ".")) for key in ("start", "end"))
+        label = _unmarked(told["label"])
         need(abs(start) < np.inf and abs(end) < np.inf and start <= end)
         need(0 < len(label) < 256 and label.isprintable() and label == label.strip())
         out.setdefault(_unmarked(told["recording"]), []).append([start, end, label])
@@ -56,7 +60,7 @@ def annotations_csv(data: bytes) -> Any:
 
 
 def labels_csv(data: bytes) -> Any:
-    head, rows = table(data)
+    head, rows = table(data, separators=SEPARATORS)
     need("recording" in head and "" not in head[:1])
     told = [{name: _unmarked(cell) for name, cell in zip(head, row, strict=True)} for row in rows]
     whole = {
@@ -77,20 +81,41 @@ def _unmarked(cell: str) -> str:
     return text[1:] if re.match("'+\\s*[=+@\uff1d\uff0b\uff0d\uff20-]", text) else text
 
 
-def table(data: bytes, named: bool = True) -> tuple[list[str], list[list[str]]]:
-    """The header and the other lines of a CSV file, all of one length."""
+def table(
+    data: bytes, named: bool = True, separators: str = ""
+) -> tuple[list[str], list[list[str]]]:
+    """The header and the other lines of a CSV file, all of one length.
+
+    A header without commas may have one of the separators. Empty cells after the names of a header
+    are none.
+    """
     try:
         text = data.decode("utf-8-sig")
-        rows = list(csv.reader(io.StringIO(text, newline="")))
+        first = text.removeprefix("\ufeff").replace("\r", "\n").partition("\n")[0]
+        signs = [sign for sign in separators if sign in first and "," not in first]
+        rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=(*signs, ",")[0]))
     except (UnicodeDecodeError, csv.Error) as error:
         raise Refused(str(error)) from error
     need(text.endswith(("\n", "\r")) and len(rows) > 1)
     # A line of commas is a frame without readings, and an empty one is none.
     need(all(len(row) > 1 or any(cell.strip() for cell in row) for row in rows))
+    width = len(rows[0])
+    while width and not rows[0][width - 1].strip():
+        width -= 1
+    if sum(map(is_text, rows[0][:width])) > width / 2:
+        rows = [row[:width] if not "".join(row[width:]).strip() else row for row in rows]
     head = [name.strip() for name in rows[0]]
     need(not named or len(set(head)) == len(head))
     need(all(len(row) == len(head) for row in rows))
     return head, rows[1:]
+
+
+def is_text(cell: str) -> bool:
+    try:
+        number(cell)
+    except Refused:
+        return True
+    return not cell.isascii() or "_" in cell
 
 
 def number(cell: str) -> float:
@@ -138,7 +163,7 @@ def seconds(head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str | N
 
 def wide_csv(data: bytes) -> Any:
     """Columns by name; every taxel with every axis."""
-    head, rows = table(data)
+    head, rows = table(data, separators=SEPARATORS)
     head = [name.lower() for name in head]
     timed, time = seconds(head, rows)
     place = {name: i for i, name in enumerate(head)}
@@ -163,7 +188,7 @@ def wide_csv(data: bytes) -> Any:
 
 def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | None = None) -> Any:
     """Columns by name; all but the time and the given ones if none are given."""
-    head, rows = table(data)
+    head, rows = table(data, separators=SEPARATORS)
     timed, time = seconds(head, rows)
     need(timed is not None)
     used = {timed, *joint, label}
@@ -197,9 +222,35 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
     return reading(time, found.reshape(len(rows), -1, 1), angles, **more)
 
 
+def excel_csv(data: bytes) -> Any:
+    """A line, then columns by name, with decimal commas, NA and -1."""
+    text = data.decode("utf-8-sig", "replace").removeprefix("\ufeff")
+    parts = re.split("(\r\n|\r|\n)", text, maxsplit=1)
+    need(len(parts) == 3)
+    head, rows = table(parts[2].encode(), separators=SEPARATORS)
+    need("\ufffd" not in text)
+    timed, _ = seconds(head, [])
+    lines = [head]
+    for row in rows:
+        cells = [cell.replace(",", ".") for cell in row]
+        lines.append(
+            [
+                "" if name != timed and _stands_for_none(cell) else cell
+                for name, cell in zip(head, cells, strict=True)
+            ]
+        )
+    plain = io.StringIO()
+    csv.writer(plain).writerows(lines)
+    return named_csv(plain.getvalue().encode())
+
+
+def _stands_for_none(cell: str) -> bool:
+    return cell.strip() == "NA" or (not is_text(cell) and number(cell) == -1)
+
+
 def xela_log(data: bytes, forces: bool = False) -> Any:
     """Rows that repeat the one before are counted and left out."""
-    head, rows = table(data)
+    head, rows = table(data, separators=SEPARATORS)
     head = [" ".join(name.lower().replace("_", " ").split()) for name in head]
     need("send time" in head and "message number" in head and len(set(head)) == len(head))
     known = [

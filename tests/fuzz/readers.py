@@ -67,6 +67,13 @@ def named_csv(path: Path) -> Any:
     return recording(read_named_csv(path))
 
 
+def excel_csv(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_recording
+
+    options = {"preamble": 1, "decimal": ",", "missing": ["NA", -1], "unit": None}
+    return recording(read_recording(path, **options))
+
+
 GIVEN_NAMES = {"tactile": ("thumb", "index", "palm"), "joint": ("wrist",), "label": "cup"}
 
 

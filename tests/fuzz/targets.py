@@ -282,6 +282,7 @@ TARGETS: Sequence[Target] = (
     ),
     Target("labels CSV", bases.labels_csv, readers.labels_csv, _text, oracles.labels_csv),
     Target("named CSV", bases.named_csv, readers.named_csv, _text, oracles.named_csv, 5),
+    Target("named CSV, Excel", bases.excel_csv, readers.excel_csv, _text, oracles.excel_csv),
     Target(
         "named CSV, given names",
         bases.given_names_csv,
