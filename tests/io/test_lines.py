@@ -170,4 +170,11 @@ ROWS = b"1 2 3 \r\n4 5 255 \r\n\r\n"
 def test_description_of_bytes(data, kind, protocol):
     description = describe_bytes(data)
     assert description.text.startswith(f"{data[:40]!r} ({kind}")
-    assert description.protocol == protocol
+    assert (description.protocol, description.first_grows) == (protocol, False)
+
+
+@pytest.mark.parametrize(("num_lines", "grows"), [(11, True), (9, False)])
+def test_first_numbers_that_grow_are_described(num_lines, grows):
+    data = b"".join(b"%d,7\n" % i for i in range(num_lines))
+    assert describe_bytes(data).first_grows == grows
+    assert not describe_bytes(data + b"0,7\n").first_grows

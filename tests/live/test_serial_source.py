@@ -325,6 +325,19 @@ def test_port_without_a_protocol_reads_lines_of_numbers(port):
         assert len(read_until(source, lambda frames: len(frames) == 9)) == 9
 
 
+@pytest.mark.parametrize("time", ["none", "ms"])
+def test_time_without_a_unit_is_suspected(port, caplog, time):
+    rows = b"".join(b"%d,512,513\r\n" % (20 * i) for i in range(12))
+    with open_source(f"serial:{port.path}", time=time) as source:
+        port.write(rows)
+        frames = read_until(source, lambda frames: len(frames) == 11)
+    assert (frames[0].device_time, frames[0].tactile.shape) == (
+        (None, (3, 1)) if time == "none" else (0.02, (2, 1))
+    )
+    warned = "if it is the time and no taxel, name its unit in the source, as time=ms"
+    assert (warned in caplog.text) == (time == "none")
+
+
 @pytest.mark.parametrize(
     ("data", "kind"),
     [

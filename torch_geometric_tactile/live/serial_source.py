@@ -1,13 +1,14 @@
 r"""A serial port as a source."""
 
 import errno
+import logging
 import os
 import time
 from contextlib import suppress
 from typing import Any
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io import PROTOCOLS, Decoder
+from torch_geometric_tactile.io import PROTOCOLS, Decoder, LinesDecoder
 from torch_geometric_tactile.io.decoders._bytes_description import describe_bytes
 from torch_geometric_tactile.live._serial_port import SerialPort, list_ports
 from torch_geometric_tactile.live.source import Source
@@ -17,6 +18,7 @@ try:
 except ImportError:  # Windows
     termios_error = OSError  # type: ignore[misc, assignment]
 
+_log = logging.getLogger(__name__)
 _MAX_READ_BYTES = 1 << 16
 _WRITE_SECONDS = 1.0
 _MAX_DESCRIBED_BYTES = 1 << 16
@@ -191,7 +193,15 @@ class SerialSource(Source):
         if now < self._next_look:
             return False
         self._next_look = now + round(_LOOK_SECONDS * 1e9)
-        if describe_bytes(self._first_bytes).protocol == "lines":
+        description = describe_bytes(self._first_bytes)
+        if description.protocol == "lines":
+            is_timeless = isinstance(self.decoder, LinesDecoder) and self.decoder.time == "none"
+            if description.first_grows and is_timeless:
+                _log.warning(
+                    "'%s': the first number grows from line to line: if it is the time and no "
+                    "taxel, name its unit in the source, as time=ms",
+                    self.name,
+                )
             return True
         is_over = now - self._first_arrival >= _MAX_LOOK_SECONDS * 1e9
         if is_over or len(self._first_bytes) == _MAX_DESCRIBED_BYTES:

@@ -11,6 +11,7 @@ from torch_geometric_tactile.io.decoders.lines import LinesDecoder
 _NUM_SHOWN_BYTES = 40
 _NUM_SEARCHED_BYTES = 4096
 _MIN_REPEATS = 3
+_MIN_GROWING_LINES = 10
 _MAX_TEXT_COUNT = 255  # of the protocol `text`
 _EMPTY_LINES = re.compile(rb"\n\r?(?:\n\r?)+")
 _TEXT = re.compile(rb"[\t\n\r -~]+")
@@ -22,6 +23,8 @@ class BytesDescription(NamedTuple):
     Args:
         text (str): The first bytes and what they look like.
         protocol (str): The protocol and settings that read them, or an empty text if unknown.
+        first_grows (bool): Whether the first number of each line is larger than that of the line
+            before, as a time is.
 
     Examples:
         >>> description = describe_bytes(b"17,4\r\n512,17,4\r\n512,18,4\r\n513,18,4\r\n")
@@ -33,6 +36,7 @@ class BytesDescription(NamedTuple):
 
     text: str
     protocol: str
+    first_grows: bool
 
 
 def describe_bytes(data: bytes) -> BytesDescription:
@@ -42,32 +46,30 @@ def describe_bytes(data: bytes) -> BytesDescription:
     Args:
         data (bytes): The first bytes of a device.
     """
-    kind, protocol = _kind_and_protocol(data)
-    return BytesDescription(f"{data[:_NUM_SHOWN_BYTES]!r} ({kind})", protocol)
+    kind, protocol, first_grows = _kind(data)
+    return BytesDescription(f"{data[:_NUM_SHOWN_BYTES]!r} ({kind})", protocol, first_grows)
 
 
-def _kind_and_protocol(data: bytes) -> tuple[str, str]:
+def _kind(data: bytes) -> tuple[str, str, bool]:
     block = _block_shape(data)
     if block is not None:
         num_rows, num_columns, max_value = block
         kind = f"blocks of {num_rows} lines of {num_columns} numbers, with an empty line between"
-        return kind, f"text&shape={num_rows}x{num_columns}" if max_value <= _MAX_TEXT_COUNT else ""
-    num_values = _num_values_of_lines(data)
-    if num_values:
-        return f"lines of {num_values} numbers", "lines"
+        shape = f"text&shape={num_rows}x{num_columns}"
+        return kind, shape if max_value <= _MAX_TEXT_COUNT else "", False
+    decoder = LinesDecoder()
+    frames = decoder.feed(data, now=0)
+    if len(frames) > decoder.counts.corrupt:
+        first = [float(frame.tactile[0, 0]) for frame in frames]
+        grows = all(a < b for a, b in pairwise(first)) and len(first) >= _MIN_GROWING_LINES
+        return f"lines of {decoder.num_taxels} numbers", "lines", grows
     if _TEXT.fullmatch(data):
-        return "text, but no lines of equally many numbers", ""
+        return "text, but no lines of equally many numbers", "", False
     repeat = _regular_pair(data[:_NUM_SEARCHED_BYTES])
     if repeat is None:
-        return "binary, without a pair of bytes at regular distances", ""
+        return "binary, without a pair of bytes at regular distances", "", False
     pair, distance = repeat
-    return f"binary, {pair.hex(' ').upper()} every {distance} bytes", ""
-
-
-def _num_values_of_lines(data: bytes) -> int:
-    decoder = LinesDecoder()
-    decoder.feed(data, now=0)
-    return decoder.num_taxels if decoder.counts.good > decoder.counts.corrupt else 0
+    return f"binary, {pair.hex(' ').upper()} every {distance} bytes", "", False
 
 
 def _block_shape(data: bytes) -> tuple[int, int, float] | None:
