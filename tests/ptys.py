@@ -48,7 +48,7 @@ class Terminal:
     def __init__(self, folder, *arguments):
         self._line, screen = pty.openpty()
         os.set_blocking(self._line, False)
-        self.said = ""
+        self.said = self.passed = ""
         command = [sys.executable, "-m", "torch_geometric_tactile", *map(str, arguments)]
         streams = {"stdin": screen, "stdout": screen, "stderr": screen}
         wide = {**os.environ, "COLUMNS": "300"}
@@ -56,14 +56,14 @@ class Terminal:
         os.close(screen)
 
     def until(self, text):
-        """Waits for a text, and forgets what was said up to it."""
+        """Waits for a text, and keeps what was said before it in `passed`."""
         deadline = time.monotonic() + 40
         while text not in self.said:
             assert time.monotonic() < deadline, (text, self.said[-500:])
             with suppress(OSError):
                 self.said += os.read(self._line, 65536).decode()
             time.sleep(0.01)
-        self.said = self.said.partition(text)[2]
+        self.passed, _, self.said = self.said.partition(text)
 
     def press(self, key):
         os.write(self._line, key.encode())

@@ -245,7 +245,8 @@ def test_keys_annotate_a_recording(whole, tmp_path, suffix):
         terminal.press(key)
         terminal.until(told)
         terminal.until("[slip]  " if told == "slip begins at" else "frames, ")
-    terminal.press("9")  # has no label
+    terminal.press("9")
+    terminal.until("key 9 has no label: --labels names 3 (open, slip, hold)")
     terminal.press("3")
     terminal.until("[hold]  ")
     terminal.press("q")
@@ -255,6 +256,47 @@ def test_keys_annotate_a_recording(whole, tmp_path, suffix):
     assert [a.label for a in found.annotations] == ["open", "slip", "hold"]
     assert 0 < opened.start < opened.end == slip.start < slip.end < hold.start
     assert hold.end == found.time[-1]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo terminals")
+def test_seconds_of_keys_are_those_of_inspect(whole, tmp_path, capsys):
+    from ptys import FakePort, Terminal
+
+    port = FakePort(tmp_path / "ttyFAKE")
+    over, silent = threading.Event(), threading.Event()
+
+    def send():
+        number = 0
+        while not over.wait(0.01):
+            number += 1
+            if not silent.is_set():
+                port.write(encode_packet(number, np.full((4, 3), 1, np.int16)))
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    terminal = Terminal(tmp_path, "record", f"serial:{port.path}?protocol=cobs", "a.mcap")
+    terminal.until("frames, ")
+    silent.set()
+    time.sleep(0.6)
+    said = []
+    for key, told in (("m", "marked at "), ("1", "1 begins at "), ("1", "1 ends at ")):
+        terminal.press(key)
+        terminal.until(told)
+        terminal.until(" s")
+        said.append(terminal.passed)
+    silent.clear()
+    time.sleep(0.3)
+    terminal.press("q")
+    terminal.end()
+    over.set()
+    sender.join()
+    port.close()
+    assert float(said[0]) > 0.5  # the last frame was before the silence
+    assert main(["inspect", str(tmp_path / "a.mcap"), "--no-picture"]) == 0
+    summary = capsys.readouterr().out
+    assert f"events       {said[0]} s  mark\n" in summary
+    assert f"{said[1]} to {said[2]} s  1\n" in summary
 
 
 @pytest.mark.slow
@@ -270,6 +312,7 @@ def test_keys_annotate_what_live_records(whole, tmp_path):
     terminal.until("recorded")
     terminal.press("4")
     terminal.until("4 begins at")
+    terminal.until("without --labels, the keys 1 to 9 write the labels 1 to 9: --labels open,slip")
     terminal.until("[4]  ")
     terminal.press("r")
     terminal.until("wrote ")

@@ -34,7 +34,7 @@ def plain(value: Any) -> Any:
 
 def _tensor(value: torch.Tensor) -> np.ndarray:
     value = value.detach()
-    if value.is_sparse:
+    if value.is_sparse or value.is_sparse_csr:
         value = value.to_dense()
     return np.asarray(value.numpy(force=True))
 

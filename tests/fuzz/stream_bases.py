@@ -74,6 +74,19 @@ def text(folder: Path) -> None:
         (folder / f"{name}.txt").write_bytes(made.encode())
 
 
+def lines(folder: Path) -> None:
+    draw = np.random.default_rng(0)
+    counts = draw.integers(0, 1024, (PACKETS, 6)).tolist()
+    rows = [[20 * i, *row] for i, row in enumerate(counts)]
+    commas = "".join(",".join(map(str, row)) + "\r\n" for row in rows)
+    (folder / "a.txt").write_bytes(("Ready\r\n" + commas).encode())
+    labels = "".join(
+        "\t".join(f"{'tabcdef'[i]}:{value / 4:g}" for i, value in enumerate(row)) + "\n"
+        for row in rows
+    )
+    (folder / "b.txt").write_bytes(("12\n" + labels).encode())
+
+
 def robotiq(folder: Path) -> None:
     draw = np.random.default_rng(0)
     for name, stamp in (("a", 8), ("b", 2)):
@@ -106,6 +119,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "m1616": {},
     "paxini": {"points": (2, 1)},
     "text": {"shape": (2, 3)},
+    "lines": {"time": "ms", "num_channels": 2},
     "robotiq": {},
     "letter_array": {},
 }

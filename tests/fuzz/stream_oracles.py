@@ -153,6 +153,52 @@ def text(data: bytes) -> Any:
     return frames
 
 
+_NUMBER = rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[nN][aA][nN]|[iI][nN][fF]|ovf)"
+_CELL = rb"(?:[A-Za-z_]\w*:[ \t]*)*(" + _NUMBER + rb")?[ \t]*"
+
+
+def _line_values(line: bytes) -> list[float] | None:
+    line = line.rstrip(b"\r").strip(b" \t")
+    mark = b"," if b"," in line else b";" if b";" in line else None
+    if mark is None:
+        line = re.sub(rb"(?<![\w.+-])[A-Za-z_]\w*:[ \t]*", b"", line)
+        cells = re.findall(rb"[^ \t]+", line)
+    else:
+        cells = [cell.strip(b" \t") for cell in line.split(mark)]
+    found = [re.fullmatch(_CELL, cell) for cell in cells]
+    if found and mark is not None and found[-1] is not None and found[-1][1] is None:
+        found.pop()
+    if not found or any(cell is None or cell[1] is None for cell in found):
+        return None
+    return [float(cell[1].replace(b"ovf", b"inf")) for cell in found if cell is not None]
+
+
+def lines(data: bytes) -> Any:
+    """A time and pairs of readings: as many as in the first three lines in a row that agree."""
+    frames: list[Any] = []
+    first: list[list[float]] = []
+    size = 0
+    for line in data.split(b"\n")[1:-1]:
+        if not line.strip(b"\r"):
+            continue
+        values = _line_values(line)
+        if values is None or not abs(values[0]) <= 2**53 or len(values) < 3 or not len(values) % 2:
+            first = []
+            continue
+        if size and len(values) != size:
+            continue
+        first = [*first, values] if first and len(values) == len(first[0]) else [values]
+        if size or len(first) == 3:
+            size = len(values)
+            for row in first:
+                with np.errstate(over="ignore"):
+                    tactile = np.array(row[1:]).astype(np.float32)
+                tactile[np.isinf(tactile)] = np.nan
+                frames.append([row[0] * 1e-3, tactile.tobytes(), None])
+            first = []
+    return frames
+
+
 def letter_array(data: bytes) -> Any:
     """Every place from which on 2060 bytes are a header, readings and their CRC32."""
     frames, place = [], 0

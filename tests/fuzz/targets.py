@@ -484,6 +484,7 @@ TARGETS: Sequence[Target] = (
     _stream("m1616", 3),
     _stream("paxini", 3),
     _stream("text", 4),
+    _stream("lines", 4),
     _stream("robotiq", 4),
     _stream("letter_array", 2),
 )

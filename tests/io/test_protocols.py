@@ -43,6 +43,7 @@ LIMITS = {
     "anyskin": 5 * 34,
     "flexitac": 16,
     "m1616": 522,
+    "lines": 2**16,
     "paxini": 28,
     "text": 36,
     "robotiq": 260,
@@ -82,11 +83,17 @@ def test_settings_as_values_and_as_texts():
     [
         (
             lambda: decoder_of("reskin"),
-            r"one of cobs, anyskin, flexitac, m1616, paxini, text, robotiq, letter_array "
+            r"one of cobs, anyskin, flexitac, m1616, paxini, text, lines, robotiq, letter_array "
             r"\(got 'reskin'\)",
         ),
-        (lambda: decoder_of("text", size=3), r"'text' must have settings among shape \(got 'size'"),
-        (lambda: decoder_of("m1616", a=1), r"'m1616' must have settings among none \(got 'a'\)"),
+        (
+            lambda: decoder_of("text", size=3),
+            r"'text' must have settings among shape, or 'baudrate' of a port",
+        ),
+        (
+            lambda: decoder_of("m1616", a=1),
+            r"'m1616' must have settings among none, or .* \(got 'a'\)",
+        ),
         (lambda: decoder_of("text", shape="12"), r"'shape' must be rows and columns"),
         (
             lambda: decoder_of("text", shape="axb"),

@@ -29,7 +29,7 @@ def test_link_to_a_device_is_told_to_be_a_port(tmp_path):
     link = tmp_path / "by-id"
     link.symlink_to(os.devnull)
     for url in (str(link), f"{link}?protocol=cobs", f"file:{link}"):
-        with pytest.raises(ValueError, match=r"must be given as serial:.*by-id\?protocol=NAME"):
+        with pytest.raises(ValueError, match=r'must be given as "serial:.*by-id\?protocol=NAME"'):
             open_source(url)
 
 
@@ -37,6 +37,12 @@ def test_open_source_of_a_port():
     source = open_source("serial:/dev/ttyACM0?protocol=text&shape=12x32&baudrate=9600")
     assert (source.port, source.baudrate, source.decoder.shape) == ("/dev/ttyACM0", 9600, (12, 32))
     assert open_source("serial:COM3", protocol="anyskin").port == "COM3"
+
+
+def test_port_without_a_protocol_expects_lines_of_numbers():
+    source = open_source("serial:/dev/ttyACM0?time=us&num_taxels=46&baudrate=9600")
+    assert (source.decoder.time, source.decoder.num_taxels, source.baudrate) == ("us", 46, 9600)
+    assert source.clock_period == 2**32 / 1e6
 
 
 def test_settings_go_before_those_of_the_url():
@@ -58,15 +64,14 @@ def test_open_source_of_a_simulation():
 @pytest.mark.parametrize(
     ("url", "match"),
     [
-        ("", "a source must be one of serial:"),
-        ("/dev/ttyUSB0", r"given as serial:/dev/ttyUSB0\?protocol=NAME"),
-        ("COM3", r"given as serial:COM3\?protocol=NAME"),
-        (None, "a source must be one of serial:"),
-        ("usb:/dev/x", r"a source must be one of serial:.*, ws:.*, file:.*, .* or sim:"),
-        (
-            "serial:/dev/x",
-            "must name its protocol, as serial:/dev/x.protocol=NAME with one of .'cobs",
-        ),
+        ("", 'a source must be one of "serial:'),
+        ("/dev/ttyUSB0", r'given as "serial:/dev/ttyUSB0\?protocol=NAME"'),
+        ("COM3", r'given as "serial:COM3\?protocol=NAME"'),
+        (None, 'a source must be one of "serial:'),
+        ("usb:/dev/x", r'a source must be one of "serial:.*, ws:.*, "file:.*, .* or "sim:'),
+        ("serial:/dev/x?shape=2x3", "protocol 'lines' must have settings among time, num_taxels"),
+        ("serial:/dev/x?baud=9600", r"or 'baudrate' of a port \(got 'baud'\)"),
+        ("serial:/dev/x?time=min", r"'time' must be one of none, s, ms, us \(got 'min'\)"),
         ("serial:/dev/x?protocol=tcp", "'protocol' must be one of cobs"),
         ("serial:/dev/x?protocol=cobs&baudrate=fast", "'baudrate' must be an integer"),
         ("serial:/dev/x?protocol=cobs&parity=odd", "protocol 'cobs' must have settings among"),

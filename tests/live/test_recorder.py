@@ -339,7 +339,7 @@ def test_annotations_begin_and_end_and_the_open_one_ends_with_the_recording(path
     stream = Stream(NumberedSource(1000))
     frames = stream.subscribe("all")
     recorder = Recorder(path, stream)
-    recorder.annotate("early")  # before the first frame
+    assert recorder.annotate("early") is None  # before the first frame
     assert recorder.annotation == "early"
     with stream:
         recorder.start()
@@ -348,6 +348,7 @@ def test_annotations_begin_and_end_and_the_open_one_ends_with_the_recording(path
                 frames.get(5)
             recorder.annotate(label)
         assert recorder.annotation == "hold"
+        seconds = recorder.event("mark")
         with pytest.raises(ValueError, match="printable"):
             recorder.annotate("")
         for _ in range(30):
@@ -358,4 +359,6 @@ def test_annotations_begin_and_end_and_the_open_one_ends_with_the_recording(path
     assert [a.label for a in found.annotations] == ["early", "hold", "slip", "hold"]
     assert early.start < found.time[0] < early.end == hold.start < hold.end < slip.start
     assert (slip.end, last.end) == (last.start, found.time[-1])
-    assert "events" not in found.meta
+    (event,) = found.meta["events"]
+    assert event["time"] - found.time[0] == pytest.approx(seconds, abs=1e-6)
+    assert seconds > last.start - found.time[0]

@@ -1,4 +1,5 @@
 import os
+import re
 import threading
 import time
 import zlib
@@ -296,3 +297,80 @@ def test_list_ports_are_sorted_and_shown_with_usb_ids(monkeypatch):
         "/dev/ttyACM1  2341:8036  75  Leonardo",
         "/dev/ttyS9",
     ]
+
+
+LINES = b"0,4\r\n" + b"512,513,900\r\n" * 9
+
+
+def read_until(source, condition):
+    frames = []
+    wait_until(lambda: frames.extend(source.read(0.05)) or condition(frames))
+    return frames
+
+
+def test_port_without_a_protocol_reads_lines_of_numbers(port):
+    with open_source(f"serial:{port.path}") as source:
+        port.write(b"Ready\r\n")
+        port.write(LINES)
+        frames = read_until(source, lambda frames: len(frames) == 9)
+        assert frames[0].tactile.ravel().tolist() == [512, 513, 900]
+        assert frames[0].received == frames[8].received  # arrival of the bytes, not of the decision
+        port.unplug()
+        with pytest.raises(OSError, match="serial:"):
+            read_for_long(source)
+        source.close()
+        port.plug()
+        source.open()
+        port.write(LINES)
+        assert len(read_until(source, lambda frames: len(frames) == 9)) == 9
+
+
+@pytest.mark.parametrize("time", ["none", "ms"])
+def test_time_without_a_unit_is_suspected(port, caplog, time):
+    rows = b"".join(b"%d,512,513\r\n" % (20 * i) for i in range(12))
+    with open_source(f"serial:{port.path}", time=time) as source:
+        port.write(rows)
+        frames = read_until(source, lambda frames: len(frames) == 11)
+    assert (frames[0].device_time, frames[0].tactile.shape) == (
+        (None, (3, 1)) if time == "none" else (0.02, (2, 1))
+    )
+    warned = "if it is the time and no taxel, name its unit in the source, as time=ms"
+    assert (warned in caplog.text) == (time == "none")
+
+
+@pytest.mark.parametrize(
+    ("data", "kind"),
+    [
+        (b"\xaa\x55\x01\x02" * 99, r"\(binary, AA 55 every 4 bytes\)$"),
+        (b"1 2\r\n3 4\r\n\r\n" * 9, r"\(blocks of 2 lines .*\): use protocol=text&shape=2x2$"),
+        (b"7" * 100_000, r"b'77777.*' \(text, but no lines"),
+    ],
+    ids=["binary", "rows", "long"],
+)
+def test_port_without_a_protocol_refuses_other_bytes(port, monkeypatch, data, kind):
+    monkeypatch.setattr("torch_geometric_tactile.live.serial_source._MAX_LOOK_SECONDS", 0.1)
+    with open_source(f"serial:{port.path}") as source:
+        writer = threading.Thread(target=port.write, args=(data,), daemon=True)
+        writer.start()
+        with pytest.raises(ValueError, match=r"sent no lines of numbers: [0-9]+ bytes") as caught:
+            read_for_long(source)
+    assert 'no protocol is named: name it, as "serial:' in str(caught.value)
+    assert 'protocol=NAME" with one of cobs, anyskin,' in str(caught.value)
+    assert re.search(kind, str(caught.value))
+    writer.join()
+
+
+def test_bytes_of_another_protocol_are_described(port):
+    with open_source(f"serial:{port.path}?protocol=m1616") as source:
+        port.write(LINES)
+        wait_until(lambda: source.read(0.05) == [] and source.counts.skipped >= len(LINES))
+        assert source.why_no_frame().endswith(
+            "the baudrate of 115200. The first are "
+            r"b'0,4\r\n512,513,900\r\n512,513,900\r\n512,513,9' "
+            "(lines of 3 numbers): use protocol=lines"
+        )
+    with open_source(f"serial:{port.path}?protocol=lines&num_taxels=5") as source:
+        port.write(LINES)
+        wait_until(lambda: source.read(0.05) == [] and source.counts.skipped >= len(LINES))
+        assert "(a line must have 5 numbers (got 3))" in source.why_no_frame()
+        assert source.why_no_frame().endswith("(lines of 3 numbers)")

@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -239,3 +240,23 @@ def test_time_without_frames_is_blank():
         np.testing.assert_allclose([box.x0, box.x1], [1.9, 40.0])
     whole = plot_recording(recording(num_frames=40)).axes
     assert not [c for ax in whole for c in ax.collections if c.get_zorder() == 2.4]
+
+
+def test_events_are_in_seconds_since_the_first_frame():
+    events = [
+        {"time": 7.25, "kind": "mark", "text": ""},
+        {"time": 8.0, "kind": "touch", "text": "by hand"},
+    ]
+    made = Recording([7.0, 9.0], np.zeros((2, 2, 1)), meta={"events": events, "unit": "count"})
+    lines = describe_recording(made).splitlines()
+    at = lines.index("events       0.25 s  mark")
+    assert lines[at + 1 : at + 3] == [
+        "             1.00 s  touch  by hand",
+        "metadata     unit = count",
+    ]
+
+
+@pytest.mark.parametrize("events", [3, [3], [{"time": 1}], [{"time": "a", "kind": "", "text": ""}]])
+def test_other_metadata_named_events_stays_metadata(events):
+    made = Recording([0.0, 1.0], np.zeros((2, 2, 1)), meta={"events": events})
+    assert f"metadata     events = {json.dumps(events)}" in describe_recording(made)

@@ -15,10 +15,11 @@ _MAX_COUNT = 1_000_000
 READABLE = ".h5, .hdf5, .npz, .mcap, .csv, .json, .jsonl, .ndjson or .txt"
 SOURCE = """\
 SOURCE is one of:
-  serial:/dev/ttyACM0?protocol=anyskin   a serial port; 'tactile ports' lists them
-  ws://HOST:5000                         XELA's server
-  grasp.h5                               a recording, replayed at its own speed
-  sim:                                   the simulated hand (extra 'sim')
+  "serial:/dev/ttyACM0?protocol=anyskin"   a serial port; 'tactile ports' lists them
+  serial:/dev/ttyACM0                      a serial port that sends lines of numbers
+  ws://HOST:5000                           XELA's server
+  grasp.h5                                 a recording, replayed at its own speed
+  sim:                                     the simulated hand (extra 'sim')
 """
 
 

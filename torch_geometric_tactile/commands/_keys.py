@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.commands._status_line import StatusLine
     from torch_geometric_tactile.live import Recorder
 
+_UNNAMED_KEYS = (
+    "without --labels, the keys 1 to 9 write the labels 1 to 9: --labels open,slip names them"
+)
+
 
 @contextmanager
 def key_bindings(actions: Mapping[str, Callable[[], None]]) -> Iterator[Callable[[], None]]:
@@ -51,8 +55,7 @@ def mark(recorder: "Recorder | None", status_line: "StatusLine") -> None:
     if recorder is None:
         status_line.write("nothing marked: no recording is running")
         return
-    recorder.event("mark")
-    status_line.write(f"marked at {recorder.seconds:.2f} s")
+    status_line.write(f"marked {_time_text(recorder.event('mark'))}")
 
 
 def label_keys(
@@ -61,25 +64,34 @@ def label_keys(
     status_line: "StatusLine",
 ) -> dict[str, Callable[[], None]]:
     r"""Returns the actions of the keys 1 to 9, each of which begins and ends annotations of its
-    label.
+    label. Without labels, the first press tells that the keys are the labels; with fewer than nine,
+    a key without a label says so.
     """
     key_labels = "123456789" if labels is None else labels
-    return {
-        str(i): partial(_annotate, get_recorder, status_line, label)
-        for i, label in enumerate(key_labels, start=1)
-    }
+    notes = [_UNNAMED_KEYS] if labels is None else []
+
+    def annotate(label: str) -> None:
+        recorder = get_recorder()
+        if recorder is None:
+            status_line.write("nothing annotated: no recording is running")
+            return
+        seconds = recorder.annotate(label)
+        change = "begins" if recorder.annotation == label else "ends"
+        status_line.write(f"{label} {change} {_time_text(seconds)}")
+        if notes:
+            status_line.write(notes.pop())
+
+    def refuse(key: str) -> None:
+        status_line.write(
+            f"key {key} has no label: --labels names {len(key_labels)} ({', '.join(key_labels)})"
+        )
+
+    actions = {str(i): partial(annotate, label) for i, label in enumerate(key_labels, start=1)}
+    return {key: actions.get(key, partial(refuse, key)) for key in "123456789"}
 
 
-def _annotate(
-    get_recorder: "Callable[[], Recorder | None]", status_line: "StatusLine", label: str
-) -> None:
-    recorder = get_recorder()
-    if recorder is None:
-        status_line.write("nothing annotated: no recording is running")
-        return
-    recorder.annotate(label)
-    change = "begins" if recorder.annotation == label else "ends"
-    status_line.write(f"{label} {change} at {recorder.seconds:.2f} s")
+def _time_text(seconds: float | None) -> str:
+    return "before the first frame" if seconds is None else f"at {seconds:.2f} s"
 
 
 def _handle_console_keys(actions: Mapping[str, Callable[[], None]]) -> None:

@@ -35,11 +35,11 @@ in the recording, 1 to 9 begin and end an annotation (--labels) in it, q or Ctrl
 EXAMPLES = f"""\
 {SOURCE}
 examples:
-  tactile live serial:/dev/ttyACM0?protocol=anyskin --view
+  tactile live "serial:/dev/ttyACM0?protocol=anyskin" --view
   tactile live ws://127.0.0.1:5000 --model slip.onnx --record grasp.mcap
                                                  an exported model: needs no PyTorch
   tactile live grasp.h5 --model grasp.predictor  a recording, replayed as if live
-  tactile live serial:/dev/ttyACM0?protocol=anyskin --model slip.onnx --contact
+  tactile live "serial:/dev/ttyACM0?protocol=anyskin" --model slip.onnx --contact
                                                  "no contact" while nothing is touched
   tactile live sim: --record grasp.mcap --labels open,slip,hold
                                                  key 2 begins a slip, and ends it

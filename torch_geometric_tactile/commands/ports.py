@@ -6,7 +6,8 @@ import json
 HELP = "List the serial ports of this machine"
 DESCRIPTION = """\
 Lists the serial ports of this machine: path, USB vendor and product (VID:PID), serial number
-and description. Read a tactile sensor at one of them as serial:PATH?protocol=NAME.
+and description. Read a tactile sensor at one of them as "serial:PATH?protocol=NAME", or as
+serial:PATH if it sends lines of numbers.
 """
 EXAMPLES = """\
 examples:

@@ -27,7 +27,9 @@ q or Ctrl-C ends the recording.
 EXAMPLES = f"""\
 {SOURCE}
 examples:
-  tactile record serial:/dev/ttyACM0?protocol=anyskin mug.mcap --label mug
+  tactile record "serial:/dev/ttyACM0?protocol=anyskin" mug.mcap --label mug
+  tactile record "serial:/dev/ttyACM0?protocol=lines&time=ms" mug.mcap
+                                                 lines of numbers, the time in ms first
   tactile record ws://127.0.0.1:5000 grasp.mcap --layout allegro_uskin_368 --seconds 30
                                                  an Allegro hand, in the order of the layout,
                                                  with taxel positions for Foxglove

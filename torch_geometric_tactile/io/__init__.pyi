@@ -6,6 +6,7 @@ from .decoders.anyskin import AnySkinDecoder
 from .decoders.decoder import Decoder, DecoderCounts
 from .decoders.flexitac import FlexiTacDecoder
 from .decoders.letter_array_packets import LetterArrayDecoder, encode_letter_array
+from .decoders.lines import LinesDecoder
 from .decoders.m1616 import M1616Decoder
 from .decoders.packets import CobsDecoder, encode_packet
 from .decoders.paxini import PaXiniDecoder
@@ -34,6 +35,7 @@ __all__ = [
     "DecoderCounts",
     "FlexiTacDecoder",
     "LetterArrayDecoder",
+    "LinesDecoder",
     "M1616Decoder",
     "McapWriter",
     "PaXiniDecoder",

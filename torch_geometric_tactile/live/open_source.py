@@ -14,8 +14,8 @@ from torch_geometric_tactile.live.source import Source
 _TRUE_TEXTS = ("1", "true", "yes")
 _FALSE_TEXTS = ("0", "false", "no")
 _URL_EXAMPLES = (
-    "serial:/dev/ttyACM0?protocol=anyskin, ws://host:5000, file:grasp.h5?speed=2&loop=1, the path "
-    "of a file, or sim:?object=sponge"
+    '"serial:/dev/ttyACM0?protocol=anyskin", ws://host:5000, "file:grasp.h5?speed=2&loop=1", the '
+    'path of a file, or "sim:?object=sponge"'
 )
 
 
@@ -26,6 +26,9 @@ def open_source(url: str, **settings: Any) -> Source:
     :obj:`serial:PORT?protocol=NAME`             :class:`SerialSource` with the decoder of
                                                  :func:`~torch_geometric_tactile.io.decoder_of`;
                                                  :obj:`baudrate`, and what the decoder takes
+    :obj:`serial:PORT`                           the same for lines of numbers
+                                                 (:obj:`protocol=lines`), which the first seconds of
+                                                 bytes must be
     :obj:`ws://HOST:PORT`, :obj:`wss://...`      :class:`XelaSource`; :obj:`forces`
     :obj:`file:PATH`, or the path alone          :class:`ReplaySource`; :obj:`speed`, :obj:`loop`
     :obj:`sim:`                                  :class:`SimulatedSource`; :obj:`object`,
@@ -85,7 +88,8 @@ def _file_source(path: str, options: Mapping[str, Any]) -> Source:
     need(path, "a file source must name the file, such as file:grasp.h5")
     if re.match(r"/dev/|COM[0-9]+$", path) or Path(path).is_char_device():
         raise ValueError(
-            f"a serial port must be given as serial:{path}?protocol=NAME (got '{printable(path)}')"
+            f'a serial port must be given as "serial:{path}?protocol=NAME" '
+            f"(got '{printable(path)}')"
         )
     return ReplaySource(
         path, **_convert_options("file:", options, {"speed": _to_float, "loop": _to_bool})
@@ -99,29 +103,21 @@ def _websocket_source(url: str, options: Mapping[str, Any]) -> Source:
 
 
 def _serial_source(port: str, options: Mapping[str, Any]) -> Source:
-    from torch_geometric_tactile.io import PROTOCOLS, decoder_of
+    from torch_geometric_tactile.io import decoder_of
     from torch_geometric_tactile.live.serial_source import SerialSource
 
     settings = dict(options)
     protocol = settings.pop("protocol", None)
-    if protocol is None:
-        raise ValueError(
-            f"a serial source must name its protocol, as {_port_url(port)}?protocol=NAME with "
-            f"one of {list(PROTOCOLS)}"
-        )
     baudrate = settings.pop("baudrate", None)
     baudrate = None if baudrate is None else _to_int("baudrate", baudrate)
-    return SerialSource(port, decoder_of(protocol, **settings), baudrate)
-
-
-def _port_url(port: str) -> str:
-    return f"serial:{port or '/dev/ttyACM0'}"
+    decoder = decoder_of("lines" if protocol is None else protocol, **settings)
+    return SerialSource(port, decoder, baudrate, expects_lines=protocol is None)
 
 
 def _simulated_source(path: str, options: Mapping[str, Any]) -> Source:
     from torch_geometric_tactile.live.simulated_source import SimulatedSource
 
-    need(not path, f"a simulated source must be sim: or sim:?object=NAME (got 'sim:{path}')")
+    need(not path, "a simulated source must be sim: or 'sim:?object=NAME'", f"'sim:{path}'")
     converters = {
         "object": _to_text,
         "rate": _to_float,

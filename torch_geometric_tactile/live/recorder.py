@@ -162,18 +162,22 @@ class Recorder:
         """
         self._add(lambda file: _write_prediction(file, judgement))
 
-    def event(self, kind: str, text: str = "") -> None:
-        r"""Writes an event at the present time, such as a new tare.
+    def event(self, kind: str, text: str = "") -> float | None:
+        r"""Writes an event at the present time, such as a new tare, and returns the seconds since
+        the first frame, or :obj:`None` before the first frame.
 
         Args:
             kind (str): Kind of event.
             text (str): Description of the event.
         """
-        self._write_event(time.perf_counter(), kind, text)
+        now = time.perf_counter()
+        self._write_event(now, kind, text)
+        return self._seconds_at(now)
 
-    def annotate(self, label: str) -> None:
+    def annotate(self, label: str) -> float | None:
         r"""Starts an annotation at the present time, and ends the current one. If the current
         annotation has the same label, only ends it. The end of the recording ends an annotation.
+        Returns the seconds since the first frame, or :obj:`None` before the first frame.
 
         Args:
             label (str): Label of the annotation.
@@ -190,6 +194,10 @@ class Recorder:
             self._write_event(now, SPAN_END, previous)
         if self.annotation is not None:
             self._write_event(now, SPAN_START, label)
+        return self._seconds_at(now)
+
+    def _seconds_at(self, time: float) -> float | None:
+        return time - self._first_time if self.frames else None
 
     def _write_event(self, time: float, kind: str, text: str) -> None:
         self._add(lambda file: file.write_event(time, kind, text))

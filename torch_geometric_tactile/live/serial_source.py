@@ -1,13 +1,15 @@
 r"""A serial port as a source."""
 
 import errno
+import logging
 import os
 import time
 from contextlib import suppress
 from typing import Any
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io import Decoder
+from torch_geometric_tactile.io import PROTOCOLS, Decoder, LinesDecoder
+from torch_geometric_tactile.io.decoders._bytes_description import describe_bytes
 from torch_geometric_tactile.live._serial_port import SerialPort, list_ports
 from torch_geometric_tactile.live.source import Source
 
@@ -16,8 +18,14 @@ try:
 except ImportError:  # Windows
     termios_error = OSError  # type: ignore[misc, assignment]
 
+_log = logging.getLogger(__name__)
 _MAX_READ_BYTES = 1 << 16
 _WRITE_SECONDS = 1.0
+_MAX_DESCRIBED_BYTES = 1 << 16
+# Seconds after the first byte: between two looks at the bytes of an unnamed protocol, and until the
+# last one. A board may start for seconds before it sends.
+_LOOK_SECONDS = 0.5
+_MAX_LOOK_SECONDS = 5.0
 
 
 class SerialSource(Source):
@@ -31,6 +39,8 @@ class SerialSource(Source):
         port (str): Path or name of the port.
         decoder (Decoder): The decoder that converts bytes to frames.
         baudrate (int, optional): Bits per second; that of the decoder if left out.
+        expects_lines (bool): Whether no protocol was named, and the decoder is that of lines of
+            numbers. Then the bytes of the first seconds must be such lines.
 
     Raises:
         ValueError: If :obj:`port` is empty, or :obj:`baudrate` is not positive.
@@ -44,7 +54,14 @@ class SerialSource(Source):
         ...     frames = source.read(timeout=1.0)
     """
 
-    def __init__(self, port: str, decoder: Decoder, baudrate: int | None = None) -> None:
+    def __init__(
+        self,
+        port: str,
+        decoder: Decoder,
+        baudrate: int | None = None,
+        *,
+        expects_lines: bool = False,
+    ) -> None:
         if not isinstance(port, str) or not port:
             raise ValueError(f"'port' must be the path or name of a serial port (got {port!r})")
         baudrate = decoder.baudrate if baudrate is None else baudrate
@@ -62,6 +79,10 @@ class SerialSource(Source):
         self._usb: SerialPort | None = None
         self._is_identified = False
         self._received = 0  # number of bytes
+        self._first_bytes = b""
+        self._expects_lines = expects_lines
+        self._held_reads: list[tuple[bytes, int]] = []  # bytes and arrival, until they are lines
+        self._first_arrival = self._next_look = 0
 
     def open(self) -> None:
         r"""Opens the port. Does nothing if it is open.
@@ -76,6 +97,7 @@ class SerialSource(Source):
         if path is None or (path.startswith("/") and not os.path.exists(path)):
             raise FileNotFoundError(self._missing_port_text(path))
         self.decoder.reset()
+        self._held_reads = []
         self._serial = self._open_port(path)
         if not self._is_identified:  # only the first time: another device may use the path later
             port = _find_port(path)
@@ -132,19 +154,59 @@ class SerialSource(Source):
 
         Raises:
             OSError: If the port is lost.
+            ValueError: If no protocol was named, and the bytes of the first seconds are no lines of
+                numbers.
         """
         if self._serial is None:
             raise OSError(f"{self.name} is not open")
         deadline = time.perf_counter() + timeout
         while True:
             data = self._read_bytes(timeout)
-            self._received += len(data)
-            frames = self.decoder.feed(data, time.perf_counter_ns()) if data else []
+            frames = self._decode(data, time.perf_counter_ns())
             if frames or time.perf_counter() >= deadline:
                 break
         if not data:
             self._check_presence()
         return frames
+
+    def _decode(self, data: bytes, now: int) -> list[LiveFrame]:
+        self._received += len(data)
+        if len(self._first_bytes) < _MAX_DESCRIBED_BYTES:
+            self._first_bytes += data[: _MAX_DESCRIBED_BYTES - len(self._first_bytes)]
+        if not self._expects_lines:
+            return self.decoder.feed(data, now) if data else []
+        if data:
+            self._held_reads.append((data, now))
+        if not self._held_reads or not self._are_lines(now):
+            return []
+        self._expects_lines = False
+        reads, self._held_reads = self._held_reads, []
+        return [frame for data, arrival in reads for frame in self.decoder.feed(data, arrival)]
+
+    def _are_lines(self, now: int) -> bool:
+        r"""Returns whether the first bytes are lines of numbers, and raises an error if they are
+        not after some seconds.
+        """
+        if not self._first_arrival:
+            self._first_arrival = now
+            self._next_look = now + round(_LOOK_SECONDS * 1e9)
+        if now < self._next_look:
+            return False
+        self._next_look = now + round(_LOOK_SECONDS * 1e9)
+        description = describe_bytes(self._first_bytes)
+        if description.protocol == "lines":
+            is_timeless = isinstance(self.decoder, LinesDecoder) and self.decoder.time == "none"
+            if description.first_grows and is_timeless:
+                _log.warning(
+                    "'%s': the first number grows from line to line: if it is the time and no "
+                    "taxel, name its unit in the source, as time=ms",
+                    self.name,
+                )
+            return True
+        is_over = now - self._first_arrival >= _MAX_LOOK_SECONDS * 1e9
+        if is_over or len(self._first_bytes) == _MAX_DESCRIBED_BYTES:
+            raise ValueError(f"'{self.name}' sent no lines of numbers: {self.why_no_frame()}")
+        return False
 
     def _read_bytes(self, timeout: float) -> bytes:
         # Reads one byte, then all others that have arrived: pyserial waits until it has as many
@@ -163,10 +225,21 @@ class SerialSource(Source):
         r"""Returns the reason why there is no frame, and the settings to check."""
         if not self._received:
             return "no byte arrived: check the cable and the port, and that the device sends"
+        description = describe_bytes(self._first_bytes)
+        protocol = description.protocol
+        is_named = isinstance(self.decoder, PROTOCOLS.get(protocol, ())) and not self._expects_lines
+        advice = f": use protocol={protocol}" if protocol and not is_named else ""
+        if self._expects_lines:
+            return (
+                f"{self._received} bytes arrived, but no protocol is named: name it, as "
+                f'"{self.name}?protocol=NAME" with one of {", ".join(PROTOCOLS)}, or check the '
+                f"baudrate of {self.baudrate}. The first are {description.text}{advice}"
+            )
         reason = f" ({self.counts.reason})" if self.counts.reason else ""
         return (
             f"{self._received} bytes arrived, but none is a frame{reason}: check the protocol, its "
-            f"settings and the baudrate of {self.baudrate}"
+            f"settings and the baudrate of {self.baudrate}. The first are {description.text}"
+            f"{advice}"
         )
 
     def _check_presence(self) -> None:

@@ -18,7 +18,7 @@ from torch_geometric_tactile.visualization.recording import plot_recording
 
 # Limits of long lists and texts, so that the description stays readable.
 _MAX_INDICES = 12
-_MAX_ANNOTATIONS = 20
+_MAX_LINES = 20
 _MAX_LETTERS = 100
 
 
@@ -43,6 +43,7 @@ def describe_recording(recording: Recording) -> str:
     if recording.num_frames > 1:
         frames += f" in {recording.duration:.6g} s, {recording.rate:.6g} per second"
     unit = UNITS.get(str(recording.meta.get("unit")), "(unit unknown)")
+    events = _event_lines(recording)
     missing, dead = recording.missing, recording.dead_taxels
     missing_text = "none"
     if missing.any():
@@ -61,7 +62,15 @@ def describe_recording(recording: Recording) -> str:
         ("missing", [missing_text]),
         ("label", ["none" if recording.label is None else str(recording.label)]),
         *([("annotations", _annotation_lines(recording))] if recording.annotations else []),
-        ("metadata", [f"{key} = {_shorten(value)}" for key, value in recording.meta.items()]),
+        *([("events", events)] if events else []),
+        (
+            "metadata",
+            [
+                f"{key} = {_shorten(value)}"
+                for key, value in recording.meta.items()
+                if key != "events" or not events
+            ],
+        ),
         (
             "privileged",
             [f"{name} {value.shape}" for name, value in recording.privileged.items()],
@@ -140,9 +149,30 @@ def _annotation_lines(recording: Recording) -> list[str]:
         float(recording.time[0]) if recording.num_frames else 0.0,
         recording.annotations,
     )
-    lines = [f"{a.start - start:.2f} to {a.end - start:.2f} s  {a.label}" for a in annotations]
-    num_hidden = len(lines) - _MAX_ANNOTATIONS
-    return lines[:_MAX_ANNOTATIONS] + ([f"and {num_hidden} more"] if num_hidden > 0 else [])
+    return _limit_lines(
+        [f"{a.start - start:.2f} to {a.end - start:.2f} s  {a.label}" for a in annotations]
+    )
+
+
+def _event_lines(recording: Recording) -> list[str]:
+    # Metadata may hold anything under this name; only the events of recorders have these keys.
+    events = recording.meta.get("events")
+    if not isinstance(events, list) or not recording.num_frames:
+        return []
+    start, lines = float(recording.time[0]), []
+    for event in events:
+        if not isinstance(event, dict) or event.keys() != {"time", "kind", "text"}:
+            return []
+        if isinstance(event["time"], bool) or not isinstance(event["time"], int | float):
+            return []
+        text = _shorten(f"{event['kind']}  {event['text']}".rstrip())
+        lines.append(f"{event['time'] - start:.2f} s  {text}")
+    return _limit_lines(lines)
+
+
+def _limit_lines(lines: list[str]) -> list[str]:
+    num_hidden = len(lines) - _MAX_LINES
+    return lines[:_MAX_LINES] + ([f"and {num_hidden} more"] if num_hidden > 0 else [])
 
 
 def _format_indices(indices: np.ndarray) -> str:

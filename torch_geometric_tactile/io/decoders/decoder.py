@@ -78,7 +78,7 @@ class Decoder(ABC):
     checksum: ClassVar[str] = "none"
     baudrate: ClassVar[int] = 115_200
     unit: ClassVar[str] = "count"
-    clock_period: ClassVar[float | None] = None
+    clock_period: float | None = None
 
     def __init__(self) -> None:
         self.counts = DecoderCounts()

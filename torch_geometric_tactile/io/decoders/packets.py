@@ -108,7 +108,7 @@ class CobsDecoder(Decoder):
     """
 
     checksum: ClassVar[str] = "crc32"
-    clock_period: ClassVar[float | None] = _WRAP / 1e6
+    clock_period: float | None = _WRAP / 1e6
 
     def __init__(self, max_size: int = 2**17) -> None:
         super().__init__()

@@ -9,6 +9,7 @@ from torch_geometric_tactile.io.decoders.anyskin import AnySkinDecoder
 from torch_geometric_tactile.io.decoders.decoder import Decoder
 from torch_geometric_tactile.io.decoders.flexitac import FlexiTacDecoder
 from torch_geometric_tactile.io.decoders.letter_array_packets import LetterArrayDecoder
+from torch_geometric_tactile.io.decoders.lines import LinesDecoder
 from torch_geometric_tactile.io.decoders.m1616 import M1616Decoder
 from torch_geometric_tactile.io.decoders.packets import CobsDecoder
 from torch_geometric_tactile.io.decoders.paxini import PaXiniDecoder
@@ -24,6 +25,7 @@ PROTOCOLS: Mapping[str, type[Decoder]] = MappingProxyType(
         "m1616": M1616Decoder,
         "paxini": PaXiniDecoder,
         "text": TextRowsDecoder,
+        "lines": LinesDecoder,
         "robotiq": RobotiqDecoder,
         "letter_array": LetterArrayDecoder,
     }
@@ -52,8 +54,8 @@ def decoder_of(protocol: str, **settings: Any) -> Decoder:
     for name in settings:
         if name not in parameters:
             raise ValueError(
-                f"protocol '{protocol}' must have settings among {', '.join(parameters) or 'none'} "
-                f"(got '{name}')"
+                f"protocol '{protocol}' must have settings among {', '.join(parameters) or 'none'}"
+                f", or 'baudrate' of a port (got '{name}')"
             )
     return decoder_class(
         **{name: _parse_setting(name, value, parameters[name]) for name, value in settings.items()}
@@ -77,4 +79,9 @@ def _parse_shape(text: str) -> tuple[int, ...]:
     return tuple(int(size) for size in text.split("x"))
 
 
-_PARSERS: dict[type, Callable[[str], Any]] = {int: int, float: float, tuple: _parse_shape}
+_PARSERS: dict[type, Callable[[str], Any]] = {
+    int: int,
+    float: float,
+    str: str,
+    tuple: _parse_shape,
+}

@@ -1,5 +1,6 @@
 r"""Decoder of rows of numbers as text, as sent by 3D-ViTac boards."""
 
+import logging
 import re
 from typing import ClassVar
 
@@ -7,12 +8,14 @@ import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io.decoders._header_decoder import check_shape
+from torch_geometric_tactile.io.decoders._number_line import parse_line
 from torch_geometric_tactile.io.decoders.decoder import Decoder
 
 _VALID_BYTES = b"0123456789 \t\r\n"
 _LEADING_BREAKS = re.compile(rb"[\r\n]*")
 _EMPTY_ROW = re.compile(rb"\n\r?\n")
 _MAX_COUNT = 255
+_log = logging.getLogger(__name__)
 
 
 class TextRowsDecoder(Decoder):
@@ -64,11 +67,22 @@ class TextRowsDecoder(Decoder):
             start = self._skip_empty_rows(buffer, end.end())
         self._buffer = buffer[start:]
         if len(self._buffer) > self._max_bytes + 2 or self._too_long:
+            if not self.counts.reason:  # once
+                self._warn_of_lines()
             self._skip(self._buffer[:-2])
             self.counts.refuse(f"no empty row ends a frame of up to {self._max_bytes} bytes")
             # The last two bytes may be the start of an empty row.
             self._buffer, self._too_long = self._buffer[-2:], True
         return frames
+
+    def _warn_of_lines(self) -> None:
+        num_taxels = self.shape[0] * self.shape[1]
+        lines = self._buffer.split(b"\n")[:-1]
+        if self.shape[0] > 1 and any(len(parse_line(line) or ()) == num_taxels for line in lines):
+            _log.warning(
+                "a line has all %d numbers of a frame: use protocol=lines in place of text",
+                num_taxels,
+            )
 
     def _skip_empty_rows(self, buffer: bytes, start: int) -> int:
         r"""Returns the position of the next frame, after empty rows."""
