@@ -48,7 +48,7 @@ for name, x in readings.items():
 from torch_geometric_tactile.visualization import plot_presses
 
 first = torch.arange(len(letters)) * 150
-plot_presses(100 * readings["square"][first, :, 0], letters, square, columns=8)
+plot_presses(100 * readings["square"][first, :, 0], letters, square, columns=8, label="kPa")
 
 # %% tags=["figure"]
 plot_presses(
@@ -56,6 +56,7 @@ plot_presses(
     letters,
     layouts["thinned to 40 %"],
     columns=8,
+    label="kPa",
 )
 
 # %% [markdown]

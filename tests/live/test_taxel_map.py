@@ -10,7 +10,7 @@ from torch_geometric_tactile.io._xela_messages import read_xela_messages
 from torch_geometric_tactile.live import TaxelMap
 from torch_geometric_tactile.sensors import allegro_uskin, allegro_uskin_368, as_layout
 
-STOCK = ("xela_allegro_368", "xela_allegro_368_to_384")
+STOCK = ("xela_allegro_368", "xela_allegro_368_to_384", "xela_uspa44", "xela_uspa46")
 
 
 @pytest.fixture(scope="module")
@@ -112,9 +112,9 @@ def test_taxel_map_unknown_name_and_missing_file_raise(tmp_path):
 @pytest.mark.parametrize("name", STOCK)
 def test_stock_map_fits_its_layout(name):
     taxel_map = TaxelMap.load(name)
-    assert taxel_map.num_taxels == 368
     assert len(taxel_map.index) == as_layout(taxel_map.layout).num_taxels
     assert taxel_map.source
+    assert taxel_map.models
 
 
 def test_stock_maps_are_all_tested():
@@ -179,6 +179,36 @@ def test_map_of_368_taxels_has_the_patches_of_xelas_model(xela):
         finger, segment = fingers[int(patch[0])], int(patch[1])
         segment = segment if finger == "thumb" else segment + 1
         assert name == (f"{finger}_tip" if expected == "tip" else f"{finger}_{segment}")
+
+
+@pytest.mark.parametrize("name", ["uspa44", "uspa46"])
+def test_xela_numbers_the_patches_of_its_hand_alike(xela, name):
+    # `12: x_taxel_0_02_uSPa44_04_joint`: taxel 4 of a patch uSPa44. In XELA's picture of the hand a
+    # patch is turned by quarter turns, but its numbers follow one another along the same rows.
+    layout = as_layout(name)
+    rows, columns = (layout.image_map.amax(dim=0) + 1).tolist()
+    image = picture(xela / "allegro_taxel_maps" / "pattern_rahv4.yaml")
+    text = (xela / "allegro_taxel_maps" / "taxel_joint_map_new.yaml").read_text()
+    patches = {}
+    for place, joint in (line.split(": ") for line in text.splitlines()[1:]):
+        _, _, _, patch, kind, number, _ = joint.split("_")
+        if kind.lower() == name:
+            cell = np.argwhere(image == int(place))[0]
+            patches.setdefault(patch, {})[int(number) - 1] = cell
+    assert len(patches) == {"uspa44": 11, "uspa46": 3}[name]
+    for cells in patches.values():
+        along, down = cells[1] - cells[0], cells[columns] - cells[0]
+        assert abs(along).sum() == 1
+        assert down.tolist() == [along[1], -along[0]]  # not mirrored
+        for taxel in range(rows * columns):
+            expected = cells[0] + taxel // columns * down + taxel % columns * along
+            np.testing.assert_array_equal(cells[taxel], expected)
+
+
+def test_corners_of_real_patches_of_4_by_6_have_high_counts_at_rest(xela):
+    tactile = read_xela_messages(xela / "ws_messages" / "uSPa46.json").tactile[0]
+    for pressure in (tactile[:24, 2], tactile[24:, 2]):
+        assert {0, 5, 18, 23} <= set((-pressure).argsort()[:6].tolist())
 
 
 @pytest.mark.parametrize("name", ["XR23AHRCPP", "XR23AHLCPP"])

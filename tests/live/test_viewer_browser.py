@@ -17,7 +17,7 @@ from playwright.sync_api import sync_playwright
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.live import ReplaySource, Stream, Viewer
-from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
+from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin, as_layout
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 LONG = 20.0
@@ -361,3 +361,44 @@ def test_the_annotation_that_is_recorded_is_told(browser, hand):
         opened.wait('document.getElementById("span-now").textContent === "slip"')
         hand.annotation = None
         opened.wait('document.getElementById("spans-box").hidden')
+
+
+NAMES = """(() => {
+    const apart = (a, b) => a[2] <= b[0] || b[2] <= a[0] || a[3] <= b[1] || b[3] <= a[1];
+    const names = geometry.names.map((name) => name.box), taxels = [];
+    for (let o = 0; o < geometry.quad.length; o += 8) {
+        const quad = [...geometry.quad.slice(o, o + 8)];
+        const x = quad.filter((_, k) => k % 2 === 0), y = quad.filter((_, k) => k % 2 === 1);
+        taxels.push([Math.min(...x), Math.min(...y), Math.max(...x), Math.max(...y)]);
+    }
+    const others = names.map((name) => names.filter((one) => one !== name).concat(taxels));
+    const inside = ([left, top, right, bottom]) =>
+        left >= 0 && top >= 0 && right <= canvas.clientWidth && bottom <= canvas.clientHeight;
+    return [names.length, names.every(inside),
+            names.every((name, k) => others[k].every((one) => apart(name, one)))];
+})()"""
+
+
+@pytest.mark.parametrize("size", ["phone", "desk"])
+@pytest.mark.parametrize(
+    ("layout", "angle", "number"),
+    [
+        ("allegro_uskin", 0.0, 4),
+        ("allegro_uskin", 0.9, 4),
+        ("allegro_uskin_368", 0.0, 4),
+        ("icub_hand", None, 5),
+        ("leap_paxini", None, 7),
+        ("uskin_gripper", None, 2),
+    ],
+)
+def test_names_are_beside_taxels_and_apart(browser, layout, angle, number, size):
+    readings = np.zeros((50, as_layout(layout).num_taxels, 3), np.float32)
+    joint = None if angle is None else np.full((50, 16), angle, np.float32)
+    recording = Recording(np.arange(50) / 50, readings, joint=joint, meta={"sensor": layout})
+    with (
+        Stream(ReplaySource(recording, loop=True)) as stream,
+        Viewer(stream, layout) as viewer,
+        Opened(browser, viewer, size) as opened,
+    ):
+        opened.wait("geometry !== null")
+        assert opened.page.evaluate(NAMES) == [number, True, True]

@@ -80,6 +80,27 @@ def test_as_layout_takes_a_layout_a_name_or_a_path(tmp_path, monkeypatch):
     assert as_layout("biotac").name == "biotac"
 
 
+@pytest.mark.parametrize(
+    ("name", "layout"),
+    [
+        ("uSPa44", "uspa44"),
+        ("XR1844", "uspa44"),
+        ("xr1944", "uspa44"),
+        ("XR1946", "uspa46"),
+        ("XR23AHRCPP", "allegro_uskin_368"),
+        ("BioTac", "biotac"),
+    ],
+)
+def test_layouts_have_the_names_of_products_in_any_case(name, layout):
+    assert as_layout(name).name == stock_layout(name).name == layout
+    assert stock_path("layouts", name).name == f"{layout}.json"
+
+
+def test_a_left_hand_has_no_layout():
+    with pytest.raises(ValueError, match=r"\(got 'XR23AHLCPP'\)"):
+        as_layout("XR23AHLCPP")
+
+
 def test_as_layout_names_a_missing_file():
     with pytest.raises(
         FileNotFoundError, match=r"no layout file 'glov.json': write one .*'biotac'"

@@ -50,7 +50,7 @@ def test_a_pad_is_seen_from_its_normals_or_along_its_least_extent(pos, normal, a
     torch.testing.assert_close(found, torch.tensor(axes).double())
 
 
-def test_pads_are_side_by_side_a_third_of_the_largest_apart():
+def test_pads_are_side_by_side_half_of_the_largest_apart():
     pads = torch.tensor([[1, 0, 0], [7, 7, 7], [5, 0, 0], [8, 7, 7], [1, 2, 0], [7, 10, 7]])
     normal = torch.tensor([Z] * 6).float()
     link = {"link": [0, 1] * 3, "link_names": ("wide", "high")}
@@ -60,4 +60,4 @@ def test_pads_are_side_by_side_a_third_of_the_largest_apart():
     assert first.equal(second)
     assert first.equal(torch.eye(3).double())
     assert shift.tolist() == [-1, -1, 0]
-    assert more.tolist() == pytest.approx([4 + 0.3 * 4 - 7, -8.5, -7])
+    assert more.tolist() == pytest.approx([4 + 0.5 * 4 - 7, -8.5, -7])

@@ -15,6 +15,11 @@ def panels(figure):
     return [ax for ax in axes if ax.get_title()]
 
 
+def bar(figure):
+    (ax,) = [ax for ax in figure.axes if ax.get_label() == "<colorbar>"]
+    return ax
+
+
 def test_images_with_titles():
     readings = np.arange(18.0).reshape(3, 6)
     figure = plot_presses(readings, ["A", "B", "$C"], SIX, columns=2, title="all")
@@ -23,7 +28,9 @@ def test_images_with_titles():
     for ax, press in zip(shown, readings, strict=True):
         (image,) = ax.images
         assert image.get_array().tolist() == press.reshape(2, 3).tolist()
-        assert image.get_clim() == (0.0, 17.0)
+        # 17 positive readings, 1 to 17: the quantile is at 1 + 0.995 * 16.
+        assert image.get_clim() == pytest.approx((0.0, 16.92))
+    assert bar(figure).get_ylabel() == "reading"
     assert figure.get_suptitle() == "all"
 
 
@@ -54,6 +61,21 @@ def test_layout_without_image_map_is_drawn_as_circles_from_the_top():
     assert colors[1, :3] == pytest.approx([0.5] * 3, abs=0.01)
     bottom, top = ax.get_ylim()
     assert bottom > 3 > 0 > top
+
+
+def test_an_outlier_does_not_set_the_colours():
+    readings = np.zeros((2, 1024))
+    readings[:, :500] = np.linspace(0.1, 5.0, 500)
+    readings[0, 7] = 900.0
+    figure = plot_presses(readings, "AB", label="kPa")
+    low, high = panels(figure)[0].images[0].get_clim()
+    assert low == 0
+    assert 4.9 < high < 5.1
+    assert bar(figure).get_ylabel() == "kPa"
+    assert bar(figure)._colorbar.extend == "max"
+    readings[0, 7] = 0.0
+    figure = plot_presses(readings, "AB", limits=(0, 6))
+    assert bar(figure)._colorbar.extend == "neither"
 
 
 def test_presses_of_nothing_are_drawn():

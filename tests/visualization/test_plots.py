@@ -6,7 +6,7 @@ import torch
 
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
-from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout, biotac_sp, grid
 from torch_geometric_tactile.sensors._views import facing_axes
 from torch_geometric_tactile.visualization import (
     plot_confusion,
@@ -245,3 +245,25 @@ def test_missing_extra_is_named_at_the_call(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
     with pytest.raises(ImportError, match=r'pip install "torch-geometric-tactile\[viz\]"'):
         plot_layout(LAYOUT)
+
+
+@pytest.mark.parametrize("width", [3.9, 5.0])
+@pytest.mark.parametrize("name", ["icub_hand", "leap_paxini", "uskin_gripper"])
+def test_names_of_pads_are_apart_and_beside_the_taxels(name, width):
+    from matplotlib.figure import Figure
+
+    layout = as_layout(name)
+    figure = Figure(figsize=(width, 3.0), layout="constrained")
+    ax = figure.add_subplot()
+    plot_layout(layout, ax=ax)
+    figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert [text.get_text() for text in ax.texts] == list(layout.link_names)
+    frame = ax.get_window_extent()
+    highest = ax.transData.transform(layout_plane(layout).numpy())[:, 1].max()
+    for number, box in enumerate(boxes):
+        assert not any(box.overlaps(one) for one in boxes[:number])
+        assert box.y0 > highest
+        assert box.y1 <= frame.y1
+        assert frame.x0 - 1 <= box.x0
+        assert box.x1 <= frame.x1 + 1

@@ -159,7 +159,7 @@ class LettersRun(FinishedRun[LetterReport]):
         first_files = {report.letter: report.path for report in self.reports if report.first == 0}
         presses = np.stack([np.load(first_files[letter], mmap_mode="r")[0] for letter in LETTERS])
         title = "Simulated presses of letters: the first of each"
-        save_figure(plot_presses(presses, LETTERS, self.layout, title=title), path)
+        save_figure(plot_presses(presses, LETTERS, self.layout, label="kPa", title=title), path)
         return [path]
 
 

@@ -7,7 +7,7 @@ from torch_geometric_tactile.sensors.kinematics import HandKinematics
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 _RELATIVE_TOLERANCE = 1e-6  # of extents that count as equal
-PAD_GAP = 0.3  # between pads, as a fraction of the largest pad
+PAD_GAP = 0.5  # between pads, as a fraction of the largest pad
 # With zero angles, the thumb of an Allegro hand shows its edge; these angles turn its pads to view.
 _OPEN_ANGLES = {"joint_12.0": 0.263, "joint_13.0": 1.1}
 

@@ -11,6 +11,13 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 _KINDS = ("chains", "layouts")
+# The names by which XELA's server calls sensors, in lower case, and their layouts.
+_PRODUCT_NAMES = {
+    "xr1844": "uspa44",
+    "xr1944": "uspa44",
+    "xr1946": "uspa46",
+    "xr23ahrcpp": "allegro_uskin_368",
+}
 
 
 def stock_path(kind: str, name: str) -> Path:
@@ -18,7 +25,8 @@ def stock_path(kind: str, name: str) -> Path:
 
     Args:
         kind (str): :obj:`"layouts"` or :obj:`"chains"`.
-        name (str): Name of the file without suffix, such as :obj:`"allegro_uskin"`.
+        name (str): Name of the file without suffix, such as :obj:`"allegro_uskin"`, or XELA's name
+            of the sensor, such as :obj:`"XR1944"`; in upper or lower case.
 
     Raises:
         ValueError: If there is no such file. The message lists the available names.
@@ -28,9 +36,10 @@ def stock_path(kind: str, name: str) -> Path:
         'allegro_uskin.json'
     """
     need(kind in _KINDS, f"'kind' must be one of {list(_KINDS)} (got '{kind}')")
-    if name not in stock_names(kind):
+    stem = _stem(name)
+    if stem not in stock_names(kind):
         raise ArgumentError(Argument("name"), f" must be one of {stock_names(kind)} (got '{name}')")
-    return _folder(kind) / f"{name}.json"
+    return _folder(kind) / f"{stem}.json"
 
 
 def stock_names(kind: str = "layouts") -> list[str]:
@@ -46,6 +55,10 @@ def stock_names(kind: str = "layouts") -> list[str]:
     return sorted(file.stem for file in _folder(kind).glob("*.json"))
 
 
+def _stem(name: str) -> str:
+    return _PRODUCT_NAMES.get(name.lower(), name.lower())
+
+
 def _folder(kind: str) -> Path:
     return Path(str(files(__package__) / kind))
 
@@ -54,7 +67,7 @@ def stock_layout(name: str) -> TaxelLayout:
     r"""Loads a layout of the package by its name.
 
     Args:
-        name (str): Name of the layout, such as :obj:`"biotac"`.
+        name (str): Name of the layout, such as :obj:`"biotac"`, as in :func:`stock_path`.
 
     Raises:
         ValueError: If there is no such layout.
@@ -76,9 +89,9 @@ def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
     r"""Returns a layout unchanged, or loads a layout of the package by its name or a layout file.
 
     Args:
-        layout (TaxelLayout, str or PathLike): The layout, its name such as :obj:`"biotac"`, or the
-            path of a JSON file of :meth:`TaxelLayout.save`. A text that ends in :obj:`.json` or
-            contains a folder is a path.
+        layout (TaxelLayout, str or PathLike): The layout, its name such as :obj:`"biotac"` as in
+            :func:`stock_path`, or the path of a JSON file of :meth:`TaxelLayout.save`. A text that
+            ends in :obj:`.json` or contains a folder is a path.
 
     Raises:
         FileNotFoundError: If the file does not exist.
@@ -106,7 +119,7 @@ def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
                 f"use one of {stock_names('layouts')}"
             )
         return TaxelLayout.load(path)
-    if text not in stock_names("layouts"):
+    if _stem(text) not in stock_names("layouts"):
         raise ArgumentError(
             Argument("layout"),
             f" must be one of {stock_names('layouts')}, or the path of a layout file "

@@ -1,4 +1,4 @@
-r"""Layouts of grippers with XELA uSkin."""
+r"""Layouts of flat XELA uSkin patches, and of a gripper with them."""
 
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.stock import stock_layout
@@ -25,3 +25,37 @@ def uskin_gripper() -> TaxelLayout:
         TaxelLayout('uskin_gripper', num_taxels=32, patches=2, digits=2)
     """
     return stock_layout("uskin_gripper")
+
+
+def uspa44() -> TaxelLayout:
+    r"""XELA's patch uSPa44 of 4 x 4 taxels, earlier XR1844 and XR1944, with positions, numbers and
+    measuring axes of `XELA's public model <https://github.com/mcsix/xela_models>`_.
+
+    The origin is that of the model's base. Taxels are numbered row by row: :math:`+x` points to the
+    next taxel of a row, and :math:`-y` to the next row. XELA's maps of the Allegro hand number
+    these patches alike. That the messages of a single patch have this order is an assumption.
+
+    Shapes:
+        - **pos, normal:** metres and unit vectors :math:`(16, 3)`
+        - **image_map:** the first row at the top, on 4 x 4 cells
+
+    Examples:
+        >>> uspa44().edge_index("original").shape
+        torch.Size([2, 48])
+    """
+    return stock_layout("uspa44")
+
+
+def uspa46() -> TaxelLayout:
+    r"""XELA's patch uSPa46 of 4 rows of 6 taxels, earlier XR1946. Source, frame and order are as in
+    :func:`uspa44`.
+
+    Shapes:
+        - **pos, normal:** metres and unit vectors :math:`(24, 3)`
+        - **image_map:** the first row at the top, on 4 x 6 cells
+
+    Examples:
+        >>> uspa46().edge_index("original").shape
+        torch.Size([2, 76])
+    """
+    return stock_layout("uspa46")

@@ -147,17 +147,32 @@ def _name_axes(ax: "Axes", layout: TaxelLayout, plane: Tensor, diameter: float) 
         first, second = sides.pop()
         ax.set_xlabel(f"{'xyz'[first]} (mm)", fontsize=SMALL)
         ax.set_ylabel(f"{'xyz'[second]} (mm)", fontsize=SMALL)
-    if len(pads) == 1:
-        return
+    if len(pads) > 1:
+        _name_pads(ax, layout, [taxels for taxels, _, _ in pads], plane, diameter)
+
+
+def _name_pads(
+    ax: "Axes", layout: TaxelLayout, pads: Sequence[Tensor], plane: Tensor, diameter: float
+) -> None:
+    # Names above the pads, each on the first line where it touches no other name.
     assert layout.link is not None
-    for taxels, _, _ in pads:
-        low, high = plane[taxels].amin(dim=0), plane[taxels].amax(dim=0)
+    ax.figure.figure.draw_without_rendering()  # settles the scale for the widths of names
+    left, right = ax.get_xlim()
+    mm_per_pixel = (right - left) / ax.get_window_extent().width
+    top = float(plane[:, 1].max()) + diameter
+    line_ends: list[float] = []
+    for taxels in pads:
+        x = plane[taxels, 0]
         name = plain_text(layout.link_names[int(layout.link[taxels[0]])])
-        text = ax.text(float(low[0] + high[0]) / 2, float(high[1]) + diameter, name, fontsize=SMALL)
-        text.set(ha="center", va="bottom", color=current_theme().ink)
-    corners = map_corners(plane, diameter)
-    # Space for the name of the highest pad.
-    ax.set_ylim(top=corners[1][1] + 0.07 * (corners[1][0] - corners[0][0]))
+        text = ax.text(0.0, top, name, fontsize=SMALL, va="bottom", color=current_theme().ink)
+        box = text.get_window_extent()
+        width, height = mm_per_pixel * box.width, mm_per_pixel * box.height
+        start = min(max(float(x.min() + x.max()) / 2 - width / 2, left), right - width)
+        is_free = [end < start for end in line_ends]
+        line = is_free.index(True) if True in is_free else len(line_ends)
+        line_ends[line : line + 1] = [start + width + 0.5 * height]
+        text.set_position((start, top + line * height))
+    ax.set_ylim(top=top + len(line_ends) * height + diameter / 2)
 
 
 def _undirected_edges(edge_index: Tensor, num_taxels: int) -> Tensor:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_PANEL_WIDTH = 1.05  # inches
+_HIGH_QUANTILE = 0.995  # of the positive readings, at the end of the colour scale
 _RELATIVE_DIAMETER = 1.12  # of circles; above 1 they cover most of the gaps between them
 
 
@@ -35,7 +36,7 @@ def plot_presses(
     columns: int = 7,
     limits: tuple[float, float] | None = None,
     cmap: str = "sequential",
-    label: str = "kPa",
+    label: str = "reading",
     title: str | None = None,
 ) -> "Figure":
     r"""Draws presses on a flat array side by side, as images if the layout has an image map, else
@@ -48,10 +49,11 @@ def plot_presses(
         layout (TaxelLayout, optional): The pixels (default: :func:`letter_array`).
         columns (int): Number of presses in a row.
         limits (tuple of float, optional): Readings at the ends of the colour scale (default: zero
-            and the largest reading).
+            and the 99.5 % quantile of the readings above zero). The end of the colour bar is
+            pointed if readings are higher.
         cmap (str): Name of a colour map of matplotlib, or :obj:`"sequential"` for that of the
             theme.
-        label (str): Label of the colour bar.
+        label (str): Label of the colour bar, such as the unit of the readings.
         title (str, optional): Title of the picture.
 
     Raises:
@@ -69,8 +71,7 @@ def plot_presses(
     layout = letter_array() if layout is None else layout
     presses = _checked_presses(readings, titles, layout)
     need(columns >= 1, "'columns' must be at least 1", columns)
-    if limits is None:
-        limits = (0.0, max(float(np.nanmax(presses, initial=0.0)), 1e-6))
+    limits = _default_limits(presses) if limits is None else limits
     scale = value_scale(None, limits, cmap)
     rows = math.ceil(len(presses) / columns)
     side = min(_MAX_PANEL_WIDTH, (MAX_WIDTH - 0.7) / columns)
@@ -81,9 +82,17 @@ def plot_presses(
     for ax, press, text in zip(axes.flat, presses, titles, strict=False):
         _draw_press(ax, press, layout, scale)
         title_axes(ax, plain_text(text), size=SMALL + 0.5, pad=2)
-    figure.colorbar(scale, ax=axes, aspect=40, pad=0.01, label=plain_text(label))
+    extend = "max" if np.nanmax(presses, initial=0.0) > limits[1] else "neither"
+    figure.colorbar(scale, ax=axes, aspect=40, pad=0.01, label=plain_text(label), extend=extend)
     title_figure(figure, title)
     return figure
+
+
+def _default_limits(presses: np.ndarray) -> tuple[float, float]:
+    # A quantile, since a single faulty pixel would darken all others.
+    positive = presses[presses > 0]  # not NaN; arrays that are hardly touched are mostly zero
+    high = float(np.quantile(positive, _HIGH_QUANTILE)) if len(positive) else 0.0
+    return 0.0, max(high, 1e-6)
 
 
 def _checked_presses(

@@ -49,6 +49,11 @@ class FlexiTacDecoder(HeaderDecoder):
         self.shape = check_shape(shape)
         self._length = len(self.header) + self.shape[0] * self.shape[1]
 
+    @property
+    def layout(self) -> str | None:
+        r"""Name of the layout of pads of 12 x 32 taxels, or else :obj:`None`."""
+        return "flexitac" if self.shape == (12, 32) else None
+
     def _size(self, buffer: bytes, start: int) -> int:
         end = start + self._length
         if len(buffer) < end:

@@ -9,6 +9,7 @@ from torch_geometric_tactile.io.decoders._header_decoder import INCOMPLETE, NO_P
 
 _HEADER_BYTES = 6  # header, reserved byte, length of error code and data, error code
 _FORCE_BYTES = 6  # total force of a module: x, y, z, of which only the lower bytes are used
+_LAYOUTS: dict[tuple[int, ...], str] = {(31,): "paxini_31", (52,): "paxini_52"}
 _NEWTONS_PER_STEP = np.float32(0.1)
 # Writes 1 to the register that enables pushed frames.
 _START_COMMAND = bytes.fromhex("55 AA 00 10 17 00 01 00 01")
@@ -58,6 +59,11 @@ class PaXiniDecoder(HeaderDecoder):
             )
         self.points = tuple(map(int, points))
         self._length = sum(_FORCE_BYTES + 3 * number for number in self.points)
+
+    @property
+    def layout(self) -> str | None:
+        r"""Name of the layout of a single module of 31 or 52 points, or else :obj:`None`."""
+        return _LAYOUTS.get(self.points)
 
     def start(self) -> bytes:
         r"""Returns the command that makes the board push frames."""

@@ -299,7 +299,7 @@ def _pad_scene(layout: "TaxelLayout") -> Scene:
     used, link = np.unique(layout.link.numpy(), return_inverse=True)
     pads = [[part.numpy() for part in pad] for pad in pads_side_by_side(layout)]
     pos = [layout.pos.numpy()[taxels] @ axes.T for taxels, axes, _ in pads]
-    below = 0.6 * PAD_GAP * max(float(np.ptp(points, axis=0).max()) for points in pos)
+    below = 0.36 * PAD_GAP * max(float(np.ptp(points, axis=0).max()) for points in pos)
     pose, labels = [], []
     for index, ((_, axes, shift), points) in enumerate(zip(pads, pos, strict=True)):
         low, high = points.min(axis=0), points.max(axis=0)

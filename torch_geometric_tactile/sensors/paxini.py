@@ -1,0 +1,93 @@
+r"""Layouts of PaXini tactile modules, and of a LEAP hand with them."""
+
+from torch_geometric_tactile.sensors.layout import TaxelLayout
+from torch_geometric_tactile.sensors.stock import stock_layout
+
+
+def paxini_15_tip() -> TaxelLayout:
+    r"""The 15 points of a PaXini fingertip of the generation before GEN3, with the positions in the
+    code of `3DTacDex <https://github.com/tianhaowuhz/3dtacdex>`_ (MIT licence).
+
+    The origin and the axes are those of PaXini: :math:`+y` points to the tip, :math:`+z` out of the
+    pad. The edges of :obj:`"original"` join neighbours in 5 rows along the finger and 3 columns;
+    they and the image map are a choice of this package.
+
+    Shapes:
+        - **pos:** metres in the frame of the module :math:`(15, 3)`
+        - **image_map:** the tip in the last row, on 5 x 3 cells
+
+    Examples:
+        >>> paxini_15_tip()
+        TaxelLayout('paxini_15_tip', num_taxels=15, patches=1, digits=1)
+    """
+    return stock_layout("paxini_15_tip")
+
+
+def paxini_15_pulp() -> TaxelLayout:
+    r"""The 15 points of a flat PaXini pad of the generation before GEN3, with the positions in the
+    code of `3DTacDex <https://github.com/tianhaowuhz/3dtacdex>`_ (MIT licence). Frame, edges and
+    image map are as in :func:`paxini_15_tip`.
+
+    Shapes:
+        - **pos:** metres in the frame of the module :math:`(15, 3)`
+        - **image_map:** the end of the finger in the last row, on 5 x 3 cells
+
+    Examples:
+        >>> paxini_15_pulp().edge_index("original").shape
+        torch.Size([2, 44])
+    """
+    return stock_layout("paxini_15_pulp")
+
+
+def paxini_31() -> TaxelLayout:
+    r"""The 31 points of a PaXini fingertip PX-6AX GEN3 DP-S1813-Elite (13 mm), with the positions
+    that the package `paxini-sdk <https://github.com/Jingyi-Z/paxini-sdk>`_ (MIT licence) has from
+    PaXini's product documents.
+
+    The origin and the axes are those of PaXini: :math:`+y` points to the tip, :math:`+z` out of the
+    pad. Normals and the axes of the forces at a point are not published there. The edges of
+    :obj:`"original"` join points less than 4.2 mm apart, a choice of this package.
+
+    Shapes:
+        - **pos:** metres in the frame of the module :math:`(31, 3)`
+
+    Examples:
+        >>> paxini_31().edge_index("original").shape
+        torch.Size([2, 100])
+    """
+    return stock_layout("paxini_31")
+
+
+def paxini_52() -> TaxelLayout:
+    r"""The 52 points of a PaXini fingertip PX-6AX GEN3 DP-S2015-Elite (15 mm), with the positions
+    that the package `paxini-sdk <https://github.com/Jingyi-Z/paxini-sdk>`_ (MIT licence) has from
+    PaXini's product documents. The frame is as in :func:`paxini_31`. The edges of :obj:`"original"`
+    join points less than 4 mm apart, a choice of this package.
+
+    Shapes:
+        - **pos:** metres in the frame of the module :math:`(52, 3)`
+
+    Examples:
+        >>> paxini_52().edge_index("original").shape
+        torch.Size([2, 238])
+    """
+    return stock_layout("paxini_52")
+
+
+def leap_paxini() -> TaxelLayout:
+    r"""The 120 points of a LEAP hand with eight PaXini modules, :func:`paxini_15_tip` and
+    :func:`paxini_15_pulp` on thumb, index, middle and ring finger, as mounted in `3DTacDex
+    <https://github.com/tianhaowuhz/3dtacdex>`_ (MIT licence).
+
+    The links have the names of the LEAP hand's URDF, so :meth:`HandKinematics.from_urdf` of it
+    poses the points. Edges and image map are a choice of this package; no edge joins two modules.
+
+    Shapes:
+        - **pos:** metres in the frames of the links :math:`(120, 3)`
+        - **image_map:** the fingers side by side with their tips in row 0, on 10 x 12 cells
+
+    Examples:
+        >>> leap_paxini()
+        TaxelLayout('leap_paxini', num_taxels=120, patches=8, digits=4)
+    """
+    return stock_layout("leap_paxini")
