@@ -3,9 +3,11 @@ r"""Conversion of a sequence of recordings to frames on disk and trials."""
 import logging
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -20,6 +22,7 @@ from torch_geometric_tactile.data._column_order import column_names, in_column_o
 from torch_geometric_tactile.datasets._trial import Trial, check_compatible, make_trial
 from torch_geometric_tactile.sensors import TaxelLayout
 
+_MAX_LISTED_ERRORS = 20
 _logger = logging.getLogger(__name__)
 
 
@@ -92,6 +95,44 @@ class FrameFiles:
 
 
 @dataclass(frozen=True)
+class UnreadRecording:
+    r"""A recording that is read later: its file for error messages, its name, and the function that
+    reads it.
+    """
+
+    where: str
+    name: str
+    read: Callable[[], Recording]
+
+
+@dataclass
+class _Expected:
+    # What recordings must have in common with the valid ones before them.
+    num_channels: int | None
+    columns: dict[str, list[str]] = field(default_factory=dict)
+    where: str = ""
+
+
+def raise_all(errors: Sequence[ValueError], num_recordings: int) -> None:
+    r"""Raises the errors of several recordings as one, whose message lists them.
+
+    Args:
+        errors (sequence of ValueError): The errors, one for each invalid recording.
+        num_recordings (int): The number of recordings.
+    """
+    if len(errors) == 1:
+        raise errors[0]
+    if errors:
+        lines = [f"{i}. {error}" for i, error in enumerate(errors[:_MAX_LISTED_ERRORS], 1)]
+        num_hidden = len(errors) - len(lines)
+        ending = f"; and {num_hidden} more" if num_hidden else ""
+        raise ValueError(
+            f"{len(errors)} of {num_recordings} recordings cannot be used: "
+            f"{'; '.join(lines)}{ending}"
+        )
+
+
+@dataclass(frozen=True)
 class FrameReader:
     r"""Reads recordings that fit a layout and have the same columns and units."""
 
@@ -103,34 +144,43 @@ class FrameReader:
     unit: str | None = None
 
     def read(
-        self, recordings: Iterable[tuple[str, str, Recording]], folder: Path | None
+        self,
+        recordings: Sequence[UnreadRecording],
+        folder: Path | None,
+        known_errors: Mapping[str, ValueError] | None = None,
     ) -> tuple[Tensor, list[Trial]]:
         r"""Returns the readings of all frames, mapped from a temporary file, and the trials.
 
-        Named columns are put into the order of the first recording that names them.
+        Named columns are put into the order of the first recording that names them. All recordings
+        are checked before an error is raised.
+
+        Args:
+            recordings (sequence of UnreadRecording): The recordings.
+            folder (Path, optional): The folder of the temporary file.
+            known_errors (Mapping, optional): The errors of :meth:`first_frame_errors`, whose
+                recordings are not read again.
 
         Shapes:
             - **output:** readings :math:`(S, N, C)`
         """
         trials: list[Trial] = []
-        num_missing, num_channels = 0, self.num_channels
-        columns: dict[str, list[str]] = {}
+        errors: list[ValueError] = []
+        num_missing = 0
+        expected = _Expected(num_channels=self.num_channels)
         with FrameFiles(folder) as files:
-            for where, name, original in recordings:
+            for unread in recordings:
                 try:
-                    recording = in_column_order(original, columns)
-                    columns = {**column_names(recording), **columns}
+                    if known_errors and unread.where in known_errors:
+                        raise known_errors[unread.where]
+                    trial, recording = self._check(unread, unread.read(), expected)
                 except ValueError as error:
-                    raise ValueError(f"{where}: {error}") from error
-                trials.append(self._trial(where, name, recording))
-                num_channels = num_channels or recording.num_channels
-                if recording.num_channels != num_channels:
-                    raise ValueError(
-                        f"{where} must have {num_channels} channels per taxel, as "
-                        f"{trials[0].where} (got {recording.num_channels})"
-                    )
-                files.add("x", recording.tactile)
-                num_missing += int(recording.missing.sum())
+                    errors.append(error)
+                    continue
+                if not errors:
+                    trials.append(trial)
+                    files.add("x", recording.tactile)
+                    num_missing += int(recording.missing.sum())
+            raise_all(errors, len(recordings))
             need(trials, "'recordings' must hold at least one recording (got none)")
             num_frames = sum(trial.num_frames for trial in trials)
             x = files.tensor("x")
@@ -142,6 +192,50 @@ class FrameReader:
             )
         check_compatible(trials, self.unit)
         return x, trials
+
+    def first_frame_errors(self, recordings: Sequence[UnreadRecording]) -> dict[str, ValueError]:
+        r"""Returns the errors of recordings by their files, given recordings of one frame each. The
+        names of columns that most recordings have are taken as right.
+        """
+        errors: dict[str, ValueError] = {}
+        first_frames: list[tuple[UnreadRecording, Recording]] = []
+        for unread in recordings:
+            try:
+                first_frames.append((unread, unread.read()))
+            except ValueError as error:
+                errors[unread.where] = error
+        names = [str(sorted(chain(*column_names(r).values()))) for _, r in first_frames]
+        common_names = Counter(names).most_common(1)[0][0] if names else ""
+        expected = _Expected(num_channels=self.num_channels)
+        # A recording with the common names comes first, to which the others are compared.
+        for i in sorted(range(len(names)), key=lambda i: names[i] != common_names):
+            unread, recording = first_frames[i]
+            try:
+                self._check(unread, recording, expected)
+            except ValueError as error:
+                errors[unread.where] = error
+        return errors
+
+    def _check(
+        self, unread: UnreadRecording, original: Recording, expected: "_Expected"
+    ) -> tuple[Trial, Recording]:
+        # Checks a recording, whose columns and channels the next ones must have.
+        where = unread.where
+        try:
+            recording = in_column_order(original, expected.columns)
+            columns = column_names(recording)
+        except ValueError as error:
+            raise ValueError(f"{where}: {error}") from error
+        trial = self._trial(where, unread.name, recording)
+        num_channels = expected.num_channels or recording.num_channels
+        if recording.num_channels != num_channels:
+            raise ValueError(
+                f"{where} must have {num_channels} channels per taxel, as "
+                f"{expected.where} (got {recording.num_channels})"
+            )
+        expected.columns = {**columns, **expected.columns}
+        expected.num_channels, expected.where = num_channels, expected.where or where
+        return trial, recording
 
     def _trial(self, where: str, name: str, recording: Recording) -> Trial:
         trial = make_trial(

@@ -1,7 +1,8 @@
 r"""Base class of data sets of frames: files of trials, and selection of frames."""
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from torch_geometric_tactile._checks import Argument, ArgumentError, need_argume
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import FrameInfo, Protocol, Recording
 from torch_geometric_tactile.data._dataset_info import dataset_info, selected_at_rate
+from torch_geometric_tactile.datasets._frame_reader import UnreadRecording
 from torch_geometric_tactile.datasets._raw_files import RawFiles, file_state
 from torch_geometric_tactile.datasets._recording_tables import RecordingTables, table_paths
 from torch_geometric_tactile.io._folder_tables import TABLES
@@ -98,13 +100,20 @@ class TrialFrames(RawFiles):
         r"""Reads the recording in a file."""
         raise NotImplementedError
 
-    def _read_trials(self) -> Iterator[tuple[str, str, Recording]]:
-        # Each recording with its file for error messages, and its name.
+    def _trials_to_read(self) -> list[UnreadRecording]:
         folder, paths = Path(self.raw_dir), [Path(path) for path in self.raw_paths]
         tables = RecordingTables(self._tables(), folder, paths)
-        for path in paths:
-            name = path.relative_to(folder).with_suffix("").as_posix()
-            yield f"'{path}'", name, tables.add_to(self.read_trial(path), path)
+
+        def read(path: Path) -> Recording:
+            return tables.add_to(self.read_trial(path), path)
+
+        return [
+            UnreadRecording(f"'{path}'", self._trial_name(path), partial(read, path))
+            for path in paths
+        ]
+
+    def _trial_name(self, path: Path) -> str:
+        return path.relative_to(self.raw_dir).with_suffix("").as_posix()
 
     def _select(self) -> None:
         mask = self._selection_mask()

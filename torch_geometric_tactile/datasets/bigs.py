@@ -2,7 +2,7 @@ r"""The BiGS data set of grasps with three BioTac fingertips."""
 
 import dataclasses
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,11 @@ from torch import Tensor
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticData
-from torch_geometric_tactile.datasets._frame_reader import FrameFiles
+from torch_geometric_tactile.datasets._frame_reader import (
+    FrameFiles,
+    UnreadRecording,
+    raise_all,
+)
 from torch_geometric_tactile.datasets._trial import Trial, check_unique_trials, make_trial
 from torch_geometric_tactile.datasets._trial_frames import TrialFrames
 from torch_geometric_tactile.io import BiGSFormat, read_bigs, read_recording
@@ -200,7 +204,7 @@ class BiGS(TrialFrames):
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all grasps."""
         reader = _GraspReader(self.layout, self.pattern, self.signals, self.joint_signals)
-        columns, names = reader.read(self._read_trials(), Path(self.processed_dir))
+        columns, names = reader.read(self._trials_to_read(), Path(self.processed_dir))
         data = StaticData(**columns, pos=self.layout.pos, normal=self.layout.normal)
         return data, names
 
@@ -242,13 +246,20 @@ class _GraspReader:
         self.phase_names: list[str] = []
 
     def read(
-        self, recordings: Iterable[tuple[str, str, Recording]], folder: Path | None
+        self, recordings: Sequence[UnreadRecording], folder: Path | None
     ) -> tuple[dict[str, Tensor], dict[str, list[str]]]:
         r"""Returns the attributes of all frames, mapped from temporary files, and the names of
         their classes.
         """
         with FrameFiles(folder) as files:
-            grasps = [self._add_grasp(files, *recording) for recording in recordings]
+            grasps: list[Trial] = []
+            errors: list[ValueError] = []
+            for unread in recordings:
+                try:
+                    grasps.append(self._add_grasp(files, unread.where, unread.name, unread.read()))
+                except ValueError as error:
+                    errors.append(error)
+            raise_all(errors, len(recordings))
             need(grasps, "there must be at least one grasp (got none)")
             check_unique_trials(
                 (

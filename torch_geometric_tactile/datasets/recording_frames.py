@@ -1,8 +1,10 @@
 r"""A data set of the frames of recordings, for any sensor."""
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +15,11 @@ from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import FrameInfo, Protocol, Recording, StaticData
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.datasets._frame_labels import ObjectLabels, frame_labels
-from torch_geometric_tactile.datasets._frame_reader import FrameReader
+from torch_geometric_tactile.datasets._frame_reader import (
+    FrameReader,
+    UnreadRecording,
+    raise_all,
+)
 from torch_geometric_tactile.datasets._splits import checked_split
 from torch_geometric_tactile.datasets._trial import checked_pattern
 from torch_geometric_tactile.datasets._trial_frames import (
@@ -22,6 +28,7 @@ from torch_geometric_tactile.datasets._trial_frames import (
     check_frame_selection,
 )
 from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.io.recording_files import read_first_frame
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
@@ -40,6 +47,7 @@ _SELECTION_ARGS = (
     "sample_seed",
     "tare",
 )
+_MAX_BYTES_TO_LIST_ALL_ERRORS = 200_000_000  # read in less than a minute
 _logger = logging.getLogger(__name__)
 
 
@@ -259,11 +267,16 @@ class RecordingFrames(TrialFrames):
         reader = FrameReader(
             self.layout, self.pattern, tuple(needs), self.num_channels, self.num_joints, self.unit
         )
+        folder, errors = None, {}
         if self._recordings is None:
-            x, trials = reader.read(self._resampled(self._read_trials()), Path(self.processed_dir))
+            folder, unread = Path(self.processed_dir), self._trials_to_read()
+            errors = self._first_frame_errors(reader)
         else:
-            recordings = ((f"recording {i}", str(i), r) for i, r in enumerate(self._recordings))
-            x, trials = reader.read(self._resampled(recordings), None)
+            unread = [
+                UnreadRecording(f"recording {i}", str(i), partial(copy, recording))
+                for i, recording in enumerate(self._recordings)
+            ]
+        x, trials = reader.read([*map(self._resampled, unread)], folder, errors)
         target = None if self.target in self._stored else self.target
         names, labels = frame_labels(trials, self._labels, target)
         for trial in reversed(trials):  # The first trial that names its columns comes last.
@@ -280,17 +293,37 @@ class RecordingFrames(TrialFrames):
         data.y = self._labels.target(data, names, self.target, str(self.root))
         return data, names
 
-    def _resampled(
-        self, recordings: Iterable[tuple[str, str, Recording]]
-    ) -> Iterator[tuple[str, str, Recording]]:
-        for where, name, recording in recordings:
+    def _first_frame_errors(self, reader: FrameReader) -> dict[str, ValueError]:
+        # Wrong columns of CSV files are found before long files are read. A subclass may read
+        # another format.
+        if type(self).read_trial is not RecordingFrames.read_trial:
+            return {}
+        paths = [Path(path) for path in self.raw_paths if path.lower().endswith(".csv")]
+        first_frames = [
+            UnreadRecording(
+                f"'{path}'",
+                self._trial_name(path),
+                partial(read_first_frame, path, **self.read_options),
+            )
+            for path in paths
+        ]
+        errors = reader.first_frame_errors(first_frames)
+        # Short files are read nevertheless, so that one list has the errors in their other lines.
+        if sum(path.stat().st_size for path in paths) > _MAX_BYTES_TO_LIST_ALL_ERRORS:
+            raise_all([*errors.values()], len(paths))
+        return errors
+
+    def _resampled(self, unread: UnreadRecording) -> UnreadRecording:
+        def read() -> Recording:
+            recording = unread.read()
             if self.resample is None or recording.num_frames < 2:
-                yield where, name, recording
-                continue
+                return recording
             try:
-                yield where, name, recording.resample(self.resample)
+                return recording.resample(self.resample)
             except ValueError as error:
-                raise ValueError(f"{where}: {error}") from error
+                raise ValueError(f"{unread.where}: {error}") from error
+
+        return replace(unread, read=read)
 
     @property
     def file_options(self) -> dict[str, Any]:

@@ -26,7 +26,10 @@ _READING_COLUMN = re.compile(r"(force )?([0-9]{1,9})([xyz])")
 
 
 def read_xela_log_csv(
-    path: PathLike, forces: bool = False, csv_format: CsvFormat = _NO_FORMAT
+    path: PathLike,
+    forces: bool = False,
+    csv_format: CsvFormat = _NO_FORMAT,
+    num_frames: int | None = None,
 ) -> Recording:
     r"""Reads a recording from a XELA log with the header ``Receive time,Send time,Message
     number,1X,1Y,1Z,...`` and, for a calibrated sensor, ``Force 1X,Force 1Y,Force 1Z,...``.
@@ -41,6 +44,8 @@ def read_xela_log_csv(
         forces (bool): Whether to read the forces in newtons instead of the counts.
         csv_format (CsvFormat): Separator, decimal sign, encoding, and missing readings, if another
             program has saved the file.
+        num_frames (int, optional): The number of rows to read from the start of the file. Defaults
+            to all rows.
 
     Returns:
         Recording: The send time in seconds since 1970, and the readings of the three axes.

@@ -135,14 +135,14 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
     return _FORMATS[name].read(path, **options)
 
 
-def read_first_frame(path: PathLike, **kwargs: Any) -> Recording | None:
+def read_first_frame(path: PathLike, **kwargs: Any) -> Recording:
     r"""Reads the first frame of a CSV file with the options of :func:`read_recording`, to check its
-    columns before long files are read. Returns :obj:`None` for other formats.
+    columns before long files are read. Files of other formats are read whole.
     """
     name, options = _reader_options(path, kwargs)
-    if "num_frames" not in inspect.signature(_FORMATS[name].read).parameters:
-        return None
-    return _FORMATS[name].read(path, **options, num_frames=1)
+    if name.endswith("CSV"):
+        options["num_frames"] = 1
+    return _FORMATS[name].read(path, **options)
 
 
 def _reader_options(path: PathLike, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
