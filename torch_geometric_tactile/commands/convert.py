@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from torch_geometric_tactile.commands._arguments import READABLE, positive
+from torch_geometric_tactile.commands._arguments import READABLE, hertz
 from torch_geometric_tactile.commands._paths import OutputPath, input_path, recording_file
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
@@ -105,7 +105,10 @@ def _add_lerobot_options(parser: argparse.ArgumentParser) -> None:
     r"""Adds the options of LeRobot data sets to a parser."""
     options = parser.add_argument_group("LeRobot data sets (OUT ends in .lerobot)")
     options.add_argument(
-        "--fps", type=positive, metavar="N", help=f"steps per second (default: {_DEFAULT_FPS})"
+        "--fps",
+        type=hertz,
+        metavar="N",
+        help=f"steps per second, such as 30 or 29.97 (default: {_DEFAULT_FPS})",
     )
     options.add_argument(
         "--every-frame",
@@ -205,7 +208,7 @@ def _convert_to_lerobot(arguments: argparse.Namespace) -> int:
     else:
         options.setdefault("fps", _DEFAULT_FPS)
         write_lerobot(recordings, arguments.target, **options)
-        remark = f"{options['fps']} steps per second"
+        remark = f"{options['fps']:g} steps per second"
     print(f"{arguments.target}: {len(recordings)} episodes, {remark}")
     return 0
 
