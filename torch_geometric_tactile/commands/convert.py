@@ -10,7 +10,6 @@ from torch_geometric_tactile.commands._reading import add_reading_options, readi
 
 _LEROBOT_SUFFIX = ".lerobot"
 _DEFAULT_FPS = 30
-_RECORDING_SUFFIXES = (".h5", ".hdf5", ".npz", ".mcap", ".csv", ".jsonl", ".ndjson")
 _LEROBOT_OPTIONS = (
     "fps",
     "every_frame",
@@ -214,18 +213,13 @@ def _convert_to_lerobot(arguments: argparse.Namespace) -> int:
 
 
 def _recording_files(sources: list[str]) -> list[Path]:
-    from torch_geometric_tactile.io._folder_tables import TABLES
+    from torch_geometric_tactile.io._folder_recordings import RECORDING_SUFFIXES, list_recordings
 
     files: list[Path] = []
     for source in map(Path, sources):
-        entries = sorted(source.iterdir()) if source.is_dir() else []
-        entries = [
-            path
-            for path in entries
-            if path.suffix.lower() in _RECORDING_SUFFIXES and path.name not in TABLES
-        ]
+        entries = list_recordings(source) if source.is_dir() else []
         if source.is_dir() and not entries:
-            suffixes = ", ".join(_RECORDING_SUFFIXES)
+            suffixes = ", ".join(RECORDING_SUFFIXES)
             raise ValueError(f"'{source}' must hold recordings with one of {suffixes} (got none)")
         files += entries or [source]
     return files
