@@ -230,3 +230,31 @@ def test_long_lists_are_cut(tmp_path, capsys):
     assert found["trial"] == ["14 different, each once"]
     assert len(found["taxels"]) == 13
     assert found["taxels"][-1] == "and 2 more lines"
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    """A LeRobot data set of two episodes."""
+    pytest.importorskip("pyarrow", reason="needs the extra 'lerobot'")
+    from torch_geometric_tactile.io import write_lerobot
+
+    episodes = [grasp(0, label="mug"), grasp(1, label="cup")]
+    write_lerobot(episodes, tmp_path / "set", fps=100, key="observation.tactile.left")
+    return tmp_path / "set"
+
+
+def test_episodes_of_a_lerobot_data_set_are_recordings(dataset, capsys):
+    (dataset / "meta/tactile.json").unlink()
+    found = inspect(dataset, capsys, "--tactile", "observation.tactile.*")
+    assert found["files"] == ["2: LeRobot episode 2"]
+    assert found["taxels"] == ["4 of 1 channels"]
+    assert found["label"] == ["cup 1, mug 1"]
+    assert main(["inspect", str(dataset)]) == 1
+    assert "choose tactile='observation.tactile.*'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--time", "--pattern"])
+def test_options_of_other_formats_are_refused_for_a_lerobot_data_set(dataset, capsys, option):
+    assert main(["inspect", str(dataset), option, "a"]) == 1
+    message = f"'{option[2:]}' must be an option of a LeRobot data set: tactile, num_channels, al"
+    assert message in capsys.readouterr().err

@@ -21,6 +21,7 @@ logs of xela_log and messages of XELA's server. The plot needs the extra 'viz'.
 Of a folder, it summarises all recordings, without a plot: formats, rates, taxels, gaps, labels
 and objects with the number of recordings of each, and in which files which taxels do not
 measure. Files that cannot be read are listed with the reason, and the exit status is 1.
+The recordings of a LeRobot data set are its episodes; --tactile names its features of touch.
 """
 EXAMPLES = """\
 examples:
@@ -33,6 +34,8 @@ examples:
   tactile inspect grasps/ --pattern '(?P<person>[a-z]+)_(?P<object>.+)_(?P<trial>[0-9]+)'
                                                  the same, and the recordings of each person
   tactile inspect grasps/ --json > grasps.json   for programs
+  tactile inspect datasets/cups --tactile 'observation.tactile.*'
+                                                 the episodes of a LeRobot data set
 """
 
 
@@ -42,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "file",
         metavar="FILE",
         type=input_path,
-        help=f"the recording ({READABLE}), or a folder of recordings",
+        help=f"the recording ({READABLE}), a folder of recordings or a LeRobot data set",
     )
     output = parser.add_mutually_exclusive_group()
     output.add_argument(

@@ -16,7 +16,7 @@ from torch_geometric_tactile.data._gaps import RATE_TOLERANCE
 from torch_geometric_tactile.data._taxel_faults import TaxelFaults, find_taxel_faults
 from torch_geometric_tactile.datasets._recording_tables import RecordingTables, table_paths
 from torch_geometric_tactile.datasets._trial import DEFAULT_PATTERN
-from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.io import read_lerobot, read_recording
 from torch_geometric_tactile.io._folder_recordings import RECORDING_SUFFIXES, list_recordings
 from torch_geometric_tactile.io.recording_files import select_format
 from torch_geometric_tactile.reports._recording import (
@@ -33,6 +33,7 @@ _MAX_LINES = 12
 _MAX_FILES = 4
 _MAX_VALUES = 12
 _MAX_TAXELS = 12
+_LEROBOT_OPTIONS = ("tactile", "num_channels", "allow_large")
 
 
 @dataclass(frozen=True)
@@ -97,18 +98,22 @@ def read_folder(folder: PathLike, pattern: str | None = None, **options: Any) ->
 
     As in :class:`~torch_geometric_tactile.datasets.RecordingFrames`, the recordings are in
     :obj:`folder/raw` or :obj:`folder`, with ``annotations.csv`` and ``labels.csv`` beside them.
+    The recordings of a LeRobot data set are its episodes.
 
     Args:
         folder (str or PathLike): The folder.
         pattern (str, optional): Regular expression for the full names of the files without suffix,
             whose named groups are listed. If it contains a :obj:`"/"`, files in subfolders are read
             as well. Defaults to that of the data sets, ``<object>_<trial>``.
-        **options: Options of :func:`~torch_geometric_tactile.io.read_recording`.
+        **options: Options of :func:`~torch_geometric_tactile.io.read_recording`, or of
+            :func:`~torch_geometric_tactile.io.read_lerobot`.
 
     Raises:
-        ValueError: If there are no recordings.
+        ValueError: If there are no recordings, or a LeRobot data set cannot be read.
     """
     folder = Path(folder)
+    if (folder / "meta/info.json").is_file():
+        return _read_lerobot_folder(folder, pattern, options)
     pattern = DEFAULT_PATTERN if pattern is None else pattern
     is_recursive = "/" in pattern
     raw = folder / "raw"
@@ -141,6 +146,24 @@ def read_folder(folder: PathLike, pattern: str | None = None, **options: Any) ->
             )
         except (ValueError, OSError, ImportError) as error:
             facts.unreadable[file.as_posix()] = str(error)
+    return facts
+
+
+def _read_lerobot_folder(
+    folder: Path, pattern: str | None, options: Mapping[str, Any]
+) -> FolderFacts:
+    names = [*options, *([] if pattern is None else ["pattern"])]
+    unknown = next((name for name in names if name not in _LEROBOT_OPTIONS), None)
+    if unknown is not None:
+        valid_options = ", ".join(_LEROBOT_OPTIONS)
+        raise ValueError(
+            f"'{unknown}' must be an option of a LeRobot data set: {valid_options} ('{folder}')"
+        )
+    facts = FolderFacts(str(folder))
+    for i, recording in enumerate(read_lerobot(folder, **options)):
+        name = f"episode {recording.meta.get('episode', i)}"
+        groups = _groups(recording, recording, None)
+        facts.recordings.append(_recording_facts(name, "LeRobot episode", recording, groups))
     return facts
 
 
