@@ -150,7 +150,10 @@ def test_a_pattern_names_the_groups(folder, capsys):
 
 def test_subfolders_are_read_with_a_slash_in_the_pattern(folder, tmp_path, capsys):
     assert main(["inspect", str(tmp_path)]) == 1
-    assert "(got none): give a --pattern with a '/' for those" in capsys.readouterr().err
+    assert (
+        "(got none): for those in subfolders, give a '--pattern' with a '/'"
+        in capsys.readouterr().err
+    )
     write_npz(grasp(8), tmp_path / "processed/x.npz")
     write_npz(grasp(8), tmp_path / "grasps/.hidden.npz")
     found = inspect(tmp_path, capsys, "--pattern", r"(?P<place>[a-z]+)/.*")
@@ -250,11 +253,11 @@ def test_episodes_of_a_lerobot_data_set_are_recordings(dataset, capsys):
     assert found["taxels"] == ["4 of 1 channels"]
     assert found["label"] == ["cup 1, mug 1"]
     assert main(["inspect", str(dataset)]) == 1
-    assert "choose tactile='observation.tactile.*'" in capsys.readouterr().err
+    assert "for all of 'observation.tactile.*', give this as '--tactile'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["--time", "--pattern"])
 def test_options_of_other_formats_are_refused_for_a_lerobot_data_set(dataset, capsys, option):
     assert main(["inspect", str(dataset), option, "a"]) == 1
-    message = f"'{option[2:]}' must be an option of a LeRobot data set: tactile, num_channels, al"
+    message = f"'{option}' must be an option of a LeRobot data set: tactile, num_channels, al"
     assert message in capsys.readouterr().err

@@ -79,7 +79,10 @@ def test_a_wildcard_leaves_out_stored_frames(tmp_path):
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({}, r"must have the feature 'observation.tactile' .got .*: choose tactile='observation.t"),
+        (
+            {},
+            r"must have the feature 'observation.tactile' .got .*: for all of",
+        ),
         ({"tactile": "*.thumb"}, r"must have the feature '\*.thumb' .got timestamp, .*right\)$"),
         ({"tactile": []}, "'tactile' must name at least one feature .got none"),
         ({"tactile": [LEFT, LEFT]}, "'tactile' must name each feature once .got .*left"),
@@ -88,10 +91,10 @@ def test_a_wildcard_leaves_out_stored_frames(tmp_path):
             {"tactile": [LEFT, RIGHT]},
             f"'{LEFT}' and '{RIGHT}' of .* same number of channels .* .got 1 and 3.: name one of",
         ),
-        ({"tactile": [LEFT, RIGHT], "state": RIGHT}, "other features than the 'state' .got '.*rig"),
+        ({"tactile": [LEFT, RIGHT], "state": RIGHT}, "other features than the joint angles .got"),
         (
             {"tactile": [LEFT, RIGHT], "every_frame": True},
-            r"'tactile' must be one feature with 'every_frame' \(got 2\): read each by itself",
+            r"'tactile' must be one feature with every_frame \(got 2\)$",
         ),
         (
             {"tactile": [LEFT, RIGHT], "action": LEFT, "num_channels": 1},

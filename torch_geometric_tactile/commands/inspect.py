@@ -10,6 +10,7 @@ from torch_geometric_tactile.commands._arguments import READABLE
 from torch_geometric_tactile.commands._file_kinds import PICTURE
 from torch_geometric_tactile.commands._paths import OutputFile, OutputPath, input_path
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
+from torch_geometric_tactile.commands._runs import option_names_in_errors
 
 HELP = "Summarise a recording or a folder of recordings, and plot a recording"
 DESCRIPTION = """\
@@ -123,6 +124,7 @@ def _inspect_folder(arguments: argparse.Namespace) -> int:
             f"'FILE' must be a recording with '--out' (got the folder '{arguments.file}'): a "
             "folder has no plot"
         )
-    facts = read_folder(arguments.file, arguments.pattern, **reading_options(arguments))
+    with option_names_in_errors(arguments):
+        facts = read_folder(arguments.file, arguments.pattern, **reading_options(arguments))
     print(json.dumps(asdict(facts), indent=1) if arguments.json else describe_folder(facts))
     return 1 if facts.unreadable else 0

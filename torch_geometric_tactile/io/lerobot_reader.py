@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile._texts import printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
@@ -257,7 +257,7 @@ def _tactile_features(
 ) -> list[str]:
     # The names of the features of the readings, without wildcards.
     patterns = [tactile] if isinstance(tactile, str) else [*tactile]
-    need(patterns, "'tactile' must name at least one feature (got none)")
+    need_argument(patterns, "tactile", "must name at least one feature", "none")
     names: list[str] = []
     for pattern in patterns:
         if pattern in features or "*" not in pattern:
@@ -270,13 +270,12 @@ def _tactile_features(
             raise _missing_feature(root, features, pattern)
         names += matches
     repeated = next((name for name in names if names.count(name) > 1), None)
-    need(repeated is None, "'tactile' must name each feature once", repeated)
-    if len(names) > 1 and state in names:
-        raise ValueError(f"'tactile' must be other features than the 'state' (got '{state}')")
-    if len(names) > 1 and every_frame:
-        raise ValueError(
-            f"'tactile' must be one feature with 'every_frame' (got {len(names)}): read each by "
-            "itself"
+    need_argument(repeated is None, "tactile", "must name each feature once", repeated)
+    if len(names) > 1:
+        message = "must be other features than the joint angles"
+        need_argument(state not in names, "tactile", message, state)
+        need_argument(
+            not every_frame, "tactile", "must be one feature with every_frame", len(names)
         )
     return names
 
@@ -339,10 +338,11 @@ def _separate_columns(
     first, first_channels = tactile[0], columns[tactile[0]].num_channels
     for name, column in columns.items():
         if column.num_channels != first_channels:
-            raise ValueError(
+            raise ArgumentError(
                 f"'{first}' and '{name}' of '{root}' must have the same number of channels to be "
                 f"one recording (got {first_channels} and {column.num_channels}): name one of them "
-                "in 'tactile', or pass 'num_channels' if both have as many"
+                "in ",
+                *(Argument("tactile"), ", or give ", Argument("num_channels"), " if it is wrong"),
             )
     if state in features:
         sizes = _feature_sizes(root, features, state, 1)
@@ -507,6 +507,7 @@ def _feature_sizes(
 
 def _missing_feature(root: Path, features: dict[str, Any], name: str) -> ValueError:
     names = short_list([*features], 20, printable, ending="")
-    has_parts = any(feature.startswith(f"{name}.") for feature in features)
-    advice = f": choose tactile='{name}.*' for all that begin with it" if has_parts else ""
-    return ValueError(f"'{root}' must have the feature '{name}' (got {names}){advice}")
+    message = f"'{root}' must have the feature '{name}' (got {names})"
+    if not any(feature.startswith(f"{name}.") for feature in features):
+        return ValueError(message)
+    return ArgumentError(f"{message}: for all of '{name}.*', give this as ", Argument("tactile"))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile._texts import printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
@@ -120,12 +121,11 @@ def read_folder(folder: PathLike, pattern: str | None = None, **options: Any) ->
     source = raw if raw.is_dir() and list_recordings(raw, is_recursive) else folder
     paths = list_recordings(source, is_recursive)
     if not paths:
-        advice = ": give a --pattern with a '/' for those in subfolders"
-        has_subfolders = bool(list_recordings(source, recursive=True))
-        raise ValueError(
-            f"'{folder}' must hold recordings with one of {', '.join(RECORDING_SUFFIXES)} "
-            f"(got none){advice if has_subfolders else ''}"
-        )
+        message = f"'{folder}' must hold recordings with one of {', '.join(RECORDING_SUFFIXES)}"
+        if not list_recordings(source, recursive=True):
+            raise ValueError(f"{message} (got none)")
+        advice = (": for those in subfolders, give a ", Argument("pattern"), " with a '/'")
+        raise ArgumentError(f"{message} (got none)", *advice)
     facts = FolderFacts(str(folder))
     tables = []
     for table in table_paths({folder, source, *(path.parent for path in paths)}):
@@ -156,8 +156,9 @@ def _read_lerobot_folder(
     unknown = next((name for name in names if name not in _LEROBOT_OPTIONS), None)
     if unknown is not None:
         valid_options = ", ".join(_LEROBOT_OPTIONS)
-        raise ValueError(
-            f"'{unknown}' must be an option of a LeRobot data set: {valid_options} ('{folder}')"
+        raise ArgumentError(
+            *(Argument(unknown), f" must be an option of a LeRobot data set: {valid_options} "),
+            f"('{folder}')",
         )
     facts = FolderFacts(str(folder))
     for i, recording in enumerate(read_lerobot(folder, **options)):
