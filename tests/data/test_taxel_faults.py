@@ -64,6 +64,9 @@ def test_rest_is_not_saturated_where_it_is_not_zero():
     tactile = np.maximum(waves(low=-3000), 3.0)  # counts of a resistive sensor
     assert np.median(tactile) == 3
     assert find_taxel_faults(tactile) == TaxelFaults()
+    grasped = np.where(TIME[:, None, None] < 20, 3.0, waves(low=500))
+    assert np.median(grasped) > 500
+    assert find_taxel_faults(grasped) == TaxelFaults()
     inverted = 255.0 - np.maximum(waves(low=-600, high=200), 0.0)  # such as iCub's fingertips
     assert find_taxel_faults(inverted) == TaxelFaults()
 

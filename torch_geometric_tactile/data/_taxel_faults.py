@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# Frames. In real recordings (BioTac-like, magnetic, capacitive and a mat of 2,048 taxels) no taxel
+# Frames. In real recordings of magnetic and capacitive skin and of a mat of 2,048 taxels, no taxel
 # stays at the extreme of its channel as long unless it is clipped, and two taxels that change as
 # often are never equal.
 _MIN_FRAMES = 10
@@ -36,9 +36,10 @@ def find_taxel_faults(tactile: np.ndarray) -> TaxelFaults:
     r"""Finds taxels that do not measure, or not all of the time.
 
     A taxel is saturated if one of its channels stays at exactly the largest or the smallest reading
-    of this channel, over all taxels, for ten frames or longer. This value must not be zero, and it
-    must be a quarter of the channel's range away from the channel's median. The taxel must move by
-    a quarter of this range. Recordings of fewer than ten frames have dead taxels only.
+    of this channel, over all taxels, for ten frames or longer. This value must be a quarter of the
+    channel's range away from zero and from the channel's median, one of which is the rest. The
+    taxel must move by a quarter of this range. Recordings of fewer than ten frames have dead taxels
+    only.
 
     Shapes:
         - **tactile:** Readings, NaN where one is missing :math:`(T, N, C)`.
@@ -65,7 +66,7 @@ def find_taxel_faults(tactile: np.ndarray) -> TaxelFaults:
         dead,
         tuple(present[is_constant].tolist()),
         tuple(present[is_saturated].tolist()),
-        _equal_groups(tactile, present[~is_constant]),
+        _equal_groups(tactile, present),
     )
 
 
@@ -76,9 +77,9 @@ def _is_saturated(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.n
     min_move = _MIN_MOVE * (last - first)
     if min_move == 0 or len(np.unique(values[~np.isnan(values)])) < _MIN_VALUES:
         return is_saturated
-    rest = float(np.nanmedian(values))
+    median = float(np.nanmedian(values))
     for limit, extremes in ((first, low), (last, high)):
-        if limit == 0 or abs(limit - rest) < min_move:
+        if min(abs(limit), abs(limit - median)) < min_move:  # at rest
             continue
         taxels = np.flatnonzero((extremes == limit) & (high - low >= min_move))
         longest = _longest_run(values[:, taxels] == limit)
