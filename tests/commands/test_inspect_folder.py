@@ -35,7 +35,9 @@ def rows(text):
 
 def inspect(folder, capsys, *options, status=0):
     assert main(["inspect", str(folder), *options]) == status
-    return rows(capsys.readouterr().out)
+    output = capsys.readouterr()
+    assert ("must hold files that can be read (got " in output.err) == (status == 1)
+    return rows(output.out)
 
 
 def change(path, **signals):
@@ -115,6 +117,17 @@ def test_a_file_shows_its_taxels_that_do_not_measure(folder, capsys):
     assert found["constant"] == ["1: 3"]
     assert found["saturated"] == ["none"]
     assert found["equal"] == ["1: 1 = 2"]
+
+
+def test_recordings_of_a_frame_or_none_have_no_rate(folder, capsys):
+    write_npz(Recording([0.0], np.ones((1, 4, 1))), folder / "pen_000.npz")
+    write_npz(Recording([], np.ones((0, 4, 1))), folder / "pen_001.npz")
+    assert inspect(folder, capsys)["rate"] == [
+        "100 per second in 3 of 5 files",
+        "unknown in 2 of 5 files: pen_000.npz, pen_001.npz",
+    ]
+    assert main(["inspect", str(folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recordings"][4]["range"] is None
 
 
 def test_gaps_are_added(folder, capsys):

@@ -90,7 +90,7 @@ def _is_folder(arguments: argparse.Namespace) -> bool:
     from torch_geometric_tactile.io._folder_recordings import is_probe_run
 
     folder = Path(arguments.file)
-    return folder.is_dir() and not is_probe_run(folder)
+    return arguments.file != "" and folder.is_dir() and not is_probe_run(folder)
 
 
 def _picture_path(arguments: argparse.Namespace) -> str:
@@ -126,5 +126,11 @@ def _inspect_folder(arguments: argparse.Namespace) -> int:
         )
     with option_names_in_errors(arguments):
         facts = read_folder(arguments.file, arguments.pattern, **reading_options(arguments))
-    print(json.dumps(asdict(facts), indent=1) if arguments.json else describe_folder(facts))
-    return 1 if facts.unreadable else 0
+    text = json.dumps(asdict(facts), indent=1) if arguments.json else describe_folder(facts)
+    print(text, flush=True)
+    if facts.unreadable:
+        raise ValueError(
+            f"'{arguments.file}' must hold files that can be read (got {len(facts.unreadable)} "
+            "that cannot): the summary has the reason of each under 'unreadable'"
+        )
+    return 0

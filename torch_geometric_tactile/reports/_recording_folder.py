@@ -1,5 +1,6 @@
 r"""Summaries of the recordings in a folder."""
 
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -183,7 +184,7 @@ def _recording_facts(
         format=file_format,
         num_frames=recording.num_frames,
         seconds=recording.duration,
-        rate=recording.rate if recording.num_frames > 1 else None,
+        rate=recording.rate if math.isfinite(recording.rate) else None,
         num_gaps=len(spans),
         gap_seconds=sum(end - start for start, end in spans),
         num_taxels=recording.num_taxels,
