@@ -35,6 +35,12 @@ def test_recordings_become_a_data_set(trials, capsys):
     ]
 
 
+def test_a_rate_may_be_a_fraction(trials, capsys):
+    assert main(["convert", "trials", "a.lerobot", "--fps", "29.97"]) == 0
+    assert capsys.readouterr().out == "a.lerobot: 2 episodes, 29.97 steps per second\n"
+    assert [one.meta["rate"] for one in read_lerobot("a.lerobot")] == [29.97, 29.97]
+
+
 def test_files_keep_their_order_and_all_frames(trials):
     files = ["trials/mug.npz", "trials/cup.npz"]
     assert main(["convert", *files, "a.lerobot", "--every-frame", "--task", "pick"]) == 0
@@ -79,7 +85,7 @@ def test_touch_is_added_to_a_data_set(trials, capsys, given):
         (["trials", "a.lerobot", "--start", "1"], "'--start' must be given with '--add-to' (got"),
         (
             ["trials", "a.lerobot", "--add-to", "b", "--fps", "9"],
-            "'--fps' must not be given with '--add-to' (got 9)",
+            "'--fps' must not be given with '--add-to' (got 9.0)",
         ),
         (["trials", "a.lerobot", "--add-to", "b"], "b/meta/info.json' does not exist"),
         (["empty", "a.lerobot"], "'empty' must hold recordings with one of .h5, "),

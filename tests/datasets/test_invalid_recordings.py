@@ -43,7 +43,7 @@ def test_one_list_of_all_invalid_files(tmp_path):
 
 def test_long_files_are_not_read_after_wrong_headers(tmp_path, monkeypatch):
     monkeypatch.setattr(recording_frames, "_MAX_BYTES_TO_LIST_ALL_ERRORS", 100)
-    with pytest.raises(ValueError, match="^1 of 6|^'.*cup_0") as error:
+    with pytest.raises(ValueError, match=r"cup_0\.csv': its columns") as error:
         load(write_folder(tmp_path, **BAD))
     assert listed_files(error) == ["cup_0"]
 

@@ -25,11 +25,12 @@ _MANY = 300_000  # rows that a Parquet file holds in a few bytes
 
 def make(folder: Path) -> None:
     """A data set, one with all frames since the last step, one of touch that policies read, with
-    actions, one of touch and joint angles in one feature, and one in the form of 0.2.0.
+    actions, one of touch and joint angles in one feature, one of touch in two features, and one in
+    the form of 0.2.0.
     """
     from fuzz.bases import commands, small_recording
 
-    from torch_geometric_tactile.io import write_lerobot
+    from torch_geometric_tactile.io import add_to_lerobot, write_lerobot
 
     made = [small_recording(label=label, meta={"object": label}) for label in ("mug", "cup")]
     recordings = [
@@ -44,9 +45,11 @@ def make(folder: Path) -> None:
         demonstrations, folder / "policy", 20, key=keys["policy"], every_frame=True, fill=0
     )
     write_lerobot(demonstrations, folder / "joined", 50, key=keys["joined"])
+    write_lerobot(made, folder / "left", fps=29.97, key="observation.tactile.left")
+    add_to_lerobot(folder / "left", made, folder / "fingers", key="observation.tactile.right")
     write_lerobot(recordings, folder / "old", fps=50, task="pick")
     _as_of_0_2_0(folder / "old")
-    for name in ("plain", *EVERY_FRAME, "joined", "old"):
+    for name in ("plain", *EVERY_FRAME, "joined", "fingers", "old"):
         (folder / name / "README.md").unlink()
         for path in (folder / name).rglob("*.*"):
             if "episodes" not in path.parts and path.name != "stats.json":  # are not read
@@ -80,7 +83,9 @@ def read(path: Path) -> Any:
     root = path.parent / path.name.split("__")[0]
     if not root.exists():  # the whole files, beside which no data set was kept
         _assemble(path)
-    return [recording(r) for r in read_lerobot(root, every_frame=root.name in EVERY_FRAME)]
+    tactile = "observation.tactile.*" if root.name == "fingers" else None
+    is_every_frame = root.name in EVERY_FRAME
+    return [recording(r) for r in read_lerobot(root, tactile=tactile, every_frame=is_every_frame)]
 
 
 def mutate(path: Path, data: bytes, draw: Random, other: bytes) -> str:

@@ -71,6 +71,19 @@ def test_recordings_come_back(root):
         assert found.meta == {**recording.meta, "rate": 10}
 
 
+@pytest.mark.parametrize(("fps", "written"), [(29.97, 29.97), (30.0, 30)])
+def test_a_rate_may_be_a_fraction(tmp_path, fps, written):
+    recording = Recording(np.arange(3000) / 29.97, np.arange(3000.0)[:, None, None])
+    write_lerobot([recording], tmp_path / "set", fps=fps)
+    info = json.loads((tmp_path / "set/meta/info.json").read_text())
+    assert info["fps"] == written
+    assert type(info["fps"]) is type(written)
+    found = read_lerobot(tmp_path / "set")[0]
+    assert found.time.tolist() == (np.arange(found.num_frames) / fps).tolist()
+    if fps == 29.97:  # each step has the frame that was recorded at it
+        assert np.array_equal(found.tactile, recording.tactile)
+
+
 def test_without_joints_and_with_labels_of_other_types(tmp_path):
     recordings = [a_recording(joints=0, label=3), a_recording(joints=0)]
     write_lerobot(recordings, tmp_path / "set", fps=10)
@@ -360,8 +373,8 @@ def test_damaged_files_are_named(root, name):
             ValueError,
             "must have one unit",
         ),
-        ([a_recording()], {"fps": 0}, ValueError, "'fps' must be a positive integer"),
-        ([a_recording()], {"fps": 29.97}, ValueError, "'fps' must be a positive integer"),
+        ([a_recording()], {"fps": 0}, ValueError, "'fps' must be a positive number"),
+        ([a_recording()], {"fps": True}, ValueError, "'fps' must be a positive number"),
         ([a_recording()], {"nearest": True, "every_frame": True}, ValueError, "'nearest' must be"),
     ],
     ids=["none", "joints", "empty", "units", "zero", "fraction", "nearest"],

@@ -4,13 +4,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from torch_geometric_tactile.commands._arguments import READABLE, positive
+from torch_geometric_tactile.commands._arguments import READABLE, hertz
 from torch_geometric_tactile.commands._paths import OutputPath, input_path, recording_file
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
 _LEROBOT_SUFFIX = ".lerobot"
 _DEFAULT_FPS = 30
-_RECORDING_SUFFIXES = (".h5", ".hdf5", ".npz", ".mcap", ".csv", ".jsonl", ".ndjson")
 _LEROBOT_OPTIONS = (
     "fps",
     "every_frame",
@@ -105,7 +104,10 @@ def _add_lerobot_options(parser: argparse.ArgumentParser) -> None:
     r"""Adds the options of LeRobot data sets to a parser."""
     options = parser.add_argument_group("LeRobot data sets (OUT ends in .lerobot)")
     options.add_argument(
-        "--fps", type=positive, metavar="N", help=f"steps per second (default: {_DEFAULT_FPS})"
+        "--fps",
+        type=hertz,
+        metavar="N",
+        help=f"steps per second, such as 30 or 29.97 (default: {_DEFAULT_FPS})",
     )
     options.add_argument(
         "--every-frame",
@@ -205,24 +207,19 @@ def _convert_to_lerobot(arguments: argparse.Namespace) -> int:
     else:
         options.setdefault("fps", _DEFAULT_FPS)
         write_lerobot(recordings, arguments.target, **options)
-        remark = f"{options['fps']} steps per second"
+        remark = f"{options['fps']:g} steps per second"
     print(f"{arguments.target}: {len(recordings)} episodes, {remark}")
     return 0
 
 
 def _recording_files(sources: list[str]) -> list[Path]:
-    from torch_geometric_tactile.io._folder_tables import TABLES
+    from torch_geometric_tactile.io._folder_recordings import RECORDING_SUFFIXES, list_recordings
 
     files: list[Path] = []
     for source in map(Path, sources):
-        entries = sorted(source.iterdir()) if source.is_dir() else []
-        entries = [
-            path
-            for path in entries
-            if path.suffix.lower() in _RECORDING_SUFFIXES and path.name not in TABLES
-        ]
+        entries = list_recordings(source) if source.is_dir() else []
         if source.is_dir() and not entries:
-            suffixes = ", ".join(_RECORDING_SUFFIXES)
+            suffixes = ", ".join(RECORDING_SUFFIXES)
             raise ValueError(f"'{source}' must hold recordings with one of {suffixes} (got none)")
         files += entries or [source]
     return files

@@ -1,19 +1,28 @@
-r"""``tactile inspect``: summarises a recording as text and as a picture."""
+r"""``tactile inspect``: summarises recordings as text, and one as a picture."""
 
 import argparse
-from pathlib import PurePath
+import json
+import re
+from dataclasses import asdict
+from pathlib import Path, PurePath
 
 from torch_geometric_tactile.commands._arguments import READABLE
 from torch_geometric_tactile.commands._file_kinds import PICTURE
 from torch_geometric_tactile.commands._paths import OutputFile, OutputPath, input_path
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
+from torch_geometric_tactile.commands._runs import option_names_in_errors
 
-HELP = "Summarise and plot a recording"
+HELP = "Summarise a recording or a folder of recordings, and plot a recording"
 DESCRIPTION = """\
-Prints the number of frames, rate, taxels, range of the readings, joints, actions, dead
-taxels and metadata of a recording, and plots readings, contact, joints and actions over
-time. Reads HDF5, npz, MCAP and CSV files, logs of xela_log and messages of XELA's server.
-The plot needs the extra 'viz'.
+Prints the number of frames, rate, taxels, range of the readings, joints, actions, metadata
+and taxels that do not measure (dead, constant, saturated, or equal to another) of a recording,
+and plots readings, contact, joints and actions over time. Reads HDF5, npz, MCAP and CSV files,
+logs of xela_log and messages of XELA's server. The plot needs the extra 'viz'.
+
+Of a folder, it summarises all recordings, without a plot: formats, rates, taxels, gaps, labels
+and objects with the number of recordings of each, and in which files which taxels do not
+measure. Files that cannot be read are listed with the reason, and the exit status is 1.
+The recordings of a LeRobot data set are its episodes; --tactile names its features of touch.
 """
 EXAMPLES = """\
 examples:
@@ -22,26 +31,66 @@ examples:
   tactile inspect glove.csv --out glove.png
   tactile inspect glove.csv --tactile 'pad_.*' --joint 'bend_.*' --label grasp
                                                  a CSV file with your own column names
+  tactile inspect grasps/                        all recordings of a folder
+  tactile inspect grasps/ --pattern '(?P<person>[a-z]+)_(?P<object>.+)_(?P<trial>[0-9]+)'
+                                                 the same, and the recordings of each person
+  tactile inspect grasps/ --json > grasps.json   for programs
+  tactile inspect datasets/cups --tactile 'observation.tactile.*'
+                                                 the episodes of a LeRobot data set
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the command to a parser."""
-    parser.add_argument("file", metavar="FILE", type=input_path, help=f"the recording ({READABLE})")
-    picture = parser.add_mutually_exclusive_group()
-    picture.add_argument(
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        type=input_path,
+        help=f"the recording ({READABLE}), a folder of recordings or a LeRobot data set",
+    )
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument(
         "--out",
         metavar="PNG",
         type=OutputFile("--out", PICTURE),
         help="file of the plot (default: NAME_inspect.png in the current folder)",
     )
-    picture.add_argument("--no-picture", action="store_true", help="print the summary only")
+    output.add_argument("--no-picture", action="store_true", help="print the summary only")
+    output.add_argument(
+        "--json",
+        action="store_true",
+        help="of a folder: print the facts of each recording as JSON",
+    )
+    parser.add_argument(
+        "--pattern",
+        metavar="REGEX",
+        type=_regular_expression,
+        help="of a folder: regular expression for the names of files without suffix, whose named "
+        "groups are listed; with a '/', subfolders are searched (default: <object>_<trial>)",
+    )
     add_reading_options(parser)
+
+
+def _regular_expression(text: str) -> str:
+    try:
+        re.compile(text)
+    except (re.error, RecursionError) as error:
+        raise argparse.ArgumentTypeError(f"must be a regular expression ({error})") from error
+    return text
 
 
 def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
     r"""Returns the files that the command writes."""
-    return [] if arguments.no_picture else [OutputPath(_picture_path(arguments), "--out", PICTURE)]
+    has_picture = not (arguments.no_picture or arguments.json or _is_folder(arguments))
+    return [OutputPath(_picture_path(arguments), "--out", PICTURE)] if has_picture else []
+
+
+def _is_folder(arguments: argparse.Namespace) -> bool:
+    # A run of eFlesh's probe is a folder that is one recording.
+    from torch_geometric_tactile.io._folder_recordings import is_probe_run
+
+    folder = Path(arguments.file)
+    return arguments.file != "" and folder.is_dir() and not is_probe_run(folder)
 
 
 def _picture_path(arguments: argparse.Namespace) -> str:
@@ -50,6 +99,11 @@ def _picture_path(arguments: argparse.Namespace) -> str:
 
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the command and returns the exit status."""
+    if _is_folder(arguments):
+        return _inspect_folder(arguments)
+    option = "--json" if arguments.json else "--pattern" if arguments.pattern else None
+    if option is not None:
+        raise ValueError(f"'FILE' must be a folder with '{option}' (got '{arguments.file}')")
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports._recording import describe_file, draw_recording
 
@@ -59,4 +113,24 @@ def run(arguments: argparse.Namespace) -> int:
         path = _picture_path(arguments)
         draw_recording(recording, path)
         print(f"{'picture':<13}{printable(path)}")
+    return 0
+
+
+def _inspect_folder(arguments: argparse.Namespace) -> int:
+    from torch_geometric_tactile.reports._recording_folder import describe_folder, read_folder
+
+    if arguments.out is not None:
+        raise ValueError(
+            f"'FILE' must be a recording with '--out' (got the folder '{arguments.file}'): a "
+            "folder has no plot"
+        )
+    with option_names_in_errors(arguments):
+        facts = read_folder(arguments.file, arguments.pattern, **reading_options(arguments))
+    text = json.dumps(asdict(facts), indent=1) if arguments.json else describe_folder(facts)
+    print(text, flush=True)
+    if facts.unreadable:
+        raise ValueError(
+            f"'{arguments.file}' must hold files that can be read (got {len(facts.unreadable)} "
+            "that cannot): the summary has the reason of each under 'unreadable'"
+        )
     return 0

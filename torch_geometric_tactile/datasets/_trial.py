@@ -14,6 +14,8 @@ from torch_geometric_tactile.data import Annotation, Recording
 from torch_geometric_tactile.data._annotations import OUTSIDE, annotation_of_frames, without_gaps
 from torch_geometric_tactile.sensors import TaxelLayout
 
+#: Of file names without suffix: ``mug_003`` is trial 3 of the object ``mug``.
+DEFAULT_PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
 ANNOTATION = "annotation"  # target: the label of the annotation that covers a frame
 
 

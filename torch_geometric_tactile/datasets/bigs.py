@@ -18,13 +18,17 @@ from torch_geometric_tactile.datasets._frame_reader import (
     UnreadRecording,
     raise_all,
 )
-from torch_geometric_tactile.datasets._trial import Trial, check_unique_trials, make_trial
+from torch_geometric_tactile.datasets._trial import (
+    DEFAULT_PATTERN,
+    Trial,
+    check_unique_trials,
+    make_trial,
+)
 from torch_geometric_tactile.datasets._trial_frames import TrialFrames
 from torch_geometric_tactile.io import BiGSFormat, read_bigs, read_recording
 from torch_geometric_tactile.sensors import TaxelLayout, biotac
 
 _SUFFIXES = (".h5", ".hdf5", ".npz")
-_PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
 _ROUNDING = 1e-6  # seconds
 _JOINT_SIGNALS = ("finger_joint", "robot_joint", "wrench")  # possible parts of 'joint'
 _OUTCOMES = ("failure", "success")
@@ -170,7 +174,7 @@ class BiGS(TrialFrames):
         self.signals = None if signals is None else _checked_names("signals", signals, _SIGNALS)
         self.joint_signals = _checked_joint(joint_signals, self.signals)
         self.until = _checked_until(until)
-        self.pattern = _PATTERN
+        self.pattern = DEFAULT_PATTERN
         self._format = None if fields is None else BiGSFormat(fields=fields)
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         if self.until is not None:

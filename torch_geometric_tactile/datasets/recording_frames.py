@@ -21,7 +21,7 @@ from torch_geometric_tactile.datasets._frame_reader import (
     raise_all,
 )
 from torch_geometric_tactile.datasets._splits import checked_split
-from torch_geometric_tactile.datasets._trial import checked_pattern
+from torch_geometric_tactile.datasets._trial import DEFAULT_PATTERN, checked_pattern
 from torch_geometric_tactile.datasets._trial_frames import (
     PARTS,
     TrialFrames,
@@ -31,7 +31,6 @@ from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.io.recording_files import read_first_frame
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
-_PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
 # Arguments, including those of subclasses, that select from the processed frames.
 _SELECTION_ARGS = (
     "split",
@@ -177,7 +176,7 @@ class RecordingFrames(TrialFrames):
         samples_per_trial: int | None = None,
         sample_seed: int = 0,
         tare: float | str | None = None,
-        pattern: str = _PATTERN,
+        pattern: str = DEFAULT_PATTERN,
         read_options: Mapping[str, Any] | None = None,
         unit: Literal["count", "newton", "microtesla"] | None = None,
         resample: float | None = None,

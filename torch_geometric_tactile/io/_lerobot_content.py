@@ -15,7 +15,7 @@ import numpy as np
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path, existing_file
 from torch_geometric_tactile._limits import LEROBOT_TASKS
-from torch_geometric_tactile._texts import printable, read_json
+from torch_geometric_tactile._texts import printable, read_json, short_list
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data._recording_arrays import warn_of_rounding
 from torch_geometric_tactile.io._lerobot_steps import (
@@ -51,6 +51,7 @@ its shape, labels, annotations and metadata.
 
 _TACTILE_JSON = "meta/tactile.json"
 _REMOVE_ADVICE = "remove it if another program changed the data set"
+MAX_FPS = 1_000_000
 _MAX_DIMS = 8  # dimensions of a further signal in a frame
 # Between two steps, as lerobot's `tolerance_s`, in addition to the rounding of float32.
 _TIME_TOLERANCE = 1e-4  # seconds
@@ -119,11 +120,16 @@ class TactileContent:
         r"""Returns the label, metadata and annotations of an episode.
 
         Raises:
-            ValueError: If the file has another length or task for this episode.
+            ValueError: If the file has not this episode, or another length or task for it.
         """
+        if not self.episodes:
+            return {"label": task, "meta": {"episode": number}}
         episode = self.episodes.get(number)
         if episode is None:
-            return {"label": task, "meta": {"episode": number}}
+            raise ValueError(
+                f"'{self.path}' must hold episode {number} (got "
+                f"{short_list([*self.episodes], 20)}): {_REMOVE_ADVICE}"
+            )
         for key, value in {"length": length, "task": task}.items():
             if episode.get(key) not in (None, value):
                 raise ValueError(
@@ -134,7 +140,7 @@ class TactileContent:
 
 
 def tactile_content(
-    recordings: Sequence[Recording],
+    recordings: Mapping[int, Recording],
     starts: Sequence[float],
     lengths: Sequence[int],
     tasks: Sequence[str],
@@ -148,7 +154,7 @@ def tactile_content(
     r"""Returns the content of a new ``meta/tactile.json``.
 
     Args:
-        recordings (sequence of Recording): The recordings of the episodes.
+        recordings (Mapping of int to Recording): The recordings by the indices of their episodes.
         starts (sequence of float): Start of each episode on the clock of its recording, in seconds.
         lengths (sequence of int): Number of steps of each episode.
         tasks (sequence of str): Task of each episode.
@@ -158,7 +164,8 @@ def tactile_content(
         first_column (int, optional): The first reading in this feature, if it has other values too.
         fill (float, optional): The number that stands for missing readings.
     """
-    shape = [recordings[0].num_taxels, recordings[0].num_channels]
+    first = next(iter(recordings.values()))
+    shape = [first.num_taxels, first.num_channels]
     content: dict[str, Any] = {"version": 2, "feature": key, "shape": shape}
     if first_column is not None:
         content["columns"] = [first_column, first_column + math.prod(shape)]
@@ -189,8 +196,8 @@ def tactile_content(
                 for begin, end, label in recording.annotations
             ],
         }
-        for index, (recording, start, length, task) in enumerate(
-            zip(recordings, starts, lengths, tasks, strict=True)
+        for (index, recording), start, length, task in zip(
+            recordings.items(), starts, lengths, tasks, strict=True
         )
     ]
     return content
@@ -218,12 +225,8 @@ def read_tactile_content(root: Path, num_episodes: int, tasks: Sequence[str]) ->
         if len(tasks) > 1:  # each episode has its label as task, since `task` was left out
             episodes = [{**e, "task": label_to_task(e.get("label"))} for e in episodes]
     numbers = [episode.get("episode_index") for episode in episodes]
-    are_integers = all(type(number) is int for number in numbers)
-    if (
-        len(numbers) != num_episodes
-        or not are_integers
-        or sorted(numbers) != [*range(len(numbers))]
-    ):
+    is_complete = len(numbers) == num_episodes and all(type(n) is int and n >= 0 for n in numbers)
+    if not is_complete or len({*numbers}) < len(numbers):
         raise ValueError(
             f"'{path}' must hold each of {num_episodes} episodes once (got {len(numbers)}: "
             f"{printable(numbers)[:80]}): {_REMOVE_ADVICE}"
@@ -325,7 +328,7 @@ def read_info(root: Path) -> dict[str, Any]:
     }.items():
         if not isinstance(info.get(key), kind) or isinstance(info[key], bool):
             raise ValueError(f"'{path}' must hold '{key}' (got {printable(info.get(key))[:40]})")
-    if not 0 < info["fps"] < 1e6:
+    if not 0 < info["fps"] < MAX_FPS:
         raise ValueError(f"'{path}' must hold a positive 'fps' (got {info['fps']})")
     return info
 
@@ -355,8 +358,9 @@ def split_episodes(path: Path, table: Any) -> Iterator[tuple[int, Any]]:
 
 def sort_episodes(
     root: Path, info: dict[str, Any], indexed_items: list[tuple[int, _Item]]
-) -> list[_Item]:
-    r"""Returns the items in the order of the episodes.
+) -> dict[int, _Item]:
+    r"""Returns the items by the indices of their episodes, in order. Deleted episodes may have left
+    indices out.
 
     Args:
         root (Path): The folder, for messages.
@@ -367,13 +371,13 @@ def sort_episodes(
         ValueError: If an episode is missing or there twice.
     """
     numbers = sorted(number for number, _ in indexed_items)
-    if len(numbers) != info["total_episodes"] or numbers != [*range(len(numbers))]:
+    if len(numbers) != info["total_episodes"] or len({*numbers}) < len(numbers):
         raise ValueError(
             f"'{root}' must hold each of {info['total_episodes']} episodes once, as declared in "
             f"its info.json (got {printable(numbers)[:80]})"
         )
     by_number = dict(indexed_items)
-    return [by_number[number] for number in numbers]
+    return {number: by_number[number] for number in numbers}
 
 
 def integer_column(path: Path, table: Any, name: str) -> np.ndarray:

@@ -27,6 +27,7 @@ import numpy as np
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._lerobot_content import (
+    MAX_FPS,
     check_alike,
     check_new_folder,
     label_to_task,
@@ -73,7 +74,7 @@ _INDEX_COLUMN = "__index_level_0__"
 def write_lerobot(
     recordings: Sequence[Recording],
     root: PathLike,
-    fps: int,
+    fps: float,
     *,
     robot_type: str | None = None,
     task: str | None = None,
@@ -101,7 +102,7 @@ def write_lerobot(
         recordings (sequence of Recording): The recordings, all with the same taxels, channels,
             joints and actions. The names of joints and actions are those of the first one.
         root (str or PathLike): The folder, which must be new or empty.
-        fps (int): Steps per second.
+        fps (float): Steps per second, such as 30 or 29.97.
         robot_type (str, optional): Name of the robot.
         task (str, optional): The task of all recordings. Defaults to the label of each recording.
         nearest (bool): Whether to take the nearest frame, which may be after the step.
@@ -130,7 +131,7 @@ def write_lerobot(
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If the disk is full.
         ValueError: If there is no recording, a recording has no frames or another shape, :obj:`fps`
-            is not a positive integer, :obj:`nearest` and :obj:`every_frame` are both given, there
+            is not a positive number, :obj:`nearest` and :obj:`every_frame` are both given, there
             is a gap and :obj:`gaps` is :obj:`"error"`, :obj:`key` or :obj:`fill` are invalid, or a
             joint angle or an action is missing and :obj:`fill` is given.
 
@@ -145,8 +146,7 @@ def write_lerobot(
         [Recording(num_frames=2, num_taxels=4, num_channels=3, rate=10, label=1)]
     """
     pa = require_pyarrow()
-    if isinstance(fps, bool) or not isinstance(fps, int) or fps < 1:
-        raise ValueError(f"'fps' must be a positive integer (got {fps!r})")
+    fps = _checked_fps(fps)
     if nearest and every_frame:
         raise ValueError("'nearest' must be False with 'every_frame', which has only past frames")
     check_gap_options(gaps, max_gap)
@@ -197,7 +197,7 @@ def write_lerobot(
     lengths = [episode["length"] for episode in episodes]
     starts = [float(recording.time[0]) for recording in recordings]
     content = tactile_content(
-        recordings,
+        dict(enumerate(recordings)),
         starts,
         lengths,
         task_names,
@@ -225,10 +225,18 @@ def write_lerobot(
     write_description(root, content, info)
 
 
+def _checked_fps(fps: Any) -> float:
+    # LeRobot declares integers, so that 30.0 is written as 30.
+    is_number = isinstance(fps, int | float) and not isinstance(fps, bool)
+    if not is_number or not 0 < fps < MAX_FPS:
+        raise ValueError(f"'fps' must be a positive number below {MAX_FPS:,} (got {fps!r:.80})")
+    return int(fps) if fps == int(fps) else float(fps)
+
+
 @dataclass
 class _Sampling:
     # The options of resampling.
-    fps: int
+    fps: float
     nearest: bool
     rows: int
     max_gap: float | None
@@ -281,7 +289,7 @@ def _column_names(recording: Recording, kind: str, size: int) -> list[str]:
     return [f"{kind}_{i}" for i in range(size)]
 
 
-def _frames_of_all_steps(recordings: Sequence[Recording], fps: int) -> Iterator[np.ndarray]:
+def _frames_of_all_steps(recordings: Sequence[Recording], fps: float) -> Iterator[np.ndarray]:
     for recording in recordings:
         time = recording.time - recording.time[0]
         yield from frames_since(time, regular_steps(time, fps, cover_last=True), fps)

@@ -3,14 +3,15 @@ r"""Reader of the episodes of a LeRobot data set."""
 import logging
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile._texts import printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
@@ -52,7 +53,7 @@ _INDICES = ("frame_index", "episode_index", "task_index")
 def read_lerobot(
     root: PathLike,
     *,
-    tactile: str | None = None,
+    tactile: str | Sequence[str] | None = None,
     state: str = STATE,
     num_channels: int | None = None,
     every_frame: bool = False,
@@ -67,10 +68,14 @@ def read_lerobot(
 
     Args:
         root (str or PathLike): The folder.
-        tactile (str, optional): The feature of the readings, float :math:`(N \cdot C,)` with the
-            names :obj:`taxel_0_x`, ..., :math:`(N, C)`, or :math:`(N,)`. A feature of two
-            dimensions is a grid of taxels with one channel, row by row, if the last dimension is
-            above 6. Defaults to that of :obj:`meta/tactile.json`, or :obj:`observation.tactile`.
+        tactile (str or sequence of str, optional): The feature of the readings, float
+            :math:`(N \cdot C,)` with the names :obj:`taxel_0_x`, ..., :math:`(N, C)`, or
+            :math:`(N,)`. A feature of two dimensions is a grid of taxels with one channel, row by
+            row, if the last dimension is above 6. The taxels of several features are joined in this
+            order, and :obj:`meta["tactile_features"]` has the number of taxels of each. In a name,
+            :obj:`*` stands for any text: :obj:`"observation.tactile.*"` are all such features in
+            the order of :obj:`info.json`. Defaults to that of :obj:`meta/tactile.json`, or
+            :obj:`observation.tactile`.
         state (str): The feature of the joint angles in radians. It may be missing. If it is also
             the feature of the readings, these are the columns that :obj:`meta/tactile.json`
             declares, or those with the names of taxels at its end.
@@ -89,8 +94,9 @@ def read_lerobot(
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If a file cannot be read.
         ValueError: If the version is not 3, the features are missing or not numbers, their size
-            does not agree with the number of channels, consecutive times are not a step apart, or
-            the files do not agree with each other. The message names the folder or file.
+            does not agree with the number of channels, several features have different numbers of
+            channels, consecutive times are not a step apart, or the files do not agree with each
+            other. The message names the folder or file.
 
     Examples:
         >>> import tempfile
@@ -112,37 +118,30 @@ def read_lerobot(
     features = info["features"]
     if num_channels is not None and num_channels < 1:
         raise ValueError(f"'num_channels' must be at least 1 (got {num_channels})")
-    tactile = content.feature if tactile is None else tactile
-    touch = _touch_in_state(root, features, state, content) if tactile == state else None
+    names = _tactile_features(
+        root, features, content.feature if tactile is None else tactile, state, every_frame
+    )
+    touch = _touch_in_state(root, features, state, content) if names == [state] else None
     if touch is None:
-        columns = _separate_columns(root, features, tactile, state, content, num_channels)
+        columns = _separate_columns(root, features, names, state, content, num_channels)
     else:
         columns = _joined_columns(root, features, state, touch, content, num_channels)
-        tactile = TACTILE
-    extra = _extra_columns(root, features, content.extra, {tactile, state})
+        names = [TACTILE]
+    extra = _extra_columns(root, features, content.extra, {*names, state})
     columns |= extra
     if every_frame:
-        times_name = f"{tactile}_frames_time"
-        (rows,) = _feature_sizes(root, features, times_name, 1)
-        frame_columns = {times_name: _Column((rows,), (rows,))}
-        for name, column in columns.items():
-            if name == tactile or f"{name}_frames" in features:
-                size = rows * math.prod(column.shape)
-                frame_columns[f"{name}_frames"] = _Column(
-                    (size,), (rows, *column.shape), column.dtype
-                )
-        columns = frame_columns
+        columns = _frame_columns(root, features, names[0], columns)
     action_column, action_names = _action_column(root, features, action)
     if action_column is not None:
         need(
-            action not in {tactile, state, *columns},
+            action not in {*names, state, *columns},
             "'action' must be another feature than readings, state and further signals",
             action,
         )
         columns[action] = action_column
     dataset = _Dataset(
         columns,
-        tactile,
+        names,
         state,
         extra,
         info["fps"],
@@ -152,7 +151,7 @@ def read_lerobot(
         action_names=action_names,
     )
     episodes = [episode for path in paths for episode in dataset.recordings(path, allow_large)]
-    return sort_episodes(root, info, episodes)
+    return [*sort_episodes(root, info, episodes).values()]
 
 
 @dataclass
@@ -165,6 +164,11 @@ class _Column:
     source: str | None = None  # the feature, if it holds other values too
     part: slice | None = None  # the values in it
     is_outside: bool = False  # whether the values are those outside of this part
+
+    @property
+    def num_channels(self) -> int:
+        # Of a taxel. A list of taxels has one channel.
+        return self.shape[1] if len(self.shape) > 1 else 1
 
     def values(self, path: Path, rows: Any, name: str) -> np.ndarray:
         dtype = "float32" if self.dtype == "float32" else "float64"
@@ -182,7 +186,7 @@ class _Column:
 class _Dataset:
     # The columns to read, and the descriptions from the other files.
     columns: dict[str, _Column]
-    tactile: str
+    tactile: list[str]
     state: str
     extra: dict[str, _Column]
     fps: float
@@ -204,8 +208,10 @@ class _Dataset:
         values = {name: column.values(path, rows, name) for name, column in self.columns.items()}
         meta = {**episode["meta"], "rate": self.fps}
         action = values.pop(self.action, None)
-        if self.tactile not in values:  # all frames since the previous step, with their times
-            frame_times = values[f"{self.tactile}_frames_time"]
+        if len(self.tactile) > 1:
+            meta["tactile_features"] = {n: self.columns[n].shape[0] for n in self.tactile}
+        if self.tactile[0] not in values:  # all frames since the previous step, with their times
+            frame_times = values[f"{self.tactile[0]}_frames_time"]
             is_stored = has_frame(frame_times, self.fps)
             steps, time = time, (time[:, None] + frame_times)[is_stored]
             values = {
@@ -217,11 +223,11 @@ class _Dataset:
                 action = np.where(last[:, None] < 0, np.float32(np.nan), action[last])
         if self.action_names is not None:
             meta.setdefault("action_names", self.action_names)
-        tactile = values[self.tactile]
+        tactile = [values[name] for name in self.tactile]
         try:
             return Recording(
                 time=time,
-                tactile=tactile if tactile.ndim == 3 else tactile[:, :, None],
+                tactile=np.concatenate([v if v.ndim == 3 else v[:, :, None] for v in tactile], 1),
                 joint=values.get(self.state),
                 label=episode.get("label"),
                 meta=meta,
@@ -240,6 +246,38 @@ class _Dataset:
         number = int(integer_column(path, rows, "task_index")[0])
         need(number in self.tasks, f"'{path}' must hold tasks of 'meta/tasks.parquet'", number)
         return self.tasks[number]
+
+
+def _tactile_features(
+    root: Path,
+    features: dict[str, Any],
+    tactile: str | Sequence[str],
+    state: str,
+    every_frame: bool,
+) -> list[str]:
+    # The names of the features of the readings, without wildcards.
+    patterns = [tactile] if isinstance(tactile, str) else [*tactile]
+    need_argument(patterns, "tactile", "must name at least one feature", "none")
+    names: list[str] = []
+    for pattern in patterns:
+        if pattern in features or "*" not in pattern:
+            names.append(pattern)
+            continue
+        # With `every_frame`, the frames of a feature and their times are stored beside it.
+        stored_frames = {f"{name}{end}" for name in features for end in ("_frames", "_frames_time")}
+        matches = [n for n in features if fnmatchcase(n, pattern) and n not in stored_frames]
+        if not matches:
+            raise _missing_feature(root, features, pattern)
+        names += matches
+    repeated = next((name for name in names if names.count(name) > 1), None)
+    need_argument(repeated is None, "tactile", "must name each feature once", repeated)
+    if len(names) > 1:
+        message = "must be other features than the joint angles"
+        need_argument(state not in names, "tactile", message, state)
+        need_argument(
+            not every_frame, "tactile", "must be one feature with every_frame", len(names)
+        )
+    return names
 
 
 def _taxel_shape(
@@ -285,20 +323,45 @@ def _taxel_shape(
 def _separate_columns(
     root: Path,
     features: dict[str, Any],
-    tactile: str,
+    tactile: Sequence[str],
     state: str,
     content: TactileContent,
     num_channels: int | None,
 ) -> dict[str, _Column]:
-    stated_shape = content.shape if tactile == content.feature else None
-    shape = _taxel_shape(root, features, tactile, stated_shape, num_channels)
-    sizes = _feature_sizes(root, features, tactile, 2)
-    is_swapped = len(sizes) == 2 and _axis_order(root, features, tactile) == _CHANNELS_FIRST
-    columns = {tactile: _Column(sizes, shape, is_swapped=is_swapped)}
+    columns = {}
+    for name in tactile:
+        stated_shape = content.shape if name == content.feature else None
+        shape = _taxel_shape(root, features, name, stated_shape, num_channels)
+        sizes = _feature_sizes(root, features, name, 2)
+        is_swapped = len(sizes) == 2 and _axis_order(root, features, name) == _CHANNELS_FIRST
+        columns[name] = _Column(sizes, shape, is_swapped=is_swapped)
+    first, first_channels = tactile[0], columns[tactile[0]].num_channels
+    for name, column in columns.items():
+        if column.num_channels != first_channels:
+            raise ArgumentError(
+                f"'{first}' and '{name}' of '{root}' must have the same number of channels to be "
+                f"one recording (got {first_channels} and {column.num_channels}): name one of them "
+                "in ",
+                *(Argument("tactile"), ", or give ", Argument("num_channels"), " if it is wrong"),
+            )
     if state in features:
         sizes = _feature_sizes(root, features, state, 1)
         columns[state] = _Column(sizes, sizes)
     return columns
+
+
+def _frame_columns(
+    root: Path, features: dict[str, Any], tactile: str, columns: dict[str, _Column]
+) -> dict[str, _Column]:
+    # The columns of all frames since the previous step, and of their times.
+    times_name = f"{tactile}_frames_time"
+    (rows,) = _feature_sizes(root, features, times_name, 1)
+    frame_columns = {times_name: _Column((rows,), (rows,))}
+    for name, column in columns.items():
+        if name == tactile or f"{name}_frames" in features:
+            size = rows * math.prod(column.shape)
+            frame_columns[f"{name}_frames"] = _Column((size,), (rows, *column.shape), column.dtype)
+    return frame_columns
 
 
 def _joined_columns(
@@ -432,8 +495,7 @@ def _feature_sizes(
 ) -> tuple[int, ...]:
     feature = features.get(name)
     if not isinstance(feature, dict):
-        names = short_list([*features], 20, printable, ending="")
-        raise ValueError(f"'{root}' must have the feature '{name}' (got {names})")
+        raise _missing_feature(root, features, name)
     shape = feature.get("shape")
     is_shape = isinstance(shape, list) and all(type(n) is int and 0 < n < 2**31 for n in shape)
     if not is_shape or not 1 <= len(shape or ()) <= max_dims:
@@ -441,3 +503,11 @@ def _feature_sizes(
         raise ValueError(f"'{name}' of '{root}' must have {expected} (got {printable(shape)[:40]})")
     assert isinstance(shape, list)
     return tuple(shape)
+
+
+def _missing_feature(root: Path, features: dict[str, Any], name: str) -> ValueError:
+    names = short_list([*features], 20, printable, ending="")
+    message = f"'{root}' must have the feature '{name}' (got {names})"
+    if not any(feature.startswith(f"{name}.") for feature in features):
+        return ValueError(message)
+    return ArgumentError(f"{message}: for all of '{name}.*', give this as ", Argument("tactile"))

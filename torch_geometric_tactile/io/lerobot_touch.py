@@ -138,13 +138,15 @@ def add_to_lerobot(
     ]
     check_new_folder(root)
     episodes = _read_episodes(source, info)
+    touch = dict(zip(episodes, shifted, strict=True))
     rows = 0
-    for number, (recording, episode) in enumerate(zip(shifted, episodes, strict=True)):
-        _check_coverage(number, recording, episode.steps, info["fps"])
+    for i, (number, recording) in enumerate(touch.items()):
+        episode = episodes[number]
+        _check_coverage(i, recording, number, episode.steps, info["fps"])
         if every_frame:
             step_frames = frames_since(recording.time, episode.steps, info["fps"])
             rows = max(rows, 1, *map(len, step_frames))
-        check_gaps(number, recording.time, episode.steps, info["fps"], False, gaps, max_gap, fill)
+        check_gaps(i, recording.time, episode.steps, info["fps"], False, gaps, max_gap, fill)
     extra = extra_signals(recordings)
     warn_of_unsupported_signals(root, recordings, extra)
     state_names = _state_names(source, info, allow_large) if key == STATE else []
@@ -166,7 +168,7 @@ def add_to_lerobot(
             table = read_parquet(path, allow_large)
             parts = []
             for number, episode_rows in split_episodes(path, table):
-                columns = values_at_steps(shifted[number], episodes[number].steps, info["fps"])
+                columns = values_at_steps(touch[number], episodes[number].steps, info["fps"])
                 if key == STATE:
                     state = row_values(path, episode_rows, STATE, (len(state_names),))
                     columns[STATE] = np.concatenate([state, columns[STATE]], axis=1)
@@ -174,9 +176,10 @@ def add_to_lerobot(
                 stats[number] = {name: feature_stats(columns[name]) for name in features}
             write_parquet(_with_columns(table, features, parts), path)
         _add_stats(copy, stats)
-        lengths, tasks = [len(e.steps) for e in episodes], [e.task for e in episodes]
+        lengths = [len(episode.steps) for episode in episodes.values()]
+        tasks = [episode.task for episode in episodes.values()]
         content = tactile_content(
-            recordings,
+            dict(zip(episodes, recordings, strict=True)),
             start_times,
             lengths,
             tasks,
@@ -196,7 +199,7 @@ class _Episode:
     task: str
 
 
-def _read_episodes(source: Path, info: dict[str, Any]) -> list[_Episode]:
+def _read_episodes(source: Path, info: dict[str, Any]) -> dict[int, _Episode]:
     tasks = read_tasks(source)
     episodes: list[tuple[int, _Episode]] = []
     columns = ("timestamp", "frame_index", "episode_index", "task_index")
@@ -250,28 +253,33 @@ def _set_column(table: Any, name: str, values: Any) -> Any:
     return table.set_column(index, name, values)
 
 
-def _check_coverage(number: int, recording: Recording, steps: np.ndarray, fps: float) -> None:
+def _check_coverage(
+    i: int, recording: Recording, number: int, steps: np.ndarray, fps: float
+) -> None:
     tolerance = 1.001 / fps  # one step, with rounding of the times
     start, end = recording.time[0], recording.time[-1]
     if start > steps[0] + tolerance or end < steps[-1] - tolerance:
         raise ValueError(
-            f"recording {number} must reach from {steps[0]:.4g} to {steps[-1]:.4g} s after its "
+            f"recording {i} must reach from {steps[0]:.4g} to {steps[-1]:.4g} s after its "
             f"start, as episode {number} does (got {start:.4g} to {end:.4g} s)"
         )
 
 
 def _add_stats(root: Path, stats: dict[int, dict[str, Stats]]) -> None:
     pa = require_pyarrow()
+    features = next(iter(stats.values()))  # the same for all episodes
     for path in sorted(root.glob("meta/episodes/*/*.parquet")):
         table = read_parquet(path)
         numbers = integer_column(path, table, "episode_index").tolist()
+        unknown = next((number for number in numbers if number not in stats), None)
+        need(unknown is None, f"'{path}' must hold episodes of the data", unknown)
         # Statistics of the state without its readings are of another length.
         stale = {
-            n for n in table.column_names for name in stats[0] if n.startswith(f"stats/{name}/")
+            n for n in table.column_names for name in features if n.startswith(f"stats/{name}/")
         }
-        stale -= {f"stats/{name}/{key}" for name, part in stats[0].items() for key in part}
+        stale -= {f"stats/{name}/{key}" for name, part in features.items() for key in part}
         table = table.drop_columns([*stale])
-        for name, part in stats[0].items():
+        for name, part in features.items():
             for key in part:
                 values = [stats[number][name][key].tolist() for number in numbers]
                 table = _set_column(table, f"stats/{name}/{key}", pa.array(values))

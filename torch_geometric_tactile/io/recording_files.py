@@ -10,6 +10,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_format import CSV_OPTIONS, CsvFormat
 from torch_geometric_tactile.io._csv_table import csv_rows
+from torch_geometric_tactile.io._folder_recordings import is_probe_run
 from torch_geometric_tactile.io._mcap_records import MAGIC
 from torch_geometric_tactile.io._named_csv import read_named_csv
 from torch_geometric_tactile.io._recording_npz import read_npz, write_npz
@@ -46,7 +47,6 @@ _WRITERS = {suffix: format_.write for format_ in _FORMATS.values() for suffix in
 _SUFFIXES = {s: name for name, f in _FORMATS.items() for s in (*f.suffixes, *f.read_only_suffixes)}
 _SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz", MAGIC: "MCAP"}
 _NO_OPTIONS = CsvFormat()
-_PROBE_FILES = ("sensor.csv", "states.csv")  # of a run of eFlesh's probe
 _JSON_START = re.compile(rb"(\xef\xbb\xbf)*\s*[\[{]")
 
 
@@ -78,7 +78,7 @@ def recording_format(path: PathLike, csv_format: CsvFormat = _NO_OPTIONS) -> str
         ...     recording_format(path)
         'named CSV'
     """
-    if all((Path(path) / name).is_file() for name in _PROBE_FILES):
+    if is_probe_run(Path(path)):
         return "eFlesh probe"
     path = recording_path(path)
     suffix = path.suffix.lower()

@@ -10,9 +10,10 @@ from torch_geometric_tactile._texts import printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data._annotations import GAP
+from torch_geometric_tactile.data._taxel_faults import find_taxel_faults
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.io import read_recording
-from torch_geometric_tactile.io.recording_files import recording_format
+from torch_geometric_tactile.io.recording_files import select_format
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.recording import plot_recording
 
@@ -20,6 +21,13 @@ from torch_geometric_tactile.visualization.recording import plot_recording
 _MAX_INDICES = 12
 _MAX_LINES = 20
 _MAX_LETTERS = 100
+#: The name of each fault in a description.
+FAULT_NAMES = {
+    "dead": "dead taxels",
+    "constant": "constant",
+    "saturated": "saturated",
+    "equal": "equal",
+}
 
 
 def describe_recording(recording: Recording) -> str:
@@ -32,8 +40,11 @@ def describe_recording(recording: Recording) -> str:
         taxels       4 of 3 channels
         readings     0 to 0 (unit unknown)
         joints       none
-        dead taxels  none
         missing      none
+        dead taxels  none
+        constant     none
+        saturated    none
+        equal        none
         label        cup
         metadata     none
         privileged   none
@@ -42,9 +53,9 @@ def describe_recording(recording: Recording) -> str:
     frames = str(recording.num_frames)
     if recording.num_frames > 1:
         frames += f" in {recording.duration:.6g} s, {recording.rate:.6g} per second"
-    unit = UNITS.get(str(recording.meta.get("unit")), "(unit unknown)")
+    unit = unit_text(recording.meta.get("unit"))
     events = _event_lines(recording)
-    missing, dead = recording.missing, recording.dead_taxels
+    missing, faults = recording.missing, find_taxel_faults(recording.tactile)
     missing_text = "none"
     if missing.any():
         missing_text = (
@@ -55,11 +66,11 @@ def describe_recording(recording: Recording) -> str:
         ("frames", [frames]),
         ("gaps", [_gap_line(recording)]),
         ("taxels", [f"{recording.num_taxels} of {recording.num_channels} channels"]),
-        ("readings", [_format_range(recording.tactile, unit)]),
+        ("readings", [format_range(recording.tactile, unit)]),
         ("joints", _joint_lines(recording)),
         *([("actions", _action_lines(recording))] if recording.action is not None else []),
-        ("dead taxels", [_format_indices(dead)]),
         ("missing", [missing_text]),
+        *((name, [_format_faults(getattr(faults, key))]) for key, name in FAULT_NAMES.items()),
         ("label", ["none" if recording.label is None else str(recording.label)]),
         *([("annotations", _annotation_lines(recording))] if recording.annotations else []),
         *([("events", events)] if events else []),
@@ -77,18 +88,40 @@ def describe_recording(recording: Recording) -> str:
         ),
         ("extra", [f"{name} {value.shape}" for name, value in recording.extra.items()]),
     ]
+    return format_rows(rows)
+
+
+def format_rows(rows: Sequence[tuple[str, Sequence[str]]]) -> str:
+    r"""Returns the lines of rows after their names.
+
+    Examples:
+        >>> print(format_rows([("label", ["cup"]), ("extra", [])]))
+        label        cup
+        extra        none
+    """
+    width = max(13, *(len(printable(name)) + 2 for name, _ in rows))
     return "\n".join(
-        f"{name if i == 0 else '':<13}{printable(line)}"
+        f"{printable(name) if i == 0 else '':<{width}}{printable(line)}"
         for name, lines in rows
         for i, line in enumerate(lines or ["none"])
     )
+
+
+def unit_text(unit: object) -> str:
+    r"""Returns the unit of readings in words.
+
+    Examples:
+        >>> unit_text("count"), unit_text(None)
+        ('counts', '(unit unknown)')
+    """
+    return UNITS.get(str(unit), "(unit unknown)")
 
 
 def describe_file(path: PathLike, **options: Any) -> tuple[Recording, str]:
     r"""Reads a recording from a file, and returns it with its facts as lines of text."""
     recording = read_recording(path, **options)
     return recording, (
-        f"{'file':<13}{printable(path)}\n{'format':<13}{recording_format(path)}\n"
+        f"{'file':<13}{printable(path)}\n{'format':<13}{select_format(path, options)}\n"
         f"{describe_recording(recording)}"
     )
 
@@ -98,7 +131,13 @@ def draw_recording(recording: Recording, path: PathLike) -> None:
     save_figure(plot_recording(recording), path)
 
 
-def _format_range(values: np.ndarray, unit: str = "") -> str:
+def format_range(values: np.ndarray, unit: str = "") -> str:
+    r"""Returns the range of numbers, without missing ones, with their unit.
+
+    Examples:
+        >>> format_range(np.array([0.5, np.nan, 2.0]), "newtons")
+        '0.5 to 2 newtons'
+    """
     present = values[~np.isnan(values)]
     if present.size == 0:
         return "none"
@@ -115,9 +154,9 @@ def _joint_lines(recording: Recording) -> list[str]:
     names = recording.meta.get("joint_names")
     if not isinstance(names, list) or len(names) != recording.num_joints:
         names = list(range(recording.num_joints))
-    lines = [f"{recording.num_joints}, {_format_range(recording.joint, 'rad')}"]
+    lines = [f"{recording.num_joints}, {format_range(recording.joint, 'rad')}"]
     return lines + [
-        f"{name}: {_format_range(recording.joint[:, i], 'rad')}" for i, name in enumerate(names)
+        f"{name}: {format_range(recording.joint[:, i], 'rad')}" for i, name in enumerate(names)
     ]
 
 
@@ -128,18 +167,25 @@ def _action_lines(recording: Recording) -> list[str]:
         names = list(range(recording.num_actions))
     return [
         str(recording.num_actions),
-        *(f"{name}: {_format_range(recording.action[:, i])}" for i, name in enumerate(names)),
+        *(f"{name}: {format_range(recording.action[:, i])}" for i, name in enumerate(names)),
     ]
 
 
-def _gap_line(recording: Recording) -> str:
-    # Gaps between frames, and gaps at the end, which only the annotations of a recorder show.
+def gap_spans(recording: Recording) -> list[tuple[float, float]]:
+    r"""Returns the start and the end in seconds of each gap between frames, and of gaps at the end,
+    which only the annotations of a recorder show.
+    """
     spans = [(float(start), float(end)) for start, end in recording.gaps]
     spans += [
         (start, end)
         for start, end, label in recording.annotations
         if label == GAP and not any(start < b and a < end for a, b in spans)
     ]
+    return spans
+
+
+def _gap_line(recording: Recording) -> str:
+    spans = gap_spans(recording)
     seconds = sum(end - start for start, end in spans)
     return f"{len(spans)}, {seconds:.2f} s without frames" if spans else "none"
 
@@ -175,9 +221,21 @@ def _limit_lines(lines: list[str]) -> list[str]:
     return lines[:_MAX_LINES] + ([f"and {num_hidden} more"] if num_hidden > 0 else [])
 
 
-def _format_indices(indices: np.ndarray) -> str:
-    count = f"{len(indices)}: " if len(indices) else ""
-    return count + short_list(indices.tolist(), _MAX_INDICES)
+def format_fault(taxels: int | Sequence[int]) -> str:
+    r"""Returns a taxel, or taxels with equal readings, as text.
+
+    Examples:
+        >>> format_fault(3), format_fault((3, 7))
+        ('3', '3 = 7')
+    """
+    if isinstance(taxels, int):
+        return str(taxels)
+    return short_list(taxels, _MAX_INDICES, ending=" and {} more", separator=" = ")
+
+
+def _format_faults(faults: Sequence[int | Sequence[int]]) -> str:
+    count = f"{len(faults)}: " if faults else ""
+    return count + short_list(faults, _MAX_INDICES, format_fault)
 
 
 def _shorten(value: object) -> str:
