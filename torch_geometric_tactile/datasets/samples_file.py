@@ -230,7 +230,10 @@ def _target(
         y = y.reshape(len(y))
     is_float = y.dtype.kind == "f"
     if is_float and not np.isfinite(y).all():
-        raise ValueError("'y' must be finite (got NaN or infinity): leave such samples out")
+        sample = int(np.argwhere(~np.isfinite(y))[0][0])
+        raise ValueError(
+            f"'y' must be finite (got NaN or infinity in sample {sample}): leave such samples out"
+        )
     if task == "auto":
         task = "regression" if is_float else "multiclass"
         if is_float and y.ndim == 1 and _are_class_codes(y):
@@ -274,7 +277,11 @@ def _names_and_codes(key: str, values: np.ndarray) -> tuple[list[str], Tensor]:
     values = values.reshape(len(values)) if values.size == len(values) else values
     need(values.ndim == 1, f"'{key}' must have one value per sample (got shape {values.shape})")
     if values.dtype.kind == "f" and np.isnan(values).any():
-        raise ValueError(f"'{key}' must be known for every sample (got NaN)")
+        sample = int(np.isnan(values).argmax())
+        raise ValueError(
+            f"'{key}' must be known for every sample (got NaN in sample {sample}): fill it in, or "
+            "leave out such samples"
+        )
     unique, first, inverse = np.unique(values, return_index=True, return_inverse=True)
     order = np.argsort(first)  # The first spelling of a class is its name.
     names, codes = number_labels(unique[order].tolist())
