@@ -461,8 +461,8 @@ def test_score_for_a_new_person(tmp_path, capsys):
     assert main([*command, "{object}_{trial}", "--by", "person"]) == 1
     assert (
         "'--by' must be a unit that all samples have: 'trial', 'group', 'object' (got 'person'): "
-        "name it in the '--pattern' of the file names, such as '{person}_{object}_{trial}', or add a "
-        "column 'person' to labels.csv"
+        "name it in the '--pattern' of the file names, such as '{person}_{object}_{trial}', or add "
+        "a column 'person' to labels.csv"
     ) in capsys.readouterr().err
     assert main([*command, "{person", "--init", "pattern=x"]) == 1
     assert "'--pattern' and '--init pattern=' must not both" in capsys.readouterr().err

@@ -21,6 +21,7 @@ from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.nn import TactileFNN
 from torch_geometric_tactile.predictor._preparation import Preparation
+from torch_geometric_tactile.reports import _predictions
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, Tare
 
@@ -351,9 +352,32 @@ def test_no_picture_is_drawn_where_none_is_asked_for_or_matplotlib_is_missing(
     assert not list(folder.glob("*.png"))
 
 
-def test_no_picture_is_left_if_a_later_recording_is_refused(folder, capsys):
-    assert main(["predict", "a.predictor", "trial_0.npz", "nothing.npz"]) == 1
+def test_recordings_that_cannot_be_predicted_are_listed_and_lose_no_others(folder, capsys):
+    recording = Recording(time=np.arange(2.0), tactile=np.zeros((2, 3, 3)))
+    write_recording(recording, "three.npz")
+    files = ["three.npz", "trial_0.npz", "nothing.npz", "trial_1.npz"]
+    assert main(["predict", "a.predictor", *files, "--no-picture"]) == 1
+    out, err = capsys.readouterr()
+    assert out.startswith("predictions.csv: 10 frames: ")
+    summary, *problems = err.splitlines()
+    assert summary == "tactile: error: 2 of 4 recordings have no predictions"
+    assert re.match("tactile: error: 'three.npz': a recording on layout .* 4 taxels", problems[0])
+    assert problems[1].startswith("tactile: error: ")
+    assert "nothing.npz" in problems[1]
+    assert len(problems) == 2
+    table = rows("predictions.csv")
+    assert main(["predict", "a.predictor", "trial_0.npz", "trial_1.npz", "--no-picture"]) == 0
+    assert rows("predictions.csv") == table
+
+
+def test_no_table_is_left_if_no_recording_has_predictions(folder, capsys):
+    assert main(["predict", "a.predictor", "none.npz", "nothing.npz"]) == 1
     assert not list(folder.glob("predictions*"))
+    assert "error: 2 of 2 recordings have no predictions\n" in capsys.readouterr().err
+    error = _predictions.UnpredictedRecordingsError
+    with pytest.raises(error, match=r"1 of 2 recordings .*predictions: .*none\.npz") as failure:
+        _predictions.write_recordings(predictor(), ["none.npz", "trial_0.npz"], "b.csv")
+    assert failure.value.count.total() == len(rows("b.csv")) == 5
 
 
 def test_network_of_pyg_needs_a_configuration_with_its_class_alone(tmp_path, monkeypatch, capsys):
