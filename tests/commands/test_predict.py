@@ -335,6 +335,27 @@ def test_a_name_of_a_file_tells_the_true_class(tmp_path, monkeypatch):
     assert others == [None, None]
 
 
+def test_form_of_the_names_of_the_training_files_tells_the_true_class(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    from torch_geometric_tactile.reports import _prediction_pictures as pictures
+
+    monkeypatch.chdir(tmp_path)
+    for name in ("p1_soft_1", "p1_hard_1"):
+        write_recording(Recording(time=np.arange(5.0), tactile=X.numpy()), f"{name}.npz")
+    dataset = RecordingFrames(".", layout=LAYOUT, pattern="{person}_{object}_{trial}")
+    model = TactileFNN(4, 2, widths=(5,), pools=(1,))
+    Predictor.from_dataset(model, dataset).save("b.predictor")
+    loaded = Predictor.load("b.predictor")
+    kept = pictures.PredictionPictures("a.csv")
+    for name in ("p2_soft_7.npz", "p2_mug_7.npz"):
+        kept.add(
+            loaded, name, Recording(time=np.arange(5.0), tactile=X.numpy()), loaded(X), range(5)
+        )
+    first, second = (trial.truth for _, trial in kept._trials)
+    assert (first.value.tolist(), first.source) == (["soft"] * 5, "file name")
+    assert second is None
+
+
 def test_no_picture_is_drawn_where_none_is_asked_for_or_matplotlib_is_missing(
     folder, capsys, monkeypatch
 ):

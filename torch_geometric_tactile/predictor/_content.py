@@ -16,6 +16,7 @@ from torch_geometric_tactile._removed import ENCODER_KEY, LAST_READER
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import ContactRule, FrameInfo, StaticData, StaticDataset
 from torch_geometric_tactile.data._torch_file import read_torch_file
+from torch_geometric_tactile.predictor._file_names import FileNameForm
 from torch_geometric_tactile.predictor._network import TASKS, Network
 from torch_geometric_tactile.predictor._plain_data import Builder, Describer, load_weights
 from torch_geometric_tactile.predictor._preparation import Preparation
@@ -61,6 +62,8 @@ def describe_predictor(
         "model": describer.model(network.model),
     }
     header["read_options"] = preparation.read_options
+    file_names = preparation.file_names
+    header["file_names"] = None if file_names is None else file_names.to_dict()
     header["frames"] = preparation.info.to_dict()
     header["contact"] = None if preparation.contact is None else preparation.contact.to_dict()
     header["window"] = None if preparation.window is None else preparation.window.to_dict()
@@ -197,6 +200,7 @@ def build_predictor(
     ]
     window = header.get("window")  # missing in older formats
     contact = header.get("contact")  # missing in older formats
+    file_names = header.get("file_names")  # missing in older files
     num_channels, num_joints = header["num_channels"], header["num_joints"]
     for key, minimum in (("num_channels", 1), ("num_joints", 0)):
         number = header[key]
@@ -217,6 +221,7 @@ def build_predictor(
         read_options=header.get("read_options"),  # missing in older formats
         info=_frame_info(header),
         contact=None if contact is None else ContactRule.from_dict(contact),
+        file_names=None if file_names is None else FileNameForm.from_dict(file_names),
     )
     for part in preparation.fitted:
         center = part.center if part.attr == "joint" and num_joints else None
