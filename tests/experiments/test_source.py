@@ -211,7 +211,7 @@ def test_fingerprint_is_that_of_tables_and_folders_too(tmp_path):
     }
     source = DataSource("torch_geometric_tactile.datasets.RecordingFrames", arguments)
     codes = [source.resolve()[0].fingerprint]
-    (tmp_path / "a").rename(tmp_path / "c")
+    (tmp_path / "a").rename(tmp_path / "aa")  # the order of the files stays
     codes.append(source.resolve()[0].fingerprint)
     for day in (1, 2):
         (tmp_path / "labels.csv").write_text(f"recording,day\nb/cup_0,{day}\n")

@@ -1,8 +1,18 @@
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+import torch
 
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.predictor._file_names import FileNameForm
+from torch_geometric_tactile.predictor._preparation import (
+    Preparation,
+    add_shared_attributes,
+    add_tare,
+)
+from torch_geometric_tactile.sensors import grid
 
 
 @pytest.mark.parametrize(
@@ -53,3 +63,14 @@ def test_worst_form_ends_soon():
     form = FileNameForm("{a}{b}{c}{d}{y}", "y")
     assert form.find_class("a" * 119 + "!", ["x"]) is None
     assert form.find_class("a" * 9999 + "!", ["!"]) is None  # would take years
+
+
+def test_copies_of_a_preparation_keep_the_form():
+    recordings = [Recording(time=np.arange(3.0), tactile=np.zeros((3, 2, 1)), label="slip")]
+    options = {"pattern": "{label}_{trial}", "target": "label"}
+    dataset = RecordingFrames(layout=grid(1, 2, 0.01), recordings=recordings, **options)
+    preparation = Preparation.from_dataset(dataset)
+    form = FileNameForm("{label}_{trial}", "label")
+    assert preparation.file_names == form
+    assert add_tare(preparation).file_names == form
+    assert add_shared_attributes(preparation, tangent=torch.ones(2, 2, 3)).file_names == form

@@ -13,6 +13,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import FrameInfo, Protocol, Recording, StaticData
+from torch_geometric_tactile.data._sample_units import TRIAL_PREFIX
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.datasets._frame_labels import ObjectLabels, frame_labels
 from torch_geometric_tactile.datasets._frame_reader import FrameReader
@@ -218,8 +219,7 @@ class RecordingFrames(TrialFrames):
             self._clone_shared()
             self._data.y = self._labels.target(self._data, self._names, target, str(self.root))
         _warn_of_one_object(self)
-        if "trial.object" not in self._names:
-            self.group_kind = "group"  # that of the metadata
+        self.group_kind = "object" if f"{TRIAL_PREFIX}object" in self._names else "group"
         self._tare()
         self._select()
 
