@@ -93,6 +93,15 @@ def test_unknown_unit_lists_those_that_there_are():
         Protocol("person").split(data)
 
 
+@pytest.mark.parametrize("key", ["x", "time", "y"])
+def test_attributes_that_are_no_units(key):
+    match = rf"'by' must be a unit that all samples have: 'trial', 'person' \(got '{key}'\)"
+    with pytest.raises(ValueError, match=match):
+        Protocol(key, folds=2).split(frames("a", "b", "b"))
+    with pytest.raises(ValueError, match=rf"'split' must be a unit .*got '{key}'"):
+        TactileDataModule(frames("a", "b", "b"), split=key)
+
+
 def test_attribute_comes_before_metadata():
     dataset = frames("a", "b", "b")
     assert "size" not in list_units(dataset)

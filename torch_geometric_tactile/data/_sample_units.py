@@ -74,6 +74,27 @@ def unit_column(dataset: AnySamples, key: str) -> Tensor | None:
     return numbers if has_all else None
 
 
+def require_units(dataset: AnySamples, key: str, argument: str = "by") -> Tensor:
+    r"""Returns the unit of each sample.
+
+    Args:
+        dataset (Dataset or StaticData): The samples.
+        key (str): Name of the units.
+        argument (str): The argument that has this name, for the message.
+
+    Shapes:
+        - **output:** :math:`(S,)`
+
+    Raises:
+        ArgumentError: If the samples do not have an integer or name for each sample. The message
+            lists the units that they have.
+    """
+    column = unit_column(dataset, key)
+    if column is None or key in _NO_UNITS or not _are_units(column):
+        raise missing_unit(dataset, key, argument)
+    return column
+
+
 def unit_names(dataset: AnySamples, key: str) -> list[str]:
     r"""Returns the names of the numbers of :func:`unit_column`; none if they have no names."""
     samples = as_samples(dataset)
@@ -109,8 +130,12 @@ def list_units(dataset: AnySamples) -> list[str]:
 
 def _has_units(samples: AnySamples, key: str) -> bool:
     column = unit_column(samples, key)
-    is_number = column is not None and column.dim() == 1 and not column.is_floating_point()
-    return column is not None and is_number and len(column.unique()) > 1
+    return column is not None and _are_units(column) and len(column.unique()) > 1
+
+
+def _are_units(column: Tensor) -> bool:
+    is_whole = not column.is_floating_point() or column.equal(column.round())
+    return column.dim() == 1 and is_whole
 
 
 def missing_unit(dataset: AnySamples, key: str, argument: str = "by") -> ArgumentError:
@@ -135,7 +160,7 @@ def missing_unit(dataset: AnySamples, key: str, argument: str = "by") -> Argumen
             f"correct the names of these files, or add '{key}' in labels.csv",
         )
     advice: tuple[Any, ...] = (f": add an array or attribute '{key}'",)
-    if hasattr(innermost(dataset), "pattern"):
+    if hasattr(innermost(dataset), "pattern") and hasattr(innermost(dataset), "named_units"):
         example = f"'{{{key}}}_{{object}}_{{trial}}'"
         advice = (
             ": name it in the ",

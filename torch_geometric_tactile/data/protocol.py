@@ -19,7 +19,12 @@ from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile.data._frame_view import dataset_part
 from torch_geometric_tactile.data._graph_samples import AnySamples as Samples
 from torch_geometric_tactile.data._graph_samples import GraphSamples, as_samples, sample_column
-from torch_geometric_tactile.data._sample_units import missing_unit, unit_column, unit_names
+from torch_geometric_tactile.data._sample_units import (
+    missing_unit,
+    require_units,
+    unit_column,
+    unit_names,
+)
 from torch_geometric_tactile.data._shared_samples import warn_of_shared
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 from torch_geometric_tactile.data.windows import Windows
@@ -462,7 +467,10 @@ def _split_column(dataset: Samples, key: str, argument: str = "by") -> np.ndarra
     """
     if key == "frame":
         return np.arange(len(dataset))  # type: ignore[arg-type]  # checked by `as_samples`
-    column = unit_column(dataset, key)
+    if argument == "by":
+        column: Tensor | None = require_units(dataset, key)
+    else:
+        column = unit_column(dataset, key)
     if column is None:
         raise missing_unit(dataset, key, argument)
     values: np.ndarray = column.numpy(force=True)

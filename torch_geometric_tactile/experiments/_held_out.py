@@ -13,7 +13,7 @@ from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_
 from torch_geometric_tactile.data import Protocol, Windows
 from torch_geometric_tactile.data._frame_view import FrameView, innermost
 from torch_geometric_tactile.data._graph_samples import SampleSet
-from torch_geometric_tactile.data._sample_units import missing_unit, unit_column
+from torch_geometric_tactile.data._sample_units import require_units, unit_column
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments.source import DataSource
@@ -73,10 +73,7 @@ def _count_units(dataset: SampleSet, by: str) -> int:
     # Returns the number of units that a split keeps together.
     if by == "frame":
         return len(dataset)
-    unit = unit_column(dataset, by)
-    if unit is None:
-        raise missing_unit(dataset, by)
-    return len(unit.unique())
+    return len(require_units(dataset, by).unique())
 
 
 def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protocol:

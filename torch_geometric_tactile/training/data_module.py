@@ -15,7 +15,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
 from torch_geometric_tactile.data._batches import check_same_names
 from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet, as_samples
-from torch_geometric_tactile.data._sample_units import missing_unit, unit_column
+from torch_geometric_tactile.data._sample_units import require_units
 from torch_geometric_tactile.data._shared_samples import warn_of_shared
 from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.loader import StaticLoader
@@ -121,8 +121,8 @@ class TactileDataModule(L.LightningDataModule):
         }
         if split is None:
             raise ValueError("'split' must be a unit, a Protocol or a Split (got None)")
-        if isinstance(split, str) and split not in _SPLITS and unit_column(samples, split) is None:
-            raise missing_unit(samples, split, "split")
+        if isinstance(split, str) and split not in _SPLITS:
+            require_units(samples, split, "split")
         scalers = [type(part).__name__ for part in fitted_parts(train_transform)]
         if scalers:
             raise ValueError(
