@@ -296,7 +296,15 @@ def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
             "'--models' must be some of taxel_net, posed_taxel_net, temporal, gcn",
         ),
         (["--models", ","], "'--models' must be some of"),
-        (["--by", "group"], "'dataset' must have 'group'"),
+        (
+            ["--by", "person"],
+            "'--by' must be a unit that all samples have: 'trial' (got 'person'): add an array or "
+            "attribute 'person'",
+        ),
+        (
+            ["--pattern", "{person}_{trial}"],
+            "'--pattern' must be left out unless DATA is a folder of recordings (got '{person}_",
+        ),
         (["--metric", "mae"], "'--metric' must be 'accuracy' or 'balanced_accuracy' for classes"),
         (["--init", "stride"], "'--init' must be KEY=VALUE, such as root=DIR (got 'stride')"),
         (["--init", "stride=[1"], "'--init stride' must be a plain value"),
@@ -431,3 +439,30 @@ def test_what_cannot_be_saved_is_told_before_the_runs(tmp_path, capsys):
         assert run(tmp_path, "--models", "svm_linear,constant", *options) == 1
         assert text in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_score_for_a_new_person(tmp_path, capsys):
+    draw = np.random.default_rng(0)
+    folder = tmp_path / "glove"
+    folder.mkdir()
+    for person in ("p1", "p2", "p3"):
+        for i, thing in enumerate(("cup", "pen", "cup", "pen")):
+            rows = draw.normal(size=(4, 2)) + 9 * (thing == "cup")
+            lines = ["time,s0,s1", *(f"{t / 10},{a},{b}" for t, (a, b) in enumerate(rows))]
+            (folder / f"{person}_{thing}_{i:03d}.csv").write_text("\n".join(lines) + "\n")
+    command = ["compare", str(folder), "--grid", "1x2", "--models", "svm_linear,constant"]
+    command += ["--folds", "3", "--out", str(tmp_path / "out"), "--pattern"]
+    assert main([*command, "{person}_{object}_{trial}", "--by", "person"]) == 0
+    out = capsys.readouterr().out
+    assert "48 samples, 12 trials; 3 folds by person" in out
+    assert (
+        "On persons that the model has never seen, svm_linear is right in 100.0 % (3 persons" in out
+    )
+    assert main([*command, "{object}_{trial}", "--by", "person"]) == 1
+    assert (
+        "'--by' must be a unit that all samples have: 'trial', 'group', 'object' (got 'person'): "
+        "name it in the '--pattern' of the file names, such as '{person}_{object}_{trial}', or add "
+        "a column 'person' to labels.csv"
+    ) in capsys.readouterr().err
+    assert main([*command, "{person", "--init", "pattern=x"]) == 1
+    assert "'--pattern' and '--init pattern=' must not both" in capsys.readouterr().err

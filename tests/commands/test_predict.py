@@ -21,6 +21,7 @@ from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.nn import TactileFNN
 from torch_geometric_tactile.predictor._preparation import Preparation
+from torch_geometric_tactile.reports import _predictions
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, Tare
 
@@ -334,6 +335,27 @@ def test_a_name_of_a_file_tells_the_true_class(tmp_path, monkeypatch):
     assert others == [None, None]
 
 
+def test_form_of_the_names_of_the_training_files_tells_the_true_class(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    from torch_geometric_tactile.reports import _prediction_pictures as pictures
+
+    monkeypatch.chdir(tmp_path)
+    for name in ("p1_soft_1", "p1_hard_1"):
+        write_recording(Recording(time=np.arange(5.0), tactile=X.numpy()), f"{name}.npz")
+    dataset = RecordingFrames(".", layout=LAYOUT, pattern="{person}_{object}_{trial}")
+    model = TactileFNN(4, 2, widths=(5,), pools=(1,))
+    Predictor.from_dataset(model, dataset).save("b.predictor")
+    loaded = Predictor.load("b.predictor")
+    kept = pictures.PredictionPictures("a.csv")
+    for name in ("p2_soft_7.npz", "p2_mug_7.npz"):
+        kept.add(
+            loaded, name, Recording(time=np.arange(5.0), tactile=X.numpy()), loaded(X), range(5)
+        )
+    first, second = (trial.truth for _, trial in kept._trials)
+    assert (first.value.tolist(), first.source) == (["soft"] * 5, "file name")
+    assert second is None
+
+
 def test_no_picture_is_drawn_where_none_is_asked_for_or_matplotlib_is_missing(
     folder, capsys, monkeypatch
 ):
@@ -351,9 +373,32 @@ def test_no_picture_is_drawn_where_none_is_asked_for_or_matplotlib_is_missing(
     assert not list(folder.glob("*.png"))
 
 
-def test_no_picture_is_left_if_a_later_recording_is_refused(folder, capsys):
-    assert main(["predict", "a.predictor", "trial_0.npz", "nothing.npz"]) == 1
+def test_recordings_that_cannot_be_predicted_are_listed_and_lose_no_others(folder, capsys):
+    recording = Recording(time=np.arange(2.0), tactile=np.zeros((2, 3, 3)))
+    write_recording(recording, "three.npz")
+    files = ["three.npz", "trial_0.npz", "nothing.npz", "trial_1.npz"]
+    assert main(["predict", "a.predictor", *files, "--no-picture"]) == 1
+    out, err = capsys.readouterr()
+    assert out.startswith("predictions.csv: 10 frames: ")
+    summary, *problems = err.splitlines()
+    assert summary == "tactile: error: 2 of 4 recordings have no predictions"
+    assert re.match("tactile: error: 'three.npz': a recording on layout .* 4 taxels", problems[0])
+    assert problems[1].startswith("tactile: error: ")
+    assert "nothing.npz" in problems[1]
+    assert len(problems) == 2
+    table = rows("predictions.csv")
+    assert main(["predict", "a.predictor", "trial_0.npz", "trial_1.npz", "--no-picture"]) == 0
+    assert rows("predictions.csv") == table
+
+
+def test_no_table_is_left_if_no_recording_has_predictions(folder, capsys):
+    assert main(["predict", "a.predictor", "none.npz", "nothing.npz"]) == 1
     assert not list(folder.glob("predictions*"))
+    assert "error: 2 of 2 recordings have no predictions\n" in capsys.readouterr().err
+    error = _predictions.UnpredictedRecordingsError
+    with pytest.raises(error, match=r"1 of 2 recordings .*predictions: .*none\.npz") as failure:
+        _predictions.write_recordings(predictor(), ["none.npz", "trial_0.npz"], "b.csv")
+    assert failure.value.count.total() == len(rows("b.csv")) == 5
 
 
 def test_network_of_pyg_needs_a_configuration_with_its_class_alone(tmp_path, monkeypatch, capsys):

@@ -9,7 +9,7 @@ from torch_geometric.data import Data
 from torch_geometric.loader import DataLoader
 from torch_geometric.transforms import AddLaplacianEigenvectorPE, Distance
 
-from torch_geometric_tactile.data import StaticDataset, splits
+from torch_geometric_tactile.data import Recording, StaticDataset, splits
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, biotac_sp, grid
 from torch_geometric_tactile.transforms import KNNGraph, ZScore
@@ -107,6 +107,56 @@ def test_names_are_numbered():
     assert given.group.tolist() == [0, 2, 0, 1, 2]
     assert given.group_names == ["cup", "can", "box", "jar"]
     assert arrays(y=[0, 1, 1, 0, 1], class_names=["no", "yes"]).class_names == ["no", "yes"]
+
+
+def test_names_of_trials_and_further_attributes_are_numbered():
+    dataset = arrays(trial=["p2_t1", "p1_t1", "p1_t2", "p1_t1", "P1_T2 "], person=list("baaaa"))
+    assert dataset.trial_names == ["p1_t1", "p1_t2", "p2_t1"]
+    assert dataset.trial.tolist() == [2, 0, 1, 0, 1]
+    assert dataset.person.tolist() == [1, 0, 0, 0, 0]
+
+
+def test_names_of_trials_stay_with_their_samples_in_each_session():
+    dataset = arrays(trial=["b", "b", "a", "a", "b"], session=[0, 1, 1, 1, 0])
+    assert [dataset.trial_names[i] for i in dataset.trial] == ["b", "b", "a", "a", "b"]
+    assert len(dataset.trial.unique()) == 3
+
+
+@pytest.mark.parametrize("missing", [None, float("nan"), np.datetime64("NaT")])
+@pytest.mark.parametrize("key", ["y", "group", "trial", "session"])
+def test_missing_label(key, missing):
+    values = np.array(["slip", "hold", missing, "slip", missing], dtype=object)
+    match = rf"'{key}' must have a value .* sample 2, and 2 of 5 are missing\): fill them in"
+    with pytest.raises(ValueError, match=match):
+        arrays(**{key: values})
+    with pytest.raises(ValueError, match=match):
+        arrays(**{key: [1, 0, np.nan, 1, np.nan]})
+
+
+def test_missing_label_in_a_list_is_no_class_nan():
+    with pytest.raises(ValueError, match=r"got nan in sample 1, and 1 of 5 are missing"):
+        arrays(y=["slip", np.nan, "hold", "slip", "hold"])
+
+
+def test_labels_of_pandas():
+    pandas = pytest.importorskip("pandas")
+    names = ["slip", "hold", "slip", "slip", "hold"]
+    for values in (pandas.Categorical(names), pandas.array(names, dtype="string")):
+        assert arrays(y=values).class_names == ["hold", "slip"]
+    assert arrays(y=pandas.array([1, 0, 1, 1, 0], dtype="Int64")).y.tolist() == [1, 0, 1, 1, 0]
+    for dtype, value in (("string", "a"), ("Int64", 1), ("category", "a")):
+        with pytest.raises(ValueError, match="in sample 1, and 1 of 5 are missing"):
+            arrays(y=pandas.Series([value, pandas.NA, value, value, value], dtype=dtype))
+
+
+@pytest.mark.parametrize("dtype", [torch.half, torch.bfloat16, torch.double])
+def test_numbers_become_single_precision(dtype):
+    x = torch.arange(60).view(5, 6, 2).to(dtype)
+    dataset = StaticDataset.from_arrays(x, layout=LAYOUT, joint=torch.ones(5, 3, dtype=dtype))
+    assert {dataset[0][key].dtype for key in ("x", "joint")} == {torch.float}
+    recording = Recording(time=np.arange(5.0), tactile=x, joint=torch.ones(5, 3, dtype=dtype))
+    assert recording.tactile.dtype == recording.joint.dtype == np.float32
+    assert recording.tactile.ravel().tolist() == list(range(60))
 
 
 def test_layout_by_name_and_file(tmp_path):

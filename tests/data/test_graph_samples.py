@@ -134,7 +134,7 @@ def test_what_is_no_sample_is_refused(samples, error, text):
 
 def test_attributes_that_cannot_be_split_by():
     with pytest.raises(
-        ValueError, match=r"must have 'placement' to be split by placement \(got no"
+        ValueError, match=r"'by' must be a unit that all samples have: .* \(got 'placement'"
     ):
         Protocol("placement").split(SAMPLES)
     some = [Data(x=torch.ones(2, 1), trial=0), Data(x=torch.ones(2, 1))]

@@ -74,7 +74,8 @@ def test_from_dict_rejects_unknown_keys():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"by": "object"}, r"'by' must be 'frame', .*, 'size' or 'given' \(got 'object'\)"),
+        ({"by": ""}, r"'by' must be 'frame', 'given' or the name of a unit.* \(got ''\)"),
+        ({"by": None}, r"'by' must be 'frame', 'given' or the name of a unit.* \(got None\)"),
         ({"folds": 1}, r"'folds' must be at least 2 \(got 1\)"),
         ({"folds": 3, "test": 0.2}, r"'test' must be None with folds \(got 0.2\)"),
         ({"leave_one_out": True, "folds": 3}, r"'folds' must be None with 'leave_one_out'"),
@@ -223,7 +224,9 @@ def test_stratify_needs_integers():
     data.score = torch.linspace(0, 1, 26)
     with pytest.raises(ValueError, match="'score' must hold integers to be stratified by"):
         Protocol("trial", stratify="score").split(data)
-    with pytest.raises(ValueError, match="'dataset' must have 'joint' to be stratified by 'joint'"):
+    with pytest.raises(
+        ValueError, match=r"'stratify' must be a unit .*: 'group', 'trial' \(got 'joint'"
+    ):
         Protocol("trial", stratify="joint").split(data)
 
 
@@ -307,5 +310,5 @@ def test_unseen_in_one_group_after_the_other():
     with pytest.raises(ValueError, match=r"at least 2 values of 'session' .*\(got 1\)"):
         protocol.split(data, fold=0)
     del data.session
-    with pytest.raises(ValueError, match="must have 'session'"):
+    with pytest.raises(ValueError, match=r"'unseen' must be a unit .*: 'group' \(got 'session'"):
         protocol.num_folds(data)

@@ -89,7 +89,7 @@ def test_split_rejects(arguments, message):
 
 @pytest.mark.parametrize("by", ["trial", "group"])
 def test_split_without_the_attribute(by):
-    with pytest.raises(ValueError, match=f"'dataset' must have '{by}' to be split by {by}"):
+    with pytest.raises(ValueError, match=rf"'by' must be a unit .* none \(got '{by}'\)"):
         SPLITS[by](StaticData(x=torch.zeros(4, 1, 1)))
 
 

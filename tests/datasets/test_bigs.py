@@ -301,3 +301,12 @@ def test_frames_are_on_disk_while_they_are_read(folder, monkeypatch):
     assert not seen.pop("normal")
     assert len(seen) > 12
     assert all(seen.values()), seen
+
+
+def test_grasps_are_split_by_a_person_in_their_metadata(tmp_path):
+    for i in range(4):
+        recording = grasp(seed=i, object="ball", trial=i, person="ab"[i % 2])
+        write_recording(recording, tmp_path / f"ball_{i}.npz")
+    dataset = BiGS(tmp_path)
+    test = Protocol("person", val=0, test=0.5).split(dataset).test
+    assert set(dataset.trial[test].tolist()) in ({0, 2}, {1, 3})

@@ -210,9 +210,9 @@ def test_batches_have_the_attributes_of_the_samples(root):
 def test_recordings_without_a_placement_are_not_split_by_it(tmp_path):
     for number in range(2):
         write(tmp_path, "box", number, size=[0.1, 0.2] if number else 3)
-    with pytest.raises(ValueError, match=r"'dataset' must have 'placement' to be split by place"):
+    with pytest.raises(ValueError, match=r"'by' must be a unit .*\(got 'placement'"):
         AllegroUSkin(tmp_path, split="train", split_by="placement")
-    with pytest.raises(ValueError, match=r"'dataset' must have 'size' to be split by size"):
+    with pytest.raises(ValueError, match=r"'by' must be a unit .*\(got 'size'"):
         Protocol("size").split(AllegroUSkin(tmp_path, split=None))
 
 

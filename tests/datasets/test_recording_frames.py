@@ -42,6 +42,7 @@ def write_glove(folder, names=("cup_0", "cup_1", "ball_0", "ball_1"), grasps=("p
 
 
 READ = {"label": "grasp", "time_unit": "ms"}
+PERSONS = "{person}_{object}_{trial}"
 
 
 def test_glove_from_csv_files_by_hand(tmp_path):
@@ -258,6 +259,59 @@ def test_pattern_reads_names_of_files_and_folders(tmp_path):
     assert dataset.session_names == ["anna", "ben"]
     assert dataset.data.session[::3].tolist() == [0, 1, 1]
     assert dataset.trial_names == ["dry/cup-anna-1", "wet/cup-ben-1", "wet/cup-ben-2"]
+
+
+def write_persons(folder):
+    """Trial 0 and 1 of a cup and a ball, by each of two persons."""
+    names = [
+        f"p{p}_{thing}_{i:03d}" for p in (1, 2) for thing in ("big_cup", "ball") for i in (0, 1)
+    ]
+    return write_glove(folder, names, ["pinch"])
+
+
+def test_names_in_braces_are_a_pattern(tmp_path):
+    root = write_persons(tmp_path)
+    dataset = RecordingFrames(root, layout=GLOVE, read_options=READ, pattern=PERSONS)
+    assert dataset.class_names == ["ball", "big_cup"]
+    assert len(dataset.trial_names) == 8
+    assert (dataset.named_units, dataset.group_kind) == (["person"], "object")
+    train, _, test = Protocol("person", val=0, test=0.5).split(dataset)
+    persons = [{dataset.trial_names[i][:2] for i in dataset.trial[part]} for part in (train, test)]
+    assert [len(part) for part in persons] == [1, 1]
+    assert persons[0] != persons[1]
+
+
+def test_group_of_the_pattern_is_the_group_without_objects(tmp_path):
+    root = write_persons(tmp_path)
+    pattern = r"(?P<group>p\d)_(?P<label>.+)_(?P<trial>\d+)"
+    dataset = RecordingFrames(
+        root,
+        layout=GLOVE,
+        target="label",
+        read_options={"ignore": ["grasp"], "time_unit": "ms"},
+        pattern=pattern,
+    )
+    assert (dataset.group_names, dataset.group_kind) == (["p1", "p2"], "group")
+    with pytest.raises(ValueError, match=r"'pattern' must name an object or a group.*\(got both\)"):
+        RecordingFrames(root, layout=GLOVE, pattern="{group}_{object}_{trial}")
+
+
+def test_files_that_do_not_match_the_pattern_are_named(tmp_path, caplog):
+    root = write_persons(tmp_path)
+    write_glove(root, ["notes"])
+    RecordingFrames(root, layout=GLOVE, target="label", read_options=READ, pattern=PERSONS)
+    assert "1 of 9 file names do not match the pattern '(?P<person>" in caplog.text
+    assert "notes.csv'" in caplog.text
+
+
+def test_column_of_the_table_of_labels_is_a_unit(tmp_path):
+    root = write_glove(tmp_path)
+    names = ["cup_0", "cup_1", "ball_0", "ball_1"]
+    rows = [f"{name},{person}" for name, person in zip(names, (7, 7, 8, 8), strict=True)]
+    (root / "labels.csv").write_text("\n".join(["recording,person", *rows]) + "\n")
+    dataset = RecordingFrames(root, layout=GLOVE, read_options=READ)
+    test = Protocol("person", val=0, test=0.5).split(dataset).test
+    assert {dataset.trial_names[i][:-2] for i in dataset.trial[test]} in ({"cup"}, {"ball"})
 
 
 def test_parts_of_a_protocol_are_disjoint_and_complete():

@@ -214,10 +214,6 @@ def test_given_parts_are_one_split(tmp_path):
     [
         ({"models": ("svm",)}, "'models' must be some of taxel_net"),
         ({"models": ()}, r"'models' must be some of .* \(got none\)"),
-        (
-            {"by": "object"},
-            r"'by' must be one of \['trial', 'group', 'session', 'frame', 'given'\]",
-        ),
         ({"metric": "f1"}, "'metric' must be 'accuracy', 'balanced_accuracy' or 'mae'"),
         ({"folds": 1}, "'folds' must be at least 2"),
         ({"epochs": 0}, "'epochs' must be at least 1"),
@@ -228,12 +224,47 @@ def test_wrong_settings_are_refused(arguments, match):
         ComparisonSettings(**arguments)
 
 
+def test_persons_are_the_units_of_a_comparison_by_person(tmp_path, caplog):
+    person = np.array(["Ann", "Eva", "Ida"]).repeat(16)
+    session = np.arange(3).repeat(16)  # as many as persons
+    settings = ComparisonSettings(models=("svm_linear", "constant"), by="person", folds=3)
+    found = plan(tmp_path, settings, person=person, session=session)
+    assert "person" not in caplog.text
+    comparison = summarize(run_plan(found, tmp_path / "out"))
+    assert (comparison.units.name, found.protocols[0].name) == ("person", "by person")
+    assert to_dict(comparison)["unit"] == "person"
+    assert "On persons that the model has never seen, svm_linear" in advice(comparison)
+    assert "## Accuracy by person" in comparison_markdown(comparison)
+    header, *rows = prediction_rows(comparison)
+    assert {row[header.index("person")] for row in rows} == {"Ann", "Eva", "Ida"}
+    assert "3 folds by person" in str(deploy(comparison, "svm_linear").score)
+    for train, test in comparison_splits(found):
+        assert not {*person[train]} & {*person[test]}
+    by_trial = plan(tmp_path, replace(settings, by="trial"), person=person, session=session)
+    keys = [
+        {json.dumps(e.identity(), sort_keys=True) for e in p.experiments} for p in (found, by_trial)
+    ]
+    assert not keys[0] & keys[1]
+
+
+def test_named_units_in_both_parts_are_told_if_no_unit_is_chosen(tmp_path, caplog):
+    person = np.arange(3).repeat(16)
+    plan(tmp_path, ComparisonSettings(models=("constant",)), person=person)
+    assert (
+        "split by trial: the 3 values of 'person' are in the training and the test" in caplog.text
+    )
+    caplog.clear()
+    changes = {"person": np.arange(48) // 16, "group": np.arange(48) // 4}
+    plan(tmp_path, ComparisonSettings(models=("constant",), by="trial"), **changes)
+    assert caplog.text == ""
+
+
 @pytest.mark.parametrize(
     ("settings", "changes", "match"),
     [
         ({"metric": "mae"}, {}, "'metric' must be 'accuracy' or 'balanced_accuracy' for classes"),
         ({"metric": "accuracy"}, {"y": np.arange(48) / 7 + 0.1}, "'metric' must be 'mae' for num"),
-        ({"by": "group"}, {}, "'dataset' must have 'group'"),
+        ({"by": "group"}, {}, r"'by' must be a unit that all samples have: 'trial' \(got 'group'"),
         ({"by": "given"}, {}, "'dataset' must have its parts for by='given'"),
         ({}, {"trial": np.arange(48) % 2}, "at least 3 trials, to train, to choose and to test on"),
         ({}, {"y": np.zeros(48, int)}, "'y' must have at least 2 classes"),

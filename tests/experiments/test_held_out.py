@@ -145,7 +145,7 @@ def test_samples_without_trials_are_split_by_group_if_there_are_several(
     [
         ({"trial": np.arange(48) % 2}, "trial", r"3 trials, .* \(got 2\); compare by frame, a"),
         ({"group": np.arange(48) % 2}, "group", r"3 groups, .* compare by trial or by frame"),
-        ({"trial": None}, "trial", "'dataset' must have 'trial', a number or name for each sample"),
+        ({"trial": None}, "trial", "'by' must be a unit that all samples have: none"),
     ],
 )
 def test_too_few_units_are_refused(tmp_path, changes, by, match):

@@ -195,3 +195,25 @@ def test_facts_say_which_part_the_samples_are(split, note):
     assert DataFacts.from_dataset(FakeTactileDataset(20, split)).part_note == note
     windows = Windows(FakeTactileDataset(20, split), 1)
     assert DataFacts.from_dataset(windows).part == split
+
+
+def test_fingerprint_is_that_of_tables_and_folders_too(tmp_path):
+    for person in ("a", "b"):
+        (tmp_path / person).mkdir()
+        lines = ["time,s0,s1", *(f"{t / 10},{t},{ord(person)}" for t in range(4))]
+        (tmp_path / person / "cup_0.csv").write_text("\n".join(lines) + "\n")
+    size = {"rows": 1, "cols": 2, "pitch": 0.01}
+    arguments = {
+        "root": str(tmp_path),
+        "pattern": "{person}/{object}_{trial}",
+        "target": "person",
+        "layout": {"class_path": "torch_geometric_tactile.sensors.grid", "init_args": size},
+    }
+    source = DataSource("torch_geometric_tactile.datasets.RecordingFrames", arguments)
+    codes = [source.resolve()[0].fingerprint]
+    (tmp_path / "a").rename(tmp_path / "aa")  # the order of the files stays
+    codes.append(source.resolve()[0].fingerprint)
+    for day in (1, 2):
+        (tmp_path / "labels.csv").write_text(f"recording,day\nb/cup_0,{day}\n")
+        codes.append(source.resolve()[0].fingerprint)
+    assert len({*codes}) == 4

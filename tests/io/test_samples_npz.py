@@ -27,7 +27,7 @@ def test_other_usual_names_are_found(tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
         assert set(read_samples_npz(path)) == {"x", "y", "trial", "group"}
     assert "not used: 'note'" in caplog.text
-    write(path, x=X, y=Y, **dict.fromkeys("abcdefghijk", Y))
+    write(path, x=X, y=Y, **dict.fromkeys("abcdefghijk", Y[:1]))
     with caplog.at_level(logging.WARNING):
         read_samples_npz(path)
     assert caplog.text.endswith("'i', 'j'\n")  # ten of them
@@ -35,12 +35,20 @@ def test_other_usual_names_are_found(tmp_path, caplog):
 
 def test_persons_are_groups_if_there_are_no_others(tmp_path, caplog):
     assert set(read_samples_npz(write(tmp_path / "a.npz", x=X, y=Y, subject_id=Y))) == {
-        *("x", "y", "group"),
+        *("x", "y", "group", "subject_id"),
     }
     assert caplog.text == ""
     path = write(tmp_path / "b.npz", x=X, y=Y, object=Y + 5, person=Y)
     assert np.array_equal(read_samples_npz(path)["group"], Y + 5)
-    assert "not used: 'person'" in caplog.text
+
+
+def test_further_names_of_the_samples_are_units(tmp_path, caplog):
+    path = tmp_path / "a.npz"
+    write(path, x=X, y=Y, object=Y + 5, person=list("aabb"), height=Y / 2, day=Y[:2])
+    found = read_samples_npz(path)
+    assert set(found) == {"x", "y", "group", "person"}
+    assert found["person"].tolist() == ["a", "a", "b", "b"]
+    assert "not used: 'day', 'height'" in caplog.text
 
 
 def test_ten_arrays_that_are_no_data_set_are_listed(tmp_path):

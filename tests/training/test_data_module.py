@@ -194,7 +194,7 @@ def test_no_validation_part_gives_no_validation_batches():
 
 
 def test_bad_arguments_are_named():
-    with pytest.raises(ValueError, match=r"'split' must be one of .* \(got 'object'\)"):
+    with pytest.raises(ValueError, match=r"'split' must be a unit .*'session' \(got 'object'\)"):
         TactileDataModule(fake(), split="object")
     with pytest.raises(ValueError, match="'test' must be 0 if 'test_dataset' is given"):
         TactileDataModule(fake(), fake("test"), test=0.1)
@@ -302,7 +302,7 @@ def test_subset_of_a_data_set_is_a_part_of_it():
 
 
 def test_split_of_nothing_is_refused():
-    with pytest.raises(ValueError, match=r"'split' must be one of .* \(got None\)"):
+    with pytest.raises(ValueError, match=r"'split' must be a unit, .* \(got None\)"):
         TactileDataModule(FakeTactileDataset(4), split=None)
 
 

@@ -89,6 +89,9 @@ examples:
   tactile compare touches.npz --grid 28x50 --models taxel_net,my_nets.MyNet
                                                          a model of your own and TaxelNet
   tactile compare grasps --layout allegro_uskin --stride 20 --jobs 2
+  tactile compare glove --layout glove.json --pattern '{person}_{object}_{trial}' --by person
+                                                         recordings p1_cup_003.csv: the score for a
+                                                         new person
   tactile compare grasps --layout glove.json --rest 6 \\
       --init target=grasp 'read_options={label: grasp, joint: "bend_.*", unit: count}'
                                                          CSV files with column names of your own
@@ -150,6 +153,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="arguments of the data set, such as root=DIR or target=label; may be repeated",
     )
+    parser.add_argument(
+        "--pattern",
+        metavar="PATTERN",
+        type=str,
+        help="what the file names of a folder of recordings say, such as "
+        "'{person}_{object}_{trial}' for p1_cup_003.csv, or a regular expression with named groups "
+        "(default: {object}_{trial})",
+    )
     training = parser.add_argument_group("models and splits")
     training.add_argument(
         "--models",
@@ -159,10 +170,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     training.add_argument(
         "--by",
-        choices=("trial", "group", "session", "frame", "given"),
-        help="samples that a split keeps together (default: trial; without trials group, if there "
-        "are several; otherwise frame); given: use the parts of the data set and recommend a model "
-        "by validation scores",
+        metavar="NAME",
+        type=str,
+        help="samples that a split keeps together: trial, group (the object), session, frame "
+        "(single samples), or a name in --pattern, labels.csv, the metadata of recordings or "
+        "FILE.npz, such as person (default: trial; without trials group, if there are several; "
+        "otherwise frame); given: use the parts of the data set and recommend a model by "
+        "validation scores",
     )
     training.add_argument(
         "--folds", metavar="N", type=small_count, default=5, help="number of folds (default: 5)"
@@ -328,7 +342,7 @@ def _run(arguments: argparse.Namespace) -> int:
         grid=arguments.grid,
         task=arguments.task,
         time_axis=arguments.time_axis,
-        arguments=_parse_init(arguments.init),
+        arguments=_dataset_arguments(arguments),
         stride=arguments.stride,
         resample=arguments.resample,
         cut=_frame_cut(arguments),
@@ -435,6 +449,20 @@ def _split_names(text: str) -> tuple[str, ...]:
 
 def _init_names(pairs: list[str]) -> list[str]:
     return [pair.partition("=")[0] for pair in pairs]
+
+
+def _dataset_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
+    dataset_arguments, pattern = _parse_init(arguments.init), arguments.pattern
+    if pattern is None:
+        return dataset_arguments
+    if not Path(arguments.data).is_dir():
+        raise ValueError(
+            f"'--pattern' must be left out unless DATA is a folder of recordings (got '{pattern}' "
+            f"for '{arguments.data}')"
+        )
+    if "pattern" in dataset_arguments:
+        raise ValueError("'--pattern' and '--init pattern=' must not both be given")
+    return {**dataset_arguments, "pattern": pattern}
 
 
 def _parse_init(pairs: list[str]) -> dict[str, Any]:

@@ -17,7 +17,11 @@ from torch_geometric_tactile.commands._paths import OutputFile, OutputPath, inpu
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
 if TYPE_CHECKING:
+    from collections import Counter
+
+    from torch_geometric_tactile.predictor import Predictor
     from torch_geometric_tactile.reports._prediction_pictures import PredictionPictures
+    from torch_geometric_tactile.reports._predictions import UnpredictedRecordingsError
 
 _TABLE = "predictions.csv"
 HELP = "Write the predictions of a model for recordings or the test part"
@@ -27,6 +31,9 @@ recordings, each sample of the test part of the model's data. Writes a CSV table
 row per frame: the predicted class or labels and all probabilities. Models of windows or
 whole trials give one row per window or trial, with its last frame. A model of CSV files
 contains the names of their columns.
+
+Recordings that cannot be read or predicted are listed at the end, and the exit status is 1; the
+table has the others.
 
 For each of the first 20 recordings, a picture shows the probabilities, the predicted class,
 contact and total pressure over time and, if it is recorded, the true class. Pictures need
@@ -145,7 +152,6 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.reports._prediction_pictures import PredictionPictures
 
     _check_options(arguments)
-    options = reading_options(arguments)
     predictor = run_data.open_predictor(arguments.model, arguments.config)
     rule = contact_rule(arguments.contact)
     if rule is not None:
@@ -168,23 +174,10 @@ def run(arguments: argparse.Namespace) -> int:
     # The table is useful without matplotlib, so that a missing extra is only a note.
     can_draw = has_pictures and find_spec("matplotlib") is not None
     pictures = PredictionPictures(arguments.out) if can_draw else None
-    if arguments.recordings:
-        count = predictions.write_recordings(
-            predictor,
-            arguments.recordings,
-            arguments.out,
-            arguments.adapt or arguments.rest is not None,
-            arguments.rest,
-            options,
-            pictures,
-            arguments.resample,
-        )
-    else:
-        data = run_data.load_data(arguments.model, arguments.config, arguments.root)
-        samples = run_data.test_part(data, predictor)
-        count = predictions.write_samples(predictor, samples, arguments.out)
+    count, failure = _write_table(arguments, predictor, pictures)
     has_windows = predictor.window is not None
-    print(printable(predictions.describe_counts(count, arguments.out, has_windows)), flush=True)
+    if count:
+        print(printable(predictions.describe_counts(count, arguments.out, has_windows)), flush=True)
     if pictures is not None:
         _write_pictures(pictures)
     elif has_pictures:
@@ -193,7 +186,40 @@ def run(arguments: argparse.Namespace) -> int:
             '"torch-geometric-tactile[viz]", or add --no-picture',
             file=sys.stderr,
         )
-    return 0
+    if failure is None:
+        return 0
+    for text in (failure.summary, *failure.problems):
+        print(printable(f"tactile: error: {' '.join(text.split())}"), file=sys.stderr)
+    return 1
+
+
+def _write_table(
+    arguments: argparse.Namespace,
+    predictor: "Predictor",
+    pictures: "PredictionPictures | None",
+) -> "tuple[Counter[str], UnpredictedRecordingsError | None]":
+    # Writes the table, and returns its rows by prediction and the error of other recordings.
+    from torch_geometric_tactile.reports import _predictions as predictions
+    from torch_geometric_tactile.reports import _run_data as run_data
+
+    if not arguments.recordings:
+        data = run_data.load_data(arguments.model, arguments.config, arguments.root)
+        samples = run_data.test_part(data, predictor)
+        return predictions.write_samples(predictor, samples, arguments.out), None
+    try:
+        count = predictions.write_recordings(
+            predictor,
+            arguments.recordings,
+            arguments.out,
+            arguments.adapt or arguments.rest is not None,
+            arguments.rest,
+            reading_options(arguments),
+            pictures,
+            arguments.resample,
+        )
+    except predictions.UnpredictedRecordingsError as error:
+        return error.count, error
+    return count, None
 
 
 def _check_options(arguments: argparse.Namespace) -> None:

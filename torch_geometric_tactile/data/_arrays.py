@@ -1,5 +1,6 @@
 r"""Converts the user's arrays to samples."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,6 +21,7 @@ from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.sensors._checks import check_edges
 
 _COLUMNS = ("y", "group", "trial", "session", "joint", "time")
+_NAMED_COLUMNS = ("y", "group", "trial", "session")  # a number or a name for each sample
 _MAY_MISS = ("x", "joint")
 _DOUBLE_PRECISION = ("time",)  # seconds since an epoch need more than single precision
 
@@ -33,7 +35,7 @@ def static_data_from_arrays(
     schema: Mapping[str, Any],
 ) -> tuple[StaticData, dict[str, list[str]]]:
     r"""Checks arrays against a layout and returns them as samples, together with the names of the
-    integers in :obj:`y`, :obj:`group` and :obj:`session`.
+    integers in :obj:`y`, :obj:`group`, :obj:`trial`, :obj:`session` and further attributes.
 
     Args:
         x (array-like): Readings.
@@ -57,7 +59,7 @@ def static_data_from_arrays(
     for key, value in columns.items():
         if value is None:
             continue
-        if key in NAMED:
+        if key in _NAMED_COLUMNS or key not in (*_COLUMNS, *itertools.chain(*schema.values())):
             value = _names_to_numbers(key, value, name_lists)
         values[key] = value if key in schema.get("shared", ()) else _as_column(key, value)
         if key in _COLUMNS:
@@ -113,12 +115,12 @@ def _is_ragged(value: Any) -> bool:
 
 def _checked_x(x: Any, layout: TaxelLayout) -> Tensor:
     x = as_tensor("x", x)
-    if x.dtype not in (torch.float16, torch.bfloat16, torch.float32):
-        x_float = x.float()
+    x_float = x.float()
+    if x.element_size() >= 4:  # NumPy does not have bfloat16, and shorter numbers are exact
         warn_of_rounding(
             "x", x.detach().cpu().numpy(), x_float.detach().cpu().numpy(), stacklevel=5
         )
-        x = x_float
+    x = x_float
     num_taxels = layout.num_taxels
     if x.dim() == 2 and x.size(1) == num_taxels:
         x = x.unsqueeze(-1)
@@ -138,8 +140,11 @@ def _checked_x(x: Any, layout: TaxelLayout) -> Tensor:
 
 def _as_column(key: str, value: Any) -> Tensor:
     value = as_tensor(key, value)
-    if value.dtype == torch.double and key not in _DOUBLE_PRECISION:
-        return value.float()
+    if value.is_floating_point() and key not in _DOUBLE_PRECISION:
+        value = value.float()
+        if key in _NAMED_COLUMNS and value.dim() == 1:
+            _refuse_missing(key, value.isnan().tolist(), value.tolist())
+        return value
     if value.dtype in (torch.int8, torch.int16, torch.int32, torch.uint8) or (
         key == "y" and value.dtype == torch.bool
     ):
@@ -161,10 +166,16 @@ def _names_to_numbers(key: str, value: Any, name_lists: dict[str, list[str]]) ->
     if isinstance(value, Tensor):
         return value
     array = np.asarray(value) if not _is_ragged(value) else np.empty(0)
-    if array.dtype.kind not in "USO" or not all(isinstance(item, str) for item in array.flat):
+    if array.dtype.kind not in "UO":
         return value
+    # As objects, since NumPy turns a missing value in a list of texts into a text.
+    items = list(np.asarray(value, dtype=object).flat)
+    _refuse_missing(key, [_is_missing(item) for item in items], items)
+    if array.dtype.kind == "O" and not all(isinstance(item, str) for item in items):
+        is_numeric = all(isinstance(item, int | float | np.number) for item in items)
+        return np.array(array.tolist()) if is_numeric else value
     need(array.ndim == 1, f"'{key}' must have one name for each sample (got shape {array.shape})")
-    kind = NAMED[key]
+    kind = NAMED.get(key, key)
     if kind not in name_lists:
         name_lists[kind], codes = number_labels(array.tolist())
         return torch.from_numpy(codes)
@@ -173,6 +184,24 @@ def _names_to_numbers(key: str, value: Any, name_lists: dict[str, list[str]]) ->
     unknown = sorted(label for label, number in numbers.items() if number is None)
     need(not unknown, f"'{kind}_names' must name every '{key}' (got {names} without {unknown})")
     return torch.tensor([numbers[label] for label in labels], dtype=torch.long)
+
+
+def _is_missing(item: Any) -> bool:
+    # NaN and NaT differ from themselves, and NA of pandas has no truth value.
+    try:
+        return item is None or bool(item != item)
+    except TypeError:
+        return True
+
+
+def _refuse_missing(key: str, is_missing: Sequence[bool], values: Sequence[Any]) -> None:
+    if not any(is_missing):
+        return
+    first = is_missing.index(True)
+    raise ValueError(
+        f"'{key}' must have a value for each sample (got {values[first]} in sample {first}, and "
+        f"{sum(is_missing)} of {len(values)} are missing): fill them in, or leave out these samples"
+    )
 
 
 def layout_from_pos(data: StaticData) -> TaxelLayout:

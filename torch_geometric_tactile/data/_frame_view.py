@@ -26,7 +26,6 @@ _FRAME_DATASET_ATTRIBUTES = (
     "property_names",
     "size_names",
     "synthetic",
-    "trial_names",
 )
 _CHUNK_BYTES = 2**26  # of the windows that are transformed at a time
 

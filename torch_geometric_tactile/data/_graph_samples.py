@@ -152,6 +152,11 @@ class GraphSamples(Dataset):
             raise ValueError(f"all samples must have '{key}' in one shape (got several shapes)")
         return torch.stack(values)[self._indices]
 
+    def complete_columns(self) -> list[str]:
+        r"""Returns the names of the attributes that each sample has."""
+        self._read_columns()
+        return [key for key, values in self._columns.items() if key and None not in values]
+
     def _check_names(self, key: str) -> None:
         # If data sets with different names are concatenated, their numbers have different meanings.
         try:

@@ -208,6 +208,8 @@ def _checked_rows(kind: str, name: str, value: Any, num_frames: int) -> np.ndarr
 
 def _as_array(requirement: str, value: Any) -> np.ndarray:
     # `requirement` begins the error message.
+    if str(getattr(value, "dtype", "")) == "torch.bfloat16":  # which NumPy does not have
+        value = value.float()
     try:
         return np.asarray(value)
     except (OverflowError, RuntimeError, TypeError, ValueError) as error:

@@ -14,6 +14,7 @@ from torch import Tensor
 from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile.data._graph_samples import AnySamples as Samples
 from torch_geometric_tactile.data._graph_samples import GraphSamples, as_samples, sample_column
+from torch_geometric_tactile.data._sample_units import unit_column
 from torch_geometric_tactile.data.static_data import StaticData
 
 _UNITS = ("trial", "group", "session")
@@ -64,16 +65,19 @@ def num_shared(values: Tensor, first: Tensor, second: Tensor) -> int:
     return len(_shared_values(values, first, second))
 
 
-def shared_units(dataset: Samples, split: Sequence[Tensor]) -> dict[str, list[int]]:
+def shared_units(
+    dataset: Samples, split: Sequence[Tensor], units: Sequence[str] = _UNITS
+) -> dict[str, list[int]]:
     r"""Returns the trials, groups and sessions that are in more than one part of a split.
 
     Args:
         dataset (StaticDataset or StaticData): The samples.
         split (Split): The indices of the samples of each part.
+        units (sequence of str): Names of the units, which may be names in the metadata of trials,
+            such as :obj:`"person"`.
 
     Returns:
-        dict: The numbers that parts share, for each of :obj:`"trial"`, :obj:`"group"` and
-        :obj:`"session"` that the samples have.
+        dict: The numbers that parts share, for each unit that the samples have.
 
     Examples:
         >>> data = StaticData(x=torch.zeros(4, 1, 1), trial=torch.tensor([0, 0, 1, 1]))
@@ -83,8 +87,8 @@ def shared_units(dataset: Samples, split: Sequence[Tensor]) -> dict[str, list[in
     """
     unit_numbers = {}
     dataset = as_samples(dataset)
-    for unit in _UNITS:
-        values = sample_column(dataset, unit)
+    for unit in units:
+        values = unit_column(dataset, unit)
         if values is not None and values.dim() == 1:
             shared = {
                 number

@@ -9,7 +9,7 @@ import warnings
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, fields
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -19,15 +19,18 @@ from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile.data._frame_view import dataset_part
 from torch_geometric_tactile.data._graph_samples import AnySamples as Samples
 from torch_geometric_tactile.data._graph_samples import GraphSamples, as_samples, sample_column
-from torch_geometric_tactile.data._levels import NAMED
+from torch_geometric_tactile.data._sample_units import (
+    missing_unit,
+    require_units,
+    unit_column,
+    unit_names,
+)
 from torch_geometric_tactile.data._shared_samples import warn_of_shared
-from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 from torch_geometric_tactile.data.windows import Windows
 
-#: The samples that a split keeps together.
-Unit = Literal["frame", "trial", "group", "session", "placement", "size"]
-_UNITS = ("frame", "trial", "group", "session", "placement", "size")
+#: The name of the samples that a split keeps together: ``"frame"``, or a unit such as ``"trial"``.
+Unit = str
 _TRAIN, _VAL, _TEST, _NONE = range(4)
 
 
@@ -55,6 +58,8 @@ class Protocol:
     * ``Protocol("trial")`` holds out random fractions, :obj:`val` and :obj:`test`;
     * ``Protocol("trial", folds=5)`` tests on each of five random folds in turn;
     * ``Protocol("group", leave_one_out=True)`` tests on each group (object) in turn;
+    * ``Protocol("person", folds=5)`` tests on persons that the model was not trained on, if the
+      samples or the metadata of their trials name persons;
     * ``Protocol("given")`` uses the parts of the data set: its :obj:`part` :math:`(S,)`, an
       attribute of the samples or a property of the data set, is 0 for training, 1 for validation
       and 2 for the test.
@@ -78,9 +83,10 @@ class Protocol:
 
     Args:
         by (str): The unit that stays together: :obj:`"frame"` (a single sample), :obj:`"trial"`,
-            :obj:`"group"` (an object), :obj:`"session"`, :obj:`"placement"` (of the hand) or
-            :obj:`"size"` (of the object), which must be attributes of the samples; or
-            :obj:`"given"`.
+            :obj:`"group"` (an object), :obj:`"session"`, :obj:`"placement"` (of the hand),
+            :obj:`"size"` (of the object) or any other attribute with an integer for each sample; a
+            name in the metadata of recordings, in the names of their files or in ``labels.csv``,
+            such as :obj:`"person"`; or :obj:`"given"`.
         val (float, optional): The fraction of the units held out for validation. With folds, it is
             a fraction of the units outside of the tested fold. If left out, 0.1 without folds and 0
             with folds.
@@ -95,7 +101,7 @@ class Protocol:
             of it are left out of the training.
 
     Raises:
-        ValueError: If :obj:`by` is unknown, a fraction is not within 0 and 1, there are fewer than
+        ValueError: If :obj:`by` is no name, a fraction is not within 0 and 1, there are fewer than
             two folds, or arguments contradict each other.
 
     Examples:
@@ -110,7 +116,7 @@ class Protocol:
         [[1, 1], [1, 1]]
     """
 
-    by: Literal[Unit, "given"] = "trial"
+    by: Unit = "trial"
     _: KW_ONLY
     val: float | None = None
     test: float | None = None
@@ -120,9 +126,12 @@ class Protocol:
     unseen: str | None = None
 
     def __post_init__(self) -> None:
-        if self.by not in (*_UNITS, "given"):
-            options = ", ".join(f"'{unit}'" for unit in _UNITS)
-            raise ArgumentError(Argument("by"), f" must be {options} or 'given' (got '{self.by}')")
+        if not isinstance(self.by, str) or not self.by:
+            raise ArgumentError(
+                Argument("by"),
+                " must be 'frame', 'given' or the name of a unit, such as 'trial' (got "
+                f"{self.by!r})",
+            )
         if self.by == "given":
             for field in fields(self)[1:]:
                 if getattr(self, field.name) != field.default:
@@ -236,7 +245,7 @@ class Protocol:
         if self.unseen is not None:
             values = _unseen_values(dataset, self.unseen)
             fold, number = divmod(fold, len(values))
-            is_unseen = _split_column(dataset, self.unseen) == values[number]
+            is_unseen = _split_column(dataset, self.unseen, "unseen") == values[number]
             part = self._parts(dataset, seed, fold)
             # Samples of the tested units in other sessions, and of other units in the tested
             # session, are in no part.
@@ -323,7 +332,7 @@ class Protocol:
 
 
 def _unseen_values(dataset: Samples, key: str) -> np.ndarray:
-    values = np.unique(_split_column(dataset, key))
+    values = np.unique(_split_column(dataset, key, "unseen"))
     if len(values) < 2:
         raise ValueError(
             f"'dataset' must have at least 2 values of '{key}' to leave one out (got {len(values)})"
@@ -365,7 +374,7 @@ class _Classes:
     """
 
     def __init__(self, dataset: Samples, key: str, unit: np.ndarray, by: str) -> None:
-        value = _split_column(dataset, key, f"stratified by '{key}'")
+        value = _split_column(dataset, key, "stratify")
         if not np.array_equal(value, np.round(value)):
             raise ValueError(f"'{key}' must hold integers to be stratified by (got {value.dtype})")
         class_values, sample_class = np.unique(value.astype(np.int64), axis=0, return_inverse=True)
@@ -437,8 +446,7 @@ def _label_classes(dataset: Samples, unit: np.ndarray, by: str, min_units: int) 
 
 
 def _class_names(dataset: Samples, key: str, class_values: np.ndarray) -> list[str]:
-    is_named = key in NAMED and not isinstance(dataset, StaticData)
-    names = getattr(dataset, f"{NAMED[key]}_names") if is_named else ()
+    names = unit_names(dataset, key)
     if class_values.ndim > 1 or (
         len(class_values) and not 0 <= class_values.min() <= class_values.max() < len(names)
     ):
@@ -446,24 +454,25 @@ def _class_names(dataset: Samples, key: str, class_values: np.ndarray) -> list[s
     return [names[i] for i in class_values]
 
 
-def _split_column(dataset: Samples, key: str, purpose: str | None = None) -> np.ndarray:
-    r"""Returns the attribute by which samples are split, or their indices for :obj:`"frame"`.
+def _split_column(dataset: Samples, key: str, argument: str = "by") -> np.ndarray:
+    r"""Returns the units by which samples are split, or their indices for :obj:`"frame"`.
 
     Args:
         dataset (Dataset or StaticData): The samples.
-        key (str): Name of the attribute.
-        purpose (str, optional): The use of the attribute, for the message.
+        key (str): Name of the units.
+        argument (str): The argument of :class:`Protocol` that has this name.
 
     Raises:
-        ValueError: If the samples do not have the attribute.
+        ValueError: If the samples do not have these units. The message lists those that they have.
     """
     if key == "frame":
         return np.arange(len(dataset))  # type: ignore[arg-type]  # checked by `as_samples`
-    column = sample_column(dataset, key)
+    if argument == "by":
+        column: Tensor | None = require_units(dataset, key)
+    else:
+        column = unit_column(dataset, key)
     if column is None:
-        raise ValueError(
-            f"'dataset' must have '{key}' to be {purpose or f'split by {key}'} (got none)"
-        )
+        raise missing_unit(dataset, key, argument)
     values: np.ndarray = column.numpy(force=True)
     return values
 

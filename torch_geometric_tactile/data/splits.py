@@ -132,8 +132,7 @@ def k_fold(
     Args:
         dataset (Dataset or StaticData or list of Data): The samples.
         folds (int): Number of folds.
-        by (str): The unit that stays together: :obj:`"frame"` (a single sample), :obj:`"trial"` or
-            :obj:`"group"`.
+        by (str): The unit that stays together, as of :class:`Protocol`.
         seed (int): Selects one of the random partitions.
         stratify (str, optional): The attribute by whose classes the folds are stratified.
 

@@ -123,9 +123,10 @@ class StaticDataset(ProcessedDataset):
     ) -> Self:
         r"""Builds a data set from NumPy or PyTorch arrays in memory.
 
-        Numbers in double precision are converted to single precision, except :obj:`time`. Names in
-        :obj:`y`, :obj:`group` and :obj:`session` are numbered; names that differ only in
-        surrounding blanks or in case, or are equal as numbers, get the same number. If the layout
+        Numbers in half and double precision are converted to single precision, except :obj:`time`.
+        Names in :obj:`y`, :obj:`group`, :obj:`trial`, :obj:`session` and further attributes are
+        numbered; names that differ only in surrounding blanks or in case, or are equal as numbers,
+        get the same number. If the layout
         has one link, the samples share its positions and normals. Those of a hand depend on its
         joint angles and are computed by :class:`~torch_geometric_tactile.transforms.TaxelPose`.
 
@@ -137,7 +138,8 @@ class StaticDataset(ProcessedDataset):
                 this package, or a layout file.
             group (array-like, optional): The group (usually the object) of each sample, as numbers
                 or names :math:`(S,)`.
-            trial (array-like, optional): Number of the trial of each sample :math:`(S,)`.
+            trial (array-like, optional): The trial of each sample, as numbers or names
+                :math:`(S,)`.
             session (array-like, optional): The recording session of each sample, as numbers or
                 names :math:`(S,)`.
             joint (array-like, optional): Joint angles in radians :math:`(S, J)`.
@@ -163,11 +165,13 @@ class StaticDataset(ProcessedDataset):
             shared (iterable of str): Names of further attributes that all samples share, without
                 the dimension :math:`S`.
             **attributes: Further attributes, with a row for each sample unless named in
-                :obj:`node`, :obj:`edge` or :obj:`shared`.
+                :obj:`node`, :obj:`edge` or :obj:`shared`. One with the names of persons, for
+                example, is a unit of :class:`~torch_geometric_tactile.data.Protocol`.
 
         Raises:
             ValueError: If the shape of an array does not fit the layout or the number of samples,
-                or there is no such layout or adjacency.
+                a label, group, trial or session is missing, or there is no such layout or
+                adjacency.
 
         Examples:
             >>> import torch
@@ -454,3 +458,10 @@ class StaticDataset(ProcessedDataset):
     def session_names(self) -> list[str]:
         r"""The names of the recording sessions in :obj:`session`."""
         return list(self._names.get("session", ()))
+
+    @property
+    def trial_names(self) -> list[str]:
+        r"""The names of the trials in :obj:`trial`: those of files, without suffix, if each file is
+        a trial. The list is empty if the trials have numbers only.
+        """
+        return list(self._names.get("trial", ()))

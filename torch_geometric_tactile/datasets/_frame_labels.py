@@ -10,6 +10,7 @@ from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.data._label_names import label_numbers, number_labels
+from torch_geometric_tactile.data._sample_units import trial_units
 from torch_geometric_tactile.datasets._trial import ANNOTATION, Trial, checked_labels, checked_names
 
 _logger = logging.getLogger(__name__)
@@ -93,11 +94,13 @@ def frame_labels(
     if all(trial.object_name is not None for trial in trials):
         group = label_numbers(objects, [trial.object_name for trial in trials])
         attributes["group"] = torch.tensor(group).repeat_interleave(num_frames)
-    for key in GROUPINGS:
+    # Without objects, a 'group' in the metadata is that of a split.
+    for key in GROUPINGS if "group" in attributes else ("group", *GROUPINGS):
         values = [trial.meta.get(key) for trial in trials]
         if all(isinstance(value, str | int) and not isinstance(value, bool) for value in values):
             names[key], codes = _names_and_codes(values)
             attributes[key] = codes.repeat_interleave(num_frames)
+    names |= trial_units([trial.meta for trial in trials], attributes)
     names["property"], rows, names["unknown"] = _property_rows(trials, object_labels)
     if not names["unknown"]:
         attributes["property"] = torch.tensor(rows).repeat_interleave(num_frames, dim=0)

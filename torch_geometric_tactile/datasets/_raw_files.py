@@ -96,13 +96,6 @@ class RawFiles(StaticDataset):
         r"""The number of classes or labels of the data set. A selection may lack some of them."""
         return len(self.class_names)
 
-    @property
-    def trial_names(self) -> list[str]:
-        r"""The file name of each :obj:`trial`, without suffix. The list is empty if a file holds
-        several trials.
-        """
-        return list(self._names.get("trial", ()))
-
 
 class PublishedFiles(RawFiles):
     r"""A data set of files that are downloaded and verified by their checksums. A subclass sets

@@ -9,20 +9,22 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile.data import Annotation, Recording
 from torch_geometric_tactile.data._annotations import OUTSIDE, annotation_of_frames, without_gaps
 from torch_geometric_tactile.sensors import TaxelLayout
 
 #: Of file names without suffix: ``mug_003`` is trial 3 of the object ``mug``.
 DEFAULT_PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
+_NAME_IN_BRACES = re.compile(r"\{([A-Za-z_]\w*)\}")
 ANNOTATION = "annotation"  # target: the label of the annotation that covers a frame
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
     r"""A recording without its readings, which may not fit into memory. :obj:`where` names the file
-    in error messages.
+    in error messages, and :obj:`file_names` are the names that the name of the file has, such as
+    that of a person.
 
     Shapes:
         - **time:** Times in seconds :math:`(T,)`.
@@ -37,7 +39,7 @@ class Trial:
     time: np.ndarray
     joint: np.ndarray | None
     label: str | int | None
-    meta: Mapping[str, Any]
+    meta: Mapping[str, Any]  # with the names in the name of the file
     privileged: Mapping[str, np.ndarray]
     object_name: str | None = None
     number: int | None = None
@@ -46,6 +48,7 @@ class Trial:
     pose: Mapping[str, np.ndarray] = field(default_factory=dict)
     annotations: Sequence[Annotation] = ()
     action: np.ndarray | None = None
+    file_names: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def num_frames(self) -> int:
@@ -183,6 +186,7 @@ def make_trial(
         },
         annotations=recording.annotations,
         action=recording.action,
+        file_names=groups,
     )
 
 
@@ -235,7 +239,7 @@ def check_compatible(trials: Sequence[Trial], unit: str | None = None) -> None:
         unit (str, optional): Unit of trials whose metadata name none.
     """
     check_unique_trials(
-        ((t.object_name, t.number), f"trial {t.number} of '{t.object_name}'", t.where)
+        (_trial_key(t), f"trial {t.number} of '{t.object_name}'", t.where)
         for t in trials
         if t.object_name is not None and t.number is not None
     )
@@ -261,6 +265,13 @@ def check_compatible(trials: Sequence[Trial], unit: str | None = None) -> None:
             "add 'unit' to its metadata, or name the unit of all recordings without one by the "
             "argument 'unit' of the data set"
         )
+
+
+def _trial_key(trial: Trial) -> Hashable:
+    # Trials of several persons or sessions may have the same object and number.
+    names = {k: v for k, v in trial.file_names.items() if k not in ("object", "trial", "label")}
+    session = trial.meta.get("session")
+    return trial.object_name, trial.number, session, tuple(sorted(names.items()))
 
 
 def check_unique_trials(trials: Iterable[tuple[Hashable, str, str]]) -> None:
@@ -300,9 +311,30 @@ def _checked_names(where: str, names: Any, key: str) -> tuple[str, ...]:
 
 
 def checked_pattern(pattern: str) -> str:
-    r"""Returns the argument :obj:`pattern` if it is a regular expression."""
+    r"""Returns the argument :obj:`pattern` as a regular expression. A name in braces becomes a
+    group.
+
+    Examples:
+        >>> checked_pattern("{object}_{trial}")
+        '(?P<object>[^/]+?)_(?P<trial>[0-9]+)'
+    """
     try:
-        re.compile(pattern)
+        pattern = _NAME_IN_BRACES.sub(_name_to_group, pattern)
+        groups = re.compile(pattern).groupindex
     except (re.error, RecursionError, TypeError) as error:
-        raise ValueError(f"'pattern' must be a regular expression ({error})") from error
+        raise ArgumentError(
+            Argument("pattern"),
+            f" must be a regular expression, or names in braces such as '{{object}}_{{trial}}' "
+            f"({error})",
+        ) from error
+    if {"object", "group"} <= {*groups}:
+        raise ArgumentError(
+            Argument("pattern"),
+            " must name an object or a group, since the group of a sample is its object (got "
+            "both): use another name for the group, such as 'person'",
+        )
     return pattern
+
+
+def _name_to_group(match: re.Match[str]) -> str:
+    return f"(?P<{match[1]}>{'[0-9]+' if match[1] == 'trial' else '[^/]+?'})"

@@ -36,7 +36,7 @@ class TrialFrames(RawFiles):
     group_kind = "object"
     pattern: str
     suffixes: Sequence[str] = SUFFIXES
-    _content = "content=6"  # Increase it when the columns of the processed file change.
+    _content = "content=7"  # Increase it when the columns of the processed file change.
     split: Any
     _indices: Any
     protocol: Protocol

@@ -13,6 +13,7 @@ from torch import Tensor
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticData
+from torch_geometric_tactile.data._sample_units import trial_units
 from torch_geometric_tactile.datasets._frame_reader import (
     FrameFiles,
     UnreadRecording,
@@ -153,7 +154,7 @@ class BiGS(TrialFrames):
 
     suffixes = _SUFFIXES
     selection_args = ("until",)
-    _content = "content=2"
+    _content = "content=3"
     _folder = "BiGS"
 
     def __init__(
@@ -284,6 +285,7 @@ class _GraspReader:
                 columns["session"] = [
                     names["session"].index(str(grasp.meta["session"])) for grasp in grasps
                 ]
+            names |= trial_units([grasp.meta for grasp in grasps], columns)
             for name, values in columns.items():
                 for value, grasp in zip(values, grasps, strict=True):
                     files.add(name, np.full(grasp.num_frames, value))

@@ -1,6 +1,7 @@
 r"""A data set of the frames of recordings, for any sensor."""
 
 import logging
+import re
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
@@ -11,8 +12,10 @@ from typing import Any, Literal
 import numpy as np
 
 from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import FrameInfo, Protocol, Recording, StaticData
+from torch_geometric_tactile.data._sample_units import TRIAL_PREFIX
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.datasets._frame_labels import ObjectLabels, frame_labels
 from torch_geometric_tactile.datasets._frame_reader import (
@@ -21,7 +24,7 @@ from torch_geometric_tactile.datasets._frame_reader import (
     raise_all,
 )
 from torch_geometric_tactile.datasets._splits import checked_split
-from torch_geometric_tactile.datasets._trial import DEFAULT_PATTERN, checked_pattern
+from torch_geometric_tactile.datasets._trial import DEFAULT_PATTERN, Trial, checked_pattern
 from torch_geometric_tactile.datasets._trial_frames import (
     PARTS,
     TrialFrames,
@@ -47,6 +50,7 @@ _SELECTION_ARGS = (
     "tare",
 )
 _MAX_BYTES_TO_LIST_ALL_ERRORS = 200_000_000  # read in less than a minute
+_MAX_LISTED_FILES = 3  # in a message
 _logger = logging.getLogger(__name__)
 
 
@@ -106,9 +110,11 @@ class RecordingFrames(TrialFrames):
             selections above. They depend only on :obj:`sample_seed` and the name of the trial.
         sample_seed (int): Seed of :obj:`samples_per_trial`.
         pattern (str): Regular expression for the full name of a file without its suffix. Its named
-            groups, such as :obj:`object`, :obj:`trial`, :obj:`session` and :obj:`label`, are
-            metadata of the recording. If it contains a :obj:`"/"`, files in subfolders are read as
-            well, and names begin with their folders.
+            groups, such as :obj:`object`, :obj:`trial`, :obj:`session`, :obj:`label` and
+            :obj:`person`, are metadata of the recording, and units of
+            :class:`~torch_geometric_tactile.data.Protocol`. Names in braces are a short form:
+            :obj:`"{person}_{object}_{trial}"`, where a trial is a number. If it contains a
+            :obj:`"/"`, files in subfolders are read as well, and names begin with their folders.
         read_options (Mapping, optional): Options of
             :func:`~torch_geometric_tactile.io.read_recording`, such as the names of columns. If
             expressions select the columns, all files use the column order of the first file.
@@ -220,6 +226,7 @@ class RecordingFrames(TrialFrames):
             self._clone_shared()
             self._data.y = self._labels.target(self._data, self._names, target, str(self.root))
         _warn_of_one_object(self)
+        self.group_kind = "object" if f"{TRIAL_PREFIX}object" in self._names else "group"
         self._tare()
         self._select()
 
@@ -285,6 +292,7 @@ class RecordingFrames(TrialFrames):
         data = StaticData(x=x, **labels)
         if self.adjacency is not None:
             data.edge_index = self.layout.edge_index(self.adjacency)
+        _warn_of_names(trials, self.pattern)
         if len(self.layout.link_names) == 1:
             data.pos, data.normal = self.layout.pos, self.layout.normal
         for key, value in self._labels.extra_attributes(trials, names).items():
@@ -334,6 +342,12 @@ class RecordingFrames(TrialFrames):
         return {**self.read_options, **{key: names for key, names in columns.items() if names}}
 
     @property
+    def named_units(self) -> list[str]:
+        r"""The groups of :obj:`pattern` by which samples may be split, besides object and trial."""
+        other_groups = ("object", "trial", "label", self.target)
+        return [name for name in re.compile(self.pattern).groupindex if name not in other_groups]
+
+    @property
     def class_names(self) -> list[str]:
         r"""The names of the classes or properties of :obj:`y`."""
         if self.target == "object":
@@ -354,6 +368,20 @@ def _check_arguments(
         raise ValueError(f"one of 'root' and 'recordings' must be given (got {passed})")
     if unit not in (None, *UNITS):
         raise ValueError(f"'unit' must be one of {[*UNITS]} or None (got {unit!r})")
+
+
+def _warn_of_names(trials: Sequence[Trial], pattern: str) -> None:
+    # The default pattern need not match, since most recordings hold their metadata.
+    unmatched = [trial.where for trial in trials if re.fullmatch(pattern, trial.name) is None]
+    if unmatched and pattern != DEFAULT_PATTERN:
+        _logger.warning(
+            "%d of %d file names do not match the pattern '%s', which gives their recordings no "
+            "metadata: %s",
+            len(unmatched),
+            len(trials),
+            pattern,
+            short_list(unmatched, _MAX_LISTED_FILES),
+        )
 
 
 def _warn_of_one_object(dataset: RecordingFrames) -> None:

@@ -18,6 +18,7 @@ from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._arrays import static_data_from_arrays
 from torch_geometric_tactile.data._label_names import number_labels
+from torch_geometric_tactile.data._levels import KNOWN_ATTRIBUTES
 from torch_geometric_tactile.data._recording_arrays import warn_of_rounding
 from torch_geometric_tactile.io.samples_npz import read_samples_npz
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
@@ -26,6 +27,7 @@ from torch_geometric_tactile.sensors import grid as planar_grid
 _PITCH = 0.005  # metres
 _PARTS = {"train": 0, "val": 1, "validation": 1, "test": 2, "0": 0, "1": 1, "2": 2}
 _SAMPLE_ARRAYS = ("x", "y", "trial", "group", "session", "set", "part", "time", "joint")
+_SHARED_ARRAYS = ("class_names", "pos", "normal", "edge_index")
 _MAX_FLOAT_CLASSES = 50  # More integers in floating point are a regression target.
 _TASKS = ("auto", "multiclass", "regression")
 _logger = logging.getLogger(__name__)
@@ -33,7 +35,9 @@ _logger = logging.getLogger(__name__)
 
 class SamplesFile(StaticDataset):
     r"""The labelled samples of an npz file of plain arrays, as :func:`numpy.savez` writes them;
-    :func:`~torch_geometric_tactile.io.read_samples_npz` lists their names.
+    :func:`~torch_geometric_tactile.io.read_samples_npz` lists their names. Other arrays of texts or
+    integers :math:`(S,)`, such as :obj:`person`, are units by which
+    :class:`~torch_geometric_tactile.data.Protocol` can split the samples.
 
     Readings :obj:`x` are :math:`(S, N)`, :math:`(S, N, F)`, or :math:`(S, N, \ldots)` with all
     further dimensions (time, axes) as channels; for a grid also :math:`(S, rows, cols)` and
@@ -101,6 +105,7 @@ class SamplesFile(StaticDataset):
             content = _drop_unlabelled(content, task, self.path)
             self._num_frames = None if time_axis is None else x.shape[-1]
             self._content: dict[str, np.ndarray] | None = content
+            self.named_units = [key for key in content if _is_unit(key)]
             super().__init__(None, transform)
         except ValueError as error:
             raise with_context(f"'{self.path}': ", error) from error
@@ -116,7 +121,7 @@ class SamplesFile(StaticDataset):
             columns["time"] = content["time"].astype(np.float64)
         class_names, num_samples = content.get("class_names"), len(content["x"])
         columns["y"], names["class"] = _target(content["y"], self.task, class_names, self.path)
-        for key in ("trial", "group", "session", "set"):
+        for key in ("trial", "group", "session", "set", *self.named_units):
             if key in content:
                 names[key], columns[key] = _names_and_codes(key, content[key])
         if "part" in content:
@@ -129,6 +134,14 @@ class SamplesFile(StaticDataset):
         if self._num_frames is not None:
             data.num_frames = self._num_frames
         return data, names
+
+
+def _is_unit(key: str) -> bool:
+    # Whether a further array is a unit by which samples are split; not if it has the name of an
+    # attribute with another meaning.
+    level = KNOWN_ATTRIBUTES.get(key)
+    is_reserved = isinstance(getattr(StaticData, key, None), property) or level is not None
+    return key not in (*_SAMPLE_ARRAYS, *_SHARED_ARRAYS) and not is_reserved
 
 
 def _drop_unlabelled(content: dict[str, np.ndarray], task: str, path: str) -> dict[str, np.ndarray]:
@@ -148,7 +161,7 @@ def _drop_unlabelled(content: dict[str, np.ndarray], task: str, path: str) -> di
         num_samples,
     )
     return {
-        key: array[is_labelled] if key in _SAMPLE_ARRAYS else array
+        key: array if key in _SHARED_ARRAYS else array[is_labelled]
         for key, array in content.items()
     }
 
@@ -230,7 +243,10 @@ def _target(
         y = y.reshape(len(y))
     is_float = y.dtype.kind == "f"
     if is_float and not np.isfinite(y).all():
-        raise ValueError("'y' must be finite (got NaN or infinity): leave such samples out")
+        sample = int(np.argwhere(~np.isfinite(y))[0][0])
+        raise ValueError(
+            f"'y' must be finite (got NaN or infinity in sample {sample}): leave such samples out"
+        )
     if task == "auto":
         task = "regression" if is_float else "multiclass"
         if is_float and y.ndim == 1 and _are_class_codes(y):
@@ -274,7 +290,11 @@ def _names_and_codes(key: str, values: np.ndarray) -> tuple[list[str], Tensor]:
     values = values.reshape(len(values)) if values.size == len(values) else values
     need(values.ndim == 1, f"'{key}' must have one value per sample (got shape {values.shape})")
     if values.dtype.kind == "f" and np.isnan(values).any():
-        raise ValueError(f"'{key}' must be known for every sample (got NaN)")
+        sample = int(np.isnan(values).argmax())
+        raise ValueError(
+            f"'{key}' must be known for every sample (got NaN in sample {sample}): fill it in, or "
+            "leave out such samples"
+        )
     unique, first, inverse = np.unique(values, return_index=True, return_inverse=True)
     order = np.argsort(first)  # The first spelling of a class is its name.
     names, codes = number_labels(unique[order].tolist())

@@ -11,8 +11,9 @@ from torch import Tensor
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
 from torch_geometric_tactile.data import Protocol, Windows
-from torch_geometric_tactile.data._frame_view import FrameView
+from torch_geometric_tactile.data._frame_view import FrameView, innermost
 from torch_geometric_tactile.data._graph_samples import SampleSet
+from torch_geometric_tactile.data._sample_units import require_units, unit_column
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments.source import DataSource
@@ -36,8 +37,8 @@ class Parts(NamedTuple):
 def balanced_protocol(
     dataset: SampleSet, by: str, folds: int = _NUM_FOLDS, *, quiet: bool = False
 ) -> Protocol:
-    r"""Returns a protocol with folds by frame, trial, group or session, which are stratified by
-    class if possible, with fewer folds if necessary.
+    r"""Returns a protocol with folds by frame or by a unit, which are stratified by class if
+    possible, with fewer folds if necessary.
 
     Args:
         dataset (StaticDataset): The samples.
@@ -50,12 +51,12 @@ def balanced_protocol(
     """
     num_units = _count_units(dataset, by)
     need(num_units >= 2, f"'dataset' must have at least 2 {by}s to be split by {by}", num_units)
-    plain = Protocol(by, folds=min(folds, num_units))  # type: ignore[arg-type]
+    plain = Protocol(by, folds=min(folds, num_units))
     y = dataset.column("y")
     if y is None or y.dim() != 1 or y.is_floating_point():
         return plain
     for num_folds in range(min(folds, num_units), 1, -1):
-        stratified = Protocol(by, folds=num_folds, stratify="y")  # type: ignore[arg-type]
+        stratified = Protocol(by, folds=num_folds, stratify="y")
         with sharing_ignored():
             if quiet:
                 warnings.simplefilter("ignore")
@@ -72,13 +73,7 @@ def _count_units(dataset: SampleSet, by: str) -> int:
     # Returns the number of units that a split keeps together.
     if by == "frame":
         return len(dataset)
-    unit = dataset.column(by)
-    if unit is None:
-        raise ValueError(
-            f"'dataset' must have '{by}', a number or name for each sample, to be split by {by} "
-            "(got none)"
-        )
-    return len(unit.unique())
+    return len(require_units(dataset, by).unique())
 
 
 def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protocol:
@@ -93,7 +88,9 @@ def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protoco
     Raises:
         ValueError: If there are fewer than three units, or windows of several parts overlap.
     """
-    by = by or _default_unit(dataset)
+    if by is None:
+        by = _default_unit(dataset)
+        _warn_of_seen_units(dataset, by)
     if by == "given":
         with sharing_ignored():
             Protocol("given").split(dataset)  # raises an error if there are no parts
@@ -101,7 +98,7 @@ def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protoco
         return Protocol("given")
     num_units = _count_units(dataset, by)
     if num_units < _MIN_UNITS:
-        smaller_units = {"group": "trial or by frame", "trial": "frame"}.get(by)
+        smaller_units = {"trial": "frame", "frame": ""}.get(by, "trial or by frame")
         hint = f"; compare by {smaller_units}, a weaker test of new data" if smaller_units else ""
         raise ValueError(
             f"'dataset' must have at least {_MIN_UNITS} {by}s, to train, to choose and to test on "
@@ -143,6 +140,22 @@ def _default_unit(dataset: SampleSet) -> str:
     return "frame"
 
 
+def _warn_of_seen_units(dataset: SampleSet, by: str) -> None:
+    # Units that the user has named, such as persons in the pattern of file names, and that are in
+    # both parts of a split by another unit.
+    column = column_of(dataset, by)
+    num_parted = len(dataset) if column is None else len(np.unique(column))
+    for name in getattr(innermost(dataset), "named_units", ()):
+        column = column_of(dataset, name)
+        num_units = 0 if column is None else len(np.unique(column))
+        if name != by and 1 < num_units < num_parted:
+            _logger.warning(
+                "samples are split by %s: the %d values of '%s' are in the training and the test "
+                "part, and the scores are not for a new %s; add '--by %s' for these",
+                *(by, num_units, name, name, name),
+            )
+
+
 def _count_groups(dataset: SampleSet) -> int:
     group = column_of(dataset, "group")
     return 0 if group is None else len(np.unique(group))
@@ -181,7 +194,7 @@ def _check_frames_apart(dataset: SampleSet, by: str) -> None:
             "windows are split one by one: windows of one trial are in both parts, and the scores "
             "are too high for a new trial"
         )
-    if by in ("group", "session", "given"):
+    if by not in ("frame", "trial"):
         _check_constant_in_trials(dataset.dataset, "part" if by == "given" else by)
 
 
@@ -277,6 +290,6 @@ def _draw_samples(part: SampleSet, max_samples: int | None, seed: int) -> Sample
 
 
 def column_of(dataset: SampleSet, key: str) -> np.ndarray | None:
-    r"""Returns an attribute of the samples as an array, or :obj:`None` if they have none."""
-    column = dataset.column(key)
+    r"""Returns an attribute or unit of the samples as an array; :obj:`None` if they have none."""
+    column = unit_column(dataset, key)
     return None if column is None else np.asarray(column.numpy(force=True))

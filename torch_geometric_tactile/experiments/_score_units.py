@@ -67,16 +67,23 @@ class ScoreUnits:
     num_seen: int = 0
 
     @classmethod
-    def from_splits(cls, dataset: SampleSet, splits: Sequence[TrainTestIndices]) -> Self:
+    def from_splits(
+        cls, dataset: SampleSet, splits: Sequence[TrainTestIndices], by: str = "trial"
+    ) -> Self:
         r"""Finds the units of the splits of a data set.
 
         Args:
             dataset (StaticDataset): The data set.
             splits (sequence of TrainTestIndices): Its splits.
+            by (str): The unit that the splits keep together, which comes before others of the same
+                number.
         """
-        columns = {key: column_of(dataset, key) for key in _KEYS}
+        keys = tuple(dict.fromkeys((*([by] if by not in ("frame", "given") else []), *_KEYS)))
+        columns = {key: column_of(dataset, key) for key in keys}
         numbers = {key: column for key, column in columns.items() if column is not None}
-        shared = [shared_units(dataset, [torch.from_numpy(part) for part in s]) for s in splits]
+        shared = [
+            shared_units(dataset, [torch.from_numpy(part) for part in s], keys) for s in splits
+        ]
         leaked_units = {key: {n for units in shared for n in units[key]} for key in numbers}
         test = np.concatenate([split.test for split in splits])
         num_test_units = {key: len(np.unique(column[test])) for key, column in numbers.items()}

@@ -38,7 +38,6 @@ from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 
 _CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
 _NUMBER_METRICS = ("mae", "rmse", "r2")
-_UNITS = ("trial", "group", "session", "frame", "given")
 # The share of the training samples that candidate settings are trained on. The training recipe of
 # networks depends on their number.
 _FIT_SHARE = 0.8
@@ -54,10 +53,12 @@ class ComparisonSettings:
         models (tuple of str, optional): Names of the models, or import paths of your own models: a
             network class, or a class or function that returns an estimator of scikit-learn. If left
             out, all stock models that fit the data.
-        by (str, optional): The unit that a split keeps together: :obj:`"trial"`, :obj:`"group"`,
-            :obj:`"session"` or :obj:`"frame"`; or :obj:`"given"` for the parts of the data set. If
-            left out, the trial; for samples without trials the group, if three or more groups share
-            their classes, otherwise the frame. A warning then names the unit.
+        by (str, optional): The unit that a split keeps together, as of
+            :class:`~torch_geometric_tactile.data.Protocol`: :obj:`"trial"`, :obj:`"group"`,
+            :obj:`"session"`, :obj:`"frame"` or a name that the samples have, such as
+            :obj:`"person"`; or :obj:`"given"` for the parts of the data set. If left out, the
+            trial; for samples without trials the group, if three or more groups share their
+            classes, otherwise the frame. A warning then names the unit.
         folds (int): Number of folds. Each fold is the test part once for each seed.
         seeds (int): Number of times that the folds are drawn, or that models are trained on given
             parts.
@@ -101,9 +102,6 @@ class ComparisonSettings:
         )
         if self.models is not None:
             check_model_names(self.models)
-        need_argument(
-            self.by in (None, *_UNITS), "by", f"must be one of {list(_UNITS)} (got '{self.by}')"
-        )
         if self.metric not in (None, "accuracy", "balanced_accuracy", "mae"):
             raise ArgumentError(
                 Argument("metric"),
@@ -489,7 +487,7 @@ def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
         if len(by_split) == len(splits)
     }
     dataset, data_splits = plan.data.load(), comparison_splits(plan)
-    units = ScoreUnits.from_splits(dataset, data_splits)
+    units = ScoreUnits.from_splits(dataset, data_splits, plan.experiments[0].protocol.by)
     constant = ConstantAnswer.from_splits(dataset, data_splits, metric)
     if tolerance is None:
         tolerance = _TOLERANCES.get(metric, _TOLERANCE)

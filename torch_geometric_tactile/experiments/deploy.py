@@ -43,8 +43,6 @@ from torch_geometric_tactile.predictor._preparation import add_shared_attributes
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.one_cycle import OneCycle
 
-_UNITS = ("trial", "group")
-
 
 def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
     r"""Trains a model of a comparison once more and returns it as a predictor, with the transforms
@@ -56,8 +54,8 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
     the average of :obj:`members` networks.
 
     Estimators without probabilities get them by
-    :class:`~torch_geometric_tactile.baselines.TemperatureScaling`, with trials (or groups) held
-    out.
+    :class:`~torch_geometric_tactile.baselines.TemperatureScaling`, with trials, or the units of the
+    comparison, held out.
 
     Args:
         comparison (Comparison): The scores.
@@ -134,7 +132,8 @@ def _train_estimator(experiment: Experiment, choice: Choice, samples: StaticData
         *first, (name, last) = pipeline.steps
         pipeline = Pipeline([*first, (name, TemperatureScaling(last))])
         by = experiment.protocol.by
-        fit_arguments[f"{name}__groups"] = column_of(samples, by if by in _UNITS else "trial")
+        unit = "trial" if by in ("frame", "given") else by
+        fit_arguments[f"{name}__groups"] = column_of(samples, unit)
     pipeline.fit(estimator_input(pipeline, train_samples), train_samples.y.numpy(), **fit_arguments)
     return estimator_predictor(pipeline, samples, transform)
 

@@ -19,8 +19,10 @@ from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
 from torch_geometric_tactile.data._frame_view import FrameView, dataset_part, innermost
 from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet, as_samples
+from torch_geometric_tactile.data._sample_units import TRIAL_PREFIX
 from torch_geometric_tactile.data._shared_samples import sharing_ignored
 from torch_geometric_tactile.data.protocol import Split
+from torch_geometric_tactile.datasets._trial_frames import TrialFrames
 from torch_geometric_tactile.experiments._building import (
     argument_names,
     build_object,
@@ -401,11 +403,15 @@ def _fingerprint(dataset: SampleSet) -> str:
         return digest.hexdigest()
     inner: StaticDataset = innermost(dataset)
     files = _data_files(inner)
+    has_folders = isinstance(inner, TrialFrames) and "/" in inner.pattern  # which name trials
     for file in files:
         stat = file.stat()
-        digest.update(f"{file.name} {_sha256(file, stat.st_size, stat.st_mtime_ns)}\n".encode())
+        name = file.relative_to(inner.root) if has_folders else file.name
+        digest.update(f"{name} {_sha256(file, stat.st_size, stat.st_mtime_ns)}\n".encode())
     if not files:
         _add_tensors(digest, inner.data.to_dict())
+        units = {key: names for key, names in inner._names.items() if key.startswith(TRIAL_PREFIX)}
+        digest.update(json.dumps(units, sort_keys=True).encode() if units else b"")
     return digest.hexdigest()
 
 
@@ -421,6 +427,8 @@ def _data_files(dataset: StaticDataset) -> list[Path]:
     if not dataset.has_process:
         return []
     raw_paths = [Path(name) for name in dataset.raw_paths]
+    if isinstance(dataset, TrialFrames):
+        raw_paths += dataset._tables()  # labels and metadata of the recordings
     existing_paths = [path for path in raw_paths if path.is_file()]
     return existing_paths or [Path(dataset.processed_paths[0])]
 

@@ -45,7 +45,9 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
     :obj:`joint`, :obj:`time` and :obj:`part` with one row per sample, the :obj:`class_names`, and
     :obj:`pos`, :obj:`normal` and :obj:`edge_index` of the taxels. Other common names, such as
     :obj:`labels`, are accepted as well. A :obj:`person`, :obj:`subject` or :obj:`participant` is
-    the group if there is no other one. Other arrays are ignored, and a warning names them.
+    the group if there is no other one. Other arrays :math:`(S,)` of texts or integers, such as
+    :obj:`person` beside a :obj:`group`, are read under their own names, as units by which samples
+    can be split. The remaining arrays are ignored, and a warning names them.
 
     Args:
         path (str or PathLike): The file.
@@ -85,8 +87,15 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
         if not problem:
             content = {key: arrays.read(names[0]) for key, names in names_of_key.items()}
             problem = next(filter(None, map(_find_dtype_problem, content, content.values())), "")
-    need(not problem, f"'{path}' must hold labelled samples: {problem}")
-    unknown = sorted(set(shapes) - set(_KEY_OF_NAME) - set(names_of_key.get("group", ())))
+        need(not problem, f"'{path}' must hold labelled samples: {problem}")
+        units = {
+            name: arrays.read(name)
+            for name in sorted(set(shapes) - set(_KEY_OF_NAME))
+            if shapes[name] == content["x"].shape[:1]
+        }
+    content |= {name: array for name, array in units.items() if array.dtype.kind in "iuU"}
+    used = {*_KEY_OF_NAME, *content, *names_of_key.get("group", ())}
+    unknown = sorted(set(shapes) - used)
     if unknown:
         _logger.warning("'%s': not used: %s", path, short_list(unknown, 10, quoted, ending=""))
     return content

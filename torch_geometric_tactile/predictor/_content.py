@@ -16,6 +16,7 @@ from torch_geometric_tactile._removed import ENCODER_KEY, LAST_READER
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import ContactRule, FrameInfo, StaticData, StaticDataset
 from torch_geometric_tactile.data._torch_file import read_torch_file
+from torch_geometric_tactile.predictor._file_names import FileNameForm
 from torch_geometric_tactile.predictor._network import TASKS, Network
 from torch_geometric_tactile.predictor._plain_data import Builder, Describer, load_weights
 from torch_geometric_tactile.predictor._preparation import Preparation
@@ -61,6 +62,8 @@ def describe_predictor(
         "model": describer.model(network.model),
     }
     header["read_options"] = preparation.read_options
+    file_names = preparation.file_names
+    header["file_names"] = None if file_names is None else file_names.to_dict()
     header["frames"] = preparation.info.to_dict()
     header["contact"] = None if preparation.contact is None else preparation.contact.to_dict()
     header["window"] = None if preparation.window is None else preparation.window.to_dict()
@@ -195,8 +198,6 @@ def build_predictor(
         None if header.get(key) is None else builder.transform(header[key])
         for key in _TRANSFORM_KEYS
     ]
-    window = header.get("window")  # missing in older formats
-    contact = header.get("contact")  # missing in older formats
     num_channels, num_joints = header["num_channels"], header["num_joints"]
     for key, minimum in (("num_channels", 1), ("num_joints", 0)):
         number = header[key]
@@ -212,11 +213,12 @@ def build_predictor(
         transform_values[2],
         num_channels,
         num_joints,
-        window=None if window is None else WindowCut.from_dict(window),
+        window=_built(WindowCut, header.get("window")),  # missing in older formats
         frame_transform=transform_values[0],
         read_options=header.get("read_options"),  # missing in older formats
         info=_frame_info(header),
-        contact=None if contact is None else ContactRule.from_dict(contact),
+        contact=_built(ContactRule, header.get("contact")),  # missing in older formats
+        file_names=_built(FileNameForm, header.get("file_names")),  # missing in older files
     )
     for part in preparation.fitted:
         center = part.center if part.attr == "joint" and num_joints else None
@@ -229,9 +231,12 @@ def build_predictor(
     built = builder.model(header["model"], model)
     load_weights(built, weights)
     names = tuple(map(str, header["class_names"]))
-    score = header.get("score")  # missing in older formats
-    score = None if score is None else MeasuredScore.from_dict(score)
+    score = _built(MeasuredScore, header.get("score"))  # missing in older formats
     return preparation, Network(built, names, header["task"], threshold, score)
+
+
+def _built(cls: Any, content: Any) -> Any:
+    return None if content is None else cls.from_dict(content)
 
 
 def _frame_info(header: Mapping[str, Any]) -> FrameInfo | None:

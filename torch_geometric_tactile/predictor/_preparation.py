@@ -34,6 +34,7 @@ from torch_geometric_tactile.predictor._constant_transforms import (
     attribute_access,
     is_precomputed,
 )
+from torch_geometric_tactile.predictor._file_names import FileNameForm
 from torch_geometric_tactile.predictor._readings import (
     ArrayLike,
     array_shape,
@@ -68,6 +69,8 @@ class Preparation:
         read_options (Mapping, optional): Options with which recordings are read.
         info (FrameInfo, optional): Unit, columns, rate and thinning of the training frames.
         contact (ContactRule, optional): The rule that detects frames without contact.
+        file_names (FileNameForm, optional): The form of the file names of the training set, if they
+            tell the class.
 
     Raises:
         ValueError: If a transform is not fitted.
@@ -87,7 +90,9 @@ class Preparation:
         read_options: Mapping[str, Any] | None = None,
         info: FrameInfo | None = None,
         contact: ContactRule | None = None,
+        file_names: FileNameForm | None = None,
     ) -> None:
+        self.file_names = file_names
         self.info = FrameInfo() if info is None else info
         self.read_options = check_read_options(read_options or {})
         self.layout = layout
@@ -233,6 +238,7 @@ class Preparation:
             "num_channels": None if steps else stored_frame.num_features,
             "num_joints": 0 if joint is None else joint.size(-1),
             "read_options": select_read_options(getattr(frame_dataset, "file_options", {})),
+            "file_names": FileNameForm.from_dataset(frame_dataset),
         }
         if window is not None:
             arguments |= {
@@ -677,6 +683,7 @@ def add_tare(preparation: Preparation) -> Preparation:
         read_options=preparation.read_options,
         info=preparation.info,
         contact=preparation.contact,
+        file_names=preparation.file_names,
     )
 
 
@@ -703,6 +710,7 @@ def add_shared_attributes(preparation: Preparation, **shared: Tensor) -> Prepara
         read_options=preparation.read_options,
         info=preparation.info,
         contact=preparation.contact,
+        file_names=preparation.file_names,
     )
 
 

@@ -14,6 +14,7 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import markdown_table, markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet
+from torch_geometric_tactile.data._sample_units import unit_names
 from torch_geometric_tactile.experiments._compared_models import FLOOR, MODELS
 from torch_geometric_tactile.experiments._held_out import column_of
 from torch_geometric_tactile.experiments._scores import (
@@ -48,7 +49,7 @@ _TIME_MODELS_NOTE = (
 )
 _PARTS_NOTE = "Scores on the test samples of all splits together, as the mean over the seeds."
 _UNIT_COLUMNS = ("set", "session", "group", "trial")
-_MAX_UNITS = 50  # rows of a table by set, session or group, to keep the page readable
+_MAX_UNITS = 50  # rows of a table by set, session or another unit, to keep the page readable
 _SIMULATED_NOTE = "The samples are simulated: the results may not hold for a real hand."
 _SERIES_NAMES = {False: "plain models", True: "graph models"}
 
@@ -290,8 +291,8 @@ def _picture(comparison: Comparison) -> "Figure":
 
 
 def _part_tables(comparison: Comparison) -> Iterator[tuple[str, list[str], list[list[str]]]]:
-    # Tables with the scores of all models on the test samples of each set, session or group, for
-    # units of which there are 2 to 50.
+    # Tables with the scores of all models on the test samples of each set, session, group or unit
+    # of the splits, for units of which there are 2 to 50.
     dataset, metric = comparison.run.plan.data.load(), comparison.metric
     ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
     run_predictions: dict[str, list[Predictions]] = {result.model.name: [] for result in ordered}
@@ -299,7 +300,9 @@ def _part_tables(comparison: Comparison) -> Iterator[tuple[str, list[str], list[
         if experiment.name in run_predictions:
             run_predictions[experiment.name].append(Predictions.from_dict(result["predictions"]))
     joined = {name: Predictions.join(predictions) for name, predictions in run_predictions.items()}
-    for column in _UNIT_COLUMNS[:-1]:
+    for column in _unit_columns(comparison):
+        if column == "trial":
+            continue
         names_by_model = {
             name: _sample_names(dataset, column, prediction.index)
             for name, prediction in joined.items()
@@ -323,6 +326,11 @@ def _part_tables(comparison: Comparison) -> Iterator[tuple[str, list[str], list[
         yield column, [column, "test samples", *joined], rows
 
 
+def _unit_columns(comparison: Comparison) -> list[str]:
+    by = {experiment.protocol.by for experiment in comparison.run.plan.experiments}
+    return [*sorted(by - {*_UNIT_COLUMNS, "frame", "given"}), *_UNIT_COLUMNS]
+
+
 def _first_rows(predictions: Predictions | None) -> np.ndarray | None:
     # The row of the first prediction of each sample: with several seeds, a sample has several.
     if predictions is None or predictions.index is None:
@@ -335,7 +343,7 @@ def prediction_rows(comparison: Comparison) -> Iterator[list[Any]]:
     sample.
     """
     dataset = comparison.run.plan.data.load()
-    unit_columns = [column for column in _UNIT_COLUMNS if column_of(dataset, column) is not None]
+    unit_columns = [c for c in _unit_columns(comparison) if column_of(dataset, c) is not None]
     y = column_of(dataset, "y")
     suffixes = [""] if y is None or y.ndim == 1 else [f"_{i}" for i in range(y.shape[1])]
     answers = [f"{name}{suffix}" for name in ("y", "prediction") for suffix in suffixes]
@@ -362,9 +370,7 @@ def _sample_names(dataset: SampleSet, column_name: str, index: np.ndarray | None
         return np.array([])
     position = np.zeros(dataset.len(), dtype=np.int64)
     position[np.asarray(dataset.indices())] = np.arange(len(dataset))
-    is_graphs = isinstance(dataset, GraphSamples)
-    names = dataset.names(column_name) if is_graphs else dataset._names.get(column_name, ())
-    return _values_to_names(column[position[index]], names)
+    return _values_to_names(column[position[index]], unit_names(dataset, column_name))
 
 
 def _values_to_names(values: np.ndarray, names: Any) -> np.ndarray:

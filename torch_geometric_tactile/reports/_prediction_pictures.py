@@ -1,23 +1,23 @@
 r"""Pictures of predictions, in the folder of their table."""
 
 import os
-import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from torch import Tensor
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.predictor import Predictor
+from torch_geometric_tactile.predictor._file_names import FileNameForm
 from torch_geometric_tactile.visualization._predicted_trial import PredictedTrial
 from torch_geometric_tactile.visualization._trial_figure import draw_trial
 from torch_geometric_tactile.visualization._truth import Truth, find_truth
 from torch_geometric_tactile.visualization.figure import save_figure
 
 MAX_PICTURES = 20  # limits the time of drawing; further recordings are only counted
-_FILE_NAME = r"(?P<object>.+)_\d+"  # files of recordings are often named OBJECT_NUMBER
+_FILE_NAME = FileNameForm("{object}_{trial}", "object")  # the usual form, if none is known
 
 
 class PredictionPictures:
@@ -53,7 +53,7 @@ class PredictionPictures:
         name = Path(os.fsdecode(path)).stem
         names = predictor.names(probability.size(1))
         truth = find_truth(recording, names, predictor.task) or _truth_from_name(
-            name, recording, names, predictor.task
+            predictor, path, recording, names
         )
         trial = PredictedTrial.from_predictions(predictor, recording, probability, frames, truth)
         self._trials.append((name, trial))
@@ -80,10 +80,10 @@ class PredictionPictures:
 
 
 def _truth_from_name(
-    name: str, recording: Recording, names: Sequence[str], task: str
+    predictor: Predictor, path: PathLike, recording: Recording, names: Sequence[str]
 ) -> Truth | None:
-    match = re.fullmatch(_FILE_NAME, name)
-    if match is None or task != "multiclass":
+    form = predictor.preparation.file_names or _FILE_NAME
+    label = form.find_class(os.fsdecode(path), names)
+    if label is None or predictor.task != "multiclass":
         return None
-    labelled = replace(recording, meta={"file name": match["object"]}, privileged={})
-    return find_truth(labelled, names, task)
+    return Truth(np.full(recording.num_frames, label), "file name")

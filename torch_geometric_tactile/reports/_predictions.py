@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -44,40 +44,110 @@ def write_recordings(
 
     The predictions are also added to the pictures. With :obj:`resample`, recordings with another
     rate than that of the training are resampled.
+
+    Raises:
+        UnpredictedRecordingsError: If there are several recordings and some cannot be predicted,
+            after the table of the others was written. There is no table if no recording has
+            predictions.
+        ValueError: If the only recording cannot be predicted.
     """
+    problems: list[str] = []
 
     def rows() -> _Rows:
         columns: dict[str, list[str]] = {}
+        has_rows = False
         for path in paths:
-            recording = open_recording(predictor, path, options)
             try:
-                recording = predictor.preparation.match_recording(
-                    in_column_order(recording, columns), resample=resample
+                predicted = _predict_recording(
+                    predictor,
+                    path,
+                    open_recording(predictor, path, options),
+                    columns,
+                    adapt=adapt,
+                    rest=rest,
+                    resample=resample,
                 )
-                # The first recording with named columns sets their order for all others.
-                columns = {**column_names(recording), **columns}
-                frames: Sequence[int] = range(recording.num_frames)
-                if adapt:
-                    predictor.adapt_recording(recording, rest=rest)
-                if predictor.window is not None:
-                    frames = predictor.windows(recording)[1].tolist()
-                probability = predictor.recording(recording, _BATCH_SIZE)
-            except ValueError as error:
-                hint = _hint(str(error), path, predictor.info.rest)
-                raise ValueError(f"'{path}': {error}{hint}") from error
+            except (OSError, ValueError) as error:
+                if len(paths) == 1:
+                    raise
+                problems.append(str(error))
+                continue
+            # The first recording with named columns sets their order for all others.
+            columns = {**column_names(predicted.recording), **columns}
             if pictures is not None:
-                pictures.add(predictor, path, recording, probability, frames)
-            lacks_contact: Iterable[Tensor | None] = [None] * len(probability)
-            if predictor.contact is not None:
-                lacks_contact = predictor.lacks_contact(recording)
-            for frame, row, is_free in zip(frames, probability, lacks_contact, strict=True):
-                yield (
-                    [cell_text(os.fspath(path)), frame, f"{recording.time[frame]:.6f}"],
-                    row,
-                    is_free,
+                pictures.add(
+                    predictor, path, predicted.recording, predicted.probability, predicted.frames
                 )
+            for row in predicted.rows(path):
+                has_rows = True
+                yield row
+        if problems and not has_rows:
+            raise UnpredictedRecordingsError(problems, len(paths), Counter())
 
-    return _write_rows(predictor, ["recording", "frame", "time"], rows(), out)
+    count = _write_rows(predictor, ["recording", "frame", "time"], rows(), out)
+    if problems:
+        raise UnpredictedRecordingsError(problems, len(paths), count)
+    return count
+
+
+class UnpredictedRecordingsError(ValueError):
+    r"""Raised if some recordings cannot be predicted, once the table of the others is written.
+
+    Args:
+        problems (list of str): The reason for each of them, with the name of its file.
+        num_recordings (int): Number of all recordings.
+        count (Counter): The rows of the table by prediction; empty if there is no table.
+    """
+
+    def __init__(self, problems: list[str], num_recordings: int, count: Counter[str]) -> None:
+        summary = f"{len(problems)} of {num_recordings} recordings have no predictions"
+        super().__init__(f"{summary}: {'; '.join(problems)}")
+        self.summary = summary
+        self.problems = problems
+        self.count = count
+
+
+class _PredictedRecording(NamedTuple):
+    # A recording that was predicted, and the last frame of each row of probabilities.
+    recording: Recording
+    frames: Sequence[int]
+    probability: Tensor
+    lacks_contact: Iterable[Tensor | None]
+
+    def rows(self, path: PathLike) -> _Rows:
+        cells = zip(self.frames, self.probability, self.lacks_contact, strict=True)
+        for frame, row, is_free in cells:
+            time = f"{self.recording.time[frame]:.6f}"
+            yield [cell_text(os.fspath(path)), frame, time], row, is_free
+
+
+def _predict_recording(
+    predictor: Predictor,
+    path: PathLike,
+    recording: Recording,
+    columns: Mapping[str, list[str]],
+    *,
+    adapt: bool,
+    rest: float | None,
+    resample: bool,
+) -> _PredictedRecording:
+    try:
+        recording = predictor.preparation.match_recording(
+            in_column_order(recording, columns), resample=resample
+        )
+        frames: Sequence[int] = range(recording.num_frames)
+        if adapt:
+            predictor.adapt_recording(recording, rest=rest)
+        if predictor.window is not None:
+            frames = predictor.windows(recording)[1].tolist()
+        probability = predictor.recording(recording, _BATCH_SIZE)
+        lacks_contact: Iterable[Tensor | None] = [None] * len(probability)
+        if predictor.contact is not None:
+            lacks_contact = predictor.lacks_contact(recording)
+    except ValueError as error:
+        hint = _hint(str(error), path, predictor.info.rest)
+        raise ValueError(f"'{path}': {error}{hint}") from error
+    return _PredictedRecording(recording, frames, probability, lacks_contact)
 
 
 def open_recording(

@@ -15,6 +15,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
 from torch_geometric_tactile.data._batches import check_same_names
 from torch_geometric_tactile.data._graph_samples import GraphSamples, SampleSet, as_samples
+from torch_geometric_tactile.data._sample_units import require_units
 from torch_geometric_tactile.data._shared_samples import warn_of_shared
 from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.loader import StaticLoader
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     _AnyDataset = Dataset | Sequence[Data]
 else:
     _AnyDataset = Dataset
-_SPLITS = ("frame", "trial", "group")
+_SPLITS = ("frame", "trial", "group")  # need not be known if nothing is held out
 
 
 class TactileDataModule(L.LightningDataModule):
@@ -61,8 +62,9 @@ class TactileDataModule(L.LightningDataModule):
         test_dataset (StaticDataset, Dataset or list of Data, optional): The data for test and
             prediction; a part of :obj:`dataset` if left out.
         split (str, Protocol or Split): The unit that is never divided between parts:
-            :obj:`"trial"`, :obj:`"group"` (objects), or :obj:`"frame"` (single frames), with the
-            fractions :obj:`val` and :obj:`test` held out; or a
+            :obj:`"trial"`, :obj:`"group"` (objects), :obj:`"frame"` (single frames) or another
+            unit of :class:`~torch_geometric_tactile.data.Protocol`, such as :obj:`"person"`, with
+            the fractions :obj:`val` and :obj:`test` held out; or a
             :class:`~torch_geometric_tactile.data.Protocol`, which has its own :obj:`val` and
             :obj:`test`; or the indices of the parts.
         val (float, optional): Fraction of :obj:`dataset` for validation. If left out, it is 0.1, or
@@ -100,7 +102,7 @@ class TactileDataModule(L.LightningDataModule):
         dataset: _AnyDataset,
         test_dataset: _AnyDataset | None = None,
         *,
-        split: Literal["frame", "trial", "group"] | Protocol | Split = "trial",
+        split: str | Protocol | Split = "trial",
         val: float | None = None,
         test: float = 0.0,
         transform: BaseTransform | None = None,
@@ -117,8 +119,10 @@ class TactileDataModule(L.LightningDataModule):
             name: None if part is None else _to_samples(part, f"{name}_dataset", samples)
             for name, part in (("val", val_dataset), ("test", test_dataset))
         }
-        if split is None or (isinstance(split, str) and split not in _SPLITS):
-            raise ValueError(f"'split' must be one of {list(_SPLITS)} (got {split!r})")
+        if split is None:
+            raise ValueError("'split' must be a unit, a Protocol or a Split (got None)")
+        if isinstance(split, str) and split not in _SPLITS:
+            require_units(samples, split, "split")
         scalers = [type(part).__name__ for part in fitted_parts(train_transform)]
         if scalers:
             raise ValueError(
