@@ -1,6 +1,6 @@
 r"""Checks of arguments, with errors that name the argument."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 
 class Argument(str):
@@ -44,6 +44,38 @@ class ArgumentError(ValueError):
         return "".join(
             f"'{options.get(part, part)}'" if isinstance(part, Argument) else part
             for part in self.parts
+        )
+
+
+class GroupedError(ValueError):
+    r"""Several errors as one, such as those of all files in a folder.
+
+    Args:
+        summary (str): What the errors have in common.
+        errors (sequence of Exception): The errors.
+
+    Examples:
+        >>> str(GroupedError("2 of 9 files are invalid", [ValueError("a"), ValueError("b")]))
+        '2 of 9 files are invalid: 1. a; 2. b'
+    """
+
+    def __init__(self, summary: str, errors: Sequence[Exception]) -> None:
+        super().__init__(summary, errors)
+        self.summary = summary
+        self.errors = errors
+
+    def __str__(self) -> str:
+        texts = [f"{i}. {error}" for i, error in enumerate(self.errors, 1)]
+        return f"{self.summary}: {'; '.join(texts)}"
+
+    def renamed(self, options: Mapping[str, str]) -> "GroupedError":
+        r"""Returns the errors with the names of arguments replaced."""
+        return GroupedError(
+            self.summary,
+            [
+                ValueError(error.renamed(options)) if isinstance(error, ArgumentError) else error
+                for error in self.errors
+            ],
         )
 
 

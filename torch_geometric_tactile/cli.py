@@ -13,10 +13,13 @@ from types import ModuleType
 from typing import Any
 
 from torch_geometric_tactile import __version__
+from torch_geometric_tactile._checks import GroupedError
 from torch_geometric_tactile._removed import removal_message
 from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile.commands import COMMANDS
 from torch_geometric_tactile.commands._paths import check_paths
+
+_MAX_LISTED_ERRORS = 20
 
 _EXAMPLES = """\
 examples:
@@ -120,6 +123,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0  # the reader of the output, such as `head`, has closed it
         if os.environ.get("TACTILE_TRACEBACK"):
             raise
+        if isinstance(error, GroupedError):
+            _print_error(f"error: {error.summary}:", [str(item) for item in error.errors])
+            return 1
         message = "not enough memory" if isinstance(error, MemoryError) else str(error)
         if isinstance(error, ModuleNotFoundError):
             message = _missing_package_text(error, sys.argv[1:] if argv is None else argv)
@@ -151,11 +157,14 @@ class _SingleLineFormatter(logging.Formatter):
         return printable(super().format(record))
 
 
-def _print_error(text: str) -> None:
-    # On one line: names of files may contain line breaks.
+def _print_error(text: str, items: Sequence[str] = ()) -> None:
+    # The text and each item on one line: names of files may contain line breaks.
     hint = "(set TACTILE_TRACEBACK=1 for the traceback)\n" if text.startswith("error:") else ""
+    lines = [f"tactile: {text}", *(f"- {item}" for item in items[:_MAX_LISTED_ERRORS])]
+    if len(items) > _MAX_LISTED_ERRORS:
+        lines.append(f"- and {len(items) - _MAX_LISTED_ERRORS} more")
     with suppress(OSError, ValueError, AttributeError):  # the error output is closed
-        sys.stderr.write(f"tactile: {printable(' '.join(text.split()))}\n{hint}")
+        sys.stderr.write("".join(f"{printable(' '.join(line.split()))}\n" for line in lines) + hint)
 
 
 def _is_output_closed() -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from torch_geometric_tactile._checks import ArgumentError
+from torch_geometric_tactile._checks import ArgumentError, GroupedError
 from torch_geometric_tactile.commands._arguments import positive, small_count
 
 if TYPE_CHECKING:
@@ -31,12 +31,25 @@ def option_names_in_errors(
     Raises:
         ValueError: The error about an argument, with its option named in the message.
     """
-    options = {name: f"--{name.replace('_', '-')}" for name in vars(arguments)} | renamed
+    options = _option_names(arguments) | renamed
     options = {name: option for name, option in options.items() if name not in excluded}
     try:
         yield
     except ArgumentError as error:
         raise ValueError(error.renamed(options)) from error
+    except GroupedError as error:
+        raise error.renamed(options) from error
+
+
+def option_text(error: Exception, arguments: argparse.Namespace) -> str:
+    r"""Returns the message of an error with names of options for names of Python arguments."""
+    if isinstance(error, ArgumentError):
+        return error.renamed(_option_names(arguments))
+    return str(error)
+
+
+def _option_names(arguments: argparse.Namespace) -> dict[str, str]:
+    return {name: f"--{name.replace('_', '-')}" for name in vars(arguments)}
 
 
 def add_rest(group: Any) -> None:

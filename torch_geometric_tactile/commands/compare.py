@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile.commands._arguments import hertz, percentage, positive, small_count
 from torch_geometric_tactile.commands._file_kinds import PICTURE, PREDICTOR, text_kind
 from torch_geometric_tactile.commands._paths import (
@@ -16,6 +17,7 @@ from torch_geometric_tactile.commands._paths import (
     input_path,
     input_setting,
 )
+from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 from torch_geometric_tactile.commands._runs import (
     add_rest,
     add_workers,
@@ -92,8 +94,7 @@ examples:
   tactile compare glove --layout glove.json --pattern '{person}_{object}_{trial}' --by person
                                                          recordings p1_cup_003.csv: the score for a
                                                          new person
-  tactile compare grasps --layout glove.json --rest 6 \\
-      --init target=grasp 'read_options={label: grasp, joint: "bend_.*", unit: count}'
+  tactile compare grasps --layout glove.json --rest 6 --label grasp --joint 'bend_.*' --unit count
                                                          CSV files with column names of your own
   tactile compare grasps --layout allegro_uskin --init 'phases=[squeeze, lift, hold]' tare=hover
                                                          frames with contact only
@@ -210,6 +211,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="recommend a simpler model that is at most POINTS worse than the best, within one "
         "standard error (default: 1 point; for regression 2, percent of the smallest error)",
     )
+    add_reading_options(parser)
     cut = parser.add_argument_group("windows and rest")
     cut.add_argument(
         "--window",
@@ -452,17 +454,26 @@ def _init_names(pairs: list[str]) -> list[str]:
 
 
 def _dataset_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
-    dataset_arguments, pattern = _parse_init(arguments.init), arguments.pattern
-    if pattern is None:
-        return dataset_arguments
-    if not Path(arguments.data).is_dir():
-        raise ValueError(
-            f"'--pattern' must be left out unless DATA is a folder of recordings (got '{pattern}' "
-            f"for '{arguments.data}')"
+    r"""Returns the arguments of the data set: those of :obj:`--init`, the pattern, and the options
+    with which recordings are read.
+    """
+    dataset_arguments, reading = _parse_init(arguments.init), reading_options(arguments)
+    given = [*(["pattern"] if arguments.pattern else []), *reading]
+    if given and not Path(arguments.data).is_dir():
+        raise ArgumentError(
+            Argument(given[0]),
+            f" must be left out unless DATA is a folder of recordings (got '{arguments.data}')",
         )
-    if "pattern" in dataset_arguments:
-        raise ValueError("'--pattern' and '--init pattern=' must not both be given")
-    return {**dataset_arguments, "pattern": pattern}
+    unit = reading.pop("unit", None)  # of recordings of all formats
+    options = {"pattern": arguments.pattern, "unit": unit, "read_options": reading or None}
+    options = {name: value for name, value in options.items() if value is not None}
+    for name in {*options} & {*dataset_arguments}:
+        raise ArgumentError(
+            Argument(next(iter(reading)) if name == "read_options" else name),
+            f" and '--init {name}=' must not both be given",
+        )
+    target = {"target": reading["label"]} if "label" in reading else {}
+    return {**target, **options, **dataset_arguments}
 
 
 def _parse_init(pairs: list[str]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 from torch_geometric_tactile.commands._arguments import READABLE, hertz
 from torch_geometric_tactile.commands._paths import OutputPath, input_path, recording_file
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
+from torch_geometric_tactile.commands._runs import option_names_in_errors
 
 _LEROBOT_SUFFIX = ".lerobot"
 _DEFAULT_FPS = 30
@@ -79,6 +80,11 @@ def _parse_target(text: str) -> OutputPath:
 
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the command and returns the exit status."""
+    with option_names_in_errors(arguments):
+        return _run(arguments)
+
+
+def _run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.io import read_recording, write_recording
 
     if Path(arguments.target).suffix.lower() == _LEROBOT_SUFFIX:

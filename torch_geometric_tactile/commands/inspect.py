@@ -2,7 +2,6 @@ r"""``tactile inspect``: summarises recordings as text, and one as a picture."""
 
 import argparse
 import json
-import re
 from dataclasses import asdict
 from pathlib import Path, PurePath
 
@@ -10,7 +9,7 @@ from torch_geometric_tactile.commands._arguments import READABLE
 from torch_geometric_tactile.commands._file_kinds import PICTURE
 from torch_geometric_tactile.commands._paths import OutputFile, OutputPath, input_path
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
-from torch_geometric_tactile.commands._runs import option_names_in_errors
+from torch_geometric_tactile.commands._runs import option_names_in_errors, option_text
 
 HELP = "Summarise a recording or a folder of recordings, and plot a recording"
 DESCRIPTION = """\
@@ -32,7 +31,7 @@ examples:
   tactile inspect glove.csv --tactile 'pad_.*' --joint 'bend_.*' --label grasp
                                                  a CSV file with your own column names
   tactile inspect grasps/                        all recordings of a folder
-  tactile inspect grasps/ --pattern '(?P<person>[a-z]+)_(?P<object>.+)_(?P<trial>[0-9]+)'
+  tactile inspect grasps/ --pattern '{person}_{object}_{trial}'
                                                  the same, and the recordings of each person
   tactile inspect grasps/ --json > grasps.json   for programs
   tactile inspect datasets/cups --tactile 'observation.tactile.*'
@@ -63,20 +62,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--pattern",
-        metavar="REGEX",
-        type=_regular_expression,
-        help="of a folder: regular expression for the names of files without suffix, whose named "
-        "groups are listed; with a '/', subfolders are searched (default: <object>_<trial>)",
+        metavar="PATTERN",
+        type=str,
+        help="of a folder: the form of the names of files without suffix, as for 'tactile "
+        "compare', whose names are listed; with a '/', subfolders are searched (default: "
+        "'{object}_{trial}')",
     )
     add_reading_options(parser)
-
-
-def _regular_expression(text: str) -> str:
-    try:
-        re.compile(text)
-    except (re.error, RecursionError) as error:
-        raise argparse.ArgumentTypeError(f"must be a regular expression ({error})") from error
-    return text
 
 
 def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
@@ -107,7 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports._recording import describe_file, draw_recording
 
-    recording, summary = describe_file(arguments.file, **reading_options(arguments))
+    with option_names_in_errors(arguments):
+        recording, summary = describe_file(arguments.file, **reading_options(arguments))
     print(summary, flush=True)
     if not arguments.no_picture:
         path = _picture_path(arguments)
@@ -125,7 +118,12 @@ def _inspect_folder(arguments: argparse.Namespace) -> int:
             "folder has no plot"
         )
     with option_names_in_errors(arguments):
-        facts = read_folder(arguments.file, arguments.pattern, **reading_options(arguments))
+        facts = read_folder(
+            arguments.file,
+            arguments.pattern,
+            error_to_text=lambda error: option_text(error, arguments),
+            **reading_options(arguments),
+        )
     text = json.dumps(asdict(facts), indent=1) if arguments.json else describe_folder(facts)
     print(text, flush=True)
     if facts.unreadable:

@@ -15,6 +15,7 @@ from torch_geometric_tactile.commands._arguments import (
 from torch_geometric_tactile.commands._file_kinds import PICTURE, PREDICTIONS, PREDICTOR
 from torch_geometric_tactile.commands._paths import OutputFile, OutputPath, input_path
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
+from torch_geometric_tactile.commands._runs import option_names_in_errors
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -186,11 +187,10 @@ def run(arguments: argparse.Namespace) -> int:
             '"torch-geometric-tactile[viz]", or add --no-picture',
             file=sys.stderr,
         )
-    if failure is None:
-        return 0
-    for text in (failure.summary, *failure.problems):
-        print(printable(f"tactile: error: {' '.join(text.split())}"), file=sys.stderr)
-    return 1
+    if failure is not None:
+        with option_names_in_errors(arguments):
+            raise failure
+    return 0
 
 
 def _write_table(
@@ -207,16 +207,17 @@ def _write_table(
         samples = run_data.test_part(data, predictor)
         return predictions.write_samples(predictor, samples, arguments.out), None
     try:
-        count = predictions.write_recordings(
-            predictor,
-            arguments.recordings,
-            arguments.out,
-            arguments.adapt or arguments.rest is not None,
-            arguments.rest,
-            reading_options(arguments),
-            pictures,
-            arguments.resample,
-        )
+        with option_names_in_errors(arguments):
+            count = predictions.write_recordings(
+                predictor,
+                arguments.recordings,
+                arguments.out,
+                arguments.adapt or arguments.rest is not None,
+                arguments.rest,
+                reading_options(arguments),
+                pictures,
+                arguments.resample,
+            )
     except predictions.UnpredictedRecordingsError as error:
         return error.count, error
     return count, None

@@ -16,13 +16,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import GroupedError, need
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data._column_order import column_names, in_column_order
 from torch_geometric_tactile.datasets._trial import Trial, check_compatible, make_trial
 from torch_geometric_tactile.sensors import TaxelLayout
 
-_MAX_LISTED_ERRORS = 20
 _logger = logging.getLogger(__name__)
 
 
@@ -123,13 +122,7 @@ def raise_all(errors: Sequence[ValueError], num_recordings: int) -> None:
     if len(errors) == 1:
         raise errors[0]
     if errors:
-        lines = [f"{i}. {error}" for i, error in enumerate(errors[:_MAX_LISTED_ERRORS], 1)]
-        num_hidden = len(errors) - len(lines)
-        ending = f"; and {num_hidden} more" if num_hidden else ""
-        raise ValueError(
-            f"{len(errors)} of {num_recordings} recordings cannot be used: "
-            f"{'; '.join(lines)}{ending}"
-        )
+        raise GroupedError(f"{len(errors)} of {num_recordings} recordings cannot be used", errors)
 
 
 @dataclass(frozen=True)

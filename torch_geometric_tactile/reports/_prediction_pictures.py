@@ -4,20 +4,17 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from torch import Tensor
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.predictor import Predictor
-from torch_geometric_tactile.predictor._file_names import FileNameForm
 from torch_geometric_tactile.visualization._predicted_trial import PredictedTrial
 from torch_geometric_tactile.visualization._trial_figure import draw_trial
-from torch_geometric_tactile.visualization._truth import Truth, find_truth
+from torch_geometric_tactile.visualization._truth import Truth
 from torch_geometric_tactile.visualization.figure import save_figure
 
 MAX_PICTURES = 20  # limits the time of drawing; further recordings are only counted
-_FILE_NAME = FileNameForm("{object}_{trial}", "object")  # the usual form, if none is known
 
 
 class PredictionPictures:
@@ -38,8 +35,10 @@ class PredictionPictures:
         recording: Recording,
         probability: Tensor,
         frames: Sequence[int],
+        truth: Truth | None,
     ) -> None:
-        r"""Stores the predictions of a recording. Recordings without frames are skipped.
+        r"""Stores the predictions of a recording, and its true classes or numbers. Recordings
+        without frames are skipped.
 
         Shapes:
             - **probability:** :math:`(R, C)`
@@ -51,10 +50,6 @@ class PredictionPictures:
             self.num_left_out += 1
             return
         name = Path(os.fsdecode(path)).stem
-        names = predictor.names(probability.size(1))
-        truth = find_truth(recording, names, predictor.task) or _truth_from_name(
-            predictor, path, recording, names
-        )
         trial = PredictedTrial.from_predictions(predictor, recording, probability, frames, truth)
         self._trials.append((name, trial))
 
@@ -77,13 +72,3 @@ class PredictionPictures:
         used_names = {path.name.casefold() for path in paths}
         names = [f"{stem}-{name}.png", *(f"{stem}-{name}-{i}.png" for i in range(2, 99))]
         return table.with_name(next(n for n in names if n.casefold() not in used_names))
-
-
-def _truth_from_name(
-    predictor: Predictor, path: PathLike, recording: Recording, names: Sequence[str]
-) -> Truth | None:
-    form = predictor.preparation.file_names or _FILE_NAME
-    label = form.find_class(os.fsdecode(path), names)
-    if label is None or predictor.task != "multiclass":
-        return None
-    return Truth(np.full(recording.num_frames, label), "file name")

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile._checks import need
+from torch_geometric_tactile._checks import GroupedError, need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
@@ -22,6 +22,8 @@ from torch_geometric_tactile.io._csv_table import text_to_cell
 from torch_geometric_tactile.io.recording_files import format_options, select_format
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.reports._prediction_pictures import PredictionPictures
+from torch_geometric_tactile.reports._recording_truth import class_in_name, recording_truth
+from torch_geometric_tactile.visualization._truth import Truth
 
 _BATCH_SIZE = 256
 
@@ -40,7 +42,8 @@ def write_recordings(
     resample: bool = False,
 ) -> Counter[str]:
     r"""Writes a row for each frame of all recordings: file, frame, time, prediction and
-    probabilities. For a model of windows, a row stands for a window and names its last frame.
+    probabilities. For a model of windows, a row stands for a window and names its last frame. The
+    true class is a further column, if the name of a file or the first recording has it.
 
     The predictions are also added to the pictures. With :obj:`resample`, recordings with another
     rate than that of the training are resampled.
@@ -51,11 +54,10 @@ def write_recordings(
             predictions.
         ValueError: If the only recording cannot be predicted.
     """
-    problems: list[str] = []
+    problems: list[OSError | ValueError] = []
 
-    def rows() -> _Rows:
+    def predicted_recordings() -> Iterator[_PredictedRecording]:
         columns: dict[str, list[str]] = {}
-        has_rows = False
         for path in paths:
             try:
                 predicted = _predict_recording(
@@ -70,55 +72,77 @@ def write_recordings(
             except (OSError, ValueError) as error:
                 if len(paths) == 1:
                     raise
-                problems.append(str(error))
+                problems.append(error)
                 continue
             # The first recording with named columns sets their order for all others.
             columns = {**column_names(predicted.recording), **columns}
             if pictures is not None:
                 pictures.add(
-                    predictor, path, predicted.recording, predicted.probability, predicted.frames
+                    predictor,
+                    path,
+                    predicted.recording,
+                    predicted.probability,
+                    predicted.frames,
+                    predicted.truth,
                 )
-            for row in predicted.rows(path):
-                has_rows = True
-                yield row
-        if problems and not has_rows:
-            raise UnpredictedRecordingsError(problems, len(paths), Counter())
+            yield predicted
 
-    count = _write_rows(predictor, ["recording", "frame", "time"], rows(), out)
+    recordings = predicted_recordings()
+    first = next(recordings, None)
+    if first is None and problems:
+        raise UnpredictedRecordingsError(problems, len(paths), Counter())
+    has_label = predictor.task == "multiclass" and (
+        (first is not None and first.truth is not None)
+        or any(class_in_name(predictor, path, predictor.class_names) for path in paths)
+    )
+    first_columns = ["recording", "frame", "time", *(["label"] if has_label else [])]
+    rows = (
+        row
+        for predicted in itertools.chain([first] if first else [], recordings)
+        for row in predicted.rows(has_label)
+    )
+    count = _write_rows(predictor, first_columns, rows, out)
     if problems:
         raise UnpredictedRecordingsError(problems, len(paths), count)
     return count
 
 
-class UnpredictedRecordingsError(ValueError):
+class UnpredictedRecordingsError(GroupedError):
     r"""Raised if some recordings cannot be predicted, once the table of the others is written.
 
     Args:
-        problems (list of str): The reason for each of them, with the name of its file.
+        errors (sequence of Exception): The error of each of them, with the name of its file.
         num_recordings (int): Number of all recordings.
         count (Counter): The rows of the table by prediction; empty if there is no table.
     """
 
-    def __init__(self, problems: list[str], num_recordings: int, count: Counter[str]) -> None:
-        summary = f"{len(problems)} of {num_recordings} recordings have no predictions"
-        super().__init__(f"{summary}: {'; '.join(problems)}")
-        self.summary = summary
-        self.problems = problems
+    def __init__(
+        self, errors: Sequence[OSError | ValueError], num_recordings: int, count: Counter[str]
+    ) -> None:
+        super().__init__(
+            f"{len(errors)} of {num_recordings} recordings have no predictions", errors
+        )
         self.count = count
 
 
 class _PredictedRecording(NamedTuple):
     # A recording that was predicted, and the last frame of each row of probabilities.
+    path: PathLike
     recording: Recording
     frames: Sequence[int]
     probability: Tensor
     lacks_contact: Iterable[Tensor | None]
+    truth: Truth | None
 
-    def rows(self, path: PathLike) -> _Rows:
+    def rows(self, has_label: bool) -> _Rows:
         cells = zip(self.frames, self.probability, self.lacks_contact, strict=True)
         for frame, row, is_free in cells:
-            time = f"{self.recording.time[frame]:.6f}"
-            yield [cell_text(os.fspath(path)), frame, time], row, is_free
+            first_cells = [cell_text(os.fspath(self.path)), frame]
+            first_cells.append(f"{self.recording.time[frame]:.6f}")
+            if has_label:
+                label = "" if self.truth is None else str(self.truth.value[frame])
+                first_cells.append(cell_text(label))
+            yield first_cells, row, is_free
 
 
 def _predict_recording(
@@ -147,7 +171,9 @@ def _predict_recording(
     except ValueError as error:
         hint = _hint(str(error), path, predictor.info.rest)
         raise ValueError(f"'{path}': {error}{hint}") from error
-    return _PredictedRecording(recording, frames, probability, lacks_contact)
+    names = predictor.names(probability.size(1))
+    truth = recording_truth(predictor, path, recording, names)
+    return _PredictedRecording(path, recording, frames, probability, lacks_contact, truth)
 
 
 def open_recording(
@@ -163,7 +189,10 @@ def open_recording(
     try:
         return read_recording(path, **selected)
     except ValueError as error:
-        raise ValueError(f"{error}{_hint(str(error), path)}") from error
+        hint = _hint(str(error), path)
+        if not hint:
+            raise
+        raise ValueError(f"{error}{hint}") from error
 
 
 def _hint(error: str, path: PathLike, rest: float | None = None) -> str:

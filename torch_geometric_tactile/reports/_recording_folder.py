@@ -17,7 +17,7 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data._gaps import RATE_TOLERANCE
 from torch_geometric_tactile.data._taxel_faults import TaxelFaults, find_taxel_faults
 from torch_geometric_tactile.datasets._recording_tables import RecordingTables, table_paths
-from torch_geometric_tactile.datasets._trial import DEFAULT_PATTERN
+from torch_geometric_tactile.datasets._trial import DEFAULT_PATTERN, checked_pattern
 from torch_geometric_tactile.io import read_lerobot, read_recording
 from torch_geometric_tactile.io._folder_recordings import RECORDING_SUFFIXES, list_recordings
 from torch_geometric_tactile.io.recording_files import select_format
@@ -95,7 +95,13 @@ class FolderFacts:
     unreadable: dict[str, str] = field(default_factory=dict)
 
 
-def read_folder(folder: PathLike, pattern: str | None = None, **options: Any) -> FolderFacts:
+def read_folder(
+    folder: PathLike,
+    pattern: str | None = None,
+    *,
+    error_to_text: Callable[[Exception], str] = str,
+    **options: Any,
+) -> FolderFacts:
     r"""Reads the recordings in a folder one by one.
 
     As in :class:`~torch_geometric_tactile.datasets.RecordingFrames`, the recordings are in
@@ -107,6 +113,7 @@ def read_folder(folder: PathLike, pattern: str | None = None, **options: Any) ->
         pattern (str, optional): Regular expression for the full names of the files without suffix,
             whose named groups are listed. If it contains a :obj:`"/"`, files in subfolders are read
             as well. Defaults to that of the data sets, ``<object>_<trial>``.
+        error_to_text (callable): Converts the error of an unreadable file to text.
         **options: Options of :func:`~torch_geometric_tactile.io.read_recording`, or of
             :func:`~torch_geometric_tactile.io.read_lerobot`.
 
@@ -116,7 +123,7 @@ def read_folder(folder: PathLike, pattern: str | None = None, **options: Any) ->
     folder = Path(folder)
     if (folder / "meta/info.json").is_file():
         return _read_lerobot_folder(folder, pattern, options)
-    pattern = DEFAULT_PATTERN if pattern is None else pattern
+    pattern = checked_pattern(DEFAULT_PATTERN if pattern is None else pattern)
     is_recursive = "/" in pattern
     raw = folder / "raw"
     source = raw if raw.is_dir() and list_recordings(raw, is_recursive) else folder
@@ -133,7 +140,7 @@ def read_folder(folder: PathLike, pattern: str | None = None, **options: Any) ->
         try:
             tables.append(RecordingTables([table], source, paths))
         except (ValueError, OSError) as error:
-            facts.unreadable[table.relative_to(folder).as_posix()] = str(error)
+            facts.unreadable[table.relative_to(folder).as_posix()] = error_to_text(error)
     for path in paths:
         file = path.relative_to(source)
         try:
@@ -146,7 +153,7 @@ def read_folder(folder: PathLike, pattern: str | None = None, **options: Any) ->
                 _recording_facts(file.as_posix(), select_format(path, options), labelled, groups)
             )
         except (ValueError, OSError, ImportError) as error:
-            facts.unreadable[file.as_posix()] = str(error)
+            facts.unreadable[file.as_posix()] = error_to_text(error)
     return facts
 
 
