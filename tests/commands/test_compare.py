@@ -303,7 +303,7 @@ def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
         ),
         (
             ["--pattern", "{person}_{trial}"],
-            "'--pattern' must be left out unless DATA is a folder of recordings (got '{person}_",
+            "'--pattern' must be left out unless DATA is a folder of recordings (got '",
         ),
         (["--metric", "mae"], "'--metric' must be 'accuracy' or 'balanced_accuracy' for classes"),
         (["--init", "stride"], "'--init' must be KEY=VALUE, such as root=DIR (got 'stride')"),

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.cli import build_parser, main
+from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._recording_npz import write_npz
 
@@ -156,9 +156,10 @@ def test_a_pattern_names_the_groups(folder, capsys):
     assert found["label"] == ["mug 2; none in 1"]
     assert found["session"] == ["000 1, 001 1; none in 1"]
     assert "object" not in found
-    with pytest.raises(SystemExit):
-        build_parser().parse_args(["inspect", "a", "--pattern", "("])
-    assert "argument --pattern: must be a regular expression (missing )" in capsys.readouterr().err
+    assert main(["inspect", str(folder), "--pattern", "("]) == 1
+    assert "'--pattern' must be a regular expression" in capsys.readouterr().err
+    found = inspect(folder, capsys, "--pattern", "{label}_{session}")
+    assert found["label"] == ["mug 2, cup 1"]
 
 
 def test_subfolders_are_read_with_a_slash_in_the_pattern(folder, tmp_path, capsys):

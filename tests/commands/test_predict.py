@@ -22,6 +22,7 @@ from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.nn import TactileFNN
 from torch_geometric_tactile.predictor._preparation import Preparation
 from torch_geometric_tactile.reports import _predictions
+from torch_geometric_tactile.reports._recording_truth import recording_truth
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, Tare
 
@@ -328,7 +329,8 @@ def test_a_name_of_a_file_tells_the_true_class(tmp_path, monkeypatch):
     recording = Recording(time=np.arange(5.0), tactile=X.numpy())
     kept = pictures.PredictionPictures("a.csv")
     for name in ("hard_003.npz", "soft.npz", "mug_1.npz"):
-        kept.add(predictor(), name, recording, predictor()(X), range(5))
+        truth = recording_truth(predictor(), name, recording, predictor().class_names)
+        kept.add(predictor(), name, recording, predictor()(X), range(5), truth)
     first, *others = (trial.truth for _, trial in kept._trials)
     assert first.source == "file name"
     assert first.value.tolist() == ["hard"] * 5
@@ -348,12 +350,15 @@ def test_form_of_the_names_of_the_training_files_tells_the_true_class(tmp_path, 
     loaded = Predictor.load("b.predictor")
     kept = pictures.PredictionPictures("a.csv")
     for name in ("p2_soft_7.npz", "p2_mug_7.npz"):
-        kept.add(
-            loaded, name, Recording(time=np.arange(5.0), tactile=X.numpy()), loaded(X), range(5)
-        )
+        recording = Recording(time=np.arange(5.0), tactile=X.numpy())
+        truth = recording_truth(loaded, name, recording, loaded.class_names)
+        kept.add(loaded, name, recording, loaded(X), range(5), truth)
+        write_recording(recording, name)
     first, second = (trial.truth for _, trial in kept._trials)
     assert (first.value.tolist(), first.source) == (["soft"] * 5, "file name")
     assert second is None
+    assert main(["predict", "b.predictor", "p2_mug_7.npz", "p2_soft_7.npz", "--no-picture"]) == 0
+    assert [row["label"] for row in rows("predictions.csv")] == 5 * [""] + 5 * ["soft"]
 
 
 def test_no_picture_is_drawn_where_none_is_asked_for_or_matplotlib_is_missing(
@@ -380,11 +385,10 @@ def test_recordings_that_cannot_be_predicted_are_listed_and_lose_no_others(folde
     assert main(["predict", "a.predictor", *files, "--no-picture"]) == 1
     out, err = capsys.readouterr()
     assert out.startswith("predictions.csv: 10 frames: ")
-    summary, *problems = err.splitlines()
-    assert summary == "tactile: error: 2 of 4 recordings have no predictions"
-    assert re.match("tactile: error: 'three.npz': a recording on layout .* 4 taxels", problems[0])
-    assert problems[1].startswith("tactile: error: ")
-    assert "nothing.npz" in problems[1]
+    summary, *problems, _ = err.splitlines()
+    assert summary == "tactile: error: 2 of 4 recordings have no predictions:"
+    assert re.match("- 'three.npz': a recording on layout .* 4 taxels", problems[0])
+    assert problems[1].startswith("- 'nothing.npz'")
     assert len(problems) == 2
     table = rows("predictions.csv")
     assert main(["predict", "a.predictor", "trial_0.npz", "trial_1.npz", "--no-picture"]) == 0
@@ -394,7 +398,7 @@ def test_recordings_that_cannot_be_predicted_are_listed_and_lose_no_others(folde
 def test_no_table_is_left_if_no_recording_has_predictions(folder, capsys):
     assert main(["predict", "a.predictor", "none.npz", "nothing.npz"]) == 1
     assert not list(folder.glob("predictions*"))
-    assert "error: 2 of 2 recordings have no predictions\n" in capsys.readouterr().err
+    assert "error: 2 of 2 recordings have no predictions:\n" in capsys.readouterr().err
     error = _predictions.UnpredictedRecordingsError
     with pytest.raises(error, match=r"1 of 2 recordings .*predictions: .*none\.npz") as failure:
         _predictions.write_recordings(predictor(), ["none.npz", "trial_0.npz"], "b.csv")

@@ -5,7 +5,6 @@ import pytest
 from torch_geometric_tactile.io import dataframe_to_recording, read_recording, write_recording
 from torch_geometric_tactile.io._csv_format import CSV_OPTIONS, CsvFormat
 from torch_geometric_tactile.io._csv_frames import normalized_name
-from torch_geometric_tactile.io.recording_files import read_first_frame
 
 
 def write_text(tmp_path, text, encoding="utf-8"):
@@ -210,12 +209,9 @@ def test_options_do_not_belong_to_other_formats(tmp_path, full):
             read_recording(tmp_path / "a.npz", **{option: default})
 
 
-def test_first_frame(tmp_path, full):
+def test_first_frames(tmp_path):
     path = write_text(tmp_path, "time;a;b\n0;1;2\n1;broken;3\n")
-    frame = read_first_frame(path)
-    assert readings(frame) == [[1.0, 2.0]]
-    write_recording(full, tmp_path / "a.npz")
-    assert read_first_frame(tmp_path / "a.npz").num_frames == full.num_frames
+    assert readings(read_recording(path, num_frames=1)) == [[1.0, 2.0]]
 
 
 def test_dataframe_is_its_csv_file(tmp_path):

@@ -160,8 +160,11 @@ def test_describe_names_every_fact():
         "joints       2, -0.5 to 1 rad",
         "             base: 0 to 0.25 rad",
         "             tip: -0.5 to 1 rad",
-        "dead taxels  1: 1",
         "missing      5 of 8 readings of a taxel in a frame (62.5 %)",
+        "dead taxels  1: 1",
+        "constant     none",
+        "saturated    none",
+        "equal        none",
         "label        cup",
         "metadata     unit = count",
         '             joint_names = ["base", "tip"]',
@@ -176,7 +179,7 @@ def test_describe_no_frame_and_many_dead_taxels():
     assert lines[0] == "frames       0"
     assert lines[3] == "readings     none"
     lines = describe_recording(Recording([0.0], np.full((1, 15, 1), NAN))).splitlines()
-    assert lines[5] == "dead taxels  15: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 and 3 more"
+    assert lines[6] == "dead taxels  15: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 and 3 more"
 
 
 def test_names_that_are_no_formula_can_be_drawn(tmp_path):
@@ -199,7 +202,7 @@ def test_describe_shows_what_a_terminal_would_obey():
     )
     assert r"label        a\x1b[2J\n\u202eb" in lines
     assert r"metadata     k\n = \x9b" in lines
-    assert len(lines) == 11
+    assert len(lines) == 14
 
 
 def test_annotations_have_a_lane_for_each_label():

@@ -468,9 +468,9 @@ def _dataset_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
     options = {"pattern": arguments.pattern, "unit": unit, "read_options": reading or None}
     options = {name: value for name, value in options.items() if value is not None}
     for name in {*options} & {*dataset_arguments}:
-        raise ArgumentError(
-            Argument(next(iter(reading)) if name == "read_options" else name),
-            f" and '--init {name}=' must not both be given",
+        option = next(iter(reading)) if name == "read_options" else name
+        raise ValueError(
+            f"'--{option.replace('_', '-')}' and '--init {name}=' must not both be given"
         )
     target = {"target": reading["label"]} if "label" in reading else {}
     return {**target, **options, **dataset_arguments}

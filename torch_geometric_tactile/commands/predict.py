@@ -146,6 +146,11 @@ def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
 
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the command and returns the exit status."""
+    with option_names_in_errors(arguments):
+        return _run(arguments)
+
+
+def _run(arguments: argparse.Namespace) -> int:
     arguments.out = arguments.out or _TABLE
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports import _predictions as predictions
@@ -188,8 +193,7 @@ def run(arguments: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     if failure is not None:
-        with option_names_in_errors(arguments):
-            raise failure
+        raise failure
     return 0
 
 
@@ -207,17 +211,16 @@ def _write_table(
         samples = run_data.test_part(data, predictor)
         return predictions.write_samples(predictor, samples, arguments.out), None
     try:
-        with option_names_in_errors(arguments):
-            count = predictions.write_recordings(
-                predictor,
-                arguments.recordings,
-                arguments.out,
-                arguments.adapt or arguments.rest is not None,
-                arguments.rest,
-                reading_options(arguments),
-                pictures,
-                arguments.resample,
-            )
+        count = predictions.write_recordings(
+            predictor,
+            arguments.recordings,
+            arguments.out,
+            arguments.adapt or arguments.rest is not None,
+            arguments.rest,
+            reading_options(arguments),
+            pictures,
+            arguments.resample,
+        )
     except predictions.UnpredictedRecordingsError as error:
         return error.count, error
     return count, None

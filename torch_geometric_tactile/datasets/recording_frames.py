@@ -31,7 +31,7 @@ from torch_geometric_tactile.datasets._trial_frames import (
     check_frame_selection,
 )
 from torch_geometric_tactile.io import read_recording
-from torch_geometric_tactile.io.recording_files import read_first_frame
+from torch_geometric_tactile.io.recording_files import select_format
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
 # Arguments, including those of subclasses, that select from the processed frames.
@@ -310,7 +310,7 @@ class RecordingFrames(TrialFrames):
             UnreadRecording(
                 f"'{path}'",
                 self._trial_name(path),
-                partial(read_first_frame, path, **self.read_options),
+                partial(_read_first_frame, path, self.read_options),
             )
             for path in paths
         ]
@@ -353,6 +353,12 @@ class RecordingFrames(TrialFrames):
         if self.target == "object":
             return self.group_names
         return self.property_names if self.target == "property" else super().class_names
+
+
+def _read_first_frame(path: Path, options: Mapping[str, Any]) -> Recording:
+    # A file with another suffix than its content may be of any format, which is read whole.
+    is_csv = select_format(path, options).endswith("CSV")
+    return read_recording(path, **{**options, **({"num_frames": 1} if is_csv else {})})
 
 
 def _check_arguments(

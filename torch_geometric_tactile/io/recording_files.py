@@ -114,7 +114,8 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
             :obj:`time_unit`, :obj:`label`, :obj:`extra`, :obj:`ignore`, :obj:`unit` and
             :obj:`rate` for the columns, :obj:`num_taxels`, :obj:`num_joints` and :obj:`header` for
             files without names, and :obj:`separator`, :obj:`decimal`, :obj:`encoding`,
-            :obj:`preamble`, :obj:`unit_row`, :obj:`time_format` and :obj:`missing` for the text.
+            :obj:`preamble`, :obj:`unit_row`, :obj:`time_format` and :obj:`missing` for the text;
+            :obj:`num_frames` reads the first frames only.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -132,16 +133,6 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
         Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100)
     """
     name, options = _reader_options(path, kwargs)
-    return _FORMATS[name].read(path, **options)
-
-
-def read_first_frame(path: PathLike, **kwargs: Any) -> Recording:
-    r"""Reads the first frame of a CSV file with the options of :func:`read_recording`, to check its
-    columns before long files are read. Files of other formats are read whole.
-    """
-    name, options = _reader_options(path, kwargs)
-    if name.endswith("CSV"):
-        options["num_frames"] = 1
     return _FORMATS[name].read(path, **options)
 
 
@@ -186,7 +177,7 @@ def format_options(name: str) -> list[str]:
         ['forces']
     """
     names = [*inspect.signature(_FORMATS[name].read).parameters][1:]
-    options = [option for option in names if option not in ("csv_format", "num_frames")]
+    options = [option for option in names if option != "csv_format"]
     return [*options, *CSV_OPTIONS] if "csv_format" in names else options
 
 
