@@ -1,5 +1,6 @@
 import os
 
+import numpy as np
 import pytest
 
 from torch_geometric_tactile.live import ReplaySource, open_source
@@ -77,7 +78,7 @@ def test_open_source_of_a_simulation():
         ("serial:/dev/x?protocol=cobs&parity=odd", "protocol 'cobs' must have settings among"),
         ("serial:?protocol=anyskin", "'port' must be the path or name"),
         ("file:", "a file source must name the file"),
-        ("file:x.h5?spede=2", r"an option of file: must be one of \['speed', 'loop'\] \(got 'spe"),
+        ("file:x.h5?spede=2", r"an option of file: must be one of \['speed', 'rate', 'loop', .* \(got 'spe"),
         ("file:x.h5?speed=fast", r"'speed' must be a number \(got 'fast'\)"),
         ("file:x.h5?speed=-1", "'speed' must be 0 or more"),
         ("file:x.h5?loop=maybe", r"'loop' must be 1 or 0 \(got 'maybe'\)"),
@@ -96,3 +97,13 @@ def test_wrong_source_raises(url, match):
         pytest.importorskip("mujoco", reason="needs the extra 'sim'")
     with pytest.raises(ValueError, match=match):
         open_source(url)
+
+
+def test_file_source_reads_csv_with_options(tmp_path):
+    path = tmp_path / "glove.csv"
+    path.write_text("Glove 7\ntime;thumb;index;bend\n0;1,5;NA;3\n0,01;2;3;4\n")
+    options = "preamble=1&decimal=%2C&missing=NA,-1&joint=bend&loop=0"
+    with open_source(f"file:{path}?speed=0&{options}") as source:
+        frames = source.read(timeout=5.0)
+    np.testing.assert_array_equal(frames[0].tactile, [[1.5], [np.nan]])
+    assert [frame.joint.tolist() for frame in frames] == [[3.0], [4.0]]

@@ -7,6 +7,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.commands._paths import input_path, recording_file
+from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
+from torch_geometric_tactile.commands._runs import option_names_in_errors
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Stream
@@ -55,6 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_parse_port,
         help=f"act as XELA's server at this port of 127.0.0.1 (default: {_PORT})",
     )
+    add_reading_options(parser)
 
 
 def _parse_speed(text: str) -> float:
@@ -86,7 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{printable(arguments.repair)}: {report}")
         return 0
     play = _play if arguments.serve is None else _serve
-    print(f"{printable(arguments.file)}: {play(arguments)}")
+    with option_names_in_errors(arguments):
+        print(f"{printable(arguments.file)}: {play(arguments)}")
     return 0
 
 
@@ -94,7 +98,8 @@ def _play(arguments: argparse.Namespace) -> str:
     from torch_geometric_tactile.commands._status_line import StatusLine
     from torch_geometric_tactile.live import ReplaySource, Stream
 
-    stream = Stream(ReplaySource(arguments.file, arguments.speed, arguments.loop))
+    options = reading_options(arguments)
+    stream = Stream(ReplaySource(arguments.file, arguments.speed, arguments.loop, **options))
     with StatusLine() as line:
         try:
             with stream:
@@ -110,9 +115,11 @@ def _play(arguments: argparse.Namespace) -> str:
 
 def _serve(arguments: argparse.Namespace) -> str:
     from torch_geometric_tactile.commands._status_line import StatusLine
+    from torch_geometric_tactile.io import read_recording
     from torch_geometric_tactile.live import ReplayServer
 
-    server = ReplayServer(arguments.file, arguments.serve, arguments.speed, arguments.loop)
+    recording = read_recording(arguments.file, **reading_options(arguments))
+    server = ReplayServer(recording, arguments.serve, arguments.speed, arguments.loop)
     with StatusLine() as line, server:
         line.write(f"serving {server.url}, starting with the first client; Ctrl-C quits")
         with suppress(KeyboardInterrupt):  # the usual end of a server

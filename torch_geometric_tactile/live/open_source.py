@@ -30,7 +30,9 @@ def open_source(url: str, **settings: Any) -> Source:
                                                  (:obj:`protocol=lines`), which the first seconds of
                                                  bytes must be
     :obj:`ws://HOST:PORT`, :obj:`wss://...`      :class:`XelaSource`; :obj:`forces`
-    :obj:`file:PATH`, or the path alone          :class:`ReplaySource`; :obj:`speed`, :obj:`loop`
+    :obj:`file:PATH`, or the path alone          :class:`ReplaySource`; :obj:`speed`, :obj:`loop`,
+                                                 and options of
+                                                 :func:`~torch_geometric_tactile.io.read_recording`
     :obj:`sim:`                                  :class:`SimulatedSource`; :obj:`object`,
                                                  :obj:`rate`, :obj:`seed`, :obj:`objects`,
                                                  :obj:`motion`
@@ -91,9 +93,7 @@ def _file_source(path: str, options: Mapping[str, Any]) -> Source:
             f'a serial port must be given as "serial:{path}?protocol=NAME" '
             f"(got '{printable(path)}')"
         )
-    return ReplaySource(
-        path, **_convert_options("file:", options, {"speed": _to_float, "loop": _to_bool})
-    )
+    return ReplaySource(path, **_convert_options("file:", options, _FILE_CONVERTERS))
 
 
 def _websocket_source(url: str, options: Mapping[str, Any]) -> Source:
@@ -164,9 +164,24 @@ def _to_text(name: str, value: Any) -> str:
     return str(value)
 
 
+def _to_texts(name: str, value: Any) -> list[str]:
+    return value.split(",") if isinstance(value, str) else list(value)
+
+
 def _to_bool(name: str, value: Any) -> bool:
     if isinstance(value, bool):
         return value
     text = str(value).lower()
     need(text in _TRUE_TEXTS + _FALSE_TEXTS, f"'{name}' must be 1 or 0 (got {value!r})")
     return text in _TRUE_TEXTS
+
+
+# Those of `ReplaySource` and of the readers of recordings.
+_FILE_CONVERTERS: dict[str, Callable[[str, Any], Any]] = {
+    **dict.fromkeys(("speed", "rate"), _to_float),
+    **dict.fromkeys(("loop", "forces", "header", "unit_row"), _to_bool),
+    **dict.fromkeys(("num_taxels", "num_channels", "num_joints", "preamble"), _to_int),
+    **dict.fromkeys(("tactile", "joint", "time", "time_unit", "label", "unit"), _to_text),
+    **dict.fromkeys(("separator", "decimal", "encoding", "time_format"), _to_text),
+    **dict.fromkeys(("extra", "ignore", "missing"), _to_texts),
+}

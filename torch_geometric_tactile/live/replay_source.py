@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Iterator
 from itertools import count
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,8 @@ class ReplaySource(Source):
         speed (float): Factor of the recorded speed. With 0 or infinity, frames are replayed as fast
             as the slowest subscriber reads them.
         loop (bool): Whether to start again at the end. Times and frame numbers continue.
+        **read_options (optional): Options of
+            :func:`~torch_geometric_tactile.io.read_recording` for the file.
 
     Raises:
         ValueError: If :obj:`speed` is negative or NaN.
@@ -39,12 +42,19 @@ class ReplaySource(Source):
 
     reopens = False
 
-    def __init__(self, path: PathLike | Recording, speed: float = 1.0, loop: bool = False) -> None:
+    def __init__(
+        self,
+        path: PathLike | Recording,
+        speed: float = 1.0,
+        loop: bool = False,
+        **read_options: Any,
+    ) -> None:
         if isinstance(speed, bool) or not isinstance(speed, int | float) or not speed >= 0:
             raise ValueError(f"'speed' must be 0 or more (got {speed!r})")
         self._recording = path if isinstance(path, Recording) else None
         self.path = None if isinstance(path, Recording) else path
         super().__init__("file:" if self.path is None else f"file:{path}")
+        self.read_options = read_options
         self.speed = float(speed)
         self.loop = bool(loop)
         self.waits = self.speed in (0.0, math.inf)
@@ -72,7 +82,7 @@ class ReplaySource(Source):
             from torch_geometric_tactile.io import read_recording
 
             assert self.path is not None
-            self._recording = read_recording(self.path)
+            self._recording = read_recording(self.path, **self.read_options)
         recording = self._recording
         if recording.num_frames == 0:
             raise ValueError(f"a recording to replay must hold frames (got none in {self.name})")
