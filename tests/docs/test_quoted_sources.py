@@ -20,7 +20,8 @@ def test_sources_with_options_are_in_quotes():
     unquoted = {
         str(path.relative_to(ROOT)): found
         for path in TEXTS
-        if (found := UNQUOTED.findall(path.read_text(encoding="utf-8")))
+        if not {"generated", "build"} & {*path.parts}  # written by the docs
+        and (found := UNQUOTED.findall(path.read_text(encoding="utf-8")))
     }
     assert unquoted == {}
 

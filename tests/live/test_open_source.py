@@ -78,7 +78,10 @@ def test_open_source_of_a_simulation():
         ("serial:/dev/x?protocol=cobs&parity=odd", "protocol 'cobs' must have settings among"),
         ("serial:?protocol=anyskin", "'port' must be the path or name"),
         ("file:", "a file source must name the file"),
-        ("file:x.h5?spede=2", r"an option of file: must be one of \['speed', 'rate', 'loop', .* \(got 'spe"),
+        (
+            "file:x.h5?spede=2",
+            r"an option of file: must be one of \['speed', 'rate', 'loop', .* \(got 'spe",
+        ),
         ("file:x.h5?speed=fast", r"'speed' must be a number \(got 'fast'\)"),
         ("file:x.h5?speed=-1", "'speed' must be 0 or more"),
         ("file:x.h5?loop=maybe", r"'loop' must be 1 or 0 \(got 'maybe'\)"),
