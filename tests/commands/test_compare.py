@@ -19,7 +19,7 @@ from listed_outputs import check_listed
 from moving import motions
 
 from torch_geometric_tactile import Predictor
-from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.cli import build_parser, main
 from torch_geometric_tactile.commands import compare
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.experiments import _compared_models as compared_models
@@ -466,3 +466,18 @@ def test_score_for_a_new_person(tmp_path, capsys):
     ) in capsys.readouterr().err
     assert main([*command, "{person", "--init", "pattern=x"]) == 1
     assert "'--pattern' and '--init pattern=' must not both" in capsys.readouterr().err
+
+
+def test_options_of_csv_files_become_arguments_of_the_data_set(tmp_path, capsys):
+    options = ["--label", "grip", "--unit", "count", "--joint", "bend.*", "--missing", "NA"]
+    arguments = build_parser().parse_args(["compare", str(tmp_path), *options, "--missing", "-1"])
+    assert compare._dataset_arguments(arguments) == {
+        "target": "grip",
+        "unit": "count",
+        "read_options": {"joint": "bend.*", "label": "grip", "missing": ["NA", "-1"]},
+    }
+    arguments.init = ["target=object"]
+    assert compare._dataset_arguments(arguments)["target"] == "object"
+    arguments.init = ["read_options={joint: a}"]
+    with pytest.raises(ValueError, match="'--joint' and '--init read_options=' must not both"):
+        compare._dataset_arguments(arguments)

@@ -4,6 +4,7 @@ import math
 import os
 import pickle
 
+import numpy as np
 import pytest
 import torch
 from torch.nn import Linear, Module
@@ -11,6 +12,8 @@ from torch.nn import Linear, Module
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.baselines import TemperatureScaling, flat_forest, rbf_svm
 from torch_geometric_tactile.data import ContactRule, StaticData
+from torch_geometric_tactile.datasets import RecordingFrames
+from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.nn import TactileFNN
 from torch_geometric_tactile.predictor import AverageModel, EstimatorModel, _content
 from torch_geometric_tactile.predictor._plain_data import _check_state, load_weights
@@ -486,3 +489,16 @@ def test_a_scaler_of_other_joints_than_the_header_says_is_refused():
     _content.build_predictor(header, tensors, weights, model=Linear(4, 2))
     with pytest.raises(ValueError, match=r"fitted on 4 joints, as 'num_joints' says \(got 5\)"):
         _content.build_predictor({**header, "num_joints": 4}, tensors, weights, model=Linear(4, 2))
+
+
+def test_form_of_csv_files_is_kept(tmp_path):
+    options = {"decimal": ",", "preamble": 1, "unit_row": True, "missing": ["NA", -1, 0.5]}
+    (tmp_path / "a_1.csv").write_text("Glove\ntime;p\ns;N\n0;1,5\n1;NA\n")
+    (tmp_path / "b_2.csv").write_text("Glove\ntime;p\ns;N\n0;-1\n1;2\n")
+    frames = RecordingFrames(tmp_path, layout=grid(1, 1, 0.01), read_options=options)
+    predictor = Predictor.from_dataset(TactileFNN(1, 2, in_channels=1), frames)
+    predictor.save(tmp_path / "a.predictor")
+    loaded = Predictor.load(tmp_path / "a.predictor")
+    assert {key: loaded.read_options[key] for key in options} == options
+    recording = read_recording(tmp_path / "a_1.csv", **loaded.read_options)
+    np.testing.assert_array_equal(recording.tactile, [[[1.5]], [[np.nan]]])
