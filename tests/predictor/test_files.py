@@ -496,7 +496,9 @@ def test_form_of_csv_files_is_kept(tmp_path):
     (tmp_path / "a_1.csv").write_text("Glove\ntime;p\ns;N\n0;1,5\n1;NA\n")
     (tmp_path / "b_2.csv").write_text("Glove\ntime;p\ns;N\n0;-1\n1;2\n")
     frames = RecordingFrames(tmp_path, layout=grid(1, 1, 0.01), read_options=options)
-    predictor = Predictor.from_dataset(TactileFNN(1, 2, in_channels=1), frames)
+    predictor = Predictor.from_dataset(
+        TactileFNN(1, 2, channels={"tactile": 1}, widths=(2,), pools=(1,)), frames
+    )
     predictor.save(tmp_path / "a.predictor")
     loaded = Predictor.load(tmp_path / "a.predictor")
     assert {key: loaded.read_options[key] for key in options} == options
