@@ -57,3 +57,10 @@ def test_valid_files_in_another_order_of_columns_are_no_error(tmp_path):
     shuffled = [",".join([line.split(",")[i] for i in (0, 3, 1, 2)]) for line in LINES]
     frames = load(write_folder(tmp_path, cup_3=shuffled))
     assert frames.data.x[9].view(-1).tolist() == [1, 2, 3]
+
+
+def test_an_invalid_option_is_one_error(tmp_path):
+    with pytest.raises(ValueError, match=r"^'decimal' must be '.' or ',' \(got x\)$"):
+        RecordingFrames(
+            write_folder(tmp_path), layout=grid(1, 3, 0.01), read_options={"decimal": "x"}
+        )

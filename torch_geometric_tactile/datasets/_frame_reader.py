@@ -119,7 +119,9 @@ def raise_all(errors: Sequence[ValueError], num_recordings: int) -> None:
         errors (sequence of ValueError): The errors, one for each invalid recording.
         num_recordings (int): The number of recordings.
     """
-    if len(errors) == 1:
+    if (
+        len({str(error) for error in errors}) == 1
+    ):  # also of an option that no file can be read with
         raise errors[0]
     if errors:
         raise GroupedError(f"{len(errors)} of {num_recordings} recordings cannot be used", errors)
