@@ -21,6 +21,7 @@ from markdown_pages import (
 )
 from markdown_stages import CHECKS, EXTRAS, FULL, SLOW, STAGES
 
+import torch_geometric_tactile
 from torch_geometric_tactile.cli import main
 
 BIGS = ROOT / "docs" / "bigs.md"
@@ -62,6 +63,30 @@ def test_links_to_files_lead_somewhere(name):
     links = re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8"))
     written = [link for link in links if "generated/" not in link]  # the site builds those
     assert not [link for link in written if not (page.parent / link).exists()]
+
+
+# Names of other packages, of the reader's own modules, and of topics and messages.
+_OUTSIDE = ("torch.", "torch_geometric.", "torch_sparse.", "my_", "observation.", "tactile.")
+_OUTSIDE += ("foxglove.",)
+_DOTTED_CLASS = re.compile(r"`((?:[a-z_]\w*\.)+[A-Z]\w+)(?:\(|`)")
+
+
+def _is_public(name):
+    value = torch_geometric_tactile
+    for part in name.removeprefix("torch_geometric_tactile.").split("."):
+        value = getattr(value, part, None)
+    return value is not None
+
+
+@pytest.mark.parametrize("name", [n for n in all_pages() if not n.endswith("migration.md")])
+def test_classes_named_in_the_text_are_public(name):
+    names = _DOTTED_CLASS.findall((ROOT / name).read_text(encoding="utf-8"))
+    assert not [n for n in names if not n.startswith(_OUTSIDE) and not _is_public(n)]
+
+
+def test_a_class_of_another_module_is_no_public_name():
+    text = "`papers.DeadRows`, `experiments.DeadRows` and `studies.Confusion(1)`"
+    assert [_is_public(name) for name in _DOTTED_CLASS.findall(text)] == [True, False, False]
 
 
 def test_blocks_of_a_page_are_found_with_their_markers(tmp_path):

@@ -333,7 +333,11 @@ def test_folds_are_pooled_before_they_are_scored(own_table, tmp_path):
     [
         ("title: Mine", "shows: speed\ntitle: Mine", "'shows' must be one of"),
         ("title: Mine", "see_also: 3\ntitle: Mine", r"'see_also' of table .* a text \(got 3\)"),
-        ("title: Mine", "titel: Mine", "table 'mine' cannot be read: .*titel"),
+        (
+            "title: Mine",
+            "titel: Mine",
+            r"table 'mine' cannot be read: a key of a table must .*got 'titel'",
+        ),
         ("protocols:", "protocolls:", "table 'mine' must have 'protocols'"),
         ("row: SVM", "row: GCN", "'cells' of table 'mine' must have different names"),
         ("    config: mine/gcn.yaml", "", "'GCN' must have either a 'config' or an 'estimator'"),

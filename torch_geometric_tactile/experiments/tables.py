@@ -1,13 +1,14 @@
 r"""Tables: models with their data, protocols and published numbers."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
 from torch_geometric_tactile._checks import Argument, ArgumentError, need, need_argument
+from torch_geometric_tactile._texts import short_repr
 from torch_geometric_tactile._typing import PathLike, ThresholdMetric
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments._experiment import Choice
@@ -337,8 +338,9 @@ def table_of(name: str, content: Mapping[str, Any], folder: PathLike = "") -> Ta
         protocols = tuple(_parse_protocol(*item) for item in entries.pop("protocols").items())
         template = entries.pop("template", None)
         cells = tuple(_parse_cell(cell, template, Path(folder)) for cell in entries.pop("cells"))
-        orderings = tuple(Ordering(**item) for item in entries.pop("orderings", ()))
+        orderings = tuple(_parse_ordering(item) for item in entries.pop("orderings", None) or ())
         draws = entries.pop("draws", None)
+        _check_keys("a table", entries, _TABLE_KEYS)
         return Table(
             name=name,
             data=source,
@@ -360,7 +362,33 @@ def _parse_protocol(name: str, content: Mapping[str, Any]) -> TableProtocol:
     return TableProtocol(name, Protocol.from_dict(arguments), data, note)
 
 
+def _parse_ordering(content: Any) -> Ordering:
+    pairs = content.get("pairs") if isinstance(content, Mapping) else None
+    is_pair = [
+        isinstance(pair, list) and len(pair) == 2 and all(isinstance(name, str) for name in pair)
+        for pair in (pairs if isinstance(pairs, list) else [None])
+    ]
+    need(
+        all(is_pair) and {*content} == {"name", "pairs"},
+        "an entry of 'orderings' must have a 'name' and 'pairs' of experiments, the better one "
+        "first, such as {name: GCN above SVM, pairs: [[GCN, SVM]]}",
+        short_repr(content),
+    )
+    return Ordering(**content)
+
+
+def _check_keys(what: str, entries: Mapping[str, Any], keys: Sequence[str]) -> None:
+    unknown = next((key for key in entries if key not in keys), None)
+    if unknown == "epochs":
+        raise ValueError(
+            f"{what} must not have 'epochs' (got {entries['epochs']!r}): the number is "
+            "'max_epochs' in the section 'trainer' of a configuration, or '--epochs' for all cells"
+        )
+    need(unknown is None, f"a key of {what} must be one of {', '.join(keys)}", f"'{unknown}'")
+
+
 def _parse_cell(content: Mapping[str, Any], template: str | None, folder: Path) -> Cell:
+    _check_keys("a cell", content, _CELL_KEYS)
     arguments = dict(content)
     published = {key: arguments.pop(key) for key in _PUBLISHED_KEYS if key in arguments}
     config = arguments.pop("config", None)
@@ -371,5 +399,14 @@ def _parse_cell(content: Mapping[str, Any], template: str | None, folder: Path) 
     arguments.setdefault("experiment", arguments["row"])
     arguments["column"] = str(arguments.get("column", ""))
     if "choice" in arguments:
+        _check_keys("a 'choice'", arguments["choice"], [item.name for item in fields(Choice)])
         arguments["choice"] = Choice(**arguments["choice"])
     return Cell(config=config, published=published, **arguments)
+
+
+# The keys that a table and a cell may have in a YAML file.
+_TABLE_KEYS = tuple(item.name for item in fields(Table) if item.name != "name")
+_CELL_KEYS = (
+    *(item.name for item in fields(Cell) if item.name != "published"),
+    *_PUBLISHED_KEYS,
+)
