@@ -49,6 +49,7 @@ for axis, seed in zip(axes, (8, 2, 4), strict=True):
     axis.set(xlabel="time in s", title=f"object {seed}")
     axis.legend(fontsize=7)
 axes[0].set(ylabel="squeeze in N, green: right")
+plt.show()
 
 # %% [markdown]
 # ## Two policies
@@ -156,6 +157,7 @@ for axis, (name, rows) in zip(axes, episodes.items(), strict=True):
     axis.set(xscale="log", yscale="log", xlabel="needed squeeze in N", title=titles[name])
 axes[0].set_ylabel("peak squeeze in N")
 axes[1].legend(fontsize=8)
+plt.show()
 
 # %% [markdown]
 # Without touch, the squeeze follows the need only roughly, by the force of the motor that lifts:
