@@ -38,6 +38,7 @@ import matplotlib.pyplot as plt
 
 figure, axes = plt.subplots(figsize=(1, 1))
 axes.plot([1, 2], [1, total])
+plt.show()
 
 # %% tags=["figure"]
 figure, axes = plt.subplots(figsize=(1, 1))
