@@ -154,7 +154,8 @@ def gallery(tutorials: list[Tutorial]) -> str:
         picture = ""
         if one.picture:
             picture = f":img-top: tutorials/{one.picture}\n:img-alt: A figure of the tutorial\n"
-        time = f"\n+++\n{one.seconds} s of processor time\n" if one.seconds else ""
+        seconds = f"{one.seconds} s of processor time"
+        time = f"\n```{{card-footer}}\n{seconds}\n```\n" if one.seconds else ""
         cards.append(
             f":::{{grid-item-card}} {number}. {one.title}\n:link: tutorials/{one.name}\n"
             f":link-type: doc\n{picture}\n{one.question}\n{time}:::\n"
