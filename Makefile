@@ -6,8 +6,10 @@ DATA ?= $(wildcard ../shared/data)
 # Without bytecode, every process that a test starts compiles the package again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-random test-full check tutorials lint docs linkcheck dist clean
+.PHONY: demo test test-random test-full check tutorials notebooks lint docs linkcheck dist clean
 TESTS = OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup
+TUTORIALS = OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python tutorials/run.py --jobs 2 --limit 150 --total 1200 \
+  $(if $(DATA),--data "$(DATA)")
 SPHINX = OMP_NUM_THREADS=1 $(VENV)/bin/python -m sphinx -W --keep-going -j auto -d docs/build/doctrees
 
 demo: $(VENV)/demo
@@ -30,14 +32,16 @@ test-full: $(VENV)/installed
 # All that must hold before a change lands, on one machine: about 30 minutes.
 check: export TACTILE_CHECKPOINT_CASES = 10000
 check: test-random test-full lint docs tutorials dist
-	$(MAKE) docs  # once as in a fresh clone, and once with the tutorials that have run
 	OMP_NUM_THREADS=1 $(VENV)/bin/python tests/fuzz/run.py --cases 20000
 
 # The limits are guards that a busy machine passes too; the times are printed. Without the options:
-# 45 s of processor time each, 7 minutes together.
+# 60 s of processor time each, 7 minutes together.
 tutorials: $(VENV)/installed
-	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python tutorials/run.py --jobs 2 --limit 150 --total 1200 \
-	  $(if $(DATA),--data "$(DATA)")
+	$(TUTORIALS)
+
+# Runs them, and writes the committed notebooks with the new outputs, which the site shows.
+notebooks: $(VENV)/installed
+	$(TUTORIALS) --write
 
 lint: $(VENV)/installed
 	$(VENV)/bin/ruff check .
@@ -46,8 +50,8 @@ lint: $(VENV)/installed
 	$(VENV)/bin/lint-imports
 	$(VENV)/bin/codespell
 
-# docs/build/html is the site, complete in this folder. Tutorials come from `make tutorials` where it
-# has run; without them: TACTILE_DOCS_TUTORIALS=0. Links into the documentation of other projects come
+# docs/build/html is the site, complete in this folder, with the committed tutorials; without them:
+# TACTILE_DOCS_TUTORIALS=0. Links into the documentation of other projects come
 # from docs/inventories; from their sites: TACTILE_DOCS_ONLINE=1.
 docs: $(VENV)/installed
 	$(SPHINX) -q -b html docs docs/build/html

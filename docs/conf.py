@@ -38,12 +38,10 @@ extensions = [
 exclude_patterns = ["build", "inventories", "_ext", "_templates"]
 templates_path = ["_templates"]
 repository_url = REPOSITORY
-# Executed copies of the tutorials are taken where `make tutorials` has left them. The variable
-# names another folder, or is 0 for a site without them.
-tutorial_folders = ["../build/tutorials", "../tutorials/notebooks"]
-_FOLDER = os.environ.get("TACTILE_DOCS_TUTORIALS")
-if _FOLDER is not None:
-    tutorial_folders = [] if _FOLDER == "0" else [_FOLDER]
+# The tutorials with their outputs, as committed; no page runs one. "0" leaves them out.
+tutorial_folder = "../tutorials/notebooks"
+if os.environ.get("TACTILE_DOCS_TUTORIALS") == "0":
+    tutorial_folder = ""
 
 # -- Docstrings --------------------------------------------------------------------------------
 autosummary_generate = True

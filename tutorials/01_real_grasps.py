@@ -5,7 +5,7 @@
 # object slip? The data are 5,831 real grasps of 51 objects (BTS3, a download of 2 MB).
 #
 # You will see one model score above 90 % or near chance on the same grasps, depending on what the test holds out, why that
-# happens, and what brings the score back. It takes about 35 seconds on one CPU core.
+# happens, and what brings the score back. It takes about half a minute on one CPU core.
 
 # %% [markdown]
 # ## The data
@@ -185,7 +185,7 @@ for (kind, name), answers in right.items():
 plot_protocols({"SVM": scores}, chance=0.5)
 
 # %% [markdown]
-# - **New objects and session:** raw readings fail. Each step alone helps little; both together bring the score back to about 80 %.
+# - **New objects and session:** raw readings fail. One step alone gains 3 to 9 points; both together bring the score back to about 80 %.
 # - **Official test:** both together are best as well, at about 83 %. But here dropping the index finger does nearly all of it: raw
 #   readings of middle finger and thumb are one point behind, well within the error. The boxes above show a likely reason: in
 #   these test sessions, the levels of both fingers lie between those of the training sessions. A left-out training session lies

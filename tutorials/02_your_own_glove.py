@@ -358,15 +358,15 @@ except ValueError as error:
 # `tactile convert` names the columns once; every other command reads the HDF5 file.
 
 # %%
+import os
+
 from torch_geometric_tactile.cli import main
 
-pattern = columns["tactile"]
-source, target = str(grasps / "mug_1.csv"), str(folder / "mug_1.h5")
-main(["convert", source, target, "--tactile", pattern, "--joint", "bend_.*", "--label", "grasp"])
-main(["inspect", target, "--no-picture"])
-main(
-    ["predict", str(folder / "glove.predictor"), target, "--adapt", "--out", str(folder / "p.csv")]
-)
+os.chdir(folder)
+names = ["--tactile", columns["tactile"], "--joint", "bend_.*", "--label", "grasp"]
+assert main(["convert", "grasps/mug_1.csv", "mug_1.h5", *names]) == 0
+assert main(["inspect", "mug_1.h5", "--no-picture"]) == 0
+assert main(["predict", "glove.predictor", "mug_1.h5", "--adapt", "--out", "p.csv"]) == 0
 
 # %% [markdown]
 # In a terminal (`tactile compare` tries several models on your data, with their settings chosen

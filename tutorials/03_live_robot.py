@@ -27,7 +27,7 @@ logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
 warnings.filterwarnings("ignore")  # of other libraries
 
 folder = Path(tempfile.mkdtemp())
-shutil.copytree("data/glove", folder / "grasps")
+grasps = Path(shutil.copytree("data/glove", folder / "grasps"))
 
 # %% [markdown]
 # ## 1. A model
@@ -51,9 +51,7 @@ rows = {"palm": 10, "thumb": 3, "index": 4, "middle": 4, "ring": 4, "little": 3}
 place = [(0.02 * i, 0.02 * row) for row, count in enumerate(rows.values()) for i in range(count)]
 layout = TaxelLayout("glove", place)  # each part as a row, for short
 columns = {"tactile": r"(palm|thumb|index|middle|ring|little)_\d+", "label": "grasp"}
-dataset = RecordingFrames(
-    folder / "grasps", layout=layout, target="grasp", read_options=columns, unit="count"
-)
+dataset = RecordingFrames(grasps, layout=layout, target="grasp", read_options=columns, unit="count")
 
 lightning.seed_everything(0, verbose=False)
 scale = Compose([Tare("trial", seconds=0.3), ZScore(per="channel"), FillMissing()])
@@ -103,7 +101,7 @@ import tty
 
 from torch_geometric_tactile.io import encode_packet, read_recording
 
-recording = read_recording(folder / "grasps" / "pen_2.csv", **columns)
+recording = read_recording(grasps / "pen_2.csv", **columns)
 order = [*range(6)] * 17 + [6, 7, 8] + [*range(9, 22)] * 14 + [*range(6)] * 5
 
 

@@ -6,7 +6,7 @@
 # a download of 2 MB).
 #
 # You will see how to separate the two with data that you already have, four ways to prepare the readings, and how many grasps of a
-# new session a robot must make before scaling by session works. It takes about 40 seconds on one CPU core.
+# new session a robot must make before scaling by session works. It takes about half a minute on one CPU core.
 
 # %% [markdown]
 # ## What the data can tell

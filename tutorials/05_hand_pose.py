@@ -7,7 +7,7 @@
 # the same 640 frames: how wide is the object (in millimetres), and what shape has it? The pose
 # answers the first much better, and the second not measurably better.
 #
-# **Simulated**: nothing on this page is a result on a real hand. It takes about 40 seconds.
+# **Simulated**: nothing on this page is a result on a real hand. It takes about half a minute.
 
 # %% [markdown]
 # ## 640 frames of 320 grasps

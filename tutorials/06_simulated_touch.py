@@ -182,7 +182,7 @@ results = {
 for name, row in results.items():
     print(f"{name:36}", "  ".join(f"{mean:5.1f} ± {sd:4.1f}" for mean, sd in row.values()))
 
-# %% tags=["figure"]
+# %% tags=["figure", "thumbnail"]
 from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparison
 
 panel = ComparisonPanel("", "correct in % (chance 12.5)", results, from_zero=True)

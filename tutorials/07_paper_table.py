@@ -9,7 +9,7 @@
 #
 # **Simulated, and small**: no number here checks a published one, and the networks are trained for
 # a few steps only. [The full tables](../docs/results/hand_tables.md) have 54 models. It takes
-# about 40 seconds.
+# about half a minute.
 
 # %% [markdown]
 # ## The frames
@@ -92,7 +92,7 @@ for row, experiments in ROWS.items():
 # trial (40 % to test) and the weights. The steps are few and the same for all. **Their number was
 # fitted to the time limit of this page with these test scores in view**, so read the table as a
 # demonstration, not as evidence: with two epochs in place of three, one MT-GCN failed to learn, and
-# its lead of 13 points was gone (-0.9). The full tables were run with settings that no test part
+# its lead was gone (-0.9 points). The full tables were run with settings that no test part
 # had a say in.
 
 # %%

@@ -8,7 +8,7 @@
 # beside two thresholds that need no network.
 #
 # **Simulated**: 48 generated grasps in the form of the BiGS data set, of which we found no copy.
-# Nothing on this page is a result on a real hand. It takes about 40 s.
+# Nothing on this page is a result on a real hand. It takes about half a minute.
 
 # %% [markdown]
 # ## Simulate some grasps
@@ -227,7 +227,7 @@ for name, alarm in alarms.items():
 # which the others are about to slip: a clock would be as high on the right of the picture as on
 # the left.
 
-# %% tags=["figure"]
+# %% tags=["figure", "thumbnail"]
 seconds = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.75, 1.0)
 
 
@@ -284,7 +284,7 @@ for name, alarm in alarms.items():
 # * **Weak grip announces about half of the slips long before the onset**, without any training.
 #   The lines are flat until shortly before the onset, so these alarms know a weak grasp, not a
 #   slide that has begun.
-# * **The network, trained on 32 grasps, is not better than the pressure.** It has to find in 57
+# * **The network, trained on 31 or 32 grasps, is not better than the pressure.** It has to find in 57
 #   electrodes what one number tells. On the same simulator with 2,000 grasps, about 1,200 of them
 #   for training, the network ranks moments better: the [results
 #   page](../docs/results/early_slip.md) has an area under the ROC of 0.92 for it and 0.84 for the
@@ -307,7 +307,7 @@ assert held_alarmed["vibration"] > 0.6
 # * `step` with a state gives on each frame the numbers of the window, so the model that you
 #   tested is the model that runs on the robot.
 # * Count false alarms at the same moments as the right ones, and put a threshold on one signal
-#   beside every network. Here it wins with 32 grasps to train on; with 1,200 it announces as
+#   beside every network. Here it wins with 31 grasps to train on; with 1,200 it announces as
 #   many slips, and the network only ranks moments better.
 # * An early alarm is mostly a statement about the grip. None of this was measured on a real hand,
 #   and 15 to 24 slipping grasps stand behind each point of the picture.

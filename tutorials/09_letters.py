@@ -7,7 +7,7 @@
 # and is it because of the graph or because of the training?
 #
 # **Simulated** presses, small arrays and one training each: read the differences with the noise
-# in mind. It takes about 40 s.
+# in mind. It takes about half a minute.
 
 # %% [markdown]
 # ## Press letters on three arrays
@@ -170,7 +170,7 @@ def survive(alive):
     }
 
 
-# %% tags=["figure"]
+# %% tags=["figure", "thumbnail"]
 from torch_geometric_tactile.visualization import plot_curves
 
 parts = (0.0, 0.1, 0.2, 0.4)

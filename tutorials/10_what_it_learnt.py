@@ -209,7 +209,7 @@ assert max(abs(one) for one in sign) < 0.5, "its sign is not that of an untraine
 # each frame, whether the nearest frame **of another grasp** has the same shape (chance is 5 of
 # 23, 22 %).
 
-# %% tags=["figure"]
+# %% tags=["figure", "thumbnail"]
 from torch_geometric_tactile.analysis import embed_nodes
 from torch_geometric_tactile.visualization import plot_sample_embeddings
 

@@ -2,19 +2,17 @@ r"""Runs the tutorials as notebooks, checks what they show, and prints how long 
 
 python tutorials/run.py               all of them
 python tutorials/run.py 01 04_new_day --jobs 2
+python tutorials/run.py 01 --write    also writes its notebook in tutorials/notebooks/
 
 The executed notebooks are written to build/tutorials/. A tutorial fails if a cell raises an error,
-writes to stderr or prints a warning, if a figure cell shows no picture, if its form is wrong (see
-tutorials/README.md), or if it takes more processor time or memory than the limits. One whose data
-can neither be found nor downloaded is skipped, with the reason.
+writes to stderr, or prints a warning or a path of this machine, if a figure cell shows no picture,
+if its form is wrong (see tutorials/README.md), or if it takes more processor time or memory than
+the limits. One whose data can neither be found nor downloaded is skipped, with the reason.
 """
 
 import argparse
-import base64
-import io
 import multiprocessing
 import os
-import re
 import resource
 import sys
 import time
@@ -23,16 +21,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import nbformat
-from form import FOLDER, ROOT, first_line, form_problems, is_figure, read_script
+from form import FOLDER, ROOT, form_problems, read_script
 from form import script_paths as find_scripts
 from jupyter_client.kernelspec import KernelSpec
 from jupyter_client.manager import AsyncKernelManager
-from matplotlib.image import imread
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 from nbformat import NotebookNode
-
-_ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
+from outputs import output_problems, shows_picture, without_escapes
+from to_notebooks import write_notebook
 
 
 @dataclass(frozen=True)
@@ -88,9 +85,10 @@ def run_tutorial(path: Path, out: Path, limits: Limits) -> Result:
     result.processor = usage.ru_utime + usage.ru_stime
     result.memory = usage.ru_maxrss * 1024
     if not result.skipped:
-        result.problems += [p for cell in notebook.cells for p in _output_problems(cell)]
-        result.figures = sum(_shows_picture(cell) for cell in notebook.cells)
+        result.problems += [p for cell in notebook.cells for p in output_problems(cell)]
+        result.figures = sum(shows_picture(cell) for cell in notebook.cells)
     result.problems += _limit_problems(result, limits)
+    notebook.metadata["processor_seconds"] = round(result.processor)  # for the gallery
     out.mkdir(parents=True, exist_ok=True)
     nbformat.write(notebook, out / f"{path.stem}.ipynb")
     return result
@@ -104,6 +102,7 @@ def _execute(notebook: NotebookNode, folder: Path, limits: Limits, result: Resul
         # Beside other work on the same cores, the clock runs ahead of the processor time.
         timeout=60 + int(10 * limits.seconds),
         record_timing=False,
+        coalesce_streams=True,
     )
     try:
         client.execute()
@@ -111,37 +110,10 @@ def _execute(notebook: NotebookNode, folder: Path, limits: Limits, result: Resul
         if error.ename == "ConnectionError" and "by hand" in error.evalue:
             result.skipped = error.evalue
         else:
-            told = _ESCAPES.sub("", error.traceback)
+            told = without_escapes(error.traceback)
             result.problems.append(f"a cell raises {error.ename}: {error.evalue}\n{told}")
     except (CellTimeoutError, DeadKernelError) as error:
         result.problems.append(f"{type(error).__name__}: {error}")
-
-
-def _output_problems(cell: NotebookNode) -> list[str]:
-    if cell.cell_type != "code":
-        return []
-    problems = []
-    for output in cell.outputs:
-        text = _ESCAPES.sub("", output.get("text", "")).strip()
-        if output.get("name") == "stderr":
-            problems.append(f"the cell '{first_line(cell)}' writes to stderr: {text}")
-        elif re.search("warning", text, re.IGNORECASE):
-            problems.append(f"the cell '{first_line(cell)}' prints a warning: {text}")
-    was_run = cell.execution_count is not None  # not so behind a cell that failed
-    if was_run and is_figure(cell) and not _shows_picture(cell):
-        problems.append(f"the figure cell '{first_line(cell)}' shows no picture")
-    return problems
-
-
-def _shows_picture(cell: NotebookNode) -> bool:
-    data = [output.get("data", {}) for output in cell.get("outputs", [])]
-    return any("image/svg+xml" in d or ("image/png" in d and _drawn(d["image/png"])) for d in data)
-
-
-def _drawn(png: str) -> bool:
-    # A figure that nothing was drawn into has one colour.
-    pixels = imread(io.BytesIO(base64.b64decode(png)))
-    return bool((pixels != pixels[:1, :1]).any())
 
 
 def _limit_problems(result: Result, limits: Limits) -> list[str]:
@@ -210,6 +182,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "tutorials", help="results")
     parser.add_argument("--scripts", type=Path, default=FOLDER, help="folder of the scripts")
     parser.add_argument(
+        "--write", action="store_true", help="write those without a problem to tutorials/notebooks"
+    )
+    parser.add_argument(
         "--data",
         type=Path,
         default=ROOT.parent / "shared" / "data",
@@ -243,6 +218,10 @@ def main(arguments: list[str] | None = None) -> int:
     for result in results:
         if result.skipped:
             print(f"\n{result.name} skipped: {result.skipped}")
+    if args.write:
+        for path, result in zip(scripts, results, strict=True):
+            if result.status == "ok":
+                write_notebook(path, args.out / f"{path.stem}.ipynb", args.scripts / "notebooks")
     return int(bool(every.problems))
 
 

@@ -1,15 +1,21 @@
-r"""Writes the notebooks of the tutorials, without outputs, for Colab and Binder.
+r"""Writes the notebooks of the tutorials anew after a change of their text, with the outputs that
+they have.
 
 python tutorials/to_notebooks.py            writes tutorials/notebooks/
 python tutorials/to_notebooks.py --check    fails if a notebook is not that of its script
+
+After a change of code: python tutorials/run.py NAME --write, which runs the tutorial.
 """
 
 import argparse
+import contextlib
 import sys
 from pathlib import Path
 
 import nbformat
-from form import FOLDER, read_script, replace_links, script_paths
+from form import FOLDER, first_line, read_script, replace_links, script_paths
+from nbformat import NotebookNode
+from outputs import output_problems, to_stored
 
 REPOSITORY = "torch-geometric-tactile/torch_geometric_tactile"
 GITHUB = f"https://github.com/{REPOSITORY}"
@@ -33,11 +39,42 @@ elif os.path.basename(os.getcwd()) == "notebooks":
     os.chdir("..")"""
 
 
-def notebook_text(path: Path) -> str:
-    r"""Returns the notebook of a script as it is written: badges below the title, a cell that
-    installs the package, links to GitHub, no outputs.
+def with_outputs(path: Path, executed: Path) -> NotebookNode:
+    r"""Returns the notebook of a script with the outputs of an executed notebook.
+
+    Args:
+        path (Path): The script.
+        executed (Path): The executed notebook, with or without the cell that installs the package.
+
+    Raises:
+        ValueError: If there is no such notebook, or its code is not that of the script.
     """
     notebook = read_script(path)
+    run_again = f"run: python tutorials/run.py {path.stem} --write"
+    if not executed.is_file():
+        raise ValueError(f"{executed.name} is missing; {run_again}")
+    old = nbformat.read(executed, as_version=4)
+    new_cells, old_cells = code_cells(notebook), code_cells(old)
+    if [cell.source for cell in new_cells] != [cell.source for cell in old_cells]:
+        raise ValueError(f"the code of {executed.name} is not that of {path.name}; {run_again}")
+    for new, cell in zip(new_cells, old_cells, strict=True):
+        new.outputs, new.execution_count = cell.outputs, cell.execution_count
+    notebook.metadata["processor_seconds"] = old.metadata.get("processor_seconds")
+    return notebook
+
+
+def code_cells(notebook: NotebookNode) -> list[NotebookNode]:
+    r"""Returns the code cells of a tutorial, without the one that installs the package."""
+    return [
+        cell for cell in notebook.cells if cell.cell_type == "code" and cell.get("id") != "install"
+    ]
+
+
+def notebook_text(path: Path, executed: Path) -> str:
+    r"""Returns the notebook of a script as it is committed: badges below the title, a cell that
+    installs the package, links to GitHub, and the outputs of an executed notebook.
+    """
+    notebook = with_outputs(path, executed)
     replace_links(notebook, f"{GITHUB}/blob/main/docs/", f"{GITHUB}/blob/main/tutorials/notebooks/")
     title, _, rest = notebook.cells[0].source.partition("\n")
     badges = BADGES.format(repository=REPOSITORY, name=path.stem)
@@ -49,17 +86,41 @@ def notebook_text(path: Path) -> str:
     return nbformat.writes(notebook).rstrip("\n") + "\n"
 
 
+def write_notebook(path: Path, executed: Path, folder: Path) -> None:
+    r"""Writes the notebook of a script with the outputs of an executed one.
+
+    Args:
+        path (Path): The script.
+        executed (Path): The executed notebook. Its pictures are stored with fewer colours.
+        folder (Path): The folder of the notebooks.
+    """
+    notebook = nbformat.reads(notebook_text(path, executed), as_version=4)
+    for cell in code_cells(notebook):
+        cell.outputs = [to_stored(output) for output in cell.outputs]
+    folder.mkdir(parents=True, exist_ok=True)
+    text = nbformat.writes(notebook).rstrip("\n") + "\n"
+    (folder / f"{path.stem}.ipynb").write_text(text, encoding="utf-8")
+
+
 def out_of_step(scripts: list[Path], folder: Path) -> list[str]:
     r"""Returns what is wrong with a folder of notebooks: those that are missing, differ from their
-    script, or have no script.
+    script, have wrong outputs or cells that were not run, or have no script.
     """
     problems = []
     for path in scripts:
         notebook = folder / f"{path.stem}.ipynb"
-        if not notebook.is_file():
-            problems.append(f"{notebook.name} is missing")
-        elif notebook.read_text(encoding="utf-8") != notebook_text(path):
-            problems.append(f"{notebook.name} is not the notebook of {path.name}")
+        try:
+            text = notebook_text(path, notebook)
+        except ValueError as error:
+            problems.append(str(error))
+            continue
+        if notebook.read_text(encoding="utf-8") != text:
+            told = "run: python tutorials/to_notebooks.py"
+            problems.append(f"{notebook.name} is not the notebook of {path.name}; {told}")
+        for cell in code_cells(nbformat.reads(text, as_version=4)):
+            problems += [f"{notebook.name}: {problem}" for problem in output_problems(cell)]
+            if cell.execution_count is None:
+                problems.append(f"{notebook.name}: the cell '{first_line(cell)}' was not run")
     known = {path.stem for path in scripts}
     strays = [path.name for path in sorted(folder.glob("*.ipynb")) if path.stem not in known]
     return problems + [f"{name} has no script" for name in strays]
@@ -70,24 +131,21 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--check", action="store_true", help="write nothing, fail if one differs")
     parser.add_argument("--scripts", type=Path, default=FOLDER, help="folder of the scripts")
-    parser.add_argument("--out", type=Path, default=FOLDER / "notebooks", help="their folder")
     args = parser.parse_args(arguments)
-    scripts = script_paths(folder=args.scripts)
-    if args.check:
-        problems = out_of_step(scripts, args.out)
-        for problem in problems:
-            print(problem, file=sys.stderr)
-        if problems:
-            print("run: python tutorials/to_notebooks.py", file=sys.stderr)
-        return int(bool(problems))
-    args.out.mkdir(parents=True, exist_ok=True)
-    for path in scripts:
-        (args.out / f"{path.stem}.ipynb").write_text(notebook_text(path), encoding="utf-8")
-    for path in args.out.glob("*.ipynb"):
-        if path.stem not in {script.stem for script in scripts}:
-            path.unlink()
-    print(f"{len(scripts)} notebooks in {args.out}")
-    return 0
+    scripts, folder = script_paths(folder=args.scripts), args.scripts / "notebooks"
+    if not args.check:
+        for path in folder.glob("*.ipynb"):
+            if path.stem not in {script.stem for script in scripts}:
+                path.unlink()
+        for path in scripts:
+            with contextlib.suppress(ValueError):  # which is printed below
+                write_notebook(path, folder / f"{path.stem}.ipynb", folder)
+    problems = out_of_step(scripts, folder)
+    for problem in problems:
+        print(problem, file=sys.stderr)
+    if not problems:
+        print(f"{len(scripts)} notebooks in {folder}")
+    return int(bool(problems))
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ class Tutorial(NamedTuple):
     title: str
     question: str
     picture: str | None
+    seconds: int | None
 
 
 def _cells(notebook: dict[str, Any], kind: str) -> list[dict[str, Any]]:
@@ -32,9 +33,13 @@ def _text(cell: dict[str, Any]) -> str:
     return source if isinstance(source, str) else "".join(source)
 
 
-def first_picture(notebook: dict[str, Any]) -> bytes | None:
-    """Returns the first picture of an executed notebook, as PNG."""
-    for cell in _cells(notebook, "code"):
+def thumbnail(notebook: dict[str, Any]) -> bytes | None:
+    """Returns the picture of a notebook in the gallery, as PNG: that of the cell tagged
+    `thumbnail`, or the first one.
+    """
+    cells = _cells(notebook, "code")
+    cells.sort(key=lambda cell: "thumbnail" not in cell["metadata"].get("tags", []))
+    for cell in cells:
         for output in cell["outputs"]:
             picture = output.get("data", {}).get("image/png")
             if picture:
@@ -114,32 +119,29 @@ def _copy(app: Sphinx, config: Any) -> None:
     pages = source / "tutorials"
     pages.mkdir(exist_ok=True)
     tutorials = []
-    for name, path in _notebooks(source, config.tutorial_folders).items():
-        notebook = json.loads(path.read_text("utf-8"))
+    notebooks = _notebooks(source, config.tutorial_folder)
+    for name, notebook in notebooks.items():
         title, question = title_and_summary(notebook)
-        picture = first_picture(notebook)
+        picture = thumbnail(notebook)
         if picture is not None:
             (pages / f"{name}.png").write_bytes(picture)
         picture_name = f"{name}.png" if picture else None
-        tutorials.append(Tutorial(name, title, shorten(question), picture_name))
+        seconds = notebook["metadata"].get("processor_seconds")
+        tutorials.append(Tutorial(name, title, shorten(question), picture_name, seconds))
     for path in pages.glob("*.ipynb"):
         if path.stem not in {one.name for one in tutorials}:
             path.unlink()
     for one in tutorials:
         (pages / f"{one.name}.ipynb").touch()  # so that links between tutorials find them
-    for name, path in _notebooks(source, config.tutorial_folders).items():
-        notebook = json.loads(path.read_text("utf-8"))
+    for name, notebook in notebooks.items():
         text = site_notebook(notebook, name, config.repository_url, source.parent)
         write_if_changed(pages / f"{name}.ipynb", text)
     app.tactile_gallery = gallery(tutorials)  # type: ignore[attr-defined]
 
 
-def _notebooks(source: Path, folders: list[str]) -> dict[str, Path]:
-    found: dict[str, Path] = {}
-    for folder in folders:
-        for path in sorted((source / folder).glob("[0-9]*.ipynb")):
-            found.setdefault(path.stem, path)
-    return dict(sorted(found.items()))
+def _notebooks(source: Path, folder: str) -> dict[str, dict[str, Any]]:
+    paths = sorted((source / folder).glob("[0-9]*.ipynb")) if folder else []
+    return {path.stem: json.loads(path.read_text("utf-8")) for path in paths}
 
 
 def gallery(tutorials: list[Tutorial]) -> str:
@@ -149,10 +151,14 @@ def gallery(tutorials: list[Tutorial]) -> str:
     cards = []
     for one in tutorials:
         number = int(one.name.split("_")[0])
-        picture = f":img-top: tutorials/{one.picture}\n" if one.picture else ""
+        picture = ""
+        if one.picture:
+            picture = f":img-top: tutorials/{one.picture}\n:img-alt: A figure of the tutorial\n"
+        seconds = f"{one.seconds} s of processor time"
+        time = f"\n```{{card-footer}}\n{seconds}\n```\n" if one.seconds else ""
         cards.append(
             f":::{{grid-item-card}} {number}. {one.title}\n:link: tutorials/{one.name}\n"
-            f":link-type: doc\n{picture}\n{one.question}\n:::\n"
+            f":link-type: doc\n{picture}\n{one.question}\n{time}:::\n"
         )
     entries = "".join(f"tutorials/{one.name}\n" for one in tutorials)
     return (
@@ -176,7 +182,7 @@ def _outdated(*_: Any) -> list[str]:
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Copies the notebooks before Sphinx looks for them."""
-    app.add_config_value("tutorial_folders", [], "env")
+    app.add_config_value("tutorial_folder", "", "env")
     app.connect("config-inited", _copy)
     app.connect("source-read", _insert)
     app.connect("env-get-outdated", _outdated)

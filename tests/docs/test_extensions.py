@@ -1,3 +1,4 @@
+import base64
 import json
 import sys
 from pathlib import Path
@@ -16,10 +17,10 @@ from inventories import inventory  # noqa: E402
 from mathml import to_mathml  # noqa: E402
 from repository_links import rewrite_links  # noqa: E402
 from tutorial_pages import (  # noqa: E402
-    first_picture,
     gallery,
     shorten,
     site_notebook,
+    thumbnail,
     title_and_summary,
 )
 
@@ -131,7 +132,7 @@ def test_gallery_follows_what_was_run(tmp_path):
     (docs / "conf.py").write_text(
         f"import sys\nsys.path.insert(0, {str(ROOT / 'docs' / '_ext')!r})\n"
         "extensions = ['myst_nb', 'sphinx_design', 'tutorial_pages']\nnb_execution_mode = 'off'\n"
-        "repository_url = ''\ntutorial_folders = ['../runs']\nroot_doc = 'tutorials_index'\n"
+        "repository_url = ''\ntutorial_folder = '../runs'\nroot_doc = 'tutorials_index'\n"
         "myst_enable_extensions = ['colon_fence']\n"
         "def setup(app): app.add_config_value('repository_url', '', 'env')\n"
     )
@@ -141,16 +142,28 @@ def test_gallery_follows_what_was_run(tmp_path):
     outputs = [{"output_type": "display_data", "data": picture, "metadata": {}}]
     code = {"cell_type": "code", "source": "1", "id": "b", "metadata": {}, "execution_count": None}
     pages = []
-    for outs in ([], outputs):  # as in the repository, and after it was run
+    for outs in ([], outputs):
         content = notebook(title, {**code, "outputs": outs})
+        content["metadata"]["processor_seconds"] = 20
         (runs / "01_t.ipynb").write_text(json.dumps(content))
         Sphinx(docs, docs, tmp_path / "html", tmp_path / "trees", "html", status=None).build()
         pages.append((tmp_path / "html" / "tutorials_index.html").read_text())
     assert ["<img" in page for page in pages] == [False, True]
+    assert "20 s of processor time" in pages[1]
+
+
+def test_thumbnail_is_the_tagged_picture_or_the_first():
+    def drawing(letter, *tags):
+        outputs = [{"data": {}}, {"data": {"image/png": base64.b64encode(letter).decode()}}]
+        return {"cell_type": "code", "outputs": outputs, "metadata": {"tags": list(tags)}}
+
+    empty = {"cell_type": "code", "outputs": [], "metadata": {}}
+    assert thumbnail(notebook(empty)) is None
+    assert thumbnail(notebook(empty, drawing(b"a"), drawing(b"b"))) == b"a"
+    assert thumbnail(notebook(drawing(b"a"), drawing(b"b", "figure", "thumbnail"))) == b"b"
 
 
 def test_gallery():
-    assert first_picture(notebook({"cell_type": "code", "outputs": [], "source": ""})) is None
     assert "toctree" not in gallery([])
     assert shorten("One is long. Two.", size=8) == "One is long."
 

@@ -1,9 +1,12 @@
+import base64
 import importlib
+import io
 import json
 import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("jupytext", reason="needs the extra 'docs'")
@@ -11,9 +14,14 @@ pytest.importorskip("nbclient", reason="needs the extra 'docs'")
 pytest.importorskip("ipykernel", reason="needs the extra 'docs'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
+import nbformat
+from PIL import Image
+
 FOLDER = Path(__file__).parents[2] / "tutorials"
 sys.path.append(str(FOLDER))  # stays: the processes that run tutorials import from there as well
-form, run, to_notebooks = map(importlib.import_module, ("form", "run", "to_notebooks"))
+form, outputs, run, to_notebooks = map(
+    importlib.import_module, ("form", "outputs", "run", "to_notebooks")
+)
 
 SCRIPTS = form.script_paths()
 GOOD = """\
@@ -30,6 +38,7 @@ import matplotlib.pyplot as plt
 
 figure, axes = plt.subplots(figsize=(1, 1))
 axes.plot([1, 2], [1, total])
+plt.show()
 
 # %% tags=["figure"]
 figure, axes = plt.subplots(figsize=(1, 1))
@@ -66,14 +75,17 @@ def test_notebooks_are_those_of_the_scripts():
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_notebook_has_no_outputs(path):
-    notebook = json.loads((FOLDER / "notebooks" / f"{path.stem}.ipynb").read_text("utf-8"))
+def test_notebook_is_small_and_opens_elsewhere(path):
+    file = FOLDER / "notebooks" / f"{path.stem}.ipynb"
+    assert file.stat().st_size < 500_000
+    notebook = json.loads(file.read_text("utf-8"))
+    assert 5 < notebook["metadata"]["processor_seconds"] < 100
     codes = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in codes)
+    (install,) = (cell for cell in codes if "%pip install" in "".join(cell["source"]))
+    assert (install["outputs"], install["execution_count"]) == ([], None)
     first = "".join(notebook["cells"][0]["source"])
     assert f"tutorials/notebooks/{path.stem}.ipynb" in first  # Colab
     assert f"tutorials%2Fnotebooks%2F{path.stem}.ipynb" in first  # Binder
-    assert sum("%pip install" in "".join(cell["source"]) for cell in codes) == 1
 
 
 def test_good_script_has_the_form(script):
@@ -100,27 +112,125 @@ def test_script_without_the_form_is_told(script, old, new, problem):
     assert problem in found
 
 
-def test_written_notebooks_are_in_step_until_a_script_changes(script, tmp_path, capsys):
+@pytest.fixture
+def executed(script):
+    """The notebook of GOOD with outputs, beside the script."""
     path = script(GOOD)
-    folders = ["--scripts", str(tmp_path), "--out", str(tmp_path / "notebooks")]
-    assert to_notebooks.main(["--check", *folders]) == 1
-    assert "01_real_grasps.ipynb is missing" in capsys.readouterr().err
-    assert to_notebooks.main(folders) == 0
-    assert to_notebooks.main(["--check", *folders]) == 0
+    notebook = form.read_script(path)
+    for number, cell in enumerate(to_notebooks.code_cells(notebook), start=1):
+        cell.execution_count = number
+        if form.is_figure(cell):
+            data = {"image/png": png([[0, 0, 0], [250, 9, 9]]), "text/plain": "<Figure>"}
+            cell.outputs = [nbformat.v4.new_output("display_data", data)]
+    notebook.metadata["processor_seconds"] = 7
+    file = path.with_suffix(".ipynb")
+    nbformat.write(notebook, file)
+    return file
+
+
+def png(colours):
+    file = io.BytesIO()
+    pixels = np.array([colours], dtype=np.uint8)
+    Image.fromarray(pixels).save(file, "PNG")
+    return base64.b64encode(file.getvalue()).decode()
+
+
+def test_written_notebook_has_the_outputs_until_the_code_changes(
+    script, executed, tmp_path, capsys
+):
+    path, folder = executed.with_suffix(".py"), tmp_path / "notebooks"
+    check = ["--check", "--scripts", str(tmp_path)]
+    assert to_notebooks.main(check) == 1
+    assert "01_real_grasps.ipynb is missing; run: python tut" in capsys.readouterr().err
+    to_notebooks.write_notebook(path, executed, folder)
+    assert to_notebooks.main(check) == 0
+    written = json.loads((folder / executed.name).read_text("utf-8"))
+    assert written["metadata"]["processor_seconds"] == 7
+    assert [cell.get("execution_count") for cell in written["cells"]] == [None, None, 1, 2, 3, None]
+    (output,) = written["cells"][3]["outputs"]
+    assert list(output["data"]) == ["image/png"]
+
     script(GOOD.replace("A small", "A tiny"))
-    assert to_notebooks.main(["--check", *folders]) == 1
+    assert to_notebooks.main(check) == 1
     assert "01_real_grasps.ipynb is not the notebook of" in capsys.readouterr().err
+    assert to_notebooks.main(check[1:]) == 0
+    assert to_notebooks.main(check) == 0
+    tiny = json.loads((folder / executed.name).read_text("utf-8"))
+    assert tiny["cells"][3:5] == written["cells"][3:5]
+
+    script(GOOD.replace("[1, 2]", "[2, 1]"))
+    for arguments in (check, check[1:]):
+        assert to_notebooks.main(arguments) == 1
+        told = "the code of 01_real_grasps.ipynb is not that of 01_real_grasps.py; run: python"
+        assert told in capsys.readouterr().err
+
+
+def test_notebook_of_no_script_is_removed(executed, tmp_path, capsys):
+    path, folder = executed.with_suffix(".py"), tmp_path / "notebooks"
+    to_notebooks.write_notebook(path, executed, folder)
     path.rename(tmp_path / "02_your_own_glove.py")
-    assert to_notebooks.main(["--check", *folders]) == 1
+    assert to_notebooks.main(["--check", "--scripts", str(tmp_path)]) == 1
     assert "01_real_grasps.ipynb has no script" in capsys.readouterr().err
-    assert to_notebooks.main(folders) == 0
-    assert to_notebooks.main(["--check", *folders]) == 0
+    assert to_notebooks.main(["--scripts", str(tmp_path)]) == 1
+    assert "02_your_own_glove.ipynb is missing" in capsys.readouterr().err
+    assert list(folder.iterdir()) == []
 
 
-def test_links_of_a_notebook_lead_to_the_repository(script):
-    path = script(GOOD)
+def test_cells_that_were_not_run_are_told(executed, tmp_path):
+    notebook = nbformat.read(executed, as_version=4)
+    notebook.cells[1].execution_count = None
+    notebook.cells[2].outputs = []
+    nbformat.write(notebook, executed)
+    path, folder = executed.with_suffix(".py"), tmp_path / "notebooks"
+    to_notebooks.write_notebook(path, executed, folder)
+    assert to_notebooks.out_of_step([path], folder) == [
+        "01_real_grasps.ipynb: the cell 'total = sum([1, 2])' was not run",
+        "01_real_grasps.ipynb: the figure cell 'import matplotlib.pyplot as plt' shows no picture",
+    ]
+
+
+def cell(source, *outs):
+    return nbformat.v4.new_code_cell(source, execution_count=1, outputs=list(outs))
+
+
+@pytest.mark.parametrize(
+    ("source", "text", "problem"),
+    [
+        ("print(1)", "1", None),
+        ("print(1)", "", "prints and has no output"),
+        ("for i in range(2):\n    print(i)", "", "prints and has no output"),
+        ("def told():\n    print(1)", "", None),
+        ("a", "1 \x1b[31mWarning", "prints a warning: 1 Warning"),
+        ("a", str(Path.home() / "a.csv"), "prints a path of this machine: /"),
+        ("a", "/tmp/tmp12345678/a.csv", "prints a path of this machine: /tmp"),
+        ("a", "<Legend at 0x7f2ad6e1bbd0>", "shows an object by its address: <Legend"),
+        ("a", "the folder docs/home/tmp/", None),
+    ],
+)
+def test_wrong_outputs_are_told(source, text, problem):
+    outs = [nbformat.v4.new_output("stream", text=text)] if text else []
+    problems = outputs.output_problems(cell(source, *outs))
+    assert len(problems) == (problem is not None)
+    assert all(problem in told for told in problems)
+
+
+def test_stored_pictures_have_few_colours_near_the_true_ones():
+    colours = [[r, g, 128] for r in range(0, 256, 8) for g in range(0, 256, 8)]
+    output = nbformat.v4.new_output("display_data", {"image/png": png(colours)})
+    stored = outputs.to_stored(output)
+    image = Image.open(io.BytesIO(base64.b64decode(stored.data["image/png"])))
+    assert image.mode == "P"
+    error = np.abs(np.asarray(image.convert("RGB")).astype(int) - [colours])
+    assert error.max() <= 10  # 16 with the method that is Pillow's default
+    assert outputs.to_stored(stored) == stored
+    stream = nbformat.v4.new_output("stream", text="1")
+    assert outputs.to_stored(stream) == stream
+
+
+def test_links_of_a_notebook_lead_to_the_repository(executed):
+    path = executed.with_suffix(".py")
     assert form.relative_links(form.read_script(path)) == ["04_new_day.py", "../docs/scaling.md"]
-    text = to_notebooks.notebook_text(path)
+    text = to_notebooks.notebook_text(path, executed)
     assert f"({to_notebooks.GITHUB}/blob/main/docs/scaling.md#common-mode)" in text
     assert f"({to_notebooks.GITHUB}/blob/main/tutorials/notebooks/04_new_day.ipynb)" in text
 
@@ -150,8 +260,9 @@ def run_one(script, text, tmp_path, monkeypatch, capsys, *arguments):
 
 
 def test_good_tutorial_runs(script, tmp_path, monkeypatch, capsys):
-    status, out, err = run_one(script, GOOD, tmp_path, monkeypatch, capsys)
+    status, out, err = run_one(script, GOOD, tmp_path, monkeypatch, capsys, "--write")
     assert (status, err) == (0, "")
+    assert to_notebooks.main(["--check", "--scripts", str(tmp_path)]) == 0
     name, result, processor, wall, memory, figures = out.splitlines()[1].split()
     assert (name, result, figures) == ("01_real_grasps", "ok", "2")
     assert min(float(wall), float(processor)) > 0
@@ -180,8 +291,9 @@ def test_faults_of_a_tutorial_are_told(script, tmp_path, monkeypatch, capsys):
         text = text.replace(old, new)
     text += "\n# %%\nassert total == 4\n"
     limits = ["--limit", "0.01", "--memory", "0.001", "--total", "0.02"]
-    status, out, err = run_one(script, text, tmp_path, monkeypatch, capsys, *limits)
+    status, out, err = run_one(script, text, tmp_path, monkeypatch, capsys, *limits, "--write")
     assert status == 1
+    assert not (tmp_path / "notebooks").exists()
     assert "FAILED" in out
     assert "the cell 'import sys, warnings' writes to stderr: told" in err
     assert "the cell 'import sys, warnings' prints a warning: UserWarning: old" in err
