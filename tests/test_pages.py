@@ -2,8 +2,6 @@
 
 import ast
 import re
-import subprocess
-import sys
 import tomllib
 from importlib.util import find_spec
 from pathlib import Path
@@ -105,18 +103,6 @@ def test_notice_names_every_file_with_data_of_others():
     notice = (ROOT / "NOTICE").read_text(encoding="utf-8")
     assert len(names) > 8
     assert not [name for name in names if name not in notice]
-
-
-@pytest.mark.full
-@pytest.mark.slow
-def test_example_of_the_readme_prints_no_warning_and_leaves_no_folder(tmp_path):
-    pytest.importorskip("lightning", reason="needs the extra 'train'")
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(.*?)```", readme, flags=re.DOTALL)
-    words = [sys.executable, "-c", code]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=240)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert [path.name for path in tmp_path.iterdir()] == ["glove.predictor"]
 
 
 def test_install_lists_every_extra():
