@@ -12,7 +12,6 @@ import torch
 from conftest import BTS3_NAMES
 from markdown_pages import ROOT, blocks_of, run_page
 
-from torch_geometric_tactile import __version__
 from torch_geometric_tactile._files import file_sha256
 from torch_geometric_tactile.datasets import BioTacSP
 
@@ -67,7 +66,7 @@ def test_example_names_grasps_objects_and_size_of_the_download(bts3_recordings, 
     assert f"downloads {size / 1e6:.0f} MB" in text()
 
 
-def test_readme_names_version_and_pythons_of_the_package():
+def test_readme_names_the_pythons_of_the_package():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     pythons = [
         line.rpartition(" ")[2]
@@ -76,4 +75,3 @@ def test_readme_names_version_and_pythons_of_the_package():
     ]
     assert f"Python {pythons[0]} to {pythons[-1]}" in text()
     assert f"You need Python {pythons[0]} or later" in text()
-    assert f"version = {{{__version__}}}" in text()
