@@ -61,6 +61,7 @@ linkcheck: $(VENV)/installed
 	$(SPHINX) -b linkcheck docs docs/build/linkcheck
 
 dist: $(VENV)/installed
+	$(VENV)/bin/python .ci/check_version.py
 	rm -rf dist build packaging/live/build
 	$(VENV)/bin/python -m build
 	$(VENV)/bin/python -m build --wheel --outdir dist packaging/live

@@ -1,12 +1,16 @@
-"""Checks the size and the contents of the wheel and the sdist in a folder."""
+"""Checks size and contents of the wheel and the sdist in a folder, and runs tests of the sdist."""
 
+import os
 import re
+import subprocess
 import sys
 import tarfile
+import tempfile
 import zipfile
 from pathlib import Path
 
-MOST_BYTES = 2_000_000
+MAX_WHEEL_BYTES = 2_000_000
+MAX_SDIST_BYTES = 3_000_000  # with the tests
 NEEDED = (
     "py.typed",
     "io/__init__.pyi",
@@ -19,16 +23,32 @@ NEEDED = (
     "sensors/layouts/biotac_sp.json",
 )
 PACKAGE = "torch_geometric_tactile"
-REPOSITORY_ONLY = ("tests", "benchmarks", "studies", "docs", "tutorials", "build")
+REPOSITORY_ONLY = ("benchmarks", "studies", "docs", "tutorials", "build")
+# Need no file outside of the package and the tests, and take seconds.
+SDIST_TESTS = ("tests/sensors/test_layout.py", "tests/transforms/test_common_mode.py")
+
+
+def failed_sdist_tests(sdist):
+    """Yields the end of the output if the tests in an sdist fail."""
+    with tempfile.TemporaryDirectory() as folder:
+        with tarfile.open(sdist) as file:
+            file.extractall(folder, filter="data")
+        (root,) = Path(folder).iterdir()
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *SDIST_TESTS],
+            cwd=root, env={**os.environ, "PYTHONPATH": str(root)}, capture_output=True, text=True,
+        )  # fmt: skip
+    if done.returncode:
+        yield f"tests in {sdist.name} fail: {(done.stdout + done.stderr)[-2000:]}"
 
 
 def problems(folder):
     """Yields what is wrong with the distributions of a folder."""
     (wheel,) = folder.glob("torch_geometric_tactile-*.whl")
     (sdist,) = folder.glob("*.tar.gz")
-    for path in (wheel, sdist):
-        if path.stat().st_size > MOST_BYTES:
-            yield f"{path.name} has {path.stat().st_size} bytes, more than {MOST_BYTES}"
+    for path, max_bytes in ((wheel, MAX_WHEEL_BYTES), (sdist, MAX_SDIST_BYTES)):
+        if path.stat().st_size > max_bytes:
+            yield f"{path.name} has {path.stat().st_size} bytes, more than {max_bytes}"
     with zipfile.ZipFile(wheel) as file:
         in_wheel = set(file.namelist())
         (metadata,) = (name for name in in_wheel if name.endswith(".dist-info/METADATA"))
@@ -37,12 +57,18 @@ def problems(folder):
         in_sdist = {name.partition("/")[2] for name in file.getnames()}
     source = Path(__file__).parents[1]
     modules = {str(p.relative_to(source).as_posix()) for p in (source / PACKAGE).rglob("*.py")}
-    for names, kind in ((in_wheel, wheel.name), (in_sdist, sdist.name)):
-        for name in sorted({*modules, *(f"{PACKAGE}/{name}" for name in NEEDED)} - names):
+    needed = {*modules, *(f"{PACKAGE}/{name}" for name in NEEDED)}
+    tests = {str(p.relative_to(source).as_posix()) for p in (source / "tests").rglob("*.py")}
+    for names, kind, required, excluded in (
+        (in_wheel, wheel.name, needed, (*REPOSITORY_ONLY, "tests")),
+        (in_sdist, sdist.name, needed | tests, REPOSITORY_ONLY),
+    ):
+        for name in sorted(required - names):
             yield f"{kind} lacks {name}"
         for name in sorted(names):
-            if name.split("/")[0] in REPOSITORY_ONLY:
+            if name.split("/")[0] in excluded:
                 yield f"{kind} must not have {name}"
+    yield from failed_sdist_tests(sdist)
     version = re.search(r"^Version: (.*)$", page, re.MULTILINE)[1]
     for link in re.findall(r"https://raw\.githubusercontent\.com/[^)\"]*", page):
         if f"/v{version}/" not in link:

@@ -1,4 +1,7 @@
-"""Every Python and shell block of the pages runs, or says why not and is checked."""
+"""Every Python and shell block of the pages runs, or says why not and is checked.
+
+Those of the README run in test_readme.py.
+"""
 
 import re
 import sys
@@ -34,14 +37,14 @@ def _page(name):
     return pytest.param(name, marks=marks)
 
 
-@pytest.mark.parametrize("name", [_page(name) for name in pages()])
+@pytest.mark.parametrize("name", [_page(name) for name in pages() if name != "README.md"])
 @pytest.mark.filterwarnings("ignore")
 def test_blocks_run(name, tmp_path, monkeypatch, capsys):
     for module in EXTRAS.get(name, ()):
         pytest.importorskip(module, reason=f"the page {name} needs it")
     monkeypatch.chdir(tmp_path)
     torch.manual_seed(0)
-    np.random.seed(0)  # noqa: NPY002 (the README draws from it)
+    np.random.seed(0)  # noqa: NPY002 (pages draw from it)
     module = ModuleType("page")  # PyG looks for the module of a layer
     monkeypatch.setitem(sys.modules, "page", module)
     names = vars(module)

@@ -2,13 +2,12 @@
 
 import ast
 import re
-import subprocess
-import sys
 import tomllib
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from packaging.version import Version
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.cli import build_parser
@@ -107,18 +106,6 @@ def test_notice_names_every_file_with_data_of_others():
     assert not [name for name in names if name not in notice]
 
 
-@pytest.mark.full
-@pytest.mark.slow
-def test_example_of_the_readme_prints_no_warning_and_leaves_no_folder(tmp_path):
-    pytest.importorskip("lightning", reason="needs the extra 'train'")
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(.*?)```", readme, flags=re.DOTALL)
-    words = [sys.executable, "-c", code]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=240)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert [path.name for path in tmp_path.iterdir()] == ["glove.predictor"]
-
-
 def test_install_lists_every_extra():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     listed = re.findall(r"^\| `(\w+)` \|", page("install.md"), flags=re.MULTILINE)
@@ -126,7 +113,6 @@ def test_install_lists_every_extra():
     assert sorted(listed) == sorted(project["optional-dependencies"])
     assert project["requires-python"] == ">=3.11"
     assert "Python 3.11 or later" in page("install.md")
-    assert f"-{__version__}-py3-none-any.whl" in page("install.md")
 
 
 def test_install_example_runs(capsys):
@@ -154,9 +140,11 @@ def test_command_line_lists_every_shipped_configuration():
 
 
 def test_release_is_named_everywhere():
-    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert f"\nversion: {__version__}\n" in citation
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    version, date = re.search(r"^## (\S+) \((\S+)\)$", changes, flags=re.MULTILINE).groups()
-    assert version == __version__
+    release, date = re.search(r"^## (\S+) \((\S+)\)$", changes, flags=re.MULTILINE).groups()
+    assert Version(__version__) == Version(release) or Version(__version__).is_devrelease
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {release}\n" in citation
     assert f"\ndate-released: {date}\n" in citation
+    assert f"version = {{{release}}}" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert f"-{release}-py3-none-any.whl" in page("install.md")

@@ -10,7 +10,7 @@ import lazy_loader
 
 from torch_geometric_tactile._removed import RemovedNames
 
-__version__ = "0.2.1"
+__version__ = "0.3.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 sys.meta_path.append(RemovedNames())
