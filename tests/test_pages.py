@@ -156,6 +156,7 @@ def test_command_line_lists_every_shipped_configuration():
 def test_release_is_named_everywhere():
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {__version__}\n" in citation
+    assert f"\n  version = {{{__version__}}},\n" in page("citation.md")
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     version, date = re.search(r"^## (\S+) \((\S+)\)$", changes, flags=re.MULTILINE).groups()
     assert version == __version__
