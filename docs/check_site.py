@@ -1,22 +1,26 @@
 """Checks the built site.
 
-Every public name has a page, every local link leads somewhere, and nothing comes from another host.
+Every public name has a page, every local link leads somewhere, nothing comes from another host, and
+a search for common words finds the page on them.
 
 python docs/check_site.py docs/build/html
 """
 
 import argparse
+import json
 import re
 import sys
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS.parent), str(DOCS / "_ext")]
 
 from api_pages import PACKAGE, PublicName, all_public_names  # noqa: E402
+from sphinx.search.en import SearchEnglish  # noqa: E402
 
 # What a browser loads by itself, by tag and attribute. A link (`a`) is followed by the reader.
 _LOADED = {
@@ -32,6 +36,17 @@ _LOADED = {
     ("audio", "src"),
     ("use", "href"),
     ("image", "href"),
+}
+# What newcomers type into the search, and a page that has all the words, one of them in a heading.
+SEARCHES = {
+    "license": "licence",
+    "licence": "licence",
+    "cite": "citation",
+    "gpu": "results/gpu",
+    "csv": "your_own_data",
+    "my own layout": "your_own_data",
+    "quick start": "quick_start",
+    "TaxelNet": "generated/api/torch_geometric_tactile.nn.models.TaxelNet",
 }
 _LOADED_LINKS = {"stylesheet", "icon", "shortcut icon", "preload", "prefetch", "preconnect"}
 
@@ -122,6 +137,32 @@ def check_pages(site: Path) -> list[str]:
     return problems
 
 
+def check_search(site: Path) -> list[str]:
+    """Returns the searches of newcomers that do not find their page by a heading."""
+    script = (site / "searchindex.js").read_text("utf-8")
+    index = json.loads(script.removeprefix("Search.setIndex(").removesuffix(")"))
+    language = SearchEnglish({})
+    problems = []
+    for query, page in SEARCHES.items():
+        words = {
+            language.stem(word.lower())
+            for word in query.split()
+            if word.lower() not in language.stopwords
+        }
+        in_headings = {word for word in words if _has_word(index, "titleterms", word, page)}
+        in_text = {word for word in words if _has_word(index, "terms", word, page)}
+        if not in_headings or in_headings | in_text != words:
+            problems.append(f"a search for {query!r} does not find {page} by a heading")
+    return problems
+
+
+def _has_word(index: dict[str, Any], kind: str, word: str, page: str) -> bool:
+    # A word of one page has a number, a word of several pages a list.
+    numbers = index[kind].get(word, [])
+    numbers = numbers if isinstance(numbers, list) else [numbers]
+    return page in index["docnames"] and index["docnames"].index(page) in numbers
+
+
 def _exists(path: Path, address: str, site: Path) -> bool:
     parts = urlsplit(address)
     if parts.scheme or parts.netloc:
@@ -136,7 +177,8 @@ def _exists(path: Path, address: str, site: Path) -> bool:
 def check_site(site: Path) -> list[str]:
     """Returns everything that is wrong with a built site."""
     names = all_public_names()
-    return [*check_names(site, names), *check_summaries(site, names), *check_pages(site)]
+    problems = check_names(site, names) + check_summaries(site, names)
+    return problems + check_pages(site) + check_search(site)
 
 
 def main() -> int:

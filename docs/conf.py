@@ -33,9 +33,10 @@ extensions = [
     "mathml",
     "repository_links",
     "tutorial_pages",
+    "wide_tables",
 ]
 
-exclude_patterns = ["build", "inventories", "_ext", "_templates"]
+exclude_patterns = ["build", "inventories", "_ext", "_extra", "_templates"]
 templates_path = ["_templates"]
 repository_url = REPOSITORY
 # The tutorials with their outputs, as committed; no page runs one. "0" leaves them out.
@@ -90,6 +91,7 @@ linkcheck_anchors = False  # pages that draw their anchors with scripts are repo
 html_theme = "pydata_sphinx_theme"
 html_math_renderer = "mathml"
 html_static_path = ["_static"]
+html_extra_path = ["_extra"]  # pages at addresses that have moved
 html_css_files = ["custom.css"]
 html_logo = html_favicon = "_static/logo.svg"
 html_copy_source = html_show_sourcelink = False
@@ -99,6 +101,7 @@ html_sidebars = {"index": []}
 html_theme_options = {
     "logo": {"text": project},
     "github_url": REPOSITORY,
+    "header_links_before_dropdown": 9,
     "show_prev_next": True,
     "show_nav_level": 1,
     "navigation_depth": 2,

@@ -15,7 +15,8 @@ from torch_geometric_tactile.cli import build_parser, main
 from torch_geometric_tactile.commands import COMMANDS
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("docs", "docs/results", "docs/start", "docs/guide", "docs/reference")
+SECTIONS = ("start", "data", "models", "evaluation", "papers", "robot", "about", "reference")
+FOLDERS = ("docs", "docs/results", *(f"docs/{section}" for section in SECTIONS))
 _BLOCK = re.compile(
     r"(?:^<!-- not run: (?P<reason>[^\n]*?) -->\n+)?^(?P<fence>`{3,})(?P<language>[\w{}-]*)[^\n]*\n"
     r"(?P<code>.*?)^(?P=fence) *$",

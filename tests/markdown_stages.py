@@ -105,6 +105,13 @@ def write_grasp_predictor():
     Predictor.from_dataset(model, dataset, scale).save("grasp.predictor")
 
 
+@check("docs/quick_start.md")
+def _(names, out):
+    dataset, split = names["dataset"], names["split"]
+    assert not {*dataset.group[split.train].tolist()} & {*dataset.group[split.test].tolist()}
+    assert out.startswith("accuracy on new objects: 0.")
+
+
 @stage("docs/analysis.md")
 def _(names):
     run = train_hand("data").parents[1]

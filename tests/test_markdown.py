@@ -3,8 +3,10 @@
 Those of the README run in test_readme.py.
 """
 
+import os
 import re
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -26,8 +28,10 @@ from markdown_stages import CHECKS, EXTRAS, FULL, SLOW, STAGES
 
 import torch_geometric_tactile
 from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.datasets import BioTacSP
 
 BIGS = ROOT / "docs" / "bigs.md"
+NEEDS_BTS3 = {"docs/quick_start.md"}
 
 
 def _page(name):
@@ -37,11 +41,24 @@ def _page(name):
     return pytest.param(name, marks=marks)
 
 
+@pytest.fixture
+def bts3_files(private_cache, write_bts3, monkeypatch):
+    """The six files of BioTacSP where it looks for them: the published ones, or small ones."""
+    shared = ROOT.parent / "shared" / "data"
+    folder = os.environ.get("TACTILE_TEST_DATA") or shared / "biotacsp"
+    root = Path(os.environ["TACTILE_DATA"], "BioTacSP")
+    if not BioTacSP.import_raw(folder, root):
+        write_bts3(root / "raw", rows=40)
+        monkeypatch.setattr(BioTacSP, "_verify", lambda self: None)
+
+
 @pytest.mark.parametrize("name", [_page(name) for name in pages() if name != "README.md"])
 @pytest.mark.filterwarnings("ignore")
-def test_blocks_run(name, tmp_path, monkeypatch, capsys):
+def test_blocks_run(name, request, tmp_path, monkeypatch, capsys):
     for module in EXTRAS.get(name, ()):
         pytest.importorskip(module, reason=f"the page {name} needs it")
+    if name in NEEDS_BTS3:
+        request.getfixturevalue("bts3_files")
     monkeypatch.chdir(tmp_path)
     torch.manual_seed(0)
     np.random.seed(0)  # noqa: NPY002 (pages draw from it)

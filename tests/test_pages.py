@@ -146,5 +146,6 @@ def test_release_is_named_everywhere():
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {release}\n" in citation
     assert f"\ndate-released: {date}\n" in citation
+    assert f"version = {{{release}}}" in page("citation.md")
     assert f"version = {{{release}}}" in (ROOT / "README.md").read_text(encoding="utf-8")
     assert f"-{release}-py3-none-any.whl" in page("install.md")

@@ -249,6 +249,12 @@ def _alias_page(one: PublicName, repository: str) -> str:
     )
 
 
+def _keep_module(app: Sphinx, module: str, name: str) -> str | None:
+    # The source of an alias of a built-in type is ours; no other module of it has a page.
+    value = getattr(import_module(module), name, None)
+    return module if inspect.isclass(value) and value.__module__ == "builtins" else None
+
+
 def _write_pages(app: Sphinx, config: Any) -> None:
     folder = Path(app.srcdir) / "generated"
     for module in MODULES:
@@ -341,6 +347,7 @@ def _link_code(app: Sphinx, doctree: nodes.document, page: str) -> None:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Writes the pages before Sphinx looks for them, and resolves short names."""
     app.connect("config-inited", _write_pages, priority=100)
+    app.connect("viewcode-follow-imported", _keep_module)
     app.connect("autodoc-process-docstring", _doc_of_data)
     app.connect("autodoc-process-signature", _signature)
     app.connect("missing-reference", _resolve, priority=100)

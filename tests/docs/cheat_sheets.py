@@ -8,6 +8,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -272,8 +273,7 @@ def layer_row(name: str) -> tuple[str, ...]:
         _tried(lambda: _block_diagonal(make, inputs)),
         YES if inputs[0].size(-2) == EDGES.size(1) else NO,
         NO if name in WEIGHTLESS else _tried(lambda: make(-1)(*inputs)),
-        _tried(lambda: compiled(*inputs)),
-        _tried(lambda: torch.export.export(make(channels).eval(), inputs)),
+        _tried(lambda: (compiled(*inputs), torch.export.export(make(channels).eval(), inputs))),
     )
 
 
@@ -352,6 +352,10 @@ SENSORS = {
 WINDOWS = ("GraspGCN", "GraspLSTM", "TemporalCNN", "TemporalTaxelNet")
 
 
+def _input_of(name: str) -> str:
+    return "window" if name in WINDOWS else "frame"
+
+
 def model_rows() -> Iterator[tuple[str, ...]]:
     """Yields what the models need, and their weights with their default arguments or SENSORS."""
     for name, what in MODELS.items():
@@ -369,12 +373,11 @@ def model_rows() -> Iterator[tuple[str, ...]]:
         yield (
             f"`{name}`",
             what,
-            "window" if name in WINDOWS else "frame",
+            "window, or frame by frame" if hasattr(model, "step") else _input_of(name),
             YES if getattr(model, "needs_edges", False) else NO,
             YES
             if "num_joints" in inspect.signature(make).parameters or name == "PosedTaxelNet"
             else NO,
-            YES if hasattr(model, "step") else NO,
             f"{sum(w.numel() for w in model.parameters()):,}",
         )
 
@@ -383,20 +386,12 @@ def page() -> str:
     """Returns the text of the page."""
     sections = {
         "data sets": _table(
-            (
-                "data set",
-                "data",
-                "the question",
-                "taxels",
-                "channels",
-                "samples",
-                "classes",
-                "Hz",
-                "licence",
-                "from",
-                "hold out",
-            ),
-            *data_set_rows(),
+            ("data set", "data", "the question", "taxels", "samples", "classes"),
+            *map(itemgetter(0, 1, 2, 3, 5, 6), data_set_rows()),
+        ),
+        "sources": _table(
+            ("data set", "channels", "Hz", "licence", "from", "hold out"),
+            *map(itemgetter(0, 4, 7, 8, 9, 10), data_set_rows()),
         ),
         "layers": _table(
             (
@@ -405,13 +400,12 @@ def page() -> str:
                 "PyG batch",
                 "edge features",
                 "lazy (`-1`)",
-                "compile",
-                "export",
+                "compile and export",
             ),
             *(layer_row(name) for name in (*conv.__all__, *pool.__all__)),
         ),
         "models": _table(
-            ("model", "from", "input", "edges", "joint angles", "frame by frame", "weights"),
+            ("model", "from", "input", "edges", "joint angles", "weights"),
             *model_rows(),
         ),
         "transforms": _table(

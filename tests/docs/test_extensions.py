@@ -178,3 +178,36 @@ def test_check_site_finds_foreign_and_broken(tmp_path):
         "index.html loads https://cdn.example/x.js",
         "index.html links to no.html, which does not exist",
     ]
+
+
+@pytest.mark.parametrize(
+    ("titles", "terms", "problems"),
+    [
+        ({"glove": 1, "my": 0}, {"glove": [0, 2]}, 0),
+        ({"glove": [0, 2]}, {"glove": 1}, 1),  # in the text of the page only
+        ({}, {}, 1),
+    ],
+)
+def test_search_finds_a_page_by_a_heading(tmp_path, monkeypatch, titles, terms, problems):
+    monkeypatch.setattr(check_site, "SEARCHES", {"My Glove": "gloves"})
+    index = {"docnames": ["a", "gloves", "z"], "titleterms": titles, "terms": terms}
+    (tmp_path / "searchindex.js").write_text(f"Search.setIndex({json.dumps(index)})")
+    assert len(check_site.check_search(tmp_path)) == problems
+
+
+def test_wide_tables_have_the_full_width(tmp_path):
+    from sphinx.application import Sphinx
+
+    (tmp_path / "conf.py").write_text(
+        f"import sys\nsys.path.insert(0, {str(ROOT / 'docs' / '_ext')!r})\n"
+        "extensions = ['myst_nb', 'wide_tables']\nroot_doc = 'narrow'\n"
+    )
+    for name, columns in (("narrow", 6), ("wide", 7)):
+        rows = ["|" + " a |" * columns, "|" + "---|" * columns, "|" + " b |" * columns]
+        (tmp_path / f"{name}.md").write_text("---\norphan: true\n---\n# T\n\n" + "\n".join(rows))
+    app = Sphinx(tmp_path, tmp_path, tmp_path / "html", tmp_path / "trees", "html", status=None)
+    app.build()
+    is_removed = ["html_theme.sidebar_secondary.remove" in app.env.metadata[name]
+                  for name in ("narrow", "wide")]  # fmt: skip
+    assert is_removed == [False, True]
+    assert "wide-table" in (tmp_path / "html" / "wide.html").read_text()
