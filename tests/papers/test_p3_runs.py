@@ -128,6 +128,17 @@ def test_page_of_the_table(root, tmp_path):
     ]
     for path in write_table(run, tmp_path):
         assert path.is_file()
+    pairs = list(csv.DictReader((tmp_path / "p3-orderings.csv").read_text().splitlines()))
+    assert len(pairs) == len(compared)
+    assert [pairs[1][name] for name in ("protocol", "first", "second", "splits", "holds")] == [
+        "by object",
+        "gcn_df",
+        "majority",
+        "3",
+        compared[1].verdict,
+    ]
+    assert float(pairs[1]["difference"]) == pytest.approx(100 * compared[1].difference.mean)
+    assert float(pairs[1]["error"]) == pytest.approx(100 * compared[1].difference.error)
 
 
 def test_spread_of_one_seed_is_over_its_folds(root, tmp_path):
@@ -154,6 +165,14 @@ def test_picture_along_an_axis(root, tmp_path):
     assert len(run.results) == 3
     paths = write_table(run, tmp_path)
     assert paths[2].read_bytes().startswith(b"\x89PNG")
+    accuracies = paths[0].read_text().partition("## Accuracy in %\n\n")[2].splitlines()
+    header, _, *rows = [line.split(" | ") for line in accuracies[:5]]
+    assert header[0] == "| nearest neighbours k of each electrode"
+    assert header[1] == "GCN-DF, published, real hand, unavailable data"
+    assert [row[0] for row in rows] == ["| 1", "| 2", "| 18"]
+    assert [len(row) for row in rows] == [5, 5, 5]
+    assert rows[0][2] != ""  # GCN-DF with one neighbour was run, GCN-FF was not
+    assert rows[0][4] == " |"
 
 
 @pytest.mark.full
