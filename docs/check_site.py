@@ -1,7 +1,8 @@
 """Checks the built site.
 
 Every public name has a page, every local link leads somewhere, nothing comes from another host, and
-a search for common words finds the page on them.
+a search for common words finds the page on them, and no page of results is longer than 1,500 words
+and its tables.
 
 python docs/check_site.py docs/build/html
 """
@@ -48,6 +49,12 @@ SEARCHES = {
     "quick start": "quick_start",
     "TaxelNet": "generated/api/torch_geometric_tactile.nn.models.TaxelNet",
 }
+MAX_RESULT_WORDS = 1500
+# Tables, code, comments and pictures with their captions are not counted as words of a page.
+_NOT_PROSE = re.compile(
+    r"^(?P<fence>`{3,}).*?^(?P=fence) *$|<!--.*?-->|^\|.*?$|!\[[^\]]*\]\([^)]*\)",
+    re.DOTALL | re.MULTILINE,
+)
 _LOADED_LINKS = {"stylesheet", "icon", "shortcut icon", "preload", "prefetch", "preconnect"}
 
 
@@ -174,11 +181,32 @@ def _exists(path: Path, address: str, site: Path) -> bool:
     return not anchor or target.suffix != ".html" or anchor in read_page(target).anchors
 
 
+def count_words(text: str) -> int:
+    """Returns the words of a Markdown page outside tables, code, comments and pictures."""
+    return len(_NOT_PROSE.sub(" ", text).split())
+
+
+def check_lengths(folder: Path) -> list[str]:
+    """Returns the Markdown pages of a folder that have too many words."""
+    num_words = {path: count_words(path.read_text("utf-8")) for path in sorted(folder.glob("*.md"))}
+    return [
+        f"{path.name} has {number:,} words outside its tables, more than {MAX_RESULT_WORDS:,}: "
+        "leave out what no conclusion uses"
+        for path, number in num_words.items()
+        if number > MAX_RESULT_WORDS
+    ]
+
+
 def check_site(site: Path) -> list[str]:
     """Returns everything that is wrong with a built site."""
     names = all_public_names()
-    problems = check_names(site, names) + check_summaries(site, names)
-    return problems + check_pages(site) + check_search(site)
+    return [
+        *check_names(site, names),
+        *check_summaries(site, names),
+        *check_pages(site),
+        *check_search(site),
+        *check_lengths(DOCS / "results"),
+    ]
 
 
 def main() -> int:

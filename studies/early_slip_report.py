@@ -80,21 +80,36 @@ def numbers(runs: Path) -> dict[str, dict[str, dict[str, list[float]]]]:
 
 
 def alarm_table(rows: dict[str, dict[str, list[float]]]) -> list[str]:
-    """Returns the lines of a table in Markdown."""
+    """Returns the lines of a table in Markdown: alarms by the time before the onset."""
     at = [SECONDS.index(seconds) for seconds in (0.1, 0.3, 0.5, 1.0)]
-    head = ["method", *(f"alarm {SECONDS[i]:g} s before" for i in at)]
-    head += ["false, same moments (0.3 s)", f"announced within {WITHIN:g} s", "median lead"]
-    head += ["moments of holding grasps with an alarm", "ROC"]
+    head = [
+        "method",
+        *(f"alarm {SECONDS[i]:g} s before" for i in at),
+        "false, same moments (0.3 s)",
+    ]
     lines = []
     for method, row in rows.items():
         recall = 100 * np.array(row["recall"])
-        cells = [_spread(recall[:, i]) for i in at]
-        cells.append(_spread(100 * np.array(row["false_alarms"])[:, at[1]]))
-        cells.append(_spread(100 * np.array(row["announced"])))
-        cells.append(f"{np.nanmean(row['median_lead']):.2f} s")
-        cells.append(_spread(100 * np.array(row["moments_alarmed"])))
-        cells.append(_spread(np.array(row["roc_auc"]), 3))
+        false_alarms = 100 * np.array(row["false_alarms"])[:, at[1]]
+        cells = [*(_spread(recall[:, i]) for i in at), _spread(false_alarms)]
         lines.append([_NAMES[method], *cells])
+    return table(head, lines)
+
+
+def summary_table(rows: dict[str, dict[str, list[float]]]) -> list[str]:
+    """Returns the lines of a table in Markdown: slips announced, their lead, and the ROC."""
+    head = ["method", f"announced within {WITHIN:g} s", "median lead"]
+    head += ["moments of holding grasps with an alarm", "ROC"]
+    lines = [
+        [
+            _NAMES[method],
+            _spread(100 * np.array(row["announced"])),
+            f"{np.nanmean(row['median_lead']):.2f} s",
+            _spread(100 * np.array(row["moments_alarmed"])),
+            _spread(np.array(row["roc_auc"]), 3),
+        ]
+        for method, row in rows.items()
+    ]
     return table(head, lines)
 
 
@@ -159,7 +174,13 @@ def main() -> int:
     write_json(arguments.json, content)
     for protocol, rows in found.items():
         print(f"\n{protocol}\n")
-        print("\n".join([*alarm_table(rows), "", *equal_table(rows), "", *difference_table(rows)]))
+        for lines in (
+            alarm_table(rows),
+            summary_table(rows),
+            equal_table(rows),
+            difference_table(rows),
+        ):
+            print("\n".join([*lines, ""]))
         curves = {
             _NAMES[name]: AlarmCurves(np.array(row["recall"]), np.array(row["false_alarms"]))
             for name, row in rows.items()

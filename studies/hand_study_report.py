@@ -118,12 +118,12 @@ def sections(found: dict[str, Any]) -> Iterator[str]:
             continue
         digits = 1 if task == "shape" else 2
         yield f"## {what}\n\n" + score_table(found["scores"][task], task, digits)
-        yield f"Paired differences ({task}):\n\n" + difference_table(found, task, digits)
+        yield from difference_tables(found, task, digits)
     for task, tested in found["tests"].items():
         digits = 1 if task == "shape" else 2
         unit = "accuracy in %" if task == "shape" else "mean error in mm"
         yield f"## Other conditions at the test: {task}, {unit}, by trial\n\n"
-        yield test_table(tested, digits)
+        yield dead_table(tested, digits) + hand_table(tested, digits)
     if "shape" in found["trials"]:
         yield "## Number of training trials: shape, accuracy in %, by trial\n\n"
         yield trials_table(found)
@@ -165,41 +165,46 @@ def heading(models: dict[str, Any], task: str, by: str) -> str:
     return f"{_SPLITS[task, by]}, {count} split{'s' if count > 1 else ''}"
 
 
-def difference_table(found: dict[str, Any], task: str, digits: int) -> str:
-    def rows() -> Iterator[list[str]]:
-        for pair in found["differences"]:
-            if pair["task"] == task:
-                yield [
-                    f"{TITLES[pair['a']]} minus {TITLES[pair['b']]}",
-                    _SPLITS[task, pair["by"]],
-                    f"{pair['mean']:+.{digits}f}",
-                    "" if pair["over_splits"] is None else f"{pair['over_splits']:.{digits}f}",
-                    f"{pair['over_trials']:.{digits}f}",
-                    f"{pair['wins']} of {pair['splits']}",
-                    pair["verdict"],
-                ]
-
-    head = ["", "", "mean", "s.e. over splits", "s.e. over trials", "better in", "verdict"]
-    return table(head, rows())
-
-
-def test_table(tested: dict[str, Any], digits: int) -> str:
-    levels = list(next(iter(tested.values()))["dead"])
-    dead = [f"{level} % dead" for level in levels]
-    head = ["", *dead, "other device", "trials of the other hand: 384 taxels", "240 taxels"]
-
-    def rows() -> Iterator[list[str]]:
-        for name in (name for name in TITLES if name in tested):
-            one = tested[name]
-            hand = one["other_hand"]
-            yield [
-                TITLES[name],
-                *(cell(one["dead"][level], digits) for level in levels),
-                cell(one["devices"], digits),
-                *(cell(hand.get(key), digits) for key in ("trained on", "moved")),
+def difference_tables(found: dict[str, Any], task: str, digits: int) -> Iterator[str]:
+    head = ["", "mean", "s.e. over splits", "s.e. over trials", "better in", "verdict"]
+    for by in ("trial", "placement"):
+        rows = (
+            [
+                f"{TITLES[pair['a']]} minus {TITLES[pair['b']]}",
+                f"{pair['mean']:+.{digits}f}",
+                "" if pair["over_splits"] is None else f"{pair['over_splits']:.{digits}f}",
+                f"{pair['over_trials']:.{digits}f}",
+                f"{pair['wins']} of {pair['splits']}",
+                pair["verdict"],
             ]
+            for pair in found["differences"]
+            if (pair["task"], pair["by"]) == (task, by)
+        )
+        yield f"Paired differences ({task}, {_SPLITS[task, by]}):\n\n" + table(head, rows)
 
-    return table(head, rows())
+
+def dead_table(tested: dict[str, Any], digits: int) -> str:
+    levels = list(next(iter(tested.values()))["dead"])
+    rows = (
+        [TITLES[name], *(cell(tested[name]["dead"][level], digits) for level in levels)]
+        for name in TITLES
+        if name in tested
+    )
+    return table(["", *(f"{level} % dead" for level in levels)], rows)
+
+
+def hand_table(tested: dict[str, Any], digits: int) -> str:
+    rows = (
+        [
+            TITLES[name],
+            cell(tested[name]["devices"], digits),
+            *(cell(tested[name]["other_hand"].get(key), digits) for key in ("trained on", "moved")),
+        ]
+        for name in TITLES
+        if name in tested
+    )
+    head = ["", "other device", "trials of the other hand: 384 taxels", "240 taxels"]
+    return table(head, rows)
 
 
 def trials_table(found: dict[str, Any]) -> str:

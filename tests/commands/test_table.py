@@ -46,8 +46,8 @@ def test_finished_table_is_named(command, tmp_path, capsys):
     assert output.out.splitlines() == [
         "p2-table2: 12 of 18 runs finished, 6 missing",
         *(
-            f"wrote {tmp_path / name}"
-            for name in ("p2-table2.md", "p2-table2.csv", "p2-table2.png", "p2-table2-runs.csv")
+            f"wrote {tmp_path / 'p2-table2'}{suffix}"
+            for suffix in (".md", ".csv", ".png", "-runs.csv", "-orderings.csv")
         ),
     ]
     check_listed(["table", "p2-table2", "--out", tmp_path], tmp_path)

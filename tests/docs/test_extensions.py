@@ -168,6 +168,25 @@ def test_gallery():
     assert shorten("One is long. Two.", size=8) == "One is long."
 
 
+def test_words_of_a_page():
+    table, code = "| a | b |\n|---|---|", "<!-- not run:\nlong -->\n```sh\nls .\n```"
+    text = "One [link of](p.md#x) text."
+    page = f"# Two words\n\n{table}\n\n{code}\n![a b](c.png)\n\n{text}"
+    assert check_site.count_words(page) == 7  # with the '#'
+
+
+def test_long_page_of_results(tmp_path):
+    (tmp_path / "short.md").write_text("word " * 1500 + "\n\n| a cell |\n")
+    assert check_site.check_lengths(tmp_path) == []
+    (tmp_path / "long.md").write_text("word " * 1501)
+    (problem,) = check_site.check_lengths(tmp_path)
+    assert problem.startswith("long.md has 1,501 words outside its tables, more than 1,500")
+
+
+def test_pages_of_results_are_short():
+    assert check_site.check_lengths(ROOT / "docs" / "results") == []
+
+
 def test_check_site_finds_foreign_and_broken(tmp_path):
     (tmp_path / "index.html").write_text(
         '<a href="no.html">a</a><script src="https://cdn.example/x.js"></script>'

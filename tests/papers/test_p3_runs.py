@@ -128,6 +128,16 @@ def test_page_of_the_table(root, tmp_path):
     ]
     for path in write_table(run, tmp_path):
         assert path.is_file()
+    pairs = list(csv.DictReader((tmp_path / "p3-orderings.csv").read_text().splitlines()))
+    assert len(pairs) == len(compared)
+    assert [pairs[1][name] for name in ("protocol", "first", "second", "splits", "holds")] == [
+        "by object",
+        *compared[1].pair,
+        "3",
+        compared[1].verdict,
+    ]
+    assert pairs[1]["difference"] == f"{100 * compared[1].difference.mean:.6g}"
+    assert pairs[1]["error"] == f"{100 * compared[1].difference.error:.6g}"
 
 
 def test_spread_of_one_seed_is_over_its_folds(root, tmp_path):
@@ -154,6 +164,17 @@ def test_picture_along_an_axis(root, tmp_path):
     assert len(run.results) == 3
     paths = write_table(run, tmp_path)
     assert paths[2].read_bytes().startswith(b"\x89PNG")
+    accuracies = paths[0].read_text().partition("## Accuracy in %\n\n")[2].splitlines()
+    header, _, *rows = [line.split(" | ") for line in accuracies[:5]]
+    assert header == [
+        "| nearest neighbours k of each electrode",
+        "GCN-DF, simulated, random",
+        "GCN-FF, published, real hand, unavailable data",
+        "GCN-FF, simulated, random |",
+    ]
+    assert [row[0] for row in rows] == ["| 1", "| 18", "| 2"]
+    assert [bool(row[1]) for row in rows] == [True, True, False]  # GCN-DF has k = 1 and 18
+    assert rows[2][2] == "89.13"
 
 
 @pytest.mark.full

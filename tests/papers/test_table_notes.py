@@ -9,7 +9,7 @@ from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.papers._table_notes import (
     OrderedPair,
-    _comparison_cells,
+    _pair_cells,
     _verdict_rows,
 )
 
@@ -37,7 +37,8 @@ def test_verdict_is_that_of_the_difference(mean, error, verdict):
 
 def test_lines_of_the_page():
     entries = [compared(0.1, 0.03), compared(-0.2, 0.03, ("c", "d"))]
-    assert " ".join(_comparison_cells(entries[0])) == "a above b random a b +10.0 ± 3.0 5 yes"
+    assert " ".join(_pair_cells(entries[0])) == "a above b random a b 10 3 5 yes"
+    assert _pair_cells(compared(-0.2, float("nan")))[4:6] == ["-20", ""]
     assert list(_verdict_rows(entries)) == [["a above b", "random", "yes in 1 of 2, no in 1 of 2"]]
     assert list(_verdict_rows(entries[:1])) == [["a above b", "random", "yes"]]
 

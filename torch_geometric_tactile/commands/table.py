@@ -45,7 +45,8 @@ HELP = "Reproduce a table of a paper, beside its published numbers"
 EXTRAS = "train,viz"
 DESCRIPTION = """\
 Trains and tests all models of a table and writes DIR/NAME.md, NAME.csv and NAME.png with the
-published numbers beside ours, and NAME-runs.csv with each run. P1 and P2 use recordings of an
+published numbers beside ours, NAME-runs.csv with each run, and NAME-orderings.csv with the
+difference of each pair of models whose order the paper claims. P1 and P2 use recordings of an
 Allegro hand with 384 taxels, P3 grasps of three fingers with 19 electrodes each, P4 an Allegro hand
 with 240 taxels that squeezes objects, and P5 letters pressed on an array. Needs the extras 'train'
 and 'viz', and 'baselines' for P5.
@@ -226,6 +227,10 @@ def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
         f"{table.name}-runs.csv": text_kind("the runs of a table", r"experiment,protocol,|\s*\Z"),
         f"{table.name}.png": PICTURE,
     }
+    if table.orderings:
+        kinds[f"{table.name}-orderings.csv"] = text_kind(
+            "the orderings of a table", "ordering,protocol,first,second,"
+        )
     # The results of a study determine its pictures, so existing pictures are listed.
     pictures = Path(arguments.out).glob(f"{glob.escape(table.name)}-*.png")
     kinds |= {path.name: PICTURE for path in pictures}

@@ -1,5 +1,7 @@
 r"""The notes of a table: orderings, positive class, ROC areas, rank correlation and draws."""
 
+import csv
+import io
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -11,6 +13,7 @@ from torch_geometric_tactile.experiments._scores import RULE
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Ordering
+from torch_geometric_tactile.io._csv_table import text_to_cell
 from torch_geometric_tactile.papers._table_numbers import (
     PUBLISHED,
     Number,
@@ -19,7 +22,16 @@ from torch_geometric_tactile.papers._table_numbers import (
     pooled_predictions,
 )
 
-_COMPARISON_COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
+_PAIR_COLUMNS = (
+    "ordering",
+    "protocol",
+    "first",
+    "second",
+    "difference",
+    "error",
+    "splits",
+    "holds",
+)
 _AREA_TOLERANCE = 0.0015  # published areas and accuracies are rounded
 _MIN_RANKED = 5  # with fewer models, a rank correlation says little
 _SQUARED_PERCENT = 100.0**2  # converts variances of fractions
@@ -66,14 +78,35 @@ def ordering_lines(run: PlanRun) -> list[str]:
     return [
         "## Which orderings hold",
         "",
-        "The accuracy of the first model minus that of the second on the same splits, in points, ± "
-        "its standard error: the larger of the one over the splits and the one over the test "
-        f"trials. {RULE}",
+        "An ordering of two models holds if the accuracy of the first minus that of the second, on "
+        f"the same splits, is positive and beyond the noise. {RULE}",
         "",
         *markdown_table(["ordering", "protocol", "holds"], _verdict_rows(comparisons)),
         "",
-        *markdown_table(_COMPARISON_COLUMNS, map(_comparison_cells, comparisons)),
+        f"`{run.plan.table.name}-orderings.csv` has the difference of each pair in points and its "
+        "standard error: the larger of the one over the splits and the one over the test trials.",
         "",
+    ]
+
+
+def orderings_csv(run: PlanRun) -> str:
+    r"""Returns the pairs of all orderings as CSV, one pair per line, differences in points."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(_PAIR_COLUMNS)
+    writer.writerows(map(_pair_cells, compare_orderings(run)))
+    return file.getvalue()
+
+
+def _pair_cells(comparison: OrderedPair) -> list[str]:
+    names = (comparison.ordering.name, comparison.protocol, *comparison.pair)
+    difference = comparison.difference
+    return [
+        *map(text_to_cell, names),
+        f"{100 * difference.mean:.6g}",
+        "" if math.isnan(difference.error) else f"{100 * difference.error:.6g}",
+        str(difference.num_splits),
+        comparison.verdict,
     ]
 
 
@@ -92,21 +125,6 @@ def _verdict_rows(comparisons: list[OrderedPair]) -> Iterator[list[str]]:
                 for verdict, num_pairs in count.items()
             )
         yield [markdown_text(name), markdown_text(protocol), summary]
-
-
-def _comparison_cells(comparison: OrderedPair) -> list[str]:
-    names = map(markdown_text, [comparison.ordering.name, comparison.protocol, *comparison.pair])
-    return [
-        *names,
-        _format_difference(comparison.difference),
-        str(comparison.difference.num_splits),
-        comparison.verdict,
-    ]
-
-
-def _format_difference(difference: Difference) -> str:
-    text = f"{100 * difference.mean:+.1f}"
-    return text if math.isnan(difference.error) else f"{text} ± {100 * difference.error:.1f}"
 
 
 def positive_note(run: PlanRun) -> str:

@@ -21,6 +21,7 @@ from torch_geometric_tactile.papers._table_notes import (
     correlation_notes,
     draws_note,
     ordering_lines,
+    orderings_csv,
     positive_note,
 )
 from torch_geometric_tactile.papers._table_numbers import (
@@ -68,12 +69,17 @@ _Series = tuple[str, str, str]
 
 def write_table(run: PlanRun, out: PathLike) -> list[Path]:
     r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.png`, :obj:`NAME-runs.csv` (one line per
-    run) and the pictures of studies, :obj:`NAME-*.png`. Returns their paths.
+    run), :obj:`NAME-orderings.csv` (one line per pair of models) and the pictures of studies,
+    :obj:`NAME-*.png`. Returns their paths.
     """
     suffixes = (".md", ".csv", ".png", "-runs.csv")
     paths = [Path(out) / f"{run.plan.table.name}{suffix}" for suffix in suffixes]
     page, numbers, picture, runs = paths
-    for path, text in ((page, markdown(run)), (numbers, csv_text(run)), (runs, _runs_csv(run))):
+    texts = {page: markdown(run), numbers: csv_text(run), runs: _runs_csv(run)}
+    if run.plan.table.orderings:
+        paths.append(Path(out) / f"{run.plan.table.name}-orderings.csv")
+        texts[paths[-1]] = orderings_csv(run)
+    for path, text in texts.items():
         with atomic_path(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
     save_figure(_picture(run), picture)
@@ -167,24 +173,8 @@ def markdown(run: PlanRun) -> str:
         lines += [f"See also: {printable(table.see_also)}", ""]
     for heading, series in _groups(run):
         for section in table.sections:
-            columns = table.columns(section)
             name = f"{heading}, {markdown_text(section)}" if section else heading
-            lines += [f"## {name}", ""]
-            lines += markdown_table(
-                ["model", "", *columns],
-                [
-                    [
-                        markdown_text(row) if i == 0 else "",
-                        markdown_text(name),
-                        *_row_texts(run, index, section, row, source, metric),
-                    ]
-                    for row in table.rows
-                    if any(_is_in_row(cell, section, row) for cell in table.cells)
-                    for i, (source, metric, name) in enumerate(
-                        _row_series(run, section, row, series)
-                    )
-                ],
-            )
+            lines += [f"## {name}", "", *_section_table(run, index, section, series)]
             lines.append("")
     lines += ordering_lines(run)
     lines += study_lines(run)
@@ -205,6 +195,30 @@ def markdown(run: PlanRun) -> str:
         ],
     )
     return "\n".join([*lines, ""])
+
+
+def _section_table(
+    run: PlanRun, index: _NumberIndex, section: str, series: Sequence[_Series]
+) -> list[str]:
+    table = run.plan.table
+    columns = table.columns(section)
+    rows = [
+        (row, i, name, _row_texts(run, index, section, row, source, metric))
+        for row in table.rows
+        if any(_is_in_row(cell, section, row) for cell in table.cells)
+        for i, (source, metric, name) in enumerate(_row_series(run, section, row, series))
+    ]
+    if table.axis:  # a row for each number on the axis, as there may be many
+        headings = [f"{row}, {name}" for row, _, name, _ in rows]
+        texts_by_column = zip(columns, *(texts for *_, texts in rows), strict=True)
+        return markdown_table([table.axis, *headings], [[*texts] for texts in texts_by_column])
+    return markdown_table(
+        ["model", "", *columns],
+        [
+            [markdown_text(row) if i == 0 else "", markdown_text(name), *texts]
+            for row, i, name, texts in rows
+        ],
+    )
 
 
 def _named_models(plan: Plan) -> dict[str, Cell]:
