@@ -124,6 +124,6 @@ def test_commands_take_a_name(tmp_path, monkeypatch, capsys):
     expected = np.exp(LOG_PROBABILITIES["biotac_sp_slip"])
     assert [float(text) for text in last[-2:]] == pytest.approx(expected, abs=1e-5)
     assert main(["live", "grasps.npz", "--model", "biotac_sp_slip", "--policy", "all"]) == 0
-    assert "2 frames, 2 judged" in capsys.readouterr().out
+    assert "2 frames, 2 judged" in capsys.readouterr().err
     assert main(["predict", "biotac_slip", "grasps.npz"]) == 1
     assert "or one of ['biotac_sp_slip', " in capsys.readouterr().err
