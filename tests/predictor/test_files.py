@@ -406,7 +406,9 @@ def test_pickles_are_not_run(tmp_path, monkeypatch):
 
 
 def test_missing_files_are_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"there is no predictor '.*a'; write one with"):
+    with pytest.raises(
+        FileNotFoundError, match=r"there is no predictor or checkpoint '.*a': give the"
+    ):
         Predictor.load(tmp_path / "a")
     with pytest.raises(FileNotFoundError, match="there is no checkpoint"):
         Predictor.from_checkpoint(tmp_path / "a")

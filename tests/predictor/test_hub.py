@@ -183,7 +183,7 @@ def test_local_folder_and_file_need_no_client(tmp_path, monkeypatch):
     predictor().save(tmp_path / PREDICTOR_FILE)
     for path in (tmp_path, str(tmp_path), tmp_path / PREDICTOR_FILE):
         assert Predictor.from_pretrained(path)(X).equal(predictor()(X))
-    with pytest.raises(FileNotFoundError, match=r"there is no predictor '.*gone"):
+    with pytest.raises(FileNotFoundError, match=r"there is no predictor or checkpoint '.*gone"):
         Predictor.from_pretrained(tmp_path / "gone")
 
 

@@ -32,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "model",
         metavar="MODEL",
         type=input_path,
-        help="a checkpoint of 'tactile fit', or a predictor of 'tactile predict --save'",
+        help="a checkpoint of 'tactile fit', a predictor of 'tactile predict --save', or the name "
+        "of one in docs/pretrained.md",
     )
     parser.add_argument(
         "--out",

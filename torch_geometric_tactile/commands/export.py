@@ -23,6 +23,7 @@ agree.
 EXAMPLES = """\
 examples:
   tactile export grasp.predictor grasp.onnx
+  tactile export biotac_sp_slip slip.onnx        a trained model of the package
   tactile export last.ckpt grasp.onnx --unit count
                                                  with the unit of the readings in its metadata
   tactile export last.ckpt grasp.onnx --tare     subtracts the reading at rest in the graph
@@ -39,7 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "predictor",
         metavar="MODEL",
         type=input_path,
-        help="a checkpoint, or a predictor of 'tactile predict --save'",
+        help="a checkpoint, a predictor of 'tactile predict --save', or the name of one in "
+        "docs/pretrained.md, such as biotac_sp_slip",
     )
     parser.add_argument(
         "model",

@@ -39,6 +39,8 @@ examples:
   tactile live ws://127.0.0.1:5000 --model slip.onnx --record grasp.mcap
                                                  an exported model: needs no PyTorch
   tactile live grasp.h5 --model grasp.predictor  a recording, replayed as if live
+  tactile live grasp.h5 --model simulated_hand_shape --rest 0.5
+                                                 a trained model of the package
   tactile live "serial:/dev/ttyACM0?protocol=anyskin" --model slip.onnx --contact
                                                  "no contact" while nothing is touched
   tactile live sim: --record grasp.mcap --labels open,slip,hold
@@ -60,8 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--model",
         metavar="FILE",
         type=input_path,
-        help="an .onnx file of 'tactile export', a predictor of 'tactile predict --save', or a "
-        "checkpoint; all contain the scaling of the readings",
+        help="an .onnx file of 'tactile export', a predictor of 'tactile predict --save', a "
+        "checkpoint, or the name of a predictor in docs/pretrained.md; all contain the scaling of "
+        "the readings",
     )
     recording = parser.add_argument_group("recording")
     recording.add_argument(

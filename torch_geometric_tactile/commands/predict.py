@@ -55,6 +55,7 @@ examples:
                                                  "no contact" where nothing is touched
   tactile predict glove.predictor glove.csv --tactile 'pad_.*' --joint 'bend_.*'
                                                  a CSV file with other columns than in training
+  tactile predict biotac_sp_slip grasps/*.npz    a trained model of the package
   tactile predict last.ckpt --save grasp.predictor
                                                  layout, transforms, model and class names in
                                                  one file, which needs no extra to be used
@@ -67,7 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "model",
         metavar="MODEL",
         type=input_path,
-        help="a checkpoint of 'tactile fit', or a predictor of --save",
+        help="a checkpoint of 'tactile fit', a predictor of --save, or the name of one in "
+        "docs/pretrained.md, such as biotac_sp_slip",
     )
     parser.add_argument(
         "recordings",

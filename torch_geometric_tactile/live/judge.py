@@ -99,8 +99,9 @@ class Judge:
     contact rule is also measured by each rest.
 
     Args:
-        model (Predictor or str or PathLike): A predictor, its file, or an ONNX file that
-            ``tactile export`` wrote. ONNX files need neither PyTorch nor Lightning.
+        model (Predictor or str or PathLike): A predictor, its file, the name of a predictor of the
+            package, or an ONNX file that ``tactile export`` wrote. ONNX files need neither PyTorch
+            nor Lightning.
         rest (Rest or numpy.ndarray, optional): The object that collects frames at rest, or readings
             at rest :math:`(N, C)`.
         max_lost (int, optional): Number of frames in a row that may be lost within a window. If
@@ -449,10 +450,9 @@ class _PredictorModel:
 
 
 def _load_predictor(path: PathLike) -> Any:
-    from torch_geometric_tactile.predictor import Predictor
+    from torch_geometric_tactile.predictor import Predictor, predictor_path
     from torch_geometric_tactile.predictor._content import is_checkpoint
 
-    if not os.path.isfile(path):
-        raise FileNotFoundError(f"there is no model '{os.fspath(path)}'")
+    path = predictor_path(path)
     read = Predictor.from_checkpoint if is_checkpoint(path) else Predictor.load
     return read(path)

@@ -11,6 +11,7 @@ from torch_geometric_tactile.predictor.export_onnx import Exported, export_onnx
 from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.predictor.predictor import Predictor
+from torch_geometric_tactile.predictor.stock import predictor_path, stock_predictors
 
 __all__ = [
     "AverageModel",
@@ -21,6 +22,8 @@ __all__ = [
     "Predictor",
     "estimator_predictor",
     "export_onnx",
+    "predictor_path",
+    "stock_predictors",
 ]
 
 if not TYPE_CHECKING:

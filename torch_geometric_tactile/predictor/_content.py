@@ -27,6 +27,7 @@ from torch_geometric_tactile.predictor._tensor_file import (
 )
 from torch_geometric_tactile.predictor._window_cut import WindowCut
 from torch_geometric_tactile.predictor.measured_score import MeasuredScore
+from torch_geometric_tactile.predictor.stock import predictor_path
 from torch_geometric_tactile.sensors import TaxelLayout
 
 # Since 2, a file has a checksum; since 3, a threshold and windows of frames.
@@ -266,12 +267,8 @@ def save(preparation: Preparation, network: Network, path: PathLike) -> None:
 def load(
     path: PathLike, model: Module | None = None, transforms: Sequence[Transform] | None = None
 ) -> tuple[Preparation, Network]:
-    r"""Reads a predictor from a file."""
-    if not Path(path).is_file():
-        raise FileNotFoundError(
-            f"there is no predictor '{path}'; write one with Predictor.save, or from a checkpoint "
-            "with: tactile predict CHECKPOINT --save FILE"
-        )
+    r"""Reads a predictor from a file, or one of the package by its name."""
+    path = predictor_path(path)
     if is_checkpoint(path):
         raise ValueError(f"'{path}' is a checkpoint: read it with Predictor.from_checkpoint")
     with named_file_errors(f"'{path}' is no predictor that can be read here"):

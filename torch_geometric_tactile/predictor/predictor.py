@@ -191,7 +191,9 @@ class Predictor:
         package, and some of PyG's, are built by their names. No code in the file is run.
 
         Args:
-            path (str or PathLike): The file.
+            path (str or PathLike): The file, or the name of a predictor of the package, as in
+                :func:`~torch_geometric_tactile.predictor.stock_predictors`. An existing file has
+                precedence over a name.
             model (torch.nn.Module, optional): The model, if it cannot be built from the file, such
                 as a model that you wrote. Class and sizes must be those of the saved model; the
                 weights come from the file.
@@ -200,9 +202,14 @@ class Predictor:
                 fitted state comes from the file. Further transforms are ignored.
 
         Raises:
-            FileNotFoundError: If there is no such file.
+            FileNotFoundError: If there is no such file or name.
             ValueError: If the file is damaged or of another version, or if :obj:`model` or
                 :obj:`transforms` are missing or differ from those that were saved.
+
+        Examples:
+            >>> predictor = Predictor.load("biotac_sp_slip")
+            >>> predictor.class_names
+            ('stable', 'slip')
         """
         return cls._from_parts(*_content.load(path, model, transforms))
 

@@ -20,7 +20,7 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.data._torch_file import read_torch_file
 from torch_geometric_tactile.nn.conv import EdgeFeatureEncoder
 from torch_geometric_tactile.nn.models import MTGCN
-from torch_geometric_tactile.predictor import Predictor
+from torch_geometric_tactile.predictor import Predictor, predictor_path
 from torch_geometric_tactile.predictor._content import is_checkpoint
 from torch_geometric_tactile.reports._predictions import predict_batches
 from torch_geometric_tactile.reports._run_data import load_data, open_predictor, test_part
@@ -342,6 +342,7 @@ def write_analysis(
     r"""Analyses a checkpoint of ``tactile fit``, or a predictor, on the test part of its data.
     Returns the path of the page.
     """
+    model = predictor_path(model)
     predictor = open_predictor(model, config)
     data = load_data(model, config, root)
     facts = {

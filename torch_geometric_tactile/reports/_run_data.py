@@ -9,7 +9,7 @@ from torch_geometric_tactile import datasets
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile._user_modules import add_working_directory
 from torch_geometric_tactile.data import Protocol, Split, StaticDataset, Trials, Windows
-from torch_geometric_tactile.predictor import MissingOwnError, Predictor
+from torch_geometric_tactile.predictor import MissingOwnError, Predictor, predictor_path
 from torch_geometric_tactile.predictor._classes import transform_classes
 from torch_geometric_tactile.predictor._content import is_checkpoint
 from torch_geometric_tactile.transforms import fit_parts
@@ -19,13 +19,13 @@ _CONFIG_OPTION = "'--config FILE', which may name any class"
 
 
 def open_predictor(path: PathLike, config: str | None = None) -> Predictor:
-    r"""Reads a predictor from its file, or from a checkpoint of ``tactile fit``.
+    r"""Reads a predictor from its file, from a checkpoint of ``tactile fit``, or by the name of a
+    predictor of the package.
 
     The user's own models and transforms are built only from the configuration :obj:`config`, never
     from the file in the folder of the checkpoint, which may come from somebody else.
     """
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"there is no predictor or checkpoint '{path}'")
+    path = predictor_path(path)
     read = Predictor.from_checkpoint if is_checkpoint(path) else Predictor.load
     own_parts: dict[str, Any] = {}
     # Each attempt names at most one missing part: the model or the transforms.
