@@ -100,11 +100,13 @@ def _is_public(name):
 
 @pytest.mark.parametrize("name", [n for n in all_pages() if not n.endswith("migration.md")])
 def test_classes_named_in_the_text_are_public(name):
+    pytest.importorskip("jsonargparse", reason="needs the extra 'train'")
     names = _DOTTED_CLASS.findall((ROOT / name).read_text(encoding="utf-8"))
     assert not [n for n in names if not n.startswith(_OUTSIDE) and not _is_public(n)]
 
 
 def test_a_class_of_another_module_is_no_public_name():
+    pytest.importorskip("jsonargparse", reason="needs the extra 'train'")
     text = "`papers.DeadRows`, `experiments.DeadRows` and `studies.Confusion(1)`"
     assert [_is_public(name) for name in _DOTTED_CLASS.findall(text)] == [True, False, False]
 

@@ -12,9 +12,15 @@ from torch_geometric_tactile.data._sample_units import (
 )
 from torch_geometric_tactile.datasets import RecordingFrames, SamplesFile
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.training import TactileDataModule
 
 GRID = grid(1, 2, pitch=0.01)
+
+
+def data_module(*arguments, **options):
+    pytest.importorskip("jsonargparse", reason="needs the extra 'train'")
+    from torch_geometric_tactile.training import TactileDataModule
+
+    return TactileDataModule(*arguments, **options)
 
 
 def frames(*persons, **options):
@@ -63,7 +69,7 @@ def test_persons_are_in_one_part_each():
             parts = [set(person[part].tolist()) for part in (train, val, test)]
             assert len(parts[2]) == len(parts[1]) == 1
             assert not (parts[0] & parts[1] | parts[0] & parts[2] | parts[1] & parts[2])
-    data = TactileDataModule(dataset, split="person", val=0.2, test=0.2)
+    data = data_module(dataset, split="person", val=0.2, test=0.2)
     data.setup()
     parts = [set(unit_column(data.part(name), "person").tolist()) for name in ("train", "test")]
     assert (len(parts[0]), len(parts[1]), parts[0] & parts[1]) == (3, 1, set())
@@ -86,7 +92,7 @@ def test_unknown_unit_lists_those_that_there_are():
     with pytest.raises(ValueError, match=match):
         Protocol("persn").split(frames("a", "b", "c"))
     with pytest.raises(ValueError, match=r"'split' must be .*: 'trial', 'person' \(got 'persn'"):
-        TactileDataModule(frames("a", "b", "c"), split="persn")
+        data_module(frames("a", "b", "c"), split="persn")
     match = r"'by' must be .*: 'day' \(got 'person'\): add an array or attribute 'person'"
     data = StaticData(x=torch.zeros(2, 2, 1), day=torch.tensor([0, 1]), y=torch.tensor([0, 1]))
     with pytest.raises(ValueError, match=match):
@@ -99,7 +105,7 @@ def test_attributes_that_are_no_units(key):
     with pytest.raises(ValueError, match=match):
         Protocol(key, folds=2).split(frames("a", "b", "b"))
     with pytest.raises(ValueError, match=rf"'split' must be a unit .*got '{key}'"):
-        TactileDataModule(frames("a", "b", "b"), split=key)
+        data_module(frames("a", "b", "b"), split=key)
 
 
 def test_attribute_comes_before_metadata():
