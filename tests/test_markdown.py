@@ -6,6 +6,8 @@ Those of the README run in test_readme.py.
 import os
 import re
 import sys
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
@@ -26,7 +28,6 @@ from markdown_pages import (
 )
 from markdown_stages import CHECKS, EXTRAS, FULL, SLOW, STAGES
 
-import torch_geometric_tactile
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.datasets import BioTacSP
 
@@ -92,8 +93,11 @@ _DOTTED_CLASS = re.compile(r"`((?:[a-z_]\w*\.)+[A-Z]\w+)(?:\(|`)")
 
 
 def _is_public(name):
-    value = torch_geometric_tactile
-    for part in name.removeprefix("torch_geometric_tactile.").split("."):
+    package, *parts = name.removeprefix("torch_geometric_tactile.").split(".")
+    if find_spec(f"torch_geometric_tactile.{package}") is None:
+        return False
+    value = import_module(f"torch_geometric_tactile.{package}")
+    for part in parts:
         value = getattr(value, part, None)
     return value is not None
 
