@@ -458,10 +458,10 @@ def _dataset_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
     with which recordings are read.
     """
     dataset_arguments, reading = _parse_init(arguments.init), reading_options(arguments)
-    given = [*(["pattern"] if arguments.pattern else []), *reading]
-    if given and not Path(arguments.data).is_dir():
+    folder_options = [*(["pattern"] if arguments.pattern else []), *reading]
+    if folder_options and not Path(arguments.data).is_dir():
         raise ArgumentError(
-            Argument(given[0]),
+            Argument(folder_options[0]),
             f" must be left out unless DATA is a folder of recordings (got '{arguments.data}')",
         )
     unit = reading.pop("unit", None)  # of recordings of all formats

@@ -315,9 +315,11 @@ def _lines_by_file(
         files_of_text.setdefault(describe(recording), []).append(recording.file)
     if len(files_of_text) == 1:
         return [*files_of_text]
-    (most, most_files), *others = sorted(files_of_text.items(), key=lambda item: -len(item[1]))
-    lines = [f"{text} in {_format_files(files, len(recordings))}" for text, files in others]
-    return _shortened([f"{most} in {len(most_files)} of {len(recordings)} files", *lines])
+    (common_text, common_files), *rarer_texts = sorted(
+        files_of_text.items(), key=lambda item: -len(item[1])
+    )
+    lines = [f"{text} in {_format_files(files, len(recordings))}" for text, files in rarer_texts]
+    return _shortened([f"{common_text} in {len(common_files)} of {len(recordings)} files", *lines])
 
 
 def _fault_lines(faults_of_file: Mapping[str, Sequence[Any]]) -> list[str]:
