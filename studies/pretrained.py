@@ -118,14 +118,17 @@ def pressure_mat_side(options: Any) -> Task:
         "square roots": Setting(_small_cnn, lambda: [SquareRoot(), ZScore(per="channel")]),
         "square roots, shape": Setting(_small_cnn, lambda: [SquareRoot(), NormalizeRMS()]),
     }
-    protocol = Protocol("group", folds=5)
     return Task(
         samples,
         settings,
-        [protocol.split(samples, fold=i, seed=_SEED) for i in range(5)],
+        _five_folds(samples, Protocol("group", folds=5)),
         "5 folds by person",
         f"all {len(samples):,} frames of 13 persons",
     )
+
+
+def _five_folds(samples: StaticDataset, protocol: Protocol) -> list[Split]:
+    return [protocol.split(samples, fold=i, seed=_SEED) for i in range(5)]
 
 
 def _small_cnn(part: StaticDataset) -> Module:
@@ -143,11 +146,10 @@ def simulated_hand_shape(options: Any) -> Task:
         )
         for strongest in (24, 48)
     }
-    protocol = Protocol("group", folds=5, stratify="y")
     return Task(
         samples,
         settings,
-        [protocol.split(samples, fold=i, seed=_SEED) for i in range(5)],
+        _five_folds(samples, Protocol("group", folds=5, stratify="y")),
         "5 folds by object, simulated",
         f"all {len(samples):,} frames of 320 simulated trials with 80 objects",
         contact=ContactRule(),
