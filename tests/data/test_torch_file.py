@@ -125,6 +125,13 @@ def test_tensors_that_claim_more_than_there_is(tmp_path, value):
         read_torch_file(tmp_path / "a.pt")
 
 
+def test_quantized_tensors_are_refused(tmp_path):
+    value = torch.quantize_per_tensor(torch.zeros(3), 0.1, 0, torch.quint8)
+    torch.save({"a": [(value,)]}, tmp_path / "a.pt")
+    with pytest.raises(ValueError, match=r"a\.pt' must hold plain numbers \(got a quantized"):
+        read_torch_file(tmp_path / "a.pt")
+
+
 def test_views_and_transposed_tensors_are_read(tmp_path):
     values = [torch.rand(3, 4).t(), torch.rand(8)[2:4], torch.tensor(1.0), torch.zeros(0, 3)]
     torch.save(values, tmp_path / "a.pt")

@@ -65,7 +65,8 @@ def read_torch_file(
     path: PathLike, map_location: Any = "cpu", *, mmap: bool = False, once: bool = False
 ) -> Any:
     r"""Reads plain data and tensors from a file of :func:`torch.save` after verifying its
-    checksums. No code in the file is run, and no tensor claims more memory than the file stores.
+    checksums. No code in the file is run. No tensor is quantized, or claims more memory than the
+    file stores.
 
     Args:
         path (str or PathLike): The file.
@@ -94,7 +95,7 @@ def read_torch_file(
         raise ValueError(f"'{path}' cannot be read: {type(error).__name__}: {error}") from error
     with zipfile.ZipFile(path) as archive:
         stored_bytes = sum(e.file_size for e in archive.infolist() if "/data/" in e.filename)
-    _check_sizes(content, path, stored_bytes)
+    _check_tensors(content, path, stored_bytes)
     return content
 
 
@@ -195,7 +196,7 @@ def tensor_form(value: Any) -> str:
     return f"shape {tuple(value.shape)} of {kind}"
 
 
-def _check_sizes(content: Any, path: PathLike, stored_bytes: int) -> None:
+def _check_tensors(content: Any, path: PathLike, stored_bytes: int) -> None:
     # A view with stride 0 can claim any size and would take this memory where it is copied. A
     # storage that is longer than its part of the file would be read beyond the end of this part.
     storages: dict[int, int] = {}
@@ -204,6 +205,8 @@ def _check_sizes(content: Any, path: PathLike, stored_bytes: int) -> None:
             raise ValueError(f"'{path}' must hold at most {_MAX_VALUES} values")
         if not _is_strided(value):
             continue
+        if value.is_quantized:  # NumPy and most operations of PyTorch refuse it
+            raise ValueError(f"'{path}' must hold plain numbers (got {tensor_form(value)})")
         size = value.numel() * value.element_size()
         storage_bytes = 0 if value.is_meta else value.untyped_storage().nbytes()
         if storage_bytes:

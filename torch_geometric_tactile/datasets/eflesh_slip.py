@@ -169,6 +169,6 @@ def _read_sequence(path: str) -> torch.Tensor:
 
 
 def _is_dense(value: Any) -> bool:
-    if not isinstance(value, torch.Tensor) or value.is_nested or value.is_quantized:
+    if not isinstance(value, torch.Tensor) or value.is_nested:
         return False
     return value.layout == torch.strided and not value.is_complex()
