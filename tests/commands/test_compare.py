@@ -317,7 +317,7 @@ def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
         (["--time-axis", "2", "--rest", "1"], "'--rest' must be left out for samples of several"),
         (
             ["--window", "5"],
-            "'--window' must be at most that of the longest trial, 4 frames",
+            "'--window' must be at most 4 frames, the length of the longest trial",
         ),
         (
             ["--window", "3", "--horizon", "2"],

@@ -321,7 +321,7 @@ def test_write_into_what_samples_share_is_refused(transform, mode):
     expected = 1000 * own.pos
     with mode():
         with pytest.raises(
-            ValueError, match=r"must not change the tensor of 'pos' .* by .*[Ss]tretch"
+            ValueError, match=r"must not change the stored tensor of 'pos' .* by .*[Ss]tretch"
         ):
             apply_transform(transform, data)
         out = apply_transform(transform, own)  # whose samples do not share it
@@ -346,7 +346,9 @@ def test_transform_that_returns_no_sample(returned, found, reads):
 
     if reads:
         transform = static_transform(transform, reads=reads)
-    with pytest.raises(TypeError, match=rf"must return the sample, a Data object \(got {found} fr"):
+    with pytest.raises(
+        TypeError, match=rf"must return the sample as a Data object \(got {found} fr"
+    ):
         apply_transform(transform, samples())
 
 

@@ -31,7 +31,7 @@ def test_parts_of_nested_data_sets_in_their_order():
     first, second, third = numbered(0), numbered(10), numbered(20)
     nested = ConcatDataset([Subset(first, [0]), ConcatDataset([second, third])])
     assert list(static_parts(nested)) == [first, second, third]
-    with pytest.raises(TypeError, match=r"or ConcatDataset of such \(got list\)"):
+    with pytest.raises(TypeError, match=r"or ConcatDataset of them \(got list\)"):
         list(static_parts(ConcatDataset([first, [1]])))
 
 
@@ -58,9 +58,15 @@ def of_values(**values):
 @pytest.mark.parametrize(
     ("other", "match"),
     [
-        ({"y": torch.ones(1), "note": "wet"}, "the same 'note', which their samples share"),
-        ({"y": torch.ones(1, 2), "note": "dry"}, r"'y' in one type and shape \(got .*\(2,\)"),
-        ({"y": torch.ones(1).long(), "note": "dry"}, "'y' in one type and shape"),
+        (
+            {"y": torch.ones(1), "note": "wet"},
+            "'note' must be equal in all batches, since their samples",
+        ),
+        (
+            {"y": torch.ones(1, 2), "note": "dry"},
+            r"'y' must have one type and shape in all batches \(got .*\(2,\)",
+        ),
+        ({"y": torch.ones(1).long(), "note": "dry"}, "'y' must have one type and shape"),
         (
             {"note": "dry"},
             r"the same attributes \(got \['y'\] in only one of the first part and part 1",
@@ -90,15 +96,18 @@ def test_joined_positions_are_shared_as_long_as_they_are_equal():
 @pytest.mark.parametrize(
     ("other", "match"),
     [
-        (lambda: numbered(3, layout=grid(2, 1, 0.01)), r"have layout 'grid_1x2', as part 0 \(got"),
+        (
+            lambda: numbered(3, layout=grid(2, 1, 0.01)),
+            r"have the layout of part 0, 'grid_1x2' \(got",
+        ),
         (
             lambda: numbered(3, edge_index=[[0], [1]]),
-            "the same edges .*got different ones in part 2",
+            "the same edges .*got different edges in part 2",
         ),
         (lambda: numbered(3, force=torch.ones(3)), r"same attributes \(got \['force'\]"),
         (
             lambda: numbered(3, group_names=list("abcdef")),
-            r"part 2 of 'dataset' must have the group_names \[\] of the first, since 'group'",
+            r"part 2 of 'dataset' must have the group_names of the first, \[\], since 'group'",
         ),
     ],
 )

@@ -112,7 +112,7 @@ def test_whole_numbers_have_at_least_the_noise_of_rounding():
     np.testing.assert_allclose(measured.noise, 12**-0.5)
     assert not measured.is_contact(REST + 1)
     assert measured.is_contact(REST + 2)
-    with pytest.raises(ValueError, match="must have noise"):
+    with pytest.raises(ValueError, match="must be noisy"):
         ContactRule().measured(counts / 8)
 
 
@@ -128,7 +128,7 @@ def test_frames_at_rest_are_not_contact_and_touched_ones_are():
     ("frames", "text"),
     [
         (noisy(num_frames=9), "at least 10 frames"),
-        (np.full((30, 3, 2), 7.0), "must have noise"),
+        (np.full((30, 3, 2), 7.0), "must be noisy"),
         (np.zeros((0, 3, 2)), r"\(num_frames, num_taxels, num_channels\)"),
         (np.zeros((3, 2)), r"\(num_frames, num_taxels, num_channels\)"),
     ],

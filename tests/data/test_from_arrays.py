@@ -221,7 +221,7 @@ WRONG = [
     ({"y": [0, 1]}, r"'y' must have 5 rows, one for each sample of 'x' \(got shape \(2,\)\)"),
     ({"joint": torch.zeros(3, 5)}, r"'joint' must have 5 rows, .* \(got shape \(3, 5\)\)"),
     ({"force": torch.zeros(3)}, r"'force' must have 5 rows, .*name it in 'node' or 'edge'"),
-    ({"y": [[0], [1, 2], [1], [1], [1]]}, r"'y' must hold numbers, equally many in each row"),
+    ({"y": [[0], [1, 2], [1], [1], [1]]}, r"'y' must hold numbers, the same number in each row"),
     ({"y": np.array([["a"]] * 5)}, r"'y' must have one name for each sample \(got shape \(5, 1\)"),
     ({"group": list("aabbc"), "group_names": ["a", "b"]}, r"'group_names' must name every 'group'"),
     ({"edge_index": torch.zeros(3, 2).long()}, r"'edge_index' must have shape \(2, num_edges\)"),

@@ -148,9 +148,11 @@ def test_attributes_that_cannot_be_split_by():
     ):
         Protocol("trial").split(rows)
     several = [Data(x=torch.ones(2, 1), y=torch.ones(1, i + 1)) for i in range(2)]
-    with pytest.raises(ValueError, match="all samples must have 'y' in one shape"):
+    with pytest.raises(ValueError, match="'y' must have the same shape in all samples"):
         GraphSamples(several).column("y")
-    with pytest.raises(ValueError, match="'dataset' must have its parts for by='given'"):
+    with pytest.raises(
+        ValueError, match="'dataset' must have a 'part' for each sample with by='given'"
+    ):
         Protocol("given").split(SAMPLES)
 
 

@@ -125,9 +125,12 @@ def test_from_data_list_shares_sparse_edges():
             sample(1, edge_index=EDGES[:, :1]),
             "sample 1 must have the same 'edge_index' as sample 0",
         ),
-        (sample(1, x=torch.zeros(3, 1)), r"'x' in one shape \(got \[\(2, 1\), \(3, 1\)\]\)"),
-        (sample(1, pos=torch.zeros(2, 3)), "sample 0 must have 'pos' as sample 1 has"),
-        (Data(x=torch.zeros(2, 1), edge_index=EDGES), "sample 1 must have 'y' as sample 0 has"),
+        (
+            sample(1, x=torch.zeros(3, 1)),
+            r"'x' must have the same shape in all samples \(got \[\(2, 1\), \(3, 1\)\]\)",
+        ),
+        (sample(1, pos=torch.zeros(2, 3)), "sample 0 must have 'pos', like sample 1"),
+        (Data(x=torch.zeros(2, 1), edge_index=EDGES), "sample 1 must have 'y', like sample 0"),
     ],
 )
 def test_from_data_list_rejects(second, message):

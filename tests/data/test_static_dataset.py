@@ -265,7 +265,7 @@ def shift(data):
 @pytest.mark.parametrize(("transform", "name"), [(stretch, "pos"), (shift, "x")])
 def test_dataset_transform_that_writes_into_what_is_stored(build, transform, name):
     dataset = build(transform=transform)
-    with pytest.raises(ValueError, match=f"must not change the tensor of '{name}' in place"):
+    with pytest.raises(ValueError, match=f"must not change the stored tensor of '{name}' in place"):
         dataset[0]
 
 
@@ -279,7 +279,7 @@ def test_windows_transform_that_writes_into_what_is_stored():
         assert windows[0].x.unique().tolist() == [-1]
     for transforms in ((None, stretch), (stretch, None)):
         frames.transform, last = transforms
-        with pytest.raises(ValueError, match="must not change the tensor of 'pos' in place"):
+        with pytest.raises(ValueError, match="must not change the stored tensor of 'pos' in place"):
             Windows(frames, 2, transform=last)[0]
 
 
@@ -303,7 +303,7 @@ def test_layout_and_arguments_stay_as_they_are():
 
 def test_dataset_transform_that_returns_nothing(build):
     dataset = build(transform=lambda data: None)
-    with pytest.raises(TypeError, match=r"must return the sample, a Data object \(got None from"):
+    with pytest.raises(TypeError, match=r"must return the sample as a Data object \(got None from"):
         dataset[0]
 
 

@@ -65,8 +65,11 @@ def test_cropped_trials_that_are_too_short(caplog):
         ({"ragged": "crop"}, "'ragged' must be one of"),
         ({"length": 2}, "'length' must be left out with ragged='error'"),
         ({"ragged": "crop_end", "length": 0}, "'length' must be at least 1"),
-        ({"ragged": "crop_end", "length": 5}, "at most that of the longest trial, 4 frames"),
-        ({"ragged": "pad", "length": 3}, "at least that of the longest trial, 4 in trial 2"),
+        ({"ragged": "crop_end", "length": 5}, "at most 4 frames, the length of the longest trial"),
+        (
+            {"ragged": "pad", "length": 3},
+            "at least 4 with ragged='pad', the length of the longest trial, trial 2",
+        ),
     ],
 )
 def test_trials_with_bad_arguments(arguments, match):
@@ -79,5 +82,5 @@ def test_trials_with_other_bad_data():
         Trials(frames_of(y=torch.arange(9)), ragged="pad")
     frames = frames_of()
     frames._data.x = frames._data.x.int()
-    with pytest.raises(ValueError, match="whole numbers, which have no NaN"):
+    with pytest.raises(ValueError, match="integers, which have no NaN"):
         Trials(frames, ragged="pad")

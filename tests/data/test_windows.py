@@ -241,7 +241,7 @@ def test_windows_take_no_memory_but_the_index(tmp_path):
     [
         ({"length": 0}, "'length' must be at least 1"),
         ({"hop": 0}, "'hop' must be at least 1"),
-        ({"length": 8}, r"at most that of the longest trial, 7 frames in trial 1 \(got 8\)"),
+        ({"length": 8}, r"at most 7 frames, the length of the longest trial, trial 1 \(got 8\)"),
         ({"label": "first"}, "'label' must be one of"),
         ({"horizon": 2}, "'horizon' must be 0 with label='last'"),
         ({"label": "ahead"}, "'horizon' must be at least 1 with label='ahead'"),

@@ -41,7 +41,7 @@ def test_slides_are_held_out_and_there_are_no_groups_nor_parts(tmp_path):
     assert set(dataset.y[split.test].tolist()) == {0, 1, 2}
     assert not {*dataset.trial[split.test].tolist()} & {*dataset.trial[split.train].tolist()}
     for protocol in (Protocol("group"), Protocol("given")):
-        with pytest.raises(ValueError, match=r"'by' must be a unit|'dataset' must have its parts"):
+        with pytest.raises(ValueError, match=r"'by' must be a unit|'dataset' must have a 'part'"):
             protocol.split(dataset)
 
 

@@ -142,5 +142,5 @@ def test_bad_arguments(kwargs, match):
 
 
 def test_only_mnist_has_parts():
-    with pytest.raises(ValueError, match="must have its parts for by='given'"):
+    with pytest.raises(ValueError, match="must have a 'part' for each sample with by='given'"):
         Protocol("given").split(DigitImages())

@@ -118,7 +118,7 @@ def test_all_samples_are_split_none_and_all_is_accepted_for_a_release():
 
 def test_given_parts_of_one_part_are_told():
     train = FakeTactileDataset(30)
-    with pytest.warns(UserWarning, match=r"holds its part 'train' only.*split=None"):
+    with pytest.warns(UserWarning, match=r"holds only its part 'train'.*split=None"):
         split = Protocol("given").split(train)
     assert not len(split.test)
     with warnings.catch_warnings():

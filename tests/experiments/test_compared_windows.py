@@ -223,7 +223,12 @@ GROUPS = np.arange(12 * 40) // 140  # another one in the middle of trial 3
 @pytest.mark.parametrize(
     ("cut", "settings", "changes", "match"),
     [
-        ({"window": 41}, {}, {}, r"at most that of the longest trial, 40 frames in .* \(got 41\)"),
+        (
+            {"window": 41},
+            {},
+            {},
+            r"at most 40 frames, the length of the longest trial, .* \(got 41\)",
+        ),
         (
             {"window": 30, "horizon": 11},
             {},

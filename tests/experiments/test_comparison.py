@@ -265,7 +265,7 @@ def test_named_units_in_both_parts_are_told_if_no_unit_is_chosen(tmp_path, caplo
         ({"metric": "mae"}, {}, "'metric' must be 'accuracy' or 'balanced_accuracy' for classes"),
         ({"metric": "accuracy"}, {"y": np.arange(48) / 7 + 0.1}, "'metric' must be 'mae' for num"),
         ({"by": "group"}, {}, r"'by' must be a unit that all samples have: 'trial' \(got 'group'"),
-        ({"by": "given"}, {}, "'dataset' must have its parts for by='given'"),
+        ({"by": "given"}, {}, "'dataset' must have a 'part' for each sample with by='given'"),
         ({}, {"trial": np.arange(48) % 2}, "at least 3 trials, to train, to choose and to test on"),
         ({}, {"y": np.zeros(48, int)}, "'y' must have at least 2 classes"),
     ],

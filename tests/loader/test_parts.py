@@ -150,7 +150,10 @@ def other_layout():
 @pytest.mark.parametrize(
     ("other", "match"),
     [
-        (other_layout, r"must have layout 'grid_2x2', as part 0 \(got 'grid_1x4'.* in part 1\)"),
+        (
+            other_layout,
+            r"must have the layout of part 0, 'grid_2x2' \(got 'grid_1x4'.* in part 1\)",
+        ),
         (lambda: numbered(4, transform=KNNGraph(k=3)), r"must have the same edges .* in part 1"),
         (lambda: numbered(4, transform=Distance()), r"same attributes \(got \['edge_attr'\]"),
         (lambda: numbered(4, force=torch.zeros(4)), r"same attributes \(got \['force'\]"),
@@ -206,7 +209,7 @@ def test_parts_whose_empty_one_has_other_names():
 def test_parts_whose_shared_value_differs():
     parts = [numbered(i, gain=torch.tensor([1.0 + i]), shared=["gain"]) for i in (0, 4)]
     loader = StaticLoader(ConcatDataset(parts), batch_size=8)
-    with pytest.raises(ValueError, match="must have the same 'gain', which their samples share"):
+    with pytest.raises(ValueError, match="'gain' must be equal in all batches"):
         next(iter(loader))
 
 
@@ -214,7 +217,7 @@ def test_parts_with_other_channels():
     x = torch.zeros(2, 4, 5)
     other = StaticDataset.from_arrays(x, torch.zeros(2), layout=LAYOUT, trial=torch.zeros(2))
     loader = StaticLoader(ConcatDataset([numbered(0), other]), batch_size=8)
-    with pytest.raises(ValueError, match=r"must have 'x' in one type and shape"):
+    with pytest.raises(ValueError, match=r"'x' must have one type and shape in all batches"):
         next(iter(loader))
 
 

@@ -73,7 +73,7 @@ def static_data_from_arrays(
 
 
 def _shared_pose(layout: TaxelLayout) -> dict[str, Tensor]:
-    # The positions and normals of a layout with one link. Those of several links are in several
+    # The positions and normals of a layout with one link. With several links, they are in several
     # coordinate frames and cannot be compared; `TaxelPose` computes them from joint angles.
     if len(layout.link_names) > 1:
         return {}
@@ -84,7 +84,7 @@ def as_tensor(name: str, value: Any) -> Tensor:
     r"""Returns numbers as a tensor, without a copy if possible. Masked readings become NaN.
 
     Raises:
-        ValueError: If the values are no numbers, their rows differ in length, or a value other
+        ValueError: If the values are not numbers, their rows differ in length, or a value other
             than a reading or a joint angle is masked.
     """
     if isinstance(value, Tensor):
@@ -96,10 +96,10 @@ def as_tensor(name: str, value: Any) -> Tensor:
     array = np.asarray(value) if not _is_ragged(value) else np.empty(0, dtype=object)
     if array.dtype.kind not in "biuf":
         raise ValueError(
-            f"'{name}' must hold numbers, equally many in each row (got {array.dtype})"
+            f"'{name}' must hold numbers, the same number in each row (got {array.dtype})"
         )
     if array.dtype.kind == "u" and array.dtype.itemsize > 1:
-        array = array.astype(np.int64)  # torch cannot index with or compare larger unsigned types
+        array = array.astype(np.int64)  # torch can neither index with nor compare larger unsigned
     if not array.flags.writeable or not array.dtype.isnative:
         array = array.astype(array.dtype.newbyteorder("="))
     return torch.from_numpy(np.ascontiguousarray(array).reshape(array.shape))
@@ -116,7 +116,7 @@ def _is_ragged(value: Any) -> bool:
 def _checked_x(x: Any, layout: TaxelLayout) -> Tensor:
     x = as_tensor("x", x)
     x_float = x.float()
-    if x.element_size() >= 4:  # NumPy does not have bfloat16, and shorter numbers are exact
+    if x.element_size() >= 4:  # NumPy has no bfloat16, and shorter types convert exactly
         warn_of_rounding(
             "x", x.detach().cpu().numpy(), x_float.detach().cpu().numpy(), stacklevel=5
         )
@@ -132,7 +132,7 @@ def _checked_x(x: Any, layout: TaxelLayout) -> Tensor:
     if x.isinf().any():
         sample, taxel, channel = x.isinf().nonzero()[0].tolist()
         raise ValueError(
-            f"'x' must hold finite readings, and NaN for missing ones (got infinity in sample "
+            f"'x' must hold finite readings, or NaN where one is missing (got infinity in sample "
             f"{sample}, taxel {taxel}, channel {channel})"
         )
     return x
@@ -161,14 +161,14 @@ def _check_rows(key: str, value: Tensor, num_samples: int) -> None:
 
 
 def _names_to_numbers(key: str, value: Any, name_lists: dict[str, list[str]]) -> Any:
-    # Converts names to numbers; numbers are returned unchanged. Adds the names to `name_lists`
+    # Converts names to numbers, and returns numbers unchanged. Adds the names to `name_lists`
     # unless the caller has listed them.
     if isinstance(value, Tensor):
         return value
     array = np.asarray(value) if not _is_ragged(value) else np.empty(0)
     if array.dtype.kind not in "UO":
         return value
-    # As objects, since NumPy turns a missing value in a list of texts into a text.
+    # Read as objects, since NumPy turns a missing value in a list of texts into a text.
     items = list(np.asarray(value, dtype=object).flat)
     _refuse_missing(key, [_is_missing(item) for item in items], items)
     if array.dtype.kind == "O" and not all(isinstance(item, str) for item in items):
@@ -187,7 +187,7 @@ def _names_to_numbers(key: str, value: Any, name_lists: dict[str, list[str]]) ->
 
 
 def _is_missing(item: Any) -> bool:
-    # NaN and NaT differ from themselves, and NA of pandas has no truth value.
+    # NaN and NaT differ from themselves, and the NA of pandas has no truth value.
     try:
         return item is None or bool(item != item)
     except TypeError:

@@ -1,4 +1,4 @@
-r"""Batches of data sets, of selections from them, and of several data sets in one."""
+r"""Batches of data sets, of selections from data sets, and of concatenated data sets."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
@@ -13,11 +13,11 @@ from torch_geometric_tactile.data.static_dataset import StaticDataset
 
 
 def static_parts(dataset: Any) -> Iterator[StaticDataset]:
-    r"""Yields the data sets that a data set consists of: itself, or those in a
-    :class:`~torch.utils.data.Subset` or :class:`~torch.utils.data.ConcatDataset`, nested or not.
+    r"""Yields the data sets of which a data set consists: the data set itself, or the data sets in
+    a :class:`~torch.utils.data.Subset` or :class:`~torch.utils.data.ConcatDataset`, also nested.
 
     Raises:
-        TypeError: If one of them is no :class:`~torch_geometric_tactile.data.StaticDataset`.
+        TypeError: If a part is no :class:`~torch_geometric_tactile.data.StaticDataset`.
     """
     if isinstance(dataset, StaticDataset):
         yield dataset
@@ -28,7 +28,7 @@ def static_parts(dataset: Any) -> Iterator[StaticDataset]:
             yield from static_parts(part)
     else:
         raise TypeError(
-            f"'dataset' must be a StaticDataset, or a Subset or ConcatDataset of such (got "
+            f"'dataset' must be a StaticDataset, or a Subset or ConcatDataset of them (got "
             f"{type(dataset).__name__}); use torch_geometric.loader.DataLoader for other data sets"
         )
 
@@ -70,8 +70,8 @@ def check_joinable(parts: Sequence[StaticDataset]) -> None:
     for i, part in enumerate(parts):
         if not first.layout.matches(part.layout):
             raise ValueError(
-                f"all parts of 'dataset' must have layout '{first.layout.name}', as part 0 (got "
-                f"'{part.layout.name}', with different taxels, in part {i})"
+                f"all parts of 'dataset' must have the layout of part 0, '{first.layout.name}' "
+                f"(got '{part.layout.name}', with different taxels, in part {i})"
             )
         if len(part) == 0:
             continue
@@ -84,7 +84,8 @@ def check_joinable(parts: Sequence[StaticDataset]) -> None:
 
 
 def check_same_names(first: Any, second: Any, keys: Iterable[str], second_name: str) -> None:
-    r"""Checks that the numbers of classes, groups and sessions mean the same in two data sets.
+    r"""Checks that the numbers of classes, groups and sessions have the same meaning in two data
+    sets.
 
     Args:
         first (Dataset): A data set with :obj:`class_names`, :obj:`group_names` and
@@ -100,9 +101,9 @@ def check_same_names(first: Any, second: Any, keys: Iterable[str], second_name: 
         names, second_names = (getattr(part, f"{NAMED[key]}_names") for part in (first, second))
         if names != second_names:
             raise ValueError(
-                f"{second_name} must have the {NAMED[key]}_names {names} of the first, since "
-                f"'{key}' holds their numbers (got {second_names}): give both one list, read both "
-                f"as one data set, or remove '{key}' by the 'transform' of each"
+                f"{second_name} must have the {NAMED[key]}_names of the first, {names}, since "
+                f"'{key}' holds their numbers (got {second_names}): pass the same list to both, "
+                f"read both as one data set, or remove '{key}' in the 'transform' of each"
             )
 
 
@@ -115,16 +116,16 @@ def _check_same_graph(first: StaticData, batch: StaticData, i: int) -> None:
         )
     if first.edge_index is not None and not torch.equal(first.edge_index, batch.edge_index):
         raise ValueError(
-            f"all parts of 'dataset' must have the same edges (got different ones in part {i}); "
-            "give each the same 'pre_transform' and 'transform'"
+            f"all parts of 'dataset' must have the same edges (got different edges in part {i}); "
+            "use the same 'pre_transform' and 'transform' for all of them"
         )
 
 
 def join_batches(batches: Sequence[StaticData], places: Sequence[Tensor]) -> StaticData:
-    r"""Joins several batches to one.
+    r"""Joins several batches into one.
 
-    An attribute that each batch shares stays shared if it is the same in all batches; otherwise it
-    is stored for each sample.
+    An attribute that is shared in each batch stays shared if it is equal in all batches; otherwise
+    it is stored for each sample.
 
     Shapes:
         - **places:** The rows of the samples of each batch in the output :math:`(B_i,)`.
@@ -141,7 +142,7 @@ def join_batches(batches: Sequence[StaticData], places: Sequence[Tensor]) -> Sta
         if all(batch.is_shared(key) and _is_equal(batch[key], value) for batch in batches):
             values[key] = value
         elif key in declared or not isinstance(value, Tensor):
-            raise ValueError(f"all batches must have the same '{key}', which their samples share")
+            raise ValueError(f"'{key}' must be equal in all batches, since their samples share it")
         else:
             values[key] = _join_rows([_sample_rows(batch, key) for batch in batches], places, key)
     num_samples = sum(batch.num_samples for batch in batches)
@@ -157,8 +158,8 @@ def _join_rows(rows: Sequence[Tensor], places: Sequence[Tensor], key: str) -> Te
     kinds = {(part.dtype, part.shape[1:]) for part in rows}
     if len(kinds) > 1:
         forms = " and ".join(f"{dtype} {tuple(shape)}" for dtype, shape in sorted(kinds, key=str))
-        raise ValueError(f"all batches must have '{key}' in one type and shape (got {forms})")
-    # Filled part by part, which copies once, whereas joining and sorting copies twice.
+        raise ValueError(f"'{key}' must have one type and shape in all batches (got {forms})")
+    # Filled part by part: this copies once, while joining and sorting would copy twice.
     out = rows[0].new_empty((sum(map(len, rows)), *rows[0].shape[1:]))
     for part, place in zip(rows, places, strict=True):
         out[place] = part

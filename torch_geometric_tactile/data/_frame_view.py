@@ -19,7 +19,7 @@ from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
 _logger = logging.getLogger(__name__)
-# Attributes of data sets of recordings that apply to windows of their frames as well.
+# Attributes of data sets of recordings that also apply to windows of their frames.
 _FRAME_DATASET_ATTRIBUTES = (
     "phase_names",
     "placement_names",
@@ -27,13 +27,13 @@ _FRAME_DATASET_ATTRIBUTES = (
     "size_names",
     "synthetic",
 )
-_CHUNK_BYTES = 2**26  # of the windows that are transformed at a time
+_CHUNK_BYTES = 2**26  # size of the windows that are transformed at a time
 
 
 class FrameView(StaticDataset):
     r"""The base class of data sets whose samples are cut from the frames of another data set at
     each access: :class:`~torch_geometric_tactile.data.Windows` and
-    :class:`~torch_geometric_tactile.data.Trials`. They define :meth:`_window_arguments`.
+    :class:`~torch_geometric_tactile.data.Trials`. A subclass defines :meth:`_window_arguments`.
     """
 
     def __init__(
@@ -60,8 +60,8 @@ class FrameView(StaticDataset):
         super().__init__(None, transform, pre_transform)
 
     def _window_arguments(self, runs: TrialRuns) -> dict[str, Any]:
-        # The arguments of `WindowData` that depend on the subclass: `starts` (W,), which are
-        # indices of selected frames, `length` and others.
+        # Returns the arguments of `WindowData` that depend on the subclass, such as `length` and
+        # `starts` (W,), the indices of selected frames.
         raise NotImplementedError
 
     def _record_short_trials(self, runs: TrialRuns, length: int) -> None:
@@ -70,7 +70,7 @@ class FrameView(StaticDataset):
         if max_length < length:
             raise ArgumentError(
                 Argument("length"),
-                f" must be at most that of the longest trial, {max_length} frames in "
+                f" must be at most {max_length} frames, the length of the longest trial, "
                 f"{runs.name(int(runs.length.argmax()))} (got {length})",
             )
         self.too_short = [runs.name(int(i)) for i in short]
@@ -84,8 +84,8 @@ class FrameView(StaticDataset):
             )
 
     def _label_key(self, runs: TrialRuns, constant: bool) -> str | None:
-        # The attribute that labels the windows; none if the frames have no labels. With `constant`
-        # it must not change within a trial.
+        # Returns the name of the attribute that labels the windows, or None if the frames have no
+        # labels. With `constant`, the attribute must not change within a trial.
         value = self.dataset.column(self.target)
         if value is None and self.target == "y":
             return None
@@ -99,13 +99,13 @@ class FrameView(StaticDataset):
 
     @property
     def info(self) -> FrameInfo:
-        r"""How the frames were made from which the samples are cut."""
+        r"""The properties of the frames from which the samples are cut."""
         return self._info
 
     @property
     def data(self) -> StaticData:
-        r"""All samples of this selection, cut from the frames, before :obj:`transform`. They may
-        take much more memory than the frames.
+        r"""All samples of this selection, cut from the frames, before :obj:`transform`. The samples
+        may take much more memory than the frames.
         """
         stored = self._selected()
         return stored.index_select(slice(None)) if isinstance(stored, WindowData) else stored
@@ -118,7 +118,7 @@ class FrameView(StaticDataset):
 
     @property
     def transforms(self) -> list[Transform | None]:
-        r"""All transforms that run at every access, those of the frames first."""
+        r"""All transforms that run at every access, starting with those of the frames."""
         return [*self.dataset.transforms, self.transform]
 
     def __getattr__(self, key: str) -> Any:
@@ -151,7 +151,8 @@ class FrameView(StaticDataset):
             **window_arguments,
         )
         names = dict(self.dataset._names)
-        # Asked of the data set, which may keep the names of 'y' under a key other than "class".
+        # Read from the property, since a data set may store the names of 'y' under another key
+        # than "class".
         y_names = self.dataset.class_names
         names["class"] = list(y_names if self.target == "y" else names.get(self.target, ()))
         if self.pre_transform is None:
@@ -193,8 +194,8 @@ def innermost(dataset: Any) -> Any:
 
 
 def dataset_part(dataset: Any) -> str | None:
-    r"""Returns the part that a data set, or the data set behind a view, was built with, such as
-    :obj:`"train"`; :obj:`None` if it has all samples, or has no parts.
+    r"""Returns the part with which a data set, or the data set behind a view, was built, such as
+    :obj:`"train"`. Returns :obj:`None` if the data set has no parts or was built with all of them.
     """
     if not isinstance(dataset, StaticDataset):
         return None

@@ -7,11 +7,11 @@ import numpy as np
 
 #: The relative deviation of a rate that is always accepted.
 RATE_TOLERANCE = 0.05
-#: The relative tolerance in comparisons with a gap or a tick, since clocks in float64 and in whole
+#: The relative tolerance in comparisons with a gap or a tick: clocks in float64 and clocks in whole
 #: nanoseconds round differently.
 ROUNDING = 1e-3
-# The largest ratio of the rates of a trial and of the next slower one that counts as jitter of one
-# device.
+# The rates of two trials, neighbours in order of rate, may have this ratio and still count as
+# jitter of one device.
 _MAX_RATE_RATIO = 1.25
 
 
@@ -20,8 +20,8 @@ def part_numbers(time: np.ndarray, max_gap: float) -> np.ndarray:
 
     Args:
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
-        max_gap (float): The largest distance of two frames, in seconds, that is no gap; infinite
-            if there are none.
+        max_gap (float): The largest time in seconds between two frames that is no gap; infinite
+            if there are no gaps.
 
     Returns:
         numpy.ndarray: Integers :math:`(T,)`.
@@ -39,7 +39,7 @@ def gaps_in(time: np.ndarray, max_gap: float) -> np.ndarray:
 
     Args:
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
-        max_gap (float): The largest distance of two frames, in seconds, that is no gap.
+        max_gap (float): The largest time in seconds between two frames that is no gap.
 
     Shapes:
         - **output:** booleans :math:`(T - 1,)`
@@ -52,7 +52,7 @@ def gaps_of(time: np.ndarray, max_gap: float) -> np.ndarray:
 
     Args:
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
-        max_gap (float): The largest distance of two frames, in seconds, that is no gap.
+        max_gap (float): The largest time in seconds between two frames that is no gap.
 
     Returns:
         numpy.ndarray: Integers :math:`(G,)`.
@@ -68,8 +68,8 @@ def is_gap(seconds: float, max_gap: float) -> bool:
     r"""Returns whether there is a gap between two frames.
 
     Args:
-        seconds (float): Distance of the two frames in seconds.
-        max_gap (float): The largest distance in seconds that is no gap.
+        seconds (float): Time between the two frames in seconds.
+        max_gap (float): The largest time in seconds that is no gap.
 
     Examples:
         >>> is_gap(0.05, max_gap=0.05), is_gap(0.06, max_gap=0.05)
@@ -87,8 +87,8 @@ def joined_rate(rates: Mapping[int, float], names: Sequence[str]) -> tuple[float
         names (sequence of str): Names of the recordings for messages.
 
     Raises:
-        ValueError: If the rates are further apart than the spread of one device. The message names
-            two recordings.
+        ValueError: If the rates differ by more than the jitter of one device. The message names two
+            recordings.
     """
     if not rates:
         return None, RATE_TOLERANCE

@@ -149,7 +149,7 @@ class GraphSamples(Dataset):
             self._check_names(key)
         kinds = {(value.dtype, value.shape) for value in values}
         if len({shape for _, shape in kinds}) > 1:
-            raise ValueError(f"all samples must have '{key}' in one shape (got several shapes)")
+            raise ValueError(f"'{key}' must have the same shape in all samples (got several)")
         return torch.stack(values)[self._indices]
 
     def complete_columns(self) -> list[str]:

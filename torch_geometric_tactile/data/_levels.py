@@ -12,8 +12,8 @@ Level = Literal["node", "edge", "sample"]
 
 
 class AttributeLevel(NamedTuple):
-    r"""The level of an attribute of the package or of PyG, and its numbers of dimensions if all
-    samples share it; none if it always has a row for each sample.
+    r"""The level of an attribute of the package or of PyG, and the numbers of dimensions that it
+    has if all samples share it. There are no such numbers if it always has a row for each sample.
     """
 
     level: Level
@@ -53,8 +53,8 @@ KNOWN_ATTRIBUTES: Mapping[str, AttributeLevel] = {
 }
 #: The attributes of the topology, which all samples share.
 TOPOLOGY = ("edge_index", "adj", "adj_t")
-#: Attributes whose numbers have names, and the kind of these names: the names of the numbers in
-#: :obj:`y` are the :obj:`class_names` of a data set.
+#: Attributes whose numbers have names, and the kind of these names. For example, the names of the
+#: numbers in :obj:`y` are the :obj:`class_names` of a data set.
 NAMED = {"y": "class", "group": "group", "session": "session"}
 _BATCH_ATTRIBUTES = ("batch", "ptr")
 
@@ -107,7 +107,7 @@ class Schema:
         return cls(**names)
 
     def update(self, schema: "Schema") -> "Schema":
-        r"""Returns this schema with the declarations of another one, which take precedence."""
+        r"""Returns this schema with the declarations of another schema, which take precedence."""
         names = schema.node | schema.edge | schema.shared
         return Schema(
             (self.node - names) | schema.node,
@@ -116,7 +116,7 @@ class Schema:
         )
 
     def to_dict(self) -> dict[str, list[str]]:
-        r"""Returns the names as lists, sorted."""
+        r"""Returns the names as sorted lists."""
         return {
             "node": sorted(self.node),
             "edge": sorted(self.edge),
@@ -162,8 +162,8 @@ class Schema:
             key (str): Name of the attribute.
             value (Any): The new value.
             attributes (Mapping): All attributes, which may include the present value of this one.
-            num_samples (int, optional): The number of samples that a new attribute must have, where
-                no other attribute has a row for each sample.
+            num_samples (int, optional): The number of samples that a new attribute must have if no
+                other attribute has a row for each sample.
 
         Raises:
             ValueError: If the type or the shape does not fit.
@@ -176,14 +176,15 @@ class Schema:
         other_attributes = {name: item for name, item in attributes.items() if name != key}
         self._check_dims(key, value)
         if not self.is_shared(key, value):
-            # A replacement of the only attribute with a row for each sample may have more or fewer.
+            # A replacement of the only attribute with a row for each sample may have more or fewer
+            # samples.
             self._check_rows(
                 key, value, other_attributes, None if key in attributes else num_samples
             )
         self._check_elements(key, value, other_attributes)
         is_new = attributes.get(key) is None
         if is_new and key in ("x", "edge_index"):
-            # Not for a replacement, after which the caller may replace the other attributes.
+            # Not checked for a replacement: the caller may replace the other attributes afterwards.
             for name, item in other_attributes.items():
                 self._check_elements(name, item, {key: value})
 
@@ -231,7 +232,7 @@ class Schema:
     def _check_rows(
         self, key: str, value: Tensor, other_attributes: Mapping[str, Any], expected: int | None
     ) -> None:
-        # The rows of other attributes are compared first, `expected` only if there are none.
+        # The rows of other attributes are compared first; `expected` is used if there are none.
         if key == "x":
             other_attributes = {
                 k: v for k, v in other_attributes.items() if not self.is_shared(k, v)
@@ -261,7 +262,7 @@ class Schema:
         raise ValueError(f"'{key}' must have {rows} for each sample (got shape {shape}); {advice}")
 
     def _check_elements(self, key: str, value: Any, attributes: Mapping[str, Any]) -> None:
-        # The number of taxels or edges, as other attributes determine it.
+        # Checks the number of taxels or edges, which other attributes determine.
         level = self.level(key)
         if level == "sample" or not isinstance(value, Tensor) or key in ("x", *TOPOLOGY):
             return
@@ -290,7 +291,7 @@ def _num_edges(attributes: Mapping[str, Any]) -> int | None:
 
 
 def flat_index(index: Any) -> Tensor:
-    r"""Returns indices or a mask of samples as indices in one dimension, as PyG's data sets do.
+    r"""Converts indices or a mask of samples to one-dimensional indices, as PyG's data sets do.
 
     Raises:
         IndexError: If :obj:`index` holds neither integers nor truth values.

@@ -10,8 +10,8 @@ NUM_BLOCKS = 5
 
 def movement_and_noise(tactile: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     r"""Returns the movement and the noise of each signal. The noise is the standard deviation
-    within blocks of frames, which excludes slow movement. The movement is the range of the means of
-    the blocks, in units of the noise.
+    within blocks of frames, which excludes slow movement. The movement is the range of the block
+    means, in units of the noise.
 
     Shapes:
         - **tactile:** readings :math:`(T, N, C)`
@@ -21,9 +21,9 @@ def movement_and_noise(tactile: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     means = np.stack([mean_reading(block) for block in blocks])
     deviations = np.stack([_standard_deviation(block) for block in blocks])
     with warnings.catch_warnings():
-        # Taxels that are missing in all frames give NaN, as they should.
+        # Taxels without any reading give NaN, as intended.
         warnings.simplefilter("ignore", RuntimeWarning)
-        # The limit by the median keeps the noise low if a touch makes one block loud.
+        # The limit by the median keeps the noise low if a touch makes one block noisy.
         noise = np.minimum(
             np.sqrt(np.nanmean(deviations**2, axis=0)), 2 * np.nanmedian(deviations, axis=0)
         )
@@ -32,7 +32,7 @@ def movement_and_noise(tactile: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def mean_reading(values: np.ndarray) -> np.ndarray:
-    r"""Returns the mean reading over frames; NaN for a signal that is missing in all of them.
+    r"""Returns the mean reading over frames; NaN for a signal that is missing in all frames.
 
     Shapes:
         - **values:** :math:`(T, N, C)`
@@ -59,8 +59,8 @@ def trusted_noise(noise: np.ndarray) -> np.ndarray:
         - **noise:** :math:`(N, C)`
         - **output:** :math:`(N, C)`
     """
-    # Readings are whole numbers. A signal in the middle between two of them shows no noise until it
-    # drifts, so that no signal is trusted to be quieter than its channel.
+    # Readings are whole numbers. A signal halfway between two of them shows no noise until it
+    # drifts, so no signal is assumed to be quieter than its channel.
     channel_noise = np.sqrt(mean_reading(noise**2))
     return np.fmax(noise, channel_noise)
 

@@ -4,8 +4,8 @@ from typing import Any
 
 
 class Ring:
-    r"""A ring buffer of the last rows. Its array or tensor holds each row twice, so that the rows
-    are always in one slice and need no copy.
+    r"""A ring buffer of the last rows. The memory holds each row twice, so that the rows always
+    form one slice and need no copy.
 
     Args:
         rows (numpy.ndarray or torch.Tensor): The memory of the buffer :math:`(2 T, \ldots)`.

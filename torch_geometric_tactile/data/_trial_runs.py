@@ -36,7 +36,7 @@ class TrialRuns(NamedTuple):
         trial = dataset.column("trial")
         if trial is None or trial.dim() != 1:
             raise ValueError(
-                "'dataset' must have a 'trial' for each frame, since no window may lie in two "
+                "'dataset' must have a 'trial' for each frame, since no window may span two "
                 f"trials (got {'none' if trial is None else tuple(trial.shape)})"
             )
         number, length = trial.cpu().unique_consecutive(return_counts=True)
@@ -128,9 +128,9 @@ class TrialRuns(NamedTuple):
             )
 
     def _first_within(self, is_violation: Tensor) -> tuple[int, int] | None:
-        # The trial and the frame in it of the first violation. `is_violation` has a row for each
-        # frame except the first, which compares it with the frame before. Comparisons between two
-        # trials are ignored.
+        # Returns the trial of the first violation, and the frame within this trial. Each row of
+        # `is_violation` compares a frame with the one before, so that the first frame has no row.
+        # Comparisons between two trials are ignored.
         if len(self.start) > 1:
             is_violation[self.start[1:] - 1] = False
         rows = is_violation.nonzero().view(-1)

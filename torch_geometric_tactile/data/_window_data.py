@@ -16,22 +16,22 @@ from torch_geometric_tactile.data.static_data import StaticData
 
 
 class WindowData:
-    r"""Windows of frames, which a :class:`~torch_geometric_tactile.data.StaticDataset` of windows
-    stores in place of :class:`~torch_geometric_tactile.data.StaticData`: the frames without a copy,
-    and the start of each window. A window is cut from the frames at each access.
+    r"""Windows stored as the frames, without a copy, and the start of each window. A data set of
+    windows stores this object in place of :class:`~torch_geometric_tactile.data.StaticData`, and
+    cuts windows from the frames at each access.
 
     Args:
         frames (StaticData): The frames.
         starts (torch.Tensor): The first frame of each window :math:`(W,)`: its row in
             :obj:`frames`, or its index into :obj:`order`.
-        length (int): Number of frames of a window :math:`T`.
+        length (int): Number of frames in a window :math:`T`.
         valid (torch.Tensor, optional): The number of frames before the padding of each window
-            :math:`(W,)`; :obj:`length` if left out. Readings after them are NaN.
-        order (torch.Tensor, optional): The rows of the selected frames in :obj:`frames`; all if
-            left out.
+            :math:`(W,)`; :obj:`length` if left out. Readings in the padding are NaN.
+        order (torch.Tensor, optional): The rows of the selected frames in :obj:`frames`; all rows
+            if left out.
         target (str, optional): The attribute of the frames that labels a window.
-        horizon (int): The distance of the frame with the label from the last frame of the window.
-        series (sequence of str): Names of attributes of which a window has all frames.
+        horizon (int): Distance from the last frame of the window to the labelled frame, in frames.
+        series (sequence of str): Names of attributes that a window keeps for all its frames.
         transform (callable, optional): Applied to the frames before a window is cut.
     """
 
@@ -126,7 +126,7 @@ class WindowData:
         return self.select(index)._cut()
 
     def clone(self) -> Self:
-        r"""Returns a copy that shares no memory and has only the frames that the windows need."""
+        r"""Returns a copy with its own memory that has only the frames that the windows need."""
         used_rows = self._used_rows()
         frames = self.frames.index_select(used_rows)
         new_row = torch.full((self.frames.num_samples,), -1)
@@ -195,7 +195,7 @@ class WindowData:
         return out
 
     def _window_rows(self) -> Any:
-        # The first row of each window, or all rows of each if they are not consecutive.
+        # The first row of each window, or all rows of each window if they are not consecutive.
         if self.order is None and self.valid is None:
             return self.starts
         starts = self.starts.tolist()
@@ -217,8 +217,8 @@ class WindowData:
         return out.masked_fill_(is_after.view(*is_after.shape, *(1,) * (out.dim() - 2)), torch.nan)
 
     def _transform_frames(self) -> Self:
-        # Applies the transform to the frames of these windows, one window after the other. With a
-        # horizon each window has one more frame, that of the label.
+        # Applies the transform to the frames of these windows, stored one window after another.
+        # With a horizon, each window has one more frame: the labelled one.
         indices = self._step_indices()
         if self.horizon:
             indices = torch.cat([indices, (self._last_index() + self.horizon)[:, None]], dim=1)

@@ -10,7 +10,7 @@ class Annotation(NamedTuple):
         start (float): Start in seconds on the clock of the recording.
         end (float): End in seconds, not before the start.
         label (str): The label: 1 to 255 printable characters, without blanks at the ends.
-            :obj:`"gap"` is reserved for time without frames and labels no frame.
+            :obj:`"gap"` is reserved for spans without frames and never labels a frame.
 
     Examples:
         >>> import numpy as np

@@ -24,24 +24,24 @@ _EDGES = ("edge_index", "edge_attr", "edge_weight")
 
 
 def apply_transform(transform: Transform | None, data: StaticData) -> StaticData:
-    r"""Applies a transform to many samples at once, with the same result as for each sample.
+    r"""Applies a transform to many samples at once, with the same result as one call per sample.
 
     * A transform whose class declares :obj:`supports_static = True` is called once with all
       samples. A subclass that overrides :obj:`forward` must declare it again.
-    * PyG's deterministic transforms of edges and positions
-      (:class:`~torch_geometric.transforms.Distance`,
-      :class:`~torch_geometric.transforms.ToUndirected`, ...), and those declared with
-      :func:`~torch_geometric_tactile.transforms._static_transform`, run once if all samples share
-      the attributes that they read.
+    * PyG's deterministic transforms of edges and positions, such as
+      :class:`~torch_geometric.transforms.Distance` and
+      :class:`~torch_geometric.transforms.ToUndirected`, are called once if all samples share the
+      attributes that the transform reads. The same holds for transforms declared with
+      :func:`~torch_geometric_tactile.transforms._static_transform`.
     * Any other transform is called for each sample.
 
     Args:
-        transform (callable, optional): From :class:`~torch_geometric.data.Data` to
+        transform (callable, optional): Maps a :class:`~torch_geometric.data.Data` to a
             :class:`~torch_geometric.data.Data`.
         data (StaticData): The samples.
 
     Raises:
-        TypeError: If the transform does not return the sample.
+        TypeError: If the transform does not return a sample.
         ValueError: If the transform gives the samples different topologies, or changes a shared
             tensor in place.
 
@@ -77,9 +77,8 @@ def _apply_part(transform: Transform, data: StaticData) -> StaticData:
 
 @contextmanager
 def forbid_writes(transform: Transform, stored: Mapping[str, Any]) -> Iterator[None]:
-    r"""Checks that a transform, which is called within the context, changes none of the tensors
-    that a data set stores in place. Such a change would affect all samples, and add up at each
-    access.
+    r"""Checks that a transform, called within the context, does not change the tensors of a data
+    set in place. Such a change would affect all samples and accumulate at each access.
 
     Raises:
         ValueError: If a tensor was changed.
@@ -89,9 +88,9 @@ def forbid_writes(transform: Transform, stored: Mapping[str, Any]) -> Iterator[N
     for key, value, version in versions:
         if _version(value) != version:
             raise ValueError(
-                f"'transform' must not change the tensor of '{key}' in place, which the data set "
-                f"stores (got a write to it by {transform!r}): set a new one, as in data.{key} = "
-                f"data.{key} * 2, and build the data set again"
+                f"'transform' must not change the stored tensor of '{key}' in place (got a write "
+                f"by {transform!r}): assign a new tensor, as in data.{key} = data.{key} * 2, and "
+                "build the data set again"
             )
 
 
@@ -109,16 +108,16 @@ def call_transform(transform: Transform, data: Data, return_type: type = Data) -
     if out is None or not isinstance(out, return_type):
         type_name = "None" if out is None else type(out).__name__
         raise TypeError(
-            f"'transform' must return the sample, a Data object (got {type_name} from "
+            f"'transform' must return the sample as a Data object (got {type_name} from "
             f"{transform!r})"
         )
     return out
 
 
 def _apply_once(transform: Transform, rule: StaticRule, data: StaticData) -> StaticData | None:
-    # Calls the transform for one sample, and shares the attributes that it sets. None if this is
-    # not possible: the samples differ in an attribute that it reads, or it sets an undeclared
-    # attribute.
+    # Calls the transform for one sample, and shares the attributes that it sets. Returns None if
+    # this is not possible because the samples differ in an attribute that the transform reads, or
+    # the transform sets an undeclared attribute.
     before = data.to_dict()
     if rule.reads is None or not all(data.is_shared(key) for key in rule.reads if key in before):
         return None
@@ -136,7 +135,7 @@ def _apply_once(transform: Transform, rule: StaticRule, data: StaticData) -> Sta
     for key, value in changed.items():
         is_new = key == "x" or key not in before
         if not (key in allowed or not isinstance(value, Tensor) if is_new else data.is_shared(key)):
-            return None  # it sets an attribute that its rule does not declare
+            return None  # the transform sets an attribute that its rule does not declare
     out = _declare_levels(copy.copy(data), rule)
     for key in before.keys() - new_attributes.keys():
         del out[key]
@@ -177,7 +176,7 @@ def stack_like(
 
     Args:
         samples (sequence of Data): The transformed samples.
-        source (StaticData): The samples before the transform, which have the class and the schema.
+        source (StaticData): The samples before the transform, whose class and schema are used.
         rule (StaticRule): The attributes that the transform adds.
     """
     new_attributes = Schema.from_names(rule.node, rule.edge, rule.shared)

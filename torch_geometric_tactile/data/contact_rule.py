@@ -16,7 +16,7 @@ from torch_geometric_tactile.data._rest_noise import (
 
 #: The label of a frame or window without contact.
 NO_CONTACT = "no contact"
-#: The standard deviation of the error that rounding to whole numbers makes.
+#: The standard deviation of the rounding error of whole numbers.
 _ROUNDING_NOISE = 1 / math.sqrt(12)
 _MAX_TAXELS = 10**7
 _MAX_VALUE = 1e30  # of numbers in a file, so that their squares are finite
@@ -24,41 +24,42 @@ _MAX_VALUE = 1e30  # of numbers in a file, so that their squares are finite
 
 @dataclass(frozen=True)
 class ContactRule:
-    r"""Decides whether anything touches the sensor. Frames without contact are labelled
-    :obj:`"no contact"`, and a model that was trained on contacts does not classify them.
+    r"""A rule that decides whether anything touches the sensor. Frames without contact are labelled
+    :obj:`"no contact"` and are not classified by a model.
 
     A taxel is touched if one of its channels differs from its reading at rest by more than the
     threshold. There is contact if enough taxels are touched. The threshold is a number in the unit
-    of the readings, or is derived from the noise at rest of each taxel and channel:
+    of the readings, or is derived from the noise of each taxel and channel at rest:
 
     .. math::
         |x - x_\text{rest}| > k \, \max(\sigma, \sigma_\text{channel}, \sigma_\text{rounding})
 
-    Here :math:`\sigma` is the standard deviation of the signal, :math:`\sigma_\text{channel}` that
-    of all signals of its channel together, since one second of frames says little about a quiet
-    signal, and :math:`\sigma_\text{rounding} = 1/\sqrt{12}` for readings that are whole numbers.
+    * :math:`\sigma` is the standard deviation of the signal of one taxel and channel.
+    * :math:`\sigma_\text{channel}` is the standard deviation over all signals of the channel. It
+      sets a lower limit, since one second of frames is too short to measure a quiet signal.
+    * :math:`\sigma_\text{rounding} = 1/\sqrt{12}` applies to readings that are whole numbers.
 
-    Normal noise exceeds :math:`6 \sigma` once in 500 million readings, which is once an hour in a
-    hand with 1152 signals at 100 Hz. A touch is usually a hundred times the noise. The second taxel
-    excludes a single taxel that jumps or drifts. If the readings at rest drift for minutes, they
-    exceed the threshold sooner or later: measure them again, or use a larger threshold.
+    Normal noise exceeds :math:`6 \sigma` once in 500 million readings, which is once an hour for a
+    hand with 1152 signals at 100 Hz. A touch is usually a hundred times the noise. Requiring a
+    second taxel excludes a single taxel that jumps or drifts. Readings at rest that drift for
+    minutes exceed the threshold sooner or later: measure them again, or use a larger threshold.
 
     A taxel is not touched if its reading is missing (NaN) or it has no reading at rest. A frame
     without any reading neither has nor lacks contact: :meth:`is_contact` and :meth:`lacks_contact`
-    are :obj:`False`, and its label is empty.
+    both return :obj:`False`, and the label of the frame is empty.
 
     Args:
-        threshold (float, optional): The largest difference from rest that is no touch, in the unit
-            of the readings; derived from the noise at rest if left out.
-        min_taxels (int): The number of touched taxels that make a contact; at most the number of
-            taxels of the sensor.
+        threshold (float, optional): The largest difference from the reading at rest that is no
+            touch, in the unit of the readings. If left out, it is derived from the noise at rest.
+        min_taxels (int): The number of touched taxels that count as contact. For a sensor with
+            fewer taxels, all of them must be touched.
         num_deviations (float): The factor :math:`k` of a derived threshold.
         rest (numpy.ndarray, optional): Readings at rest :math:`(N, C)`; see :meth:`measured`.
         noise (numpy.ndarray, optional): Standard deviations at rest :math:`(N, C)`.
 
     Raises:
         ValueError: If an argument is out of range or has another shape. The methods raise it if the
-            readings at rest are not known, or the noise, if the threshold is derived from it.
+            readings at rest are unknown, or if the threshold is derived from an unknown noise.
 
     Examples:
         >>> rng = np.random.default_rng(0)
@@ -102,7 +103,7 @@ class ContactRule:
 
     @property
     def is_measured(self) -> bool:
-        r"""Whether the readings at rest are known, and the noise if the threshold needs it."""
+        r"""Whether the readings at rest are known, and also the noise if the threshold needs it."""
         return self.rest is not None and (self.threshold is not None or self.noise is not None)
 
     def measured(self, tactile: np.ndarray) -> Self:
@@ -136,7 +137,7 @@ class ContactRule:
             noise = np.maximum(noise, _ROUNDING_NOISE)
         if not np.nanmax(noise, initial=0.0) > 0:
             raise ValueError(
-                "the readings at rest must have noise to derive a threshold from it (got "
+                "the readings at rest must be noisy to derive a threshold from their noise (got "
                 f"{len(frames)} frames without noise): set a 'threshold' in the unit of the "
                 "readings"
             )
@@ -154,7 +155,7 @@ class ContactRule:
         r"""Returns which taxels are touched.
 
         Args:
-            tactile (numpy.ndarray): Readings :math:`(N, C)`, or of many frames
+            tactile (numpy.ndarray): Readings of one frame :math:`(N, C)` or of several frames
                 :math:`(\ldots, N, C)`.
 
         Shapes:
@@ -166,7 +167,7 @@ class ContactRule:
         r"""Returns whether enough taxels are touched.
 
         Args:
-            tactile (numpy.ndarray): Readings :math:`(N, C)`, or of many frames
+            tactile (numpy.ndarray): Readings of one frame :math:`(N, C)` or of several frames
                 :math:`(\ldots, N, C)`.
 
         Shapes:
@@ -175,11 +176,11 @@ class ContactRule:
         return self._is_contact(self._difference(tactile))
 
     def lacks_contact(self, tactile: np.ndarray) -> np.ndarray:
-        r"""Returns whether a frame has readings, but too few taxels are touched. Such frames are
-        labelled :obj:`"no contact"`; frames without any reading are not.
+        r"""Returns whether a frame has readings, but too few taxels are touched. Such a frame is
+        labelled :obj:`"no contact"`; a frame without any reading is not.
 
         Args:
-            tactile (numpy.ndarray): Readings :math:`(N, C)`, or of many frames
+            tactile (numpy.ndarray): Readings of one frame :math:`(N, C)` or of several frames
                 :math:`(\ldots, N, C)`.
 
         Shapes:
@@ -193,14 +194,14 @@ class ContactRule:
         if self.rest is None:
             raise ValueError(
                 "the contact rule must have the readings at rest (got none): call "
-                "'adapt_recording' with rest=SECONDS, or 'measured' of the rule with frames in "
-                "which nothing touches the sensor"
+                "'adapt_recording' with rest=SECONDS, or the method 'measured' of the rule with "
+                "frames in which nothing touches the sensor"
             )
         values = _infinite_to_nan(tactile)
         if values.shape[-2:] != self.rest.shape:
             raise ValueError(
-                f"a frame must have shape {self.rest.shape}, as the readings at rest of the "
-                f"contact rule (got {values.shape[-2:]})"
+                f"a frame must have the shape of the readings at rest of the contact rule, "
+                f"{self.rest.shape} (got {values.shape[-2:]})"
             )
         return np.asarray(np.abs(values - self.rest))
 
@@ -252,8 +253,8 @@ class ContactRule:
 
 
 def _infinite_to_nan(tactile: np.ndarray) -> np.ndarray:
-    # Rounded to single precision first, which recordings and live frames have, so that the same
-    # readings give the same decision.
+    # Rounded to single precision first, the precision of recordings and live frames, so that the
+    # same readings always give the same decision.
     values = np.asarray(tactile, np.float32).astype(np.float64)
     return np.where(np.isfinite(values), values, np.nan)
 

@@ -1,4 +1,4 @@
-r"""How frames were made: their rate, gaps, selection, unit and order of columns."""
+r"""Properties of frames: their rate, gaps, selection, unit and order of columns."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,25 +16,26 @@ _MAX_VALUE = 1e12  # frames per second, or seconds
 
 @dataclass(frozen=True)
 class FrameInfo:
-    r"""Describes how frames were made. A recording, a data set, a predictor and a live stream must
-    agree on it to be used together, as on MNE's :class:`mne.Info`. A value that is not known is
-    :obj:`None` and is not compared.
+    r"""The properties of frames: their rate, gaps, selection, unit and column names.
+
+    Recordings, data sets, predictors and live streams can only be used together if these properties
+    agree, as with :class:`mne.Info` in MNE. An unknown property is :obj:`None` and is not compared.
 
     Args:
         rate (float, optional): Frames per second of the recordings, before :obj:`stride` and
             :obj:`selected_rate`.
-        tolerance (float): Relative deviation from :obj:`rate` that is accepted: 0.05, or the spread
-            over the trials if it is larger.
-        max_gap (float, optional): The largest distance of two frames of a recording, in seconds,
-            that is no gap; infinite for data of events.
-        resampled (bool): Whether all recordings were resampled to :obj:`rate`, see
+        tolerance (float): Accepted relative deviation from :obj:`rate`: 0.05, or the spread over
+            the trials if it is larger.
+        max_gap (float, optional): The largest time in seconds between two frames of a recording
+            that is no gap; infinite for event data.
+        resampled (bool): Whether all recordings were resampled to :obj:`rate` by
             :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`.
-        selected_rate (float, optional): Frames per second that were selected: those nearest to the
-            ticks of a clock that starts with each recording.
+        selected_rate (float, optional): Frames per second after selection. The selected frames are
+            nearest to the ticks of a clock that starts with each recording.
         stride (int): Only every :obj:`stride`-th of these frames is used.
         unit (str, optional): Unit of the readings, such as :obj:`"count"`.
-        columns (Mapping of str to sequence of str): Column names of :obj:`"tactile"`, with all
-            channels of a taxel in a row, and of :obj:`"joint"`.
+        columns (Mapping of str to sequence of str): Column names of :obj:`"tactile"`, where all
+            channels of a taxel follow each other, and of :obj:`"joint"`.
         rest (float, optional): Duration of the rest at the start of each recording in seconds, if a
             transform measures the readings at rest.
 
@@ -101,13 +102,14 @@ class FrameInfo:
         return replace(self, **changes)
 
     def rate_differs(self, rate: float | None, tolerance: float = 0.0) -> bool:
-        r"""Returns whether frames at another rate cannot be used. The rate must be that of
-        :obj:`rate`; with :obj:`selected_rate` it must be at least as high, since frames of faster
-        recordings are selected.
+        r"""Returns whether frames at another rate cannot be used.
+
+        The rates must be equal within the tolerance. With :obj:`selected_rate`, the other rate may
+        be higher, since frames of faster recordings are selected.
 
         Args:
-            rate (float, optional): Frames per second; :obj:`None` if it is not known.
-            tolerance (float): Relative deviation that is accepted, if it is larger than that of
+            rate (float, optional): Frames per second; :obj:`None` if unknown.
+            tolerance (float): Accepted relative deviation, if it is larger than :obj:`tolerance` of
                 this object.
         """
         if rate is None or self.rate is None or not math.isfinite(rate):
@@ -119,28 +121,28 @@ class FrameInfo:
 
     def require(self, other: Self, where: str, *, with_rate: bool = True) -> None:
         r"""Checks that other frames have the same unit and rate. The order of their columns is not
-        compared, since it can be changed (:func:`in_column_order`).
+        compared, since :func:`in_column_order` can change it.
 
         Args:
-            other (FrameInfo): How the other frames were made.
+            other (FrameInfo): The properties of the other frames.
             where (str): Name of the other frames in messages, such as a file name.
             with_rate (bool): Whether to compare the rate, which matters for windows.
 
         Raises:
-            ValueError: If unit or rate differ. The message has both values and advice.
+            ValueError: If the units or rates differ. The message states both values and a remedy.
         """
         if None not in (self.unit, other.unit) and self.unit != other.unit:
             raise ValueError(
-                f"{where} must have readings in {self.unit}, as the model was trained on (got "
-                f"{other.unit}): convert them, or train on recordings in {other.unit}"
+                f"{where} must have readings in {self.unit}, the unit that the model was trained "
+                f"on (got {other.unit}): convert them, or train on recordings in {other.unit}"
             )
         if with_rate and self.rate_differs(other.rate, other.tolerance):
             at_least = "" if self.selected_rate is None else "at least "
             rate = self.rate if self.selected_rate is None else self.selected_rate
             raise ValueError(
-                f"{where} must have {at_least}{rate:.4g} frames per second, as the model was "
-                f"trained on (got {other.rate:.4g}): resample it, with --resample, resample=True "
-                f"or Recording.resample({rate:.4g})"
+                f"{where} must have {at_least}{rate:.4g} frames per second, the rate that the "
+                f"model was trained on (got {other.rate:.4g}): resample it with --resample, "
+                f"resample=True or Recording.resample({rate:.4g})"
             )
 
     def selected_frames(self, time: np.ndarray | None, count: int) -> np.ndarray:
@@ -165,10 +167,10 @@ class FrameInfo:
         return index[:: self.stride]
 
     def ticks(self, elapsed: Any) -> Any:
-        r"""Returns the number of the last tick of a clock with :obj:`selected_rate` ticks per
-        second before a frame, where a frame may be half a frame early.
+        r"""Returns the number of the last tick before each frame, for a clock with
+        :obj:`selected_rate` ticks per second. A frame may be early by half the time between frames.
 
-        The first frame of each tick is selected. If the frames are regular, it is the nearest one
+        The first frame of each tick is selected. If the frames are regular, this frame is nearest
         to the tick, and a live stream can select it without waiting for the next frame.
 
         Args:

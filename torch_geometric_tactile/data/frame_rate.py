@@ -7,21 +7,21 @@ import numpy as np
 
 from torch_geometric_tactile.data._gaps import ROUNDING
 
-_MAX_GAP_ARRIVALS = 5  # the largest distance of two frames in a continuous part, in arrivals
+_MAX_GAP_ARRIVALS = 5  # longest pause within a continuous part, in arrival intervals
 _MAX_BURST_SECONDS = 1e-4  # frames closer than this were read in one burst
 _MAX_BURST_FRAMES = 64
-_MIN_BURST_SHARE = 0.2  # if more distances than this share are long, they are arrivals, not gaps
-# If this share of the distances are whole numbers of periods, longer distances are lost frames.
+_MIN_BURST_SHARE = 0.2  # if a larger share of the intervals is long, these are arrivals, not gaps
+# If this share of the intervals are whole numbers of periods, longer intervals are lost frames.
 _MIN_REGULAR_SHARE = 0.9
 
 
 class Rate(NamedTuple):
-    r"""The rate of frames, the output of :func:`measure_rate`.
+    r"""The frame rate measured by :func:`measure_rate`.
 
     Args:
         rate (float): Frames per second in the parts without gaps; NaN with fewer than two frames.
         arrival (float): Typical time between two arrivals in seconds. Frames that were read
-            together are one arrival.
+            together count as one arrival.
     """
 
     rate: float
@@ -29,18 +29,18 @@ class Rate(NamedTuple):
 
     @property
     def max_gap(self) -> float:
-        r"""The largest distance of two frames, in seconds, that is no gap."""
+        r"""The largest time in seconds between two frames that is no gap."""
         return _MAX_GAP_ARRIVALS * self.arrival
 
 
 def measure_rate(time: np.ndarray, max_gap: float | None = None) -> Rate:
-    r"""Measures the frames per second of a recording. Gaps are left out, frames that were read
-    together count as one arrival, and lost frames do not lower the rate of a regular clock.
+    r"""Returns the frame rate of a recording. Gaps are left out, frames that were read together
+    count as one arrival, and lost frames do not lower the rate of a regular clock.
 
     Args:
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
-        max_gap (float, optional): The largest distance of two frames, in seconds, that is no gap;
-            five times the typical distance of arrivals if left out.
+        max_gap (float, optional): The largest time in seconds between two frames that is no gap.
+            The default is five times the typical time between two arrivals.
 
     Examples:
         >>> time = np.arange(100) / 50.0
@@ -62,8 +62,8 @@ def measure_rate(time: np.ndarray, max_gap: float | None = None) -> Rate:
     is_regular = (np.abs(periods - num_periods) <= 0.25) & (num_periods >= 1)
     if is_regular.mean() >= _MIN_REGULAR_SHARE:  # lost frames count as well
         return Rate(float(num_periods.sum()) / duration, arrival)
-    # The frames of the first burst of a part are not counted, since the time in which they were
-    # measured is before the part.
+    # The frames of the first burst of a part are not counted, since they were measured before the
+    # part begins.
     count = float(is_within.sum())
     is_burst = arrival > 1.5 * duration / count
     if is_burst:
@@ -76,14 +76,14 @@ def measure_rate(time: np.ndarray, max_gap: float | None = None) -> Rate:
 
 
 def _arrival_interval(step: np.ndarray) -> float:
-    # The median distance of arrivals, to which gaps make no difference. Distances within a burst
-    # are left out first.
+    # The median time between arrivals, which gaps do not affect. Intervals within a burst are left
+    # out first.
     intervals = step[step > _MAX_BURST_SECONDS]
-    # If the bursts were longer than any real one, the sensor sends its frames at this distance.
+    # Bursts longer than any real burst mean that the sensor sends its frames at this interval.
     if len(intervals) * _MAX_BURST_FRAMES < len(step):
         intervals = step
     while True:
-        # The lower one of two medians, which is no gap if there are two distances.
+        # The lower of the two middle values, which is no gap if there are only two intervals.
         arrival = float(np.sort(intervals)[(len(intervals) - 1) // 2])
         long_intervals = intervals[intervals > _MAX_GAP_ARRIVALS * arrival]
         if len(long_intervals) < 3 or len(long_intervals) < _MIN_BURST_SHARE * len(intervals):

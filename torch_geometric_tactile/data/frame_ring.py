@@ -12,13 +12,13 @@ from torch_geometric_tactile.data.frames import join_frames
 class FrameRing:
     r"""A ring buffer of the last :obj:`length` frames of a live sensor.
 
-    When it is full, :meth:`window` returns the same window, bit for bit, that
+    Once the buffer is full, :meth:`window` returns bit for bit the window that
     :class:`~torch_geometric_tactile.data.Windows` cuts from a recording of these frames.
 
     Args:
-        length (int): Number of frames of a window :math:`T`.
+        length (int): Number of frames in a window :math:`T`.
         num_taxels (int): Number of taxels :math:`N`.
-        num_channels (int): Number of channels of a taxel :math:`C`, such as axes or fingers.
+        num_channels (int): Number of channels of each taxel :math:`C`, such as axes or fingers.
         dtype (torch.dtype): Type of the readings.
 
     Raises:
@@ -57,10 +57,10 @@ class FrameRing:
         return self._ring.count >= self.length
 
     def push(self, frame: Any) -> None:
-        r"""Adds a frame, and removes the oldest one if the ring is full.
+        r"""Adds a frame, and removes the oldest frame if the buffer is full.
 
         Args:
-            frame (array-like): Readings :math:`(N, C)`. Missing ones are NaN.
+            frame (array-like): Readings :math:`(N, C)`. Missing readings are NaN.
 
         Raises:
             ValueError: If the frame has another shape.
@@ -88,7 +88,7 @@ class FrameRing:
         return join_frames(self._ring.last().transpose(0, 1)).clone()
 
     def clear(self) -> None:
-        r"""Removes all frames, as at the start of another trial."""
+        r"""Removes all frames, for example when a new trial starts."""
         self._ring.count = 0
 
     def __repr__(self) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-_MAX_GATHER_SIZE = 256  # readings of a frame, up to which all windows are gathered in one call
+_MAX_GATHER_SIZE = 256  # up to this many readings in a frame, one call gathers all windows
 
 
 def split_frames(x: Tensor, num_frames: int) -> Tensor:
@@ -43,8 +43,8 @@ def split_frames(x: Tensor, num_frames: int) -> Tensor:
 
 
 def join_frames(x: Tensor) -> Tensor:
-    r"""Reshapes frames to a window, in which each taxel has all frames of its first channel, then
-    all frames of its second channel, and so on: the inverse of :func:`split_frames`.
+    r"""Reshapes frames to a window: the inverse of :func:`split_frames`. In a window, each taxel
+    has all frames of its first channel, then all frames of its second channel, and so on.
 
     Args:
         x (torch.Tensor): The frames :math:`(\ldots, N, T, C)`.
@@ -73,9 +73,9 @@ def cut_windows(x: Tensor, rows: Tensor | Sequence[slice | np.ndarray], num_fram
     Args:
         x (torch.Tensor): Frames :math:`(S, N, C)`.
         rows (torch.Tensor or sequence of slice or numpy.ndarray): The first frame of each window
-            :math:`(B,)`; or the frames of each window, :obj:`num_frames` or fewer. Shorter windows
-            are padded with NaN.
-        num_frames (int): Number of frames of each window :math:`T`.
+            :math:`(B,)`, or all frames of each window. Windows with fewer than :obj:`num_frames`
+            frames are padded with NaN.
+        num_frames (int): Number of frames in each window :math:`T`.
 
     Shapes:
         - **output:** :math:`(B, N, C \cdot T)`
@@ -89,13 +89,13 @@ def cut_windows(x: Tensor, rows: Tensor | Sequence[slice | np.ndarray], num_fram
     # On a CPU, NumPy transposes faster than PyTorch.
     frames = x.numpy()
     if isinstance(rows, Tensor) and x.is_contiguous() and x.shape[1:].numel() <= _MAX_GATHER_SIZE:
-        # For small frames, the calls of a loop over the windows would take most of the time.
+        # For small frames, a loop over the windows would spend most of its time in calls.
         index = rows.numpy(force=True)[:, None] + np.arange(num_frames)
         size = x.shape[1:].numel()
         gathered = frames.reshape(len(frames), size).take(index.reshape(-1), axis=0)
         gathered = gathered.reshape(len(rows), num_frames, size).transpose(0, 2, 1)
         return torch.from_numpy(np.ascontiguousarray(gathered)).reshape(*shape).flatten(-2)
-    # Large frames are copied to a buffer in their order first: the transposition then reads from
+    # Large frames are first copied to a buffer in their order, so that the transposition reads from
     # the cache of the processor.
     array = np.empty(shape, frames.dtype)
     buffer = np.empty((num_frames, *x.shape[1:]), frames.dtype)

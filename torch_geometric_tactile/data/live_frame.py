@@ -12,12 +12,12 @@ from torch_geometric_tactile.data.frame_info import FrameInfo
 class LiveFrame:
     r"""One frame of a live sensor.
 
-    Missing and dead taxels are NaN, never invented numbers. The values are not checked here, but by
-    the decoders and sources that create frames.
+    Missing readings and the readings of dead taxels are NaN, never made-up numbers. The values are
+    checked by the decoders and sources that create frames, not by this class.
 
     Args:
-        sequence (int): Number of the frame as counted by the device, without wraps. A missing
-            number is a lost frame.
+        sequence (int): Number of the frame as counted by the device, after unwrapping. A number
+            that is skipped is a lost frame.
         time (float): Time of the frame on this host's clock (:func:`time.perf_counter`) in seconds,
             strictly increasing in a stream. Until the stream converts :obj:`device_time`, it is the
             time of :obj:`received`.
@@ -29,9 +29,9 @@ class LiveFrame:
         joint (numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
         extra (Mapping of str to numpy.ndarray): Further signals, such as the temperature of each
             taxel.
-        info (FrameInfo, optional): How the frames of the source are made, one object for all
-            frames: the unit, the column names and, for a replayed recording, its rate. In this case
-            :obj:`device_time` is the time in the recording.
+        info (FrameInfo, optional): The properties of the frames of the source, one object for all
+            frames: the unit, the column names and, for a replayed recording, its rate. For a
+            replayed recording, :obj:`device_time` is the time in the recording.
 
     Examples:
         >>> frame = LiveFrame(7, 0.07, 70_000_000, None, np.ones((4, 3), np.float32))

@@ -1,8 +1,8 @@
 r"""Protocols: which samples of a data set are held out for validation and test.
 
-With a split by frame, frames of a trial are in the training and the test part, and a model can
-recognise the trial. A split by trial avoids this. A split by group tests on objects that the model
-was not trained on.
+A split by frame puts frames of one trial in both the training and the test part, so that a model
+can recognise the trial. A split by trial avoids this. A split by group tests on objects that the
+model was not trained on.
 """
 
 import warnings
@@ -29,7 +29,7 @@ from torch_geometric_tactile.data._shared_samples import warn_of_shared
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 from torch_geometric_tactile.data.windows import Windows
 
-#: The name of the samples that a split keeps together: ``"frame"``, or a unit such as ``"trial"``.
+#: The name of a unit that a split keeps together, such as ``"trial"``; ``"frame"`` is one sample.
 Unit = str
 _TRAIN, _VAL, _TEST, _NONE = range(4)
 
@@ -51,57 +51,60 @@ class Split(NamedTuple):
 
 @dataclass(frozen=True)
 class Protocol:
-    r"""Describes which samples of a data set are held out for validation and test. A protocol is
-    frozen, and equal to protocols with the same arguments. The :obj:`seed` of :meth:`split` selects
-    one of the random splits.
+    r"""The rule by which samples of a data set are held out for validation and test.
 
-    * ``Protocol("trial")`` holds out random fractions, :obj:`val` and :obj:`test`;
-    * ``Protocol("trial", folds=5)`` tests on each of five random folds in turn;
-    * ``Protocol("group", leave_one_out=True)`` tests on each group (object) in turn;
-    * ``Protocol("person", folds=5)`` tests on persons that the model was not trained on, if the
-      samples or the metadata of their trials name persons;
-    * ``Protocol("given")`` uses the parts of the data set: its :obj:`part` :math:`(S,)`, an
+    A protocol is frozen. Two protocols with the same arguments are equal. The :obj:`seed` of
+    :meth:`split` selects one of the random splits.
+
+    * ``Protocol("trial")`` holds out random fractions, :obj:`val` and :obj:`test`.
+    * ``Protocol("trial", folds=5)`` tests on each of five random folds in turn.
+    * ``Protocol("group", leave_one_out=True)`` tests on each group (object) in turn.
+    * ``Protocol("person", folds=5)`` tests on persons that the model was not trained on. It
+      requires persons to be named in the samples or in the metadata of their trials.
+    * ``Protocol("given")`` uses the parts of the data set. Its :obj:`part` :math:`(S,)`, an
       attribute of the samples or a property of the data set, is 0 for training, 1 for validation
       and 2 for the test.
 
-    With :obj:`unseen`, such as ``Protocol("group", folds=5, unseen="session")``, each fold is
-    divided by session. For each session, the model is trained without the fold and without any
-    sample of the session, and tested on the samples of the fold in this session: these are of new
-    objects *and* of a new session. Every sample is still tested on once.
+    With :obj:`unseen`, as in ``Protocol("group", folds=5, unseen="session")``, each fold is divided
+    by session. For each session, the model is trained without the samples of the fold and without
+    the samples of the session, and tested on the samples of the fold in this session: these samples
+    show new objects *and* a new session. Every sample is still tested once.
 
     With :obj:`stratify`, an attribute of integers such as :obj:`"y"` or :obj:`"group"`, all parts
-    have the same shares of the classes:
+    have the same class proportions:
 
-    * *Fractions* are drawn class by class. Each class has at least one unit to train and one to
-      test on, and with three or more units one to validate on. The draw of a class depends only on
-      the seed and the name of the class, so that other classes do not change it. A class with one
-      unit raises a :class:`ValueError`, as does a trial or group with several classes.
-    * *Folds* are those of scikit-learn's :class:`~sklearn.model_selection.StratifiedKFold` over the
-      units, or of :class:`~sklearn.model_selection.StratifiedGroupKFold` if a unit has several
+    * *Fractions* are drawn class by class. Each class has at least one unit to train on and one to
+      test on; a class with three or more units also has one to validate on. The draw of a class
+      depends only on the seed and the name of the class, not on other classes. A
+      :class:`ValueError` is raised for a class with one unit, and for a trial or group with several
+      classes.
+    * *Folds* are drawn by scikit-learn's :class:`~sklearn.model_selection.StratifiedKFold` over the
+      units, or by :class:`~sklearn.model_selection.StratifiedGroupKFold` if a unit has several
       classes. A :class:`UserWarning` names classes with fewer units than folds, which cannot be in
-      all folds.
+      every fold.
 
     Args:
-        by (str): The unit that stays together: :obj:`"frame"` (a single sample), :obj:`"trial"`,
-            :obj:`"group"` (an object), :obj:`"session"`, :obj:`"placement"` (of the hand),
-            :obj:`"size"` (of the object) or any other attribute with an integer for each sample; a
-            name in the metadata of recordings, in the names of their files or in ``labels.csv``,
-            such as :obj:`"person"`; or :obj:`"given"`.
-        val (float, optional): The fraction of the units held out for validation. With folds, it is
-            a fraction of the units outside of the tested fold. If left out, 0.1 without folds and 0
+        by (str): The unit that stays together. :obj:`"frame"` is a single sample. Other units are
+            :obj:`"trial"`, :obj:`"group"` (an object), :obj:`"session"`, :obj:`"placement"` (of the
+            hand), :obj:`"size"` (of the object) and any other attribute with an integer for each
+            sample. A unit may also be a name such as :obj:`"person"` in the metadata of recordings,
+            in the names of their files or in ``labels.csv``. :obj:`"given"` uses the parts of the
+            data set.
+        val (float, optional): The fraction of the units held out for validation; with folds, a
+            fraction of the units outside the tested fold. The default is 0.1 without folds and 0
             with folds.
-        test (float, optional): The fraction of the units held out for the test, without folds; 0.2
-            if left out.
+        test (float, optional): The fraction of the units held out for the test. The default is 0.2.
+            Must be left out with folds.
         folds (int, optional): Number of random folds.
         leave_one_out (bool): Whether each unit is a fold.
-        stratify (str, optional): The attribute by whose classes the split is stratified. With
-            :obj:`"auto"` it is :obj:`"y"` if each class has enough units and each unit one class;
-            otherwise the split is not stratified.
+        stratify (str, optional): The attribute with the classes by which the split is stratified.
+            With :obj:`"auto"`, it is :obj:`"y"` if each class has enough units and each unit has
+            one class; otherwise the split is not stratified.
         unseen (str, optional): With folds, an attribute of integers. Samples with the tested value
-            of it are left out of the training.
+            of this attribute are left out of the training.
 
     Raises:
-        ValueError: If :obj:`by` is no name, a fraction is not within 0 and 1, there are fewer than
+        ValueError: If :obj:`by` is no name, a fraction is not between 0 and 1, there are fewer than
             two folds, or arguments contradict each other.
 
     Examples:
@@ -176,7 +179,7 @@ class Protocol:
             dataset (Dataset or StaticData or list of Data): The samples, as in :meth:`split`.
 
         Raises:
-            ValueError: If there are fewer than two units to leave out, the samples do not have the
+            ValueError: If there are fewer than two units to leave out, the samples lack the
                 attribute by which they are split, or :obj:`unseen` has fewer than two values.
         """
         dataset = as_samples(dataset)
@@ -197,28 +200,27 @@ class Protocol:
         Args:
             dataset (Dataset or StaticData or list of Data): The samples: a data set of PyG, a
                 :class:`~torch.utils.data.Subset`, a :class:`~torch.utils.data.ConcatDataset` or a
-                list. They may be of different sensors. The attribute by which they are split must
-                be a number or a text in each sample.
+                list. They may come from different sensors. The attribute by which they are split
+                must be a number or a text in each sample.
             seed (int): Selects one of the random splits.
             fold (int): Index of the fold to test on, below :meth:`num_folds`.
 
         Raises:
             TypeError: If :obj:`dataset` does not hold samples of PyG.
             ValueError: If overlapping windows are split by frame, there is no such fold, the
-                samples do not have an attribute by which they are split or stratified, there are
-                fewer units than folds, a part with a fraction above 0 would be empty, or the split
-                cannot be stratified by the classes.
+                samples lack an attribute by which they are split or stratified, there are fewer
+                units than folds, a part with a fraction above 0 would be empty, or the split cannot
+                be stratified by the classes.
 
         Warns:
-            UserWarning: If the given parts are requested, but the data set was built with one of
-                them only.
-            SharedDataWarning: If given parts share a trial, or different parts have copies of a
-                recording.
+            UserWarning: If ``by="given"``, but the data set was built with only one of its parts.
+            SharedDataWarning: If the parts of ``by="given"`` share a trial, or different parts have
+                copies of a recording.
         """
         dataset = as_samples(dataset)
         if self.by == "frame" and isinstance(dataset, Windows) and dataset.overlap:
             raise ValueError(
-                "windows that overlap must be split by trial, group or session, since otherwise "
+                "overlapping windows must be split by trial, group or session, since otherwise "
                 f"the training and the test part share frames (got 'frame', with windows "
                 f"of {dataset.length} frames, one every {dataset.hop}); or use hop="
                 f"{dataset.length}"
@@ -237,8 +239,8 @@ class Protocol:
             selected = dataset_part(dataset)
             if selected is not None and len(np.unique(parts)) == 1:
                 warnings.warn(
-                    f"the data set holds its part '{selected}' only, so that there is nothing to "
-                    "split: build it with split=None, which uses all samples",
+                    f"the data set holds only its part '{selected}' and cannot be split: build it "
+                    "with split=None, which uses all samples",
                     stacklevel=4,
                 )
             return _parts_to_split(parts)
@@ -247,8 +249,8 @@ class Protocol:
             fold, number = divmod(fold, len(values))
             is_unseen = _split_column(dataset, self.unseen, "unseen") == values[number]
             part = self._parts(dataset, seed, fold)
-            # Samples of the tested units in other sessions, and of other units in the tested
-            # session, are in no part.
+            # Samples of the tested units in other sessions, and samples of other units in the
+            # tested session, belong to no part.
             part = np.where((part == _TEST) == is_unseen, part, _NONE)
             if not (part == _TEST).any():
                 raise ValueError(
@@ -284,7 +286,7 @@ class Protocol:
         return parts
 
     def describe(self) -> str:
-        r"""Returns the protocol in words, for captions.
+        r"""Returns a description of the protocol in words, for captions.
 
         Examples:
             >>> Protocol("group", folds=5).describe()
@@ -311,7 +313,7 @@ class Protocol:
         return text if self.stratify is None else f"{text}, stratified by {self.stratify}"
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns the arguments as JSON values, which are equal for equal protocols."""
+        r"""Returns the arguments as JSON values; equal protocols have equal values."""
         return asdict(self)
 
     @classmethod
@@ -346,8 +348,8 @@ def _given_parts(dataset: Samples) -> np.ndarray:
         part = dataset.column("part")
     if part is None:
         raise ValueError(
-            "'dataset' must have its parts for by='given': a 'part' of each sample, 0 to train, "
-            "1 to validate and 2 to test on (got none)"
+            "'dataset' must have a 'part' for each sample with by='given': 0 for training, 1 for "
+            "validation and 2 for the test (got none)"
         )
     parts: np.ndarray = torch.as_tensor(part).numpy(force=True)
     if not np.isin(parts, (_TRAIN, _VAL, _TEST)).all():
@@ -360,8 +362,8 @@ def _parts_to_split(part: np.ndarray) -> Split:
 
 
 class _Classes:
-    r"""The classes by which a split is stratified, of each sample and, where all samples of a unit
-    have one class, of each unit.
+    r"""The classes by which a split is stratified: one class for each sample and, if all samples of
+    each unit have one class, one for each unit.
 
     Args:
         dataset (Dataset or StaticData): The samples.
@@ -370,7 +372,7 @@ class _Classes:
         by (str): Name of the units, such as :obj:`"trial"`.
 
     Raises:
-        ValueError: If the samples do not have the attribute, or it does not hold integers.
+        ValueError: If the samples lack the attribute, or it does not hold integers.
     """
 
     def __init__(self, dataset: Samples, key: str, unit: np.ndarray, by: str) -> None:
@@ -403,7 +405,7 @@ class _Classes:
         return list(enumerate(self.names))
 
     def check_folds(self, folds: int) -> None:
-        r"""Checks the number of folds, and warns of classes that cannot be in every fold.
+        r"""Checks the number of folds, and warns about classes that cannot be in every fold.
 
         Raises:
             ArgumentError: If there are more folds than units of the most frequent class.
@@ -411,8 +413,8 @@ class _Classes:
         if self.unit_class is not None and folds > self.num_units.max():
             raise ArgumentError(
                 Argument("folds"),
-                f" must be at most {self.num_units.max()}, the {self.by}s of the most "
-                f"frequent {self.kind}, to be stratified by '{self.key}' (got {folds})",
+                f" must be at most {self.num_units.max()} to be stratified by '{self.key}', the "
+                f"number of {self.by}s of the most frequent {self.kind} (got {folds})",
             )
         rare_classes = [
             f"'{name}' ({count})"
@@ -421,7 +423,7 @@ class _Classes:
         ]
         if rare_classes:
             warnings.warn(
-                f"some of the {folds} folds cannot have every {self.kind}, since some have fewer "
+                f"some of the {folds} folds will lack a {self.kind}, since these have fewer "
                 f"{self.by}s than folds: {', '.join(rare_classes)}",
                 UserWarning,
                 stacklevel=5,
@@ -429,8 +431,8 @@ class _Classes:
 
 
 def _label_classes(dataset: Samples, unit: np.ndarray, by: str, min_units: int) -> _Classes | None:
-    r"""Returns the classes of :obj:`y`, or :obj:`None` if a split cannot be stratified by them: a
-    class has fewer than :obj:`min_units` units, or a unit has several classes.
+    r"""Returns the classes of :obj:`y`, or :obj:`None` if a split cannot be stratified by them
+    because a class has fewer than :obj:`min_units` units or a unit has several classes.
 
     Shapes:
         - **unit:** The index of the unit of each sample :math:`(S,)`.
@@ -463,7 +465,7 @@ def _split_column(dataset: Samples, key: str, argument: str = "by") -> np.ndarra
         argument (str): The argument of :class:`Protocol` that has this name.
 
     Raises:
-        ValueError: If the samples do not have these units. The message lists those that they have.
+        ValueError: If the samples lack these units. The message lists the units that they have.
     """
     if key == "frame":
         return np.arange(len(dataset))  # type: ignore[arg-type]  # checked by `as_samples`
@@ -572,7 +574,7 @@ class _Fractions:
         return np.concatenate(val), np.concatenate(test)
 
     def _num_held_out(self, count: int, class_text: str) -> tuple[int, int]:
-        # Reduces the numbers until one unit is left to train on, those of validation first.
+        # Reduces the numbers, that of validation first, until one unit is left to train on.
         num_val, num_test = (
             max(1, round(part * count)) if part else 0 for part in (self.val, self.test)
         )

@@ -33,44 +33,54 @@ _FULL_TURN = 2 * math.pi * (1 + 1e-6)  # with the rounding of float32
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    r"""The readings of one trial on one sensor. A recording is frozen, and checked at construction.
+    r"""The readings of one trial on one sensor, with their times, labels and metadata.
 
-    Missing and dead taxels are NaN, never invented numbers, as are masked readings and angles of
-    masked arrays. Arrays of the right type are not copied.
+    A recording is frozen and is checked when it is constructed. Missing readings and the readings
+    of dead taxels are NaN, never made-up numbers. Masked values of masked arrays become NaN as
+    well. Arrays of the right type are not copied.
 
     Args:
-        time (numpy.ndarray): Time of each frame in seconds, increasing :math:`(T,)`; since the
-            start of the trial or of the year 1970. Floating-point numbers, or
-            :class:`numpy.datetime64` or :class:`numpy.timedelta64`, which are converted.
+        time (numpy.ndarray): Time of each frame in seconds :math:`(T,)`, increasing, counted from
+            the start of the trial or from the year 1970. :class:`numpy.datetime64` and
+            :class:`numpy.timedelta64` are converted to floating-point numbers.
         tactile (numpy.ndarray): Readings :math:`(T, N, C)`, in the unit that :obj:`meta` names.
         joint (numpy.ndarray, optional): Joint angles in radians :math:`(T, J)`.
         label (str or int, optional): The class of the trial.
-        meta (Mapping): Properties of the trial as JSON values. These keys have a meaning:
-            :obj:`"unit"` (:obj:`"count"`, :obj:`"newton"` or :obj:`"microtesla"`),
-            :obj:`"object"`, :obj:`"trial"`, :obj:`"sensor"`, :obj:`"rate"` (nominal, in frames per
-            second), :obj:`"tare"` and :obj:`"calibration"` (which were applied to the readings),
-            :obj:`"synthetic"` (whether the readings are simulated), :obj:`"seed"`,
-            :obj:`"joint_names"`, :obj:`"action_names"`, :obj:`"phase_names"` (names of the integers
-            in the privileged :obj:`"phase"`), :obj:`"column_names"` (of :obj:`"tactile"` and
-            :obj:`"joint"`, in the order of their file, see :obj:`read_named_csv`).
+        meta (Mapping): Properties of the trial as JSON values. Any key is allowed. These keys have
+            a meaning:
+
+            * :obj:`"unit"`: the unit of the readings, :obj:`"count"`, :obj:`"newton"` or
+              :obj:`"microtesla"`,
+            * :obj:`"object"`, :obj:`"trial"`, :obj:`"sensor"`: names,
+            * :obj:`"rate"`: the nominal rate in frames per second,
+            * :obj:`"tare"`, :obj:`"calibration"`: the corrections applied to the readings,
+            * :obj:`"synthetic"`: whether the readings are simulated,
+            * :obj:`"seed"`: the seed of the simulation,
+            * :obj:`"joint_names"`, :obj:`"action_names"`: the names of the joints and of the values
+              of a command,
+            * :obj:`"phase_names"`: the names of the integers in the privileged :obj:`"phase"`,
+            * :obj:`"column_names"`: the columns of :obj:`"tactile"` and :obj:`"joint"` in the order
+              of their file, see :obj:`read_named_csv`.
         privileged (Mapping of str to numpy.ndarray): Signals that only a simulator has, such as
-            forces without noise, the pose of the object and the phase; numbers, truth values or
-            texts, with :math:`T` rows and at least one value in a row. Names have 1 to 255
-            characters, no :obj:`"/"` and no NUL.
+            forces without noise, the pose of the object and the phase. Each is an array of numbers,
+            truth values or texts with :math:`T` rows and at least one value in a row. Names have 1
+            to 255 characters, without :obj:`"/"` and NUL.
         extra (Mapping of str to numpy.ndarray): Further signals of a robot, such as the fluid
-            pressure or the vibration of a fingertip; with the same rules for types, names and
-            shapes. A faster sensor has its values of a frame in further dimensions.
+            pressure or the vibration of a fingertip, with the same rules as :obj:`privileged`. A
+            sensor that is faster than the frames stores its values of a frame in further
+            dimensions.
         annotations (sequence of Annotation): Labelled spans on the clock of :obj:`time`, as
             :class:`Annotation` or as tuples of start, end and label; at most 10,000. They are
             sorted by their starts and may overlap.
-        action (numpy.ndarray, optional): Commands :math:`(T, A)` of a demonstration, in any unit:
-            each row holds the last command at or before its frame.
+        action (numpy.ndarray, optional): Commands :math:`(T, A)` of a demonstration, in any unit.
+            Each row is the last command at or before its frame.
 
     Raises:
         ValueError: If the dimensions or the number of frames of an array do not fit, the time does
-            not increase or is an integer, whose unit is not known, a time, reading, angle or
-            command is infinite, :obj:`meta` holds other than JSON values, an annotation ends before
-            it starts, or HDF5, npz and MCAP files cannot store a name, a text or a shape.
+            not increase or holds integers (whose unit is unknown), a time, reading, angle or
+            command is infinite, :obj:`meta` holds values that JSON does not have, an annotation
+            ends before it starts, or a name, text or shape cannot be stored in HDF5, npz and MCAP
+            files.
 
     Examples:
         >>> Recording(time=[0.0, 0.01, 0.02], tactile=np.zeros((3, 4, 3)), label="cup")
@@ -165,38 +175,38 @@ class Recording:
 
     @property
     def num_joints(self) -> int:
-        r"""The number of joints :math:`J`, 0 without joint angles."""
+        r"""The number of joints :math:`J`; 0 without joint angles."""
         return 0 if self.joint is None else int(self.joint.shape[1])
 
     @property
     def num_actions(self) -> int:
-        r"""The number of values of a command :math:`A`, 0 without commands."""
+        r"""The number of values in a command :math:`A`; 0 without commands."""
         return 0 if self.action is None else int(self.action.shape[1])
 
     @property
     def duration(self) -> float:
-        r"""The time from the first to the last frame in seconds."""
+        r"""The time from the first to the last frame, in seconds."""
         return float(self.time[-1] - self.time[0]) if self.num_frames else 0.0
 
     @property
     def rate(self) -> float:
-        r"""Frames per second in the parts without gaps, see
-        :func:`~torch_geometric_tactile.data.measure_rate`; NaN with fewer than two frames.
+        r"""Frames per second in the parts without gaps; NaN with fewer than two frames. See
+        :func:`~torch_geometric_tactile.data.measure_rate`.
         """
         return measure_rate(self.time).rate
 
     @property
     def gaps(self) -> np.ndarray:
-        r"""The start and the end of each gap in seconds :math:`(G, 2)`: the times of the last frame
-        before it and of the first frame after it. A gap is longer than five times the typical
-        distance of arrivals.
+        r"""The start and the end of each gap in seconds :math:`(G, 2)`: the time of the last frame
+        before the gap and the time of the first frame after it. A gap is longer than five times the
+        typical time between two arrivals.
         """
         last = gaps_of(self.time, measure_rate(self.time).max_gap)
         return np.stack([self.time[last], self.time[last + 1]], axis=1)
 
     @property
     def info(self) -> FrameInfo:
-        r"""How the frames were made: their rate, largest gap, unit and column names.
+        r"""The properties of the frames: their rate, largest gap, unit and column names.
 
         Raises:
             ValueError: If :obj:`meta["column_names"]` does not name each column once.
@@ -217,13 +227,15 @@ class Recording:
 
     @property
     def missing(self) -> np.ndarray:
-        r"""Whether a reading of a taxel is missing in at least one channel :math:`(T, N)`."""
+        r"""Whether a taxel lacks a reading in at least one channel :math:`(T, N)`."""
         missing: np.ndarray = np.isnan(self.tactile).any(axis=2)
         return missing
 
     @property
     def dead_taxels(self) -> np.ndarray:
-        r"""The indices of the taxels that are missing in all frames; empty without frames."""
+        r"""The indices of the taxels whose readings are missing in all frames; empty if there are
+        no frames.
+        """
         if self.num_frames == 0:
             return np.zeros(0, dtype=np.int64)
         return np.flatnonzero(self.missing.all(axis=0))
@@ -258,11 +270,12 @@ class Recording:
         r"""Returns the recording at another rate. Each part between gaps is resampled separately,
         from its first frame on.
 
-        At a lower rate, readings, angles and other floating-point values are averaged over each new
-        frame, which avoids aliasing. At a higher rate they are interpolated linearly. Integers,
-        truth values and texts are those of the nearest frame. A reading is missing (NaN) if that of
-        the nearest frame is missing. A command stays in force until the next one, so that an action
-        is that of the last frame at or before the new one.
+        * At a lower rate, readings, angles and other floating-point values are averaged over each
+          new frame, which avoids aliasing. At a higher rate, they are interpolated linearly.
+        * Integers, truth values and texts are copied from the nearest frame.
+        * A reading is missing (NaN) if the reading of the nearest frame is missing.
+        * Actions are copied from the last frame at or before the new frame, since a command stays
+          in force until the next one.
 
         Args:
             rate (float): Frames per second.

@@ -1,6 +1,4 @@
-r"""Functions for common splits, which are short forms of
-:class:`~torch_geometric_tactile.data.Protocol`.
-"""
+r"""Shorthand functions for common splits by :class:`~torch_geometric_tactile.data.Protocol`."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -33,7 +31,7 @@ __all__ = [
 
 
 class Fold(NamedTuple):
-    r"""The sorted sample indices of one fold: :obj:`train`, and the held-out :obj:`test`.
+    r"""The sorted sample indices of one fold: :obj:`train` and the held-out :obj:`test`.
 
     Examples:
         >>> import torch
@@ -46,7 +44,7 @@ class Fold(NamedTuple):
 
 
 def by_frame(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 0) -> Split:
-    r"""Splits samples at random, as ``Protocol("frame", val=val, test=test)``.
+    r"""Splits samples at random, like ``Protocol("frame", val=val, test=test)``.
 
     Args:
         dataset (Dataset or StaticData or list of Data): The samples.
@@ -64,7 +62,7 @@ def by_frame(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 
 
 
 def by_trial(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 0) -> Split:
-    r"""Splits trials at random, as ``Protocol("trial", val=val, test=test)``.
+    r"""Splits trials at random, like ``Protocol("trial", val=val, test=test)``.
 
     Args:
         dataset (Dataset or StaticData or list of Data): The samples, with :obj:`trial`.
@@ -83,7 +81,7 @@ def by_trial(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 
 
 
 def by_group(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 0) -> Split:
-    r"""Splits groups at random, as ``Protocol("group", val=val, test=test)``.
+    r"""Splits groups at random, like ``Protocol("group", val=val, test=test)``.
 
     Args:
         dataset (Dataset or StaticData or list of Data): The samples, with :obj:`group`.
@@ -132,9 +130,9 @@ def k_fold(
     Args:
         dataset (Dataset or StaticData or list of Data): The samples.
         folds (int): Number of folds.
-        by (str): The unit that stays together, as of :class:`Protocol`.
+        by (str): The unit that stays together, as in :class:`Protocol`.
         seed (int): Selects one of the random partitions.
-        stratify (str, optional): The attribute by whose classes the folds are stratified.
+        stratify (str, optional): The attribute with the classes by which the folds are stratified.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset

@@ -62,23 +62,24 @@ class _CheckedStorage(GlobalStorage):
 
 
 class StaticData(Data):
-    r"""Many samples on one topology: :obj:`x` holds all samples, :obj:`edge_index` is the same for
-    all.
+    r"""A batch of samples on one topology: :obj:`x` holds the readings of all samples, which share
+    one :obj:`edge_index`.
 
-    It is a :class:`~torch_geometric.data.Data` object whose attributes have an explicit level:
+    This class is a :class:`~torch_geometric.data.Data` whose attributes have an explicit level:
 
-    * **node** attributes have a row for each taxel, such as :obj:`x` and :obj:`pos`,
-    * **edge** attributes have a row for each edge, such as :obj:`edge_attr`,
-    * **sample** attributes have a row for each sample, such as :obj:`y` and :obj:`joint`; so do
-      all tensors that are neither known nor declared.
+    * **node** attributes, such as :obj:`x` and :obj:`pos`, have a row for each taxel,
+    * **edge** attributes, such as :obj:`edge_attr`, have a row for each edge,
+    * **sample** attributes, such as :obj:`y` and :obj:`joint`, have a row for each sample. Tensors
+      that are neither known nor declared have this level.
 
     Node and edge attributes have a leading sample dimension :math:`(S, N, \ldots)`, or are shared
     by all samples :math:`(N, \ldots)`. For known attributes (see
     :obj:`torch_geometric_tactile.data._levels.KNOWN_ATTRIBUTES`), the number of dimensions decides
     between the two; for declared attributes, the declaration does. The level is never inferred from
-    a part of a name or from a size. Attributes are checked when they are set.
+    a part of a name or from a size. Each attribute is checked when it is set.
 
-    Numbers, strings and dictionaries are shared, as are declared lists and arrays.
+    Numbers, strings and dictionaries are shared. Lists and arrays are also shared and must be
+    declared.
 
     Args:
         x (torch.Tensor, optional): Readings :math:`(S, N, F)`.
@@ -92,11 +93,11 @@ class StaticData(Data):
             :math:`(S, N, \ldots)`.
         edge (iterable of str): Names of attributes with a row for each edge
             :math:`(S, |\mathcal{E}|, \ldots)`.
-        shared (iterable of str): Names of attributes with one value for all samples. The value of
-            an attribute that is also in :obj:`node` is a tensor :math:`(N, \ldots)`, in
-            :obj:`edge` :math:`(|\mathcal{E}|, \ldots)`; others may have any value. Attributes may
-            be declared before they are set.
-        num_samples (int, optional): The number of samples :math:`S`, required if no attribute has a
+        shared (iterable of str): Names of attributes with one value for all samples. An attribute
+            that is also in :obj:`node` must be a tensor :math:`(N, \ldots)`; one that is also in
+            :obj:`edge`, a tensor :math:`(|\mathcal{E}|, \ldots)`. Other attributes may have any
+            value. Attributes may be declared before they are set.
+        num_samples (int, optional): The number of samples :math:`S`. Required if no attribute has a
             row for each sample.
         **kwargs: Further attributes.
 
@@ -195,7 +196,9 @@ class StaticData(Data):
 
     @property
     def batch(self) -> Tensor | None:
-        r"""Raises an :class:`AttributeError`: only :meth:`to_batch` has it."""
+        r"""Always raises an :class:`AttributeError`: only the output of :meth:`to_batch` has a
+        batch vector.
+        """
         raise AttributeError  # continues in __getattr__
 
     def __cat_dim__(self, key: str, value: Any, *args: Any, **kwargs: Any) -> Any:
@@ -211,8 +214,8 @@ class StaticData(Data):
 
     @property
     def num_samples(self) -> int:
-        r"""The number of samples :math:`S`: the rows of the attributes with a row for each sample;
-        without such attributes, the number passed to the constructor or counted by
+        r"""The number of samples :math:`S`, read from an attribute with a row for each sample.
+        Without such an attribute, it is the number passed to the constructor or counted by
         :meth:`from_data_list`, or zero.
         """
         num_rows = self._schema.num_samples(self._store._mapping)
@@ -220,13 +223,13 @@ class StaticData(Data):
 
     @property
     def schema(self) -> dict[str, Any]:
-        r"""The declarations as arguments of the constructor and of :meth:`from_data_list`."""
+        r"""The declarations, as keyword arguments of the constructor and :meth:`from_data_list`."""
         schema: Schema = self._schema
         return schema.to_dict()
 
     def level(self, key: str) -> Level:
-        r"""Returns the level of an attribute: :obj:`"node"` if it has a row for each taxel,
-        :obj:`"edge"` for each edge, or :obj:`"sample"` for each sample.
+        r"""Returns the level of an attribute: :obj:`"node"` (a row for each taxel), :obj:`"edge"`
+        (a row for each edge) or :obj:`"sample"` (a row for each sample).
 
         Args:
             key (str): Name of the attribute, which need not be set.
@@ -246,8 +249,10 @@ class StaticData(Data):
     def declare(
         self, *, node: Iterable[str] = (), edge: Iterable[str] = (), shared: Iterable[str] = ()
     ) -> Self:
-        r"""Declares attributes in place, as the arguments of the constructor do. Earlier
-        declarations of the same names are replaced; existing copies keep their declarations.
+        r"""Declares attributes in place, like the arguments of the constructor.
+
+        Earlier declarations of the same names are replaced. Existing copies of this object keep
+        their declarations.
 
         Args:
             node (iterable of str): Names of attributes with a row for each taxel.
@@ -269,9 +274,9 @@ class StaticData(Data):
     def validate(self, raise_on_error: bool = True) -> bool:
         r"""Checks all attributes and the edges, and returns whether they are valid.
 
-        Attributes are checked one by one as they are set. If :obj:`x` or :obj:`edge_index` is
-        replaced by a tensor with another number of taxels or edges, the attributes that belong to
-        them can be replaced afterwards; this method checks whether all of them were.
+        Attributes are checked one by one as they are set. After :obj:`x` or :obj:`edge_index` is
+        replaced by a tensor with another number of taxels or edges, the attributes that depend on
+        this number must be replaced as well; this method checks whether all of them were.
 
         Args:
             raise_on_error (bool): If :obj:`True`, raises a :class:`ValueError` for an invalid
@@ -320,7 +325,7 @@ class StaticData(Data):
         return out
 
     def get_example(self, idx: int) -> Data:
-        r"""Returns one sample, as :meth:`sample`, under PyG's name.
+        r"""Returns one sample, like :meth:`sample`, under PyG's name.
 
         Args:
             idx (int): Index of the sample.
@@ -361,11 +366,11 @@ class StaticData(Data):
     def to_batch(self) -> Batch:
         r"""Returns PyG's block-diagonal batch of all samples, for layers that need one.
 
-        It equals :obj:`Batch.from_data_list(data.to_data_list())` attribute by attribute, and
-        :obj:`to_data_list` of the batch returns the same samples, but no
+        The batch equals :obj:`Batch.from_data_list(data.to_data_list())` attribute by attribute,
+        and its :obj:`to_data_list` returns the same samples, but no
         :class:`~torch_geometric.data.Data` object is created for each sample. Attributes of the
         batch are views of the attributes of this object where possible. The :obj:`edge_index` of
-        the batch is cached for the next batch of the same size: write only to a clone of it.
+        the batch is cached for the next batch of the same size: only write to a clone of it.
 
         Shapes:
             - **output:** :obj:`x` :math:`(S \cdot N, F)`, :obj:`edge_index`
@@ -427,7 +432,7 @@ def _stack_samples(data_list: Sequence[Data], schema: Schema) -> dict[str, Any]:
         for a, b, missing in ((i, 0, first - keys), (0, i, keys - first)):
             if missing:
                 raise ValueError(
-                    f"sample {a} must have '{min(missing)}' as sample {b} has (got none)"
+                    f"sample {a} must have '{min(missing)}', like sample {b} (got none)"
                 )
     return {
         key: _stack_attribute(key, [data[key] for data in data_list], schema)
@@ -447,7 +452,7 @@ def _stack_attribute(key: str, values: list[Any], schema: Schema) -> Any:
         _require_equal(key, values)
         return first
     shapes = {tuple(value.shape) for value in values}
-    need(len(shapes) <= 1, f"all samples must have '{key}' in one shape", sorted(shapes))
+    need(len(shapes) <= 1, f"'{key}' must have the same shape in all samples", sorted(shapes))
     if key == "x" or is_declared:
         return torch.stack(values)
     if level != "sample" and default is not None:
@@ -482,7 +487,7 @@ def _require_equal(key: str, values: list[Any]) -> None:
         if not _is_equal(value, values[0]):
             raise ValueError(
                 f"sample {i} must have the same '{key}' as sample 0, since all samples share it; "
-                "use torch_geometric.data.InMemoryDataset where it differs"
+                "use torch_geometric.data.InMemoryDataset for samples that differ in it"
             )
 
 
@@ -505,7 +510,7 @@ def _is_equal(value: Any, first: Any) -> bool:
 
 
 def _to_batch(data: StaticData) -> Batch:
-    r"""Returns the batch that :meth:`~torch_geometric.data.Batch.from_data_list` builds of the
+    r"""Returns the batch that :meth:`~torch_geometric.data.Batch.from_data_list` builds from the
     samples, without creating a :class:`~torch_geometric.data.Data` object for each.
     """
     num_samples = data.num_samples
@@ -551,7 +556,7 @@ def _to_batch(data: StaticData) -> Batch:
 
 
 def _empty_sample(data: StaticData) -> Data:
-    # A sample of zeros, which has the types and shapes of an empty data set's attributes.
+    # A sample of zeros with the types and shapes of the attributes of an empty data set.
     out = data.sample_type()
     for key, value in data._store.items():
         if data.is_shared(key):
@@ -565,8 +570,8 @@ def _empty_sample(data: StaticData) -> Data:
 def _join_tensor(
     data: StaticData, sample: Data, key: str, value: Tensor, numbers: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    # The attribute in the batch, the first row of each sample in it, and the increment of each.
-    # `sample` is the first sample, which has the type and shape of the others.
+    # Returns the attribute in the batch, the first row of each sample in it, and the increment of
+    # each sample. `sample` is the first sample; all samples have its types and shapes.
     sample_value: Tensor = sample[key]
     num_samples = len(numbers) - 1
     shared = data.is_shared(key)
@@ -592,7 +597,7 @@ def _join_tensor(
     elif data.level(key) == "sample":
         value = value.unsqueeze(1)  # a sample of PyG has a first dimension of size one
     if has_increments:
-        # A tensor without dimensions does not promote the type of another one of the same kind.
+        # A zero-dimensional tensor does not promote the type of another tensor of the same kind.
         dtype = torch.result_type(sample_value, starts[0])
         start = starts.to(dtype=dtype, device=value.device)
         value = value.to(dtype) + start.view(-1, *[1] * (value.dim() - 1))
@@ -642,10 +647,10 @@ class _CachedEdges(NamedTuple):
 
 
 class _EdgeCache:
-    r"""A cache of the most recent block-diagonal edges. Building them takes longer than all other
-    steps of building a batch.
+    r"""A cache of the most recent block-diagonal edges, whose construction takes longer than all
+    other steps of building a batch.
 
-    Edges are compared by their values, so that a change in place is noticed as well.
+    Edges are compared by value, so that changes in place are noticed as well.
     """
 
     def __init__(self) -> None:
@@ -660,7 +665,7 @@ class _EdgeCache:
             num_samples, dtype=edge_index.dtype, device=edge_index.device
         )
         edges = (edge_index.unsqueeze(1) + start.view(1, -1, 1)).flatten(1)
-        if edges.is_inference():  # has no version, so that a write to it would go unnoticed
+        if edges.is_inference():  # without a version counter, a later write would go unnoticed
             return edges
         entry = _CachedEdges(edge_index.clone(), num_nodes, num_samples, edges, edges._version)
         entries: list[_CachedEdges] = []

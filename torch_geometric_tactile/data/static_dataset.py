@@ -25,22 +25,24 @@ from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
 
 class StaticDataset(ProcessedDataset):
-    r"""A PyG data set whose samples share one topology and are held in one tensor.
+    r"""A PyG data set whose samples share one topology and are stored in one tensor.
 
     :obj:`dataset[i]` is an ordinary :class:`~torch_geometric.data.Data` object, so that PyG's
-    :class:`~torch_geometric.loader.DataLoader`, transforms and explainers work;
-    :class:`~torch_geometric_tactile.loader.StaticLoader` cuts whole batches instead. The attributes
-    of all samples are attributes of the data set: :obj:`dataset.y`. The processed file is
-    memory-mapped, so that a data set may be larger than memory.
+    :class:`~torch_geometric.loader.DataLoader`, transforms and explainers work.
+    :class:`~torch_geometric_tactile.loader.StaticLoader` is faster because it selects whole
+    batches. The attributes of all samples are attributes of the data set, such as
+    :obj:`dataset.y`. The processed file is memory-mapped, so that a data set may be larger than
+    memory.
 
-    Data in memory become a data set by :meth:`from_arrays` and :meth:`from_data_list`. A subclass
-    defines :meth:`read`, and sets :obj:`layout` unless its samples share their :obj:`pos`. With a
-    :obj:`root` it may also define :obj:`raw_file_names` (by default all files in :obj:`root/raw`),
-    :obj:`processed_file_names` (by default a file named after the class) and :meth:`download`.
+    Use :meth:`from_arrays` or :meth:`from_data_list` for data in memory. To read files, write a
+    subclass: it defines :meth:`read`, and sets :obj:`layout` unless its samples share their
+    :obj:`pos`. With a :obj:`root` it may also define :obj:`raw_file_names` (by default all files in
+    :obj:`root/raw`), :obj:`processed_file_names` (by default a file named after the class) and
+    :meth:`download`.
 
     The processed file records the class, the arguments of its constructor, :obj:`layout`,
-    :obj:`pre_transform`, :obj:`pre_filter` and :meth:`raw_state`. If one of them differs, the raw
-    files are processed again, and a warning names it.
+    :obj:`pre_transform`, :obj:`pre_filter` and :meth:`raw_state`. If one of them has changed, a
+    warning names it and the raw files are processed again.
 
     Args:
         root (str or PathLike, optional): Folder of the raw and the processed files. If left out,
@@ -125,14 +127,16 @@ class StaticDataset(ProcessedDataset):
 
         Numbers in half and double precision are converted to single precision, except :obj:`time`.
         Names in :obj:`y`, :obj:`group`, :obj:`trial`, :obj:`session` and further attributes are
-        numbered; names that differ only in surrounding blanks or in case, or are equal as numbers,
-        get the same number. If the layout
-        has one link, the samples share its positions and normals. Those of a hand depend on its
-        joint angles and are computed by :class:`~torch_geometric_tactile.transforms.TaxelPose`.
+        converted to integers. Names that differ only in surrounding blanks or in case, or are equal
+        as numbers, get the same integer.
+
+        If the layout has one link, the samples share its positions and normals. The positions and
+        normals of a hand depend on its joint angles;
+        :class:`~torch_geometric_tactile.transforms.TaxelPose` computes them.
 
         Args:
             x (array-like): Readings :math:`(S, N, F)`, or :math:`(S, N)` for one channel. Missing
-                ones are NaN.
+                readings are NaN.
             y (array-like, optional): Labels :math:`(S,)` or :math:`(S, C)`, or names :math:`(S,)`.
             layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of a layout of
                 this package, or a layout file.
@@ -146,11 +150,11 @@ class StaticDataset(ProcessedDataset):
             time (array-like, optional): Times in seconds :math:`(S,)`.
             edge_index (array-like, optional): The edges of every sample
                 :math:`(2, |\mathcal{E}|)`.
-            adjacency (str, optional): Name of the adjacency of the layout that has the edges. If
-                both :obj:`edge_index` and :obj:`adjacency` are left out, it is :obj:`"original"`,
-                or the only adjacency of the layout. A layout without adjacency gives no edges; a
-                :obj:`pre_transform` such as
-                :class:`~torch_geometric_tactile.transforms.KNNGraph` may add them.
+            adjacency (str, optional): Name of an adjacency of the layout, whose edges are used. If
+                both :obj:`edge_index` and :obj:`adjacency` are left out, the default is
+                :obj:`"original"`, or the only adjacency of the layout. With a layout without
+                adjacencies the samples have no edges; a :obj:`pre_transform` such as
+                :class:`~torch_geometric_tactile.transforms.KNNGraph` can add them.
             class_names (sequence of str): The names of the classes, in the order of the numbers in
                 :obj:`y`.
             group_names (sequence of str): The names of the groups (usually objects).
@@ -165,8 +169,8 @@ class StaticDataset(ProcessedDataset):
             shared (iterable of str): Names of further attributes that all samples share, without
                 the dimension :math:`S`.
             **attributes: Further attributes, with a row for each sample unless named in
-                :obj:`node`, :obj:`edge` or :obj:`shared`. One with the names of persons, for
-                example, is a unit of :class:`~torch_geometric_tactile.data.Protocol`.
+                :obj:`node`, :obj:`edge` or :obj:`shared`. Pass the names of persons, for example,
+                to split by person with :class:`~torch_geometric_tactile.data.Protocol`.
 
         Raises:
             ValueError: If the shape of an array does not fit the layout or the number of samples,
@@ -223,7 +227,7 @@ class StaticDataset(ProcessedDataset):
             data_list (iterable of torch_geometric.data.Data): The samples, such as a list or a PyG
                 data set. They must have the same edges.
             layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
-                layout of this package, or a layout file. If left out, the taxels are at the
+                layout of this package, or a layout file. If left out, a layout is built from the
                 :obj:`pos` that the samples share.
             class_names (sequence of str): The names of the classes, in the order of the numbers in
                 :obj:`y`.
@@ -262,15 +266,15 @@ class StaticDataset(ProcessedDataset):
         return dataset
 
     def _clone_shared(self) -> None:
-        # Shared tensors may be those of the layout, which other data sets use as well: a write to
-        # the samples must not change them.
+        # Shared tensors may belong to the layout, which other data sets use as well. A write to the
+        # samples must not change them.
         if isinstance(self._data, StaticData):
             for key, value in self._data.to_dict().items():
                 if isinstance(value, Tensor) and self._data.is_shared(key):
                     self._data._store._mapping[key] = value.clone()
 
     def len(self) -> int:
-        r"""Returns the number of stored samples, selected or not."""
+        r"""Returns the number of stored samples, including samples that are not selected."""
         return self._data.num_samples
 
     def get(self, idx: int) -> Data:
@@ -332,8 +336,8 @@ class StaticDataset(ProcessedDataset):
 
     @property
     def info(self) -> FrameInfo:
-        r"""How the frames of this selection were made: the rate of their recordings, the largest
-        gap and the stride, as far as they can be determined from :obj:`time` and :obj:`trial`.
+        r"""The properties of the frames of this selection: the rate of their recordings, the
+        largest gap and the stride, as far as :obj:`time` and :obj:`trial` determine them.
 
         Raises:
             ValueError: If the recordings have several rates. The message names two recordings.
@@ -349,7 +353,7 @@ class StaticDataset(ProcessedDataset):
 
         Args:
             index (torch.Tensor or list of int): Indices into this selection :math:`(B,)`, or a
-                mask of it.
+                mask over it.
         """
         index = flat_index(index)
         if self._indices is not None:
@@ -357,12 +361,12 @@ class StaticDataset(ProcessedDataset):
         return apply_transform(self.transform, self._data.index_select(index))
 
     def copy(self, idx: Any = None) -> Self:
-        r"""Returns a copy that has only the samples of this selection and shares no memory with
-        this data set.
+        r"""Returns a copy that contains only the samples of this selection and shares no memory
+        with this data set.
 
         Args:
             idx (slice or sequence of int or torch.Tensor or numpy.ndarray, optional): Indices or a
-                mask of the samples to copy; all samples of this selection if left out.
+                mask of the samples to copy. If left out, all samples of this selection are copied.
         """
         dataset = copy.copy(self if idx is None else self.index_select(idx))
         dataset._data = dataset._selected().clone()
@@ -370,7 +374,7 @@ class StaticDataset(ProcessedDataset):
         return dataset
 
     def to(self, device: Any) -> Self:
-        r"""Moves the samples of this selection to a device; other selections keep theirs.
+        r"""Moves the samples of this selection to a device. Other selections stay where they are.
 
         Args:
             device (torch.device or str): The device.
@@ -387,12 +391,14 @@ class StaticDataset(ProcessedDataset):
         r"""Moves the samples of this selection to a GPU.
 
         Args:
-            device (torch.device or str or int, optional): The device; the current one if left out.
+            device (torch.device or str or int, optional): The device. If left out, the current GPU
+                is used.
         """
         return self.to("cuda" if device is None else torch.device("cuda", device))
 
     def _selected(self) -> Any:
-        # The stored samples of this selection. In a view they are not cut, other than in `data`.
+        # The stored samples of this selection. A view returns windows that are not cut yet, unlike
+        # `data`.
         return self._data if self._indices is None else self._data.index_select(self._index())
 
     def _index(self) -> Tensor:
@@ -405,8 +411,8 @@ class StaticDataset(ProcessedDataset):
         return tensor
 
     def column(self, key: str) -> Tensor | None:
-        r"""Returns one attribute of the samples of this selection, without reading other
-        attributes.
+        r"""Returns one attribute of the samples of this selection, without reading any other
+        attribute.
 
         Args:
             key (str): Name of the attribute, such as :obj:`y`, :obj:`trial` or :obj:`group`.
@@ -436,7 +442,9 @@ class StaticDataset(ProcessedDataset):
 
     @property
     def num_classes(self) -> int:
-        r"""The number of classes over all stored samples, selected or not."""
+        r"""The number of classes over all stored samples, including samples that are not
+        selected.
+        """
         y = self._data["y"] if "y" in self._data else None  # noqa: SIM401 - Data is no mapping
         if y is None or y.numel() == 0:
             return 0
@@ -461,7 +469,7 @@ class StaticDataset(ProcessedDataset):
 
     @property
     def trial_names(self) -> list[str]:
-        r"""The names of the trials in :obj:`trial`: those of files, without suffix, if each file is
-        a trial. The list is empty if the trials have numbers only.
+        r"""The names of the trials in :obj:`trial`. If each file is a trial, they are the names of
+        the files without suffix. The list is empty if the trials only have numbers.
         """
         return list(self._names.get("trial", ()))

@@ -14,22 +14,26 @@ _RAGGED = ("error", "pad", "crop_start", "crop_end")
 
 
 class Trials(FrameView):
-    r"""The trials of a data set, each as one sample with all its frames.
+    r"""A data set whose samples are complete trials: each sample has all frames of one trial.
 
-    It is a view with the same attributes as :class:`~torch_geometric_tactile.data.Windows`. The
-    :obj:`target` must be the same in all frames of a trial.
+    The data set is a view with the same attributes as
+    :class:`~torch_geometric_tactile.data.Windows`. The :obj:`target` must be the same in all frames
+    of a trial.
 
     Args:
         dataset (StaticDataset): The frames, or a selection of them.
-        ragged (str): The handling of trials with different numbers of frames. :obj:`"error"` raises
-            an error. :obj:`"pad"` pads trials at their end with NaN (integers with their last
-            value) and adds the attribute :obj:`valid_frames` :math:`(S,)`. :obj:`"crop_end"` keeps
-            the first :obj:`length` frames of each trial, and :obj:`"crop_start"` the last ones.
-        length (int, optional): Number of frames of a sample :math:`T`. If left out, it is that of
-            the longest trial with :obj:`"pad"`, and that of the shortest trial otherwise.
+        ragged (str): The handling of trials with different numbers of frames:
+
+            * :obj:`"error"` raises an error.
+            * :obj:`"pad"` pads trials at their end with NaN (integers with their last value) and
+              adds the attribute :obj:`valid_frames` :math:`(S,)`.
+            * :obj:`"crop_end"` keeps the first :obj:`length` frames of each trial.
+            * :obj:`"crop_start"` keeps the last :obj:`length` frames of each trial.
+        length (int, optional): Number of frames in a sample :math:`T`. The default is the length of
+            the longest trial with :obj:`"pad"`, and of the shortest trial otherwise.
         target (str): Name of the attribute that is the label.
-        series (sequence of str): Names of attributes, such as :obj:`"joint"`, of which a sample has
-            all frames :math:`(B, T, \ldots)`.
+        series (sequence of str): Names of attributes, such as :obj:`"joint"`, that a sample keeps
+            for all its frames :math:`(B, T, \ldots)`.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once to all trials, in chunks. Its output is
             kept in memory.
@@ -72,7 +76,7 @@ class Trials(FrameView):
         need_argument(length is None or length >= 1, "length", "must be at least 1", length)
         self.ragged = ragged
         self.length = length
-        #: The number of frames of a sample before any transform.
+        #: The number of frames in a sample, before any transform.
         self.num_cut = 0
         super().__init__(dataset, target, series, transform, pre_transform)
 
@@ -82,7 +86,7 @@ class Trials(FrameView):
         if self.ragged == "error" and max_length != min_length:
             names = [runs.name(int(i)) for i in (runs.length.argmin(), runs.length.argmax())]
             raise ValueError(
-                f"'ragged' must be 'pad', 'crop_start' or 'crop_end' where trials have different "
+                f"'ragged' must be 'pad', 'crop_start' or 'crop_end' if trials have different "
                 f"numbers of frames (got {min_length} in {names[0]} and {max_length} in {names[1]})"
             )
         length = self.length or (max_length if self.ragged == "pad" else min_length)
@@ -92,12 +96,12 @@ class Trials(FrameView):
             if max_length > length:
                 raise ArgumentError(
                     Argument("length"),
-                    f" must be at least that of the longest trial, {max_length} in "
-                    f"{runs.name(int(runs.length.argmax()))}, with ragged='pad' (got {length})",
+                    f" must be at least {max_length} with ragged='pad', the length of the longest "
+                    f"trial, {runs.name(int(runs.length.argmax()))} (got {length})",
                 )
             if not self.dataset._data["x"].is_floating_point():
                 raise ValueError(
-                    "'ragged' must not be 'pad' where 'x' holds whole numbers, which have no NaN"
+                    "'ragged' must not be 'pad' if 'x' holds integers, which have no NaN"
                 )
             return {"starts": runs.start, "valid": runs.length, **arguments}
         self._record_short_trials(runs, length)

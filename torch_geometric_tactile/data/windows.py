@@ -19,15 +19,15 @@ _logger = logging.getLogger(__name__)
 
 
 class Windows(FrameView):
-    r"""The windows of :obj:`length` consecutive frames of a data set, one every :obj:`hop` frames.
-    No window extends over two trials or a gap in time.
+    r"""A data set whose samples are windows of :obj:`length` consecutive frames, one window every
+    :obj:`hop` frames. No window spans two trials or a gap in time.
 
-    It is a view: windows are cut from the frames at each access, and a memory-mapped data set is
-    not loaded. :obj:`x` of a window is :math:`(N, C \cdot T)`, each taxel with all frames of its
-    first channel, then all frames of its second (see
-    :func:`~torch_geometric_tactile.data.split_frames`), and :obj:`num_frames` is :math:`T`. All
-    other attributes are those of the last frame, except :obj:`y` and those in :obj:`series`.
-    Attributes that all frames share are shared by the windows.
+    The data set is a view: each access cuts windows from the frames, and a memory-mapped data set
+    is not loaded. A window has :obj:`x` of shape :math:`(N, C \cdot T)`: each taxel has all frames
+    of its first channel, then all frames of its second channel (see
+    :func:`~torch_geometric_tactile.data.split_frames`). Its :obj:`num_frames` is :math:`T`. All
+    other attributes are taken from the last frame, except :obj:`y` and the attributes in
+    :obj:`series`. Attributes that all frames share are shared by all windows.
 
     The transform of :obj:`dataset` is applied to each frame when a window is cut.
 
@@ -35,22 +35,21 @@ class Windows(FrameView):
         dataset (StaticDataset): The frames, or a selection of them. Frames of a trial that follow
             each other in the selection are consecutive in a window, unless the selection leaves out
             more than five frames in a row between them.
-        length (int): Number of frames of a window :math:`T`.
-        hop (int): Number of frames from the start of a window to the start of the next one.
-        label (str): The frame that labels a window: its last one (:obj:`"last"`), any frame of the
-            trial, if all have the same label (:obj:`"trial"`), or the frame :obj:`horizon` frames
-            after the last one (:obj:`"ahead"`). Windows for which this frame is beyond the end of
-            the trial or a gap are left out and counted in :obj:`num_beyond`.
-        horizon (int): Distance of the label from the last frame of the window, in frames; at least
-            1 with :obj:`"ahead"`.
+        length (int): Number of frames in a window :math:`T`.
+        hop (int): Number of frames from the start of one window to the start of the next.
+        label (str): The frame that labels a window: its last frame (:obj:`"last"`), any frame of
+            the trial if all have the same label (:obj:`"trial"`), or the frame :obj:`horizon`
+            frames after the last one (:obj:`"ahead"`). Windows for which this frame lies beyond a
+            gap or the end of the trial are left out and counted in :obj:`num_beyond`.
+        horizon (int): Distance from the last frame of the window to the labelled frame, in frames.
+            Must be at least 1 with :obj:`"ahead"`.
         target (str): Name of the attribute that is the label, such as :obj:`"annotation"` of a
             :class:`~torch_geometric_tactile.datasets.RecordingFrames` with that target.
-        series (sequence of str): Names of attributes, such as :obj:`"joint"`, of which a window has
-            all frames :math:`(B, T, \ldots)`.
-        max_gap (float, optional): The largest distance of two frames of a recording in a window, in
-            seconds. A longer distance ends a window, as the end of a trial does. If left out, five
-            frames at the rate of the recordings; infinite for data of events, whose frames are
-            irregular.
+        series (sequence of str): Names of attributes, such as :obj:`"joint"`, that a window keeps
+            for all its frames :math:`(B, T, \ldots)`.
+        max_gap (float, optional): The largest time in seconds between two frames of one window. A
+            longer pause ends a window, like the end of a trial. The default is five frames at the
+            rate of the recordings, and no limit for event data, whose frames are irregular.
         transform (callable, optional): Applied to windows at every access.
         pre_transform (callable, optional): Applied once to all windows, in chunks. Its output is
             kept in memory.
@@ -59,8 +58,8 @@ class Windows(FrameView):
         TypeError: If :obj:`dataset` is no :class:`StaticDataset`.
         ValueError: If an argument is invalid, frames belong to no trial, the frames of a trial do
             not follow each other, their :obj:`time` does not increase (without :obj:`time`: they
-            are selected in another order), the recordings have several rates, the frames are at
-            irregular distances, or all trials are shorter than a window.
+            are selected in another order), the recordings have several rates, the time between
+            frames is irregular, or all trials are shorter than a window.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -123,8 +122,8 @@ class Windows(FrameView):
             _logger.info("%d gaps in time end windows", self.num_gaps)
             runs = runs.cut(selected.is_gap)
         self._record_short_trials(runs, self.length)
-        # Numbers of windows in each trial, all and those whose label is within the trial. A start
-        # of -1 gives no window.
+        # The number of windows in each trial, and the number of windows whose label is within the
+        # trial. A start of -1 gives no window.
         last_start = (runs.length - self.length).clamp(min=-1)
         num_windows = torch.div(last_start, self.hop, rounding_mode="floor") + 1
         last_labelled = (last_start - self.horizon).clamp(min=-1)
