@@ -89,7 +89,7 @@ def test_joined_positions_are_shared_as_long_as_they_are_equal():
     assert join_batches(batches, places).note == "dry"
     declared = {"gain": torch.ones(1), "shared": ["gain"]}
     batches = [of_values(**declared), of_values(**declared | {"gain": torch.zeros(1)})]
-    with pytest.raises(ValueError, match="must have the same 'gain'"):
+    with pytest.raises(ValueError, match="'gain' must be equal in all batches"):
         join_batches(batches, places)
 
 

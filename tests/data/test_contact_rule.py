@@ -152,7 +152,7 @@ def test_what_is_missing_is_named():
         ContactRule(5.0).is_contact(REST)
     with pytest.raises(ValueError, match="'threshold' of the contact rule must be set"):
         ContactRule(rest=REST).is_contact(REST)
-    with pytest.raises(ValueError, match=r"must have shape \(3, 2\).*got \(2, 3\)"):
+    with pytest.raises(ValueError, match=r"must have the shape .*\(3, 2\) \(got \(2, 3\)"):
         rule().is_contact(REST.T)
 
 

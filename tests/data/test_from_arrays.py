@@ -321,7 +321,7 @@ def test_from_data_list_attributes_of_ones_own():
 def test_from_data_list_wrong_samples():
     with pytest.raises(ValueError, match="must hold at least one sample"):
         StaticDataset.from_data_list([], layout=LAYOUT)
-    with pytest.raises(ValueError, match=r"must have 24 taxels, as layout 'biotac_sp' \(got 6\)"):
+    with pytest.raises(ValueError, match=r"24 taxels, as in layout 'biotac_sp' \(got 6\)"):
         StaticDataset.from_data_list(listed(), layout="biotac_sp")
     edges = listed()
     edges[2].edge_index = EDGES[:, 1:]

@@ -98,7 +98,7 @@ def test_dataset_of_another_layout(toy):
             self.layout = grid(1, 3, pitch=0.01)
             return data, names
 
-    with pytest.raises(ValueError, match=r"must have 3 taxels, as layout 'grid_1x3' \(got 4\)"):
+    with pytest.raises(ValueError, match=r"must have 3 taxels, as in layout 'grid_1x3' \(got 4\)"):
         Wrong()
 
 

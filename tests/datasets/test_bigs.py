@@ -132,7 +132,7 @@ def test_signals_are_those_that_are_named(folder):
 def test_a_signal_that_one_file_lacks_is_an_error_that_names_it(folder):
     write_recording(grasp(seed=9, trial=9, without=("pac",)), folder / "z_9.npz")
     with pytest.raises(
-        ValueError, match=r"z_9.npz' must hold 'pac', as the other files .*signals=\["
+        ValueError, match=r"z_9.npz' must hold 'pac', like the other files .*signals=\["
     ):
         BiGS(folder)
     assert "pac" not in BiGS(folder, signals=["pressure"]).data
@@ -179,7 +179,7 @@ def changed(rec, **fields):
         ({"meta": {"trial": 1}}, r"must name its object and trial"),
         (
             {"meta": {"object": "a", "pickup_time": 1.0}},
-            r"'pickup_time' on the clock of 'time', 5.0",
+            r"'pickup_time' on the clock of 'time' in its metadata, 5.0",
         ),
         ({"meta": {"object": "a", "pickup_time": "x"}}, r"must have seconds in 'pickup_time'"),
         ({"meta": {"object": "a", "ends_after_pickup": -1}}, r"seconds in 'ends_after_pickup'"),

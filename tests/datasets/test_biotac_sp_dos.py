@@ -97,7 +97,7 @@ def test_missing_or_empty_folder(missing, empty, tmp_path):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("n/pen.csv", r"pen.csv' must be named <object><number>.csv, as 'bottle0.csv'"),
+        ("n/pen.csv", r"pen.csv' must be named <object><number>.csv, like 'bottle0.csv'"),
         ("n/12.csv", r"12.csv' must be named"),
         ("n/pen010.csv", r"sequence 10 of 'pen' must be in one file \(got '.*pen0?10.csv' and '.*"),
         ("N/pen10.csv", r"sequence 10 of 'pen' must be in one file \(got '.*pen10.csv' and '.*"),

@@ -94,7 +94,9 @@ def test_changed_file_is_processed_again(root, caplog):
 
 def test_unreliable_trials_only(tmp_path):
     write(tmp_path, "full_coke", 1)
-    with pytest.raises(ValueError, match=r"must hold trials of other .* choose unreliable=True"):
+    with pytest.raises(
+        ValueError, match=r"must hold trials of objects other .* choose unreliable=True"
+    ):
         ICubGrasp(tmp_path)
     assert ICubGrasp(tmp_path, unreliable=True).class_names == ["full_coke"]
 

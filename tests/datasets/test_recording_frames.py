@@ -146,7 +146,7 @@ def test_frames_have_the_actions_of_demonstrations_if_all_recordings_have_them(t
     assert "action" not in RecordingFrames(layout=GLOVE, recordings=mixed).data
     other = replace(made[1], action=np.zeros((3, 5)))
     with pytest.raises(
-        ValueError, match=r"recording 1 must have 2 actions per frame, as rec.*got 5"
+        ValueError, match=r"recording 1 must have 2 actions per frame, like rec.*got 5"
     ):
         RecordingFrames(layout=GLOVE, recordings=[made[0], other])
 
@@ -372,11 +372,11 @@ def test_phases_and_stride():
         ),
         (
             {"recordings": [recording(object="a"), recording(object="a", channels=2)]},
-            r"recording 1 must have 1 channels per taxel, as recording 0 \(got 2\)",
+            r"recording 1 must have 1 channels per taxel, like recording 0 \(got 2\)",
         ),
         (
             {"recordings": [recording(object="a"), recording(object="a", joints=2)]},
-            r"recording 1 must have 0 joint angles per frame, as recording 0 \(got 2\)",
+            r"recording 1 must have 0 joint angles per frame, like recording 0 \(got 2\)",
         ),
         (
             {"recordings": [recording(label="a"), recording()], "target": "label"},
@@ -524,5 +524,5 @@ def test_label_minus_one_beside_zero_is_no_class(caplog):
     recordings = [recording(label=i, object="cup", trial=i + 1) for i in (-1, 0, 1)]
     frames = RecordingFrames(layout=grid(1, 2, pitch=0.01), recordings=recordings, target="label")
     assert (frames.class_names, frames.y[::3].tolist()) == (["0", "1"], [-1, 0, 1])
-    assert "3 of 9 frames have the label -1 beside 0" in caplog.text
+    assert "3 of 9 frames have the label -1, which means unlabelled" in caplog.text
     assert frames[frames.y >= 0].y.unique().tolist() == [0, 1]

@@ -167,7 +167,7 @@ def test_missing_readings_stay_missing(tmp_path):
         (
             {"grid": "2x3", "task": "regression"},
             {"y": np.array(["a", "b"] * 3)},
-            "'y' must hold one number or a row of numbers",
+            "'y' must hold one number or one row of numbers",
         ),
         (None, {"trial": np.zeros((6, 2))}, "'trial' must have one value per sample"),
         (None, {"trial": np.full(6, np.nan)}, "'trial' must be known for every sample"),
@@ -188,7 +188,7 @@ def test_samples_without_a_label_are_left_out(tmp_path, caplog, dtype):
     assert (dataset.class_names, len(dataset)) == (["0", "1"], 55)
     assert dataset.x[0].unique().tolist() == [5.0]
     assert len(dataset.trial.unique()) == 55
-    assert "5 of 60 samples have the label -1 beside 0" in caplog.text
+    assert "5 of 60 samples have the label -1, which means unlabelled" in caplog.text
 
 
 @pytest.mark.parametrize("y", [[-1, 1], [-2, -1, 0], ["-1", "0"]])

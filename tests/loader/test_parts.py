@@ -185,7 +185,7 @@ def test_parts_whose_names_differ(ours, theirs):
     key = next(iter(ours))
     names = {"y": "class_names", "group": "group_names", "session": "session_names"}[key]
     lists = [re.escape(str(getattr(part, names))) for part in (first, other)]
-    match = rf"part 2 of 'dataset' must have the {names} {lists[0]} .* \(got {lists[1]}\)"
+    match = rf"part 2 .* must have the {names} of the first, {lists[0]}, .* \(got {lists[1]}\)"
     with pytest.raises(ValueError, match=match):
         StaticLoader(both)
     with pytest.raises(ValueError, match=match):

@@ -146,7 +146,7 @@ def test_what_cannot_be_trained_on_different_sensors():
     match = r"'model' must accept .*forward\(x, edge_index, batch\), .* 30 to 60 taxels .*"
     with pytest.raises(ValueError, match=rf"{match}OneLayer, without 'batch'"):
         trainer(fast_dev_run=True).fit(module(OneLayer(2, 30, 2)), parts())
-    with pytest.raises(ValueError, match="on samples of the same taxels, unless with per"):
+    with pytest.raises(ValueError, match="on samples with the same taxels, except with per"):
         trainer(fast_dev_run=True).fit(module(), parts(transform=ZScore()))
     unlabelled = [Data(x=s.x, edge_index=s.edge_index, group=s.group) for s in gloves()]
     with pytest.raises(ValueError, match="the train part must have labels 'y'"):

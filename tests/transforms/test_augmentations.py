@@ -351,7 +351,7 @@ def test_bad_deviations(make):
 def test_bad_segments(make):
     with pytest.raises(ValueError, match="'segments' requires a 'layout' if it is a name"):
         make(0.1, "digit")
-    with pytest.raises(ValueError, match=r"must have 12 taxels, as its segments have \(got 3\)"):
+    with pytest.raises(ValueError, match=r"must have 12 taxels, as in its segments \(got 3\)"):
         make(0.1, HALVES)(Data(x=torch.zeros(3, 1)))
 
 
@@ -363,24 +363,24 @@ LOPSIDED = TaxelLayout("hook", torch.eye(3), image_map=[[0, 0], [1, 0], [1, 1]])
     [
         (lambda: RandomMirror(biotac()), r"RandomMirror needs a layout with an image map .*biotac"),
         (lambda: RandomShift(biotac()), r"RandomShift needs a layout with an image map .*biotac"),
-        (lambda: RandomMirror(PAD, p=1.5), r"'p' must be a probability, 0 to 1 \(got 1.5\)"),
+        (lambda: RandomMirror(PAD, p=1.5), r"'p' must be a probability .* 0 and 1 \(got 1.5\)"),
         (lambda: RandomMirror(PAD, along="x"), r"'along' must be one of .* \(got 'x'\)"),
         (lambda: RandomMirror(PAD, negate=-1), r"'negate' must be a channel, .* \(got -1\)"),
         (
             lambda: RandomMirror(LOPSIDED),
             r"layout 'hook' must be symmetric along its columns \(got no taxel opposite to taxel 0",
         ),
-        (lambda: RandomShift(PAD, rows=-1), r"'rows' must be a whole number, 0 to 100 \(got -1\)"),
-        (lambda: RandomShift(PAD, columns=1.5), r"'columns' must be a whole .* \(got 1.5\)"),
-        (lambda: RandomInversion(p=2), r"'p' must be a probability, 0 to 1 \(got 2\)"),
+        (lambda: RandomShift(PAD, rows=-1), r"'rows' must be an integer .* 0 and 100 \(got -1\)"),
+        (lambda: RandomShift(PAD, columns=1.5), r"'columns' must be an integer .* \(got 1.5\)"),
+        (lambda: RandomInversion(p=2), r"'p' must be a probability between 0 and 1 \(got 2\)"),
         (lambda: RandomInversion(low=1.0), r"'low' must be below 'high', .* \(got 1.0 and 1.0\)"),
         (lambda: RandomInversion(high=math.inf), r"both finite \(got 0.0 and inf\)"),
         (lambda: RandomContrast(-0.1), r"'low' must be at least 0 .* \(got -0.1 and 1.5\)"),
         (lambda: RandomContrast(2.0, 1.0), r"at most 'high', .* \(got 2.0 and 1.0\)"),
         (lambda: RandomContrast(center=math.nan), r"'center' must be a grey .* \(got nan\)"),
-        (lambda: RandomTimeShift(-1), r"'steps' must be a whole number, 0 to 100000 \(got -1\)"),
-        (lambda: RandomTimeShift(None), r"'steps' must be a whole number, .* \(got None\)"),
-        (lambda: RandomTimeShift(1, 0), r"'num_frames' must be a whole number, 1 to .* \(got 0\)"),
+        (lambda: RandomTimeShift(-1), r"'steps' must be an integer .* 0 and 100000 \(got -1\)"),
+        (lambda: RandomTimeShift(None), r"'steps' must be an integer .* \(got None\)"),
+        (lambda: RandomTimeShift(1, 0), r"'num_frames' must be an integer .* 1 and .* \(got 0\)"),
     ],
 )
 def test_bad_arguments(make, message):
@@ -390,7 +390,7 @@ def test_bad_arguments(make, message):
 
 def test_bad_samples():
     for transform in (RandomMirror(PAD), RandomShift(PAD)):
-        with pytest.raises(ValueError, match=r"12 taxels, as layout 'grid_3x4' \(got 3\)"):
+        with pytest.raises(ValueError, match=r"12 taxels, as in layout 'grid_3x4' \(got 3\)"):
             transform(Data(x=torch.zeros(3, 1)))
     with pytest.raises(
         ValueError, match=r"'negate' must be below the number of channels, 1 \(got 2\)"

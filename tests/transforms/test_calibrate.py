@@ -123,7 +123,7 @@ def test_file_by_hand_and_again(tmp_path):
         ({"force_unit": "gram"}, "'units' must be .* 'unit of the file'"),
         ({"coefficients": [[1.0], ["2"]]}, "'coefficients' must be lists of finite numbers"),
         ({"coefficients": "12"}, "'coefficients' must be lists of finite numbers"),
-        ({"coefficients": [[1.0, 2.0], [1.0]]}, "'coefficients' must be lists of one length"),
+        ({"coefficients": [[1.0, 2.0], [1.0]]}, "'coefficients' must be lists of equal length"),
         ({"coefficients": [[True], [1.0]]}, "'coefficients' must be lists of finite numbers"),
         ({"coefficients": [[[[1.0]]]]}, "'coefficients' must be lists of finite numbers"),
         ({"coefficients": [1.0, 2.0]}, r"must have shape \(num_terms, num_forces\).*\(2,\)"),
@@ -157,7 +157,7 @@ def test_bad_input():
         Calibrate(torch.tensor([[1.0], [torch.inf]]))
     with pytest.raises(ValueError, match=r"'x' must have 3 channels.*\(got 2\)"):
         Calibrate(torch.ones(4, 1))(Data(x=torch.zeros(5, 2)))
-    with pytest.raises(ValueError, match=r"must have 6 taxels, as the calibration \(got 5\)"):
+    with pytest.raises(ValueError, match=r"must have 6 taxels, as in the calibration \(got 5\)"):
         Calibrate(torch.ones(6, 4, 1))(Data(x=torch.zeros(5, 3)))
     batch = Batch.from_data_list([Data(x=torch.zeros(2, 3)), Data(x=torch.zeros(4, 3))])
     with pytest.raises(ValueError, match="the same number of taxels"):

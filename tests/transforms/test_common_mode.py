@@ -84,7 +84,7 @@ def test_gradients_pass():
     [
         (("digit",), r"'segments' requires a 'layout' if it is a name \(got 'digit'\)"),
         (("link", LAYOUT), r"'by' must be one of .* \(got 'link'\)"),
-        (([0, 1], LAYOUT), r"'segments' must have 384 numbers, as layout 'allegro_uskin' has .* 2"),
+        (([0, 1], LAYOUT), r"'segments' must have 384 numbers, .* layout 'allegro_uskin' .* 2"),
         (([0.5, 1.0],), "'segments', if neither 'digit' nor 'patch', must be a whole number"),
     ],
 )
@@ -94,5 +94,5 @@ def test_bad_segments(arguments, message):
 
 
 def test_bad_samples():
-    with pytest.raises(ValueError, match=r"must have 3 taxels, as its segments have \(got 2\)"):
+    with pytest.raises(ValueError, match=r"must have 3 taxels, as in its segments \(got 2\)"):
         CommonMode([0, 0, 1])(Data(x=torch.zeros(2, 1)))

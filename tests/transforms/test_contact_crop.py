@@ -172,9 +172,9 @@ def test_crop_and_resample_end_at_the_last_frame():
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"rest": 0}, r"'rest' must be a whole number, 1 to 100000 \(got 0\)"),
-        ({"sustain": 0}, r"'sustain' must be a whole number, 1 to 100000 \(got 0\)"),
-        ({"before": -1}, r"'before' must be a whole number, 0 to 100000 \(got -1\)"),
+        ({"rest": 0}, r"'rest' must be an integer between 1 and 100000 \(got 0\)"),
+        ({"sustain": 0}, r"'sustain' must be an integer between 1 and 100000 \(got 0\)"),
+        ({"before": -1}, r"'before' must be an integer between 0 and 100000 \(got -1\)"),
         ({"k": -1.0}, r"'k' must be at least 0 and finite \(got -1.0\)"),
         ({"floor": torch.inf}, r"'floor' must be at least 0 and finite \(got inf\)"),
         ({"missing": "drop"}, r"'missing' must be one of \['error', 'keep'\] \(got 'drop'\)"),

@@ -116,7 +116,7 @@ def test_dead_taxels_bad_input():
         with pytest.raises(ValueError, match=rf"'patches' must be 0 to 2 \(got {wrong}\)"):
             DropPatches(LAYOUT, patches=[wrong])
     for transform in (DropPatches(LAYOUT), DropPatches(LAYOUT, patches=[0])):
-        with pytest.raises(ValueError, match=r"4 taxels, as layout 'trio' \(got 5\)"):
+        with pytest.raises(ValueError, match=r"4 taxels, as in layout 'trio' \(got 5\)"):
             transform(samples(num_taxels=5))
     with pytest.raises(ValueError, match=r"'x' must have shape .* \(got \(4,\)\)"):
         DropTaxels()(Data(x=torch.zeros(4)))

@@ -63,7 +63,7 @@ def test_behind_other_transforms_and_of_edges():
 
 def test_a_centre_of_each_taxel_is_refused():
     match = (
-        r"ZScore must be fitted on .* unless with per='channel', .*\(got samples of 30 to 60 tax"
+        r"ZScore must be fitted on .* except with per='channel', .*\(got samples of 30 to 60 tax"
     )
     for scale in (ZScore(), ZScore(scale_per="channel")):
         with pytest.raises(ValueError, match=match):

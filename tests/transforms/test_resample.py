@@ -174,7 +174,7 @@ def test_weights_are_those_of_time_turned_round(length):
 
 @pytest.mark.parametrize("num", [1, 0, 2.5, True, None, 100_001])
 def test_bad_numbers_of_frames(num):
-    with pytest.raises(ValueError, match=r"'num' must be a whole number, 2 to 100000 \(got "):
+    with pytest.raises(ValueError, match=r"'num' must be an integer between 2 and 100000 \(got "):
         Resample(num)
 
 
@@ -189,7 +189,7 @@ def test_bad_samples():
             Resample()(Data(x=x[0], num_frames=frames))
     for valid in (0, 6):
         padded = StaticData(x=x, num_frames=5, valid_frames=torch.tensor([valid, 3]))
-        with pytest.raises(ValueError, match=rf"'valid_frames' must be 1 to 5, .*{valid}"):
+        with pytest.raises(ValueError, match=rf"'valid_frames' must be between 1 and 5, .*{valid}"):
             Resample()(padded)
     with pytest.raises(ValueError, match=r"'valid_frames' must have 1 numbers, .* \(got 2\)"):
         Resample()(Data(x=x[0], num_frames=5, valid_frames=torch.tensor([3, 3])))

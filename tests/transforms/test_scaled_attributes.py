@@ -147,7 +147,7 @@ def test_state_of_old_checkpoints_is_taken_over():
 def test_wrong_shape_is_named(attr, size):
     transform = ZScore(attr).fit(hand())
     with pytest.raises(
-        ValueError, match=rf"'{attr}' must have shape .* in each sample, as ZScore was"
+        ValueError, match=rf"'{attr}' must have shape .* in each sample, as in .* ZScore was"
     ):
         transform(Data(**{attr: torch.zeros(size)}))
 

@@ -139,7 +139,7 @@ def test_taxel_pose_bad_input():
     transform = TaxelPose(LAYOUT, HAND)
     for joint in (torch.zeros(15), torch.zeros(1, 17), torch.zeros(1, 1, 16), torch.tensor(0.0)):
         with pytest.raises(
-            ValueError, match=r"must have 16 angles in each sample, as 'allegro_right'"
+            ValueError, match=r"must have 16 angles in each sample, .* 'allegro_right'"
         ):
             transform(Data(joint=joint))
     with pytest.raises(
@@ -155,7 +155,7 @@ def test_taxel_pose_bad_input():
     batch.joint = torch.zeros(3, 16)
     with pytest.raises(ValueError, match=r"'joint' must have 2 rows"):
         transform(batch)
-    with pytest.raises(ValueError, match=r"384 taxels, as layout 'allegro_uskin' \(got 4\)"):
+    with pytest.raises(ValueError, match=r"384 taxels, as in layout 'allegro_uskin' \(got 4\)"):
         transform(Data(x=torch.zeros(4, 3), joint=torch.zeros(16)))
     with pytest.raises(ValueError, match=r"'finger' must have the links of layout 'allegro_uskin'"):
         TaxelPose(LAYOUT, FINGER)

@@ -198,7 +198,7 @@ def test_time_shift_knows_the_frames_of_windows():
         assert len(steps) == 1
         moved += steps[0] != 0
     assert moved > 2
-    with pytest.raises(ValueError, match=r"'num_frames' must be 5, that of the win.* \(got 3\)"):
+    with pytest.raises(ValueError, match=r"'num_frames' must be 5, as in the win.* \(got 3\)"):
         RandomTimeShift(1, num_frames=3)(data)
     data.valid_frames = torch.full((8,), 4)
     with pytest.raises(ValueError, match=r"RandomTimeShift needs windows of one length .*Resam"):

@@ -95,7 +95,7 @@ class StaticDataset(ProcessedDataset):
         if self._data.num_nodes != self.layout.num_taxels:
             raise ValueError(
                 f"the samples of {type(self).__name__} must have {self.layout.num_taxels} taxels, "
-                f"as layout '{self.layout.name}' (got {self._data.num_nodes})"
+                f"as in layout '{self.layout.name}' (got {self._data.num_nodes})"
             )
 
     @classmethod

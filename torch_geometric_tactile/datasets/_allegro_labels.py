@@ -16,13 +16,15 @@ GRASP_TARGETS = {"shape": (), "width": ("width",), "centre": ("x", "y", "z"), "y
 
 
 class AllegroLabels(ObjectLabels):
-    r"""Labels with the six properties of the papers, and the targets of simulated grasps.
+    r"""Labels with the six properties of the papers and the targets of simulated grasps.
 
-    Objects that are named as in :obj:`PAPER_OBJECTS` need no labels in their metadata.
+    Objects with a name in :obj:`PAPER_OBJECTS` need no labels in their metadata.
     """
 
     def object_names(self, trials: Sequence[Trial]) -> list[str]:
-        r"""Returns the object names: those of the papers in the papers' order, then the others."""
+        r"""Returns the names of the objects: the papers' objects in the papers' order, then all
+        other objects.
+        """
         names = super().object_names(trials)
         paper_names = [name for name in PAPER_OBJECTS if name in names]
         return paper_names + [name for name in names if name not in paper_names]
@@ -55,8 +57,8 @@ class AllegroLabels(ObjectLabels):
     def extra_attributes(
         self, trials: Sequence[Trial], names: dict[str, list[str]]
     ) -> dict[str, Tensor]:
-        r"""Returns the shape, width, centre and yaw of the objects, where they are known, and adds
-        the names of the shapes to :obj:`names`.
+        r"""Returns the shape, width, centre and yaw of the objects as far as they are known, and
+        adds the names of the shapes to :obj:`names`.
         """
         names["shape"], targets = grasp_targets(trials)
         return targets
@@ -70,7 +72,7 @@ class AllegroLabels(ObjectLabels):
         return super().target(data, names, target, root)
 
     def unknown_properties(self, unknown: Sequence[str]) -> str:
-        r"""Returns the error message for objects whose properties are the target but unknown."""
+        r"""Returns the error message for objects with unknown properties as the target."""
         return (
             f"the properties of {list(unknown)} are unknown: write 0 or 1 for each of "
             f"{list(PROPERTIES)} as 'labels' into the metadata of their recordings, rename them to "
@@ -128,7 +130,7 @@ def grasp_target(data: StaticData, task: str, root: str) -> Tensor:
     if target is not None and target.isfinite().any():
         return target.clone()
     requirement = (
-        "privileged 'object_pose' and 'palm_pose' (T, 7), of objects that are no spheres"
+        "privileged 'object_pose' and 'palm_pose' (T, 7) of objects that are not spheres"
         if task in ("centre", "yaw")
         else f"'{task}' in their metadata"
     )
@@ -149,12 +151,12 @@ def _shape_and_width(trial: Trial) -> tuple[str | None, float | None]:
 
 
 def _centre_and_yaw(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
-    # Centre (T, 3) and yaw (T,) of the object in the palm's frame.
+    # Returns the centre (T, 3) and the yaw (T,) of the object in the palm's frame.
     object_pose, palm_pose = trial.pose["object_pose"], trial.pose["palm_pose"]
     R_palm_world = _quaternion_to_matrix(palm_pose[:, 3:]).transpose(0, 2, 1)
     centre = np.einsum("tij,tj->ti", R_palm_world, object_pose[:, :3] - palm_pose[:, :3])
     axis = np.einsum("tij,tj->ti", R_palm_world, _quaternion_to_matrix(object_pose[:, 3:])[:, :, 1])
-    # An axis has no direction, so that a half turn leaves the yaw as it is.
+    # An axis has no direction, so a half turn does not change the yaw.
     sign = np.where(axis[:, 1:2] < 0, -1.0, 1.0)
     return centre, np.arctan2(*(sign * axis[:, [2, 1]]).T)
 

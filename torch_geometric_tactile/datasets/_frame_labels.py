@@ -19,8 +19,8 @@ GROUPINGS = ("session", "placement", "size")
 
 
 class ObjectLabels:
-    r"""Reads objects and properties from the metadata of trials. A data set whose metadata hold
-    further labels has a subclass.
+    r"""Reads objects and properties from the metadata of trials. Data sets with further labels in
+    their metadata use a subclass.
     """
 
     def object_names(self, trials: Sequence[Trial]) -> list[str]:
@@ -59,7 +59,7 @@ class ObjectLabels:
         return properties
 
     def unknown_properties(self, unknown: Sequence[str]) -> str:
-        r"""Returns the error message for objects whose properties are the target but unknown."""
+        r"""Returns the error message for objects with unknown properties as the target."""
         return (
             f"the properties of {list(unknown)} are unknown: write 0 or 1 for each as 'labels', "
             "and the same names as 'label_names', into the metadata of all recordings"
@@ -94,7 +94,7 @@ def frame_labels(
     if all(trial.object_name is not None for trial in trials):
         group = label_numbers(objects, [trial.object_name for trial in trials])
         attributes["group"] = torch.tensor(group).repeat_interleave(num_frames)
-    # Without objects, a 'group' in the metadata is that of a split.
+    # Without objects, a 'group' in the metadata is the group of a split.
     for key in GROUPINGS if "group" in attributes else ("group", *GROUPINGS):
         values = [trial.meta.get(key) for trial in trials]
         if all(isinstance(value, str | int) and not isinstance(value, bool) for value in values):
@@ -115,13 +115,13 @@ def frame_labels(
 
 
 def _mark_unlabelled(names: list[str], y: Tensor) -> tuple[list[str], Tensor]:
-    # If there is a class 0, the label -1 stands for unlabelled frames, as in scikit-learn. Their
-    # code becomes -1, and the codes of the other classes begin with 0.
+    # If there is a class 0, the label -1 means unlabelled, as in scikit-learn. Unlabelled frames
+    # get the code -1, and the codes of the classes begin with 0.
     if names[:2] != ["-1", "0"]:
         return names, y
     _logger.warning(
-        "%d of %d frames have the label -1 beside 0, which stands for unlabelled: leave them out "
-        "with dataset[dataset.y >= 0] (or give them another label if -1 is a class)",
+        "%d of %d frames have the label -1, which means unlabelled if there is a class 0: leave "
+        "them out with dataset[dataset.y >= 0] (or use another label if -1 is a class)",
         int((y == 0).sum()),
         len(y),
     )
@@ -136,8 +136,8 @@ def _names_and_codes(values: list[Any]) -> tuple[list[str], Tensor]:
 def _property_rows(
     trials: Sequence[Trial], object_labels: ObjectLabels
 ) -> tuple[list[str], list[list[int]], list[str]]:
-    # The names of the properties, their values for each trial, and the names of the objects whose
-    # properties are unknown or are not those of the first trial.
+    # Returns the names of the properties, their values for each trial, and the names of the objects
+    # whose properties are unknown or differ from those of the first trial.
     properties = [object_labels.properties(trial) for trial in trials]
     names = next((pair[0] for pair in properties if pair is not None), ())
     rows, unknown = [], set()

@@ -26,8 +26,8 @@ _logger = logging.getLogger(__name__)
 
 
 class FrameFiles:
-    r"""Named arrays with a row for each frame, each in an anonymous temporary file that is removed
-    when the context ends. Data sets larger than memory are processed with them.
+    r"""Named arrays with a row for each frame, used to process data sets larger than memory. Each
+    array is in an anonymous temporary file, which is removed when the context ends.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -57,7 +57,7 @@ class FrameFiles:
         rows = np.ascontiguousarray(rows, dtype=self._types[name])
         remaining = rows.reshape(-1).view(np.uint8).data
         try:
-            # An unbuffered file may write only a part of the bytes, as on a full disk.
+            # An unbuffered file may write only a part of the bytes, for example on a full disk.
             while len(remaining):
                 remaining = remaining[self._files[name].write(remaining) :]
         except OSError as error:
@@ -95,8 +95,8 @@ class FrameFiles:
 
 @dataclass(frozen=True)
 class UnreadRecording:
-    r"""A recording that is read later: its file for error messages, its name, and the function that
-    reads it.
+    r"""A recording that is read later: its file (for error messages), its name, and the function
+    that reads it.
     """
 
     where: str
@@ -106,14 +106,14 @@ class UnreadRecording:
 
 @dataclass
 class _Expected:
-    # What recordings must have in common with the valid ones before them.
+    # The properties that a recording must share with the valid recordings before it.
     num_channels: int | None
     columns: dict[str, list[str]] = field(default_factory=dict)
     where: str = ""
 
 
 def raise_all(errors: Sequence[ValueError], num_recordings: int) -> None:
-    r"""Raises the errors of several recordings as one, whose message lists them.
+    r"""Raises the errors of several recordings as one error, whose message lists them.
 
     Args:
         errors (sequence of ValueError): The errors, one for each invalid recording.
@@ -121,7 +121,7 @@ def raise_all(errors: Sequence[ValueError], num_recordings: int) -> None:
     """
     if (
         len({str(error) for error in errors}) == 1
-    ):  # also of an option that no file can be read with
+    ):  # such as an option with which no file can be read
         raise errors[0]
     if errors:
         raise GroupedError(f"{len(errors)} of {num_recordings} recordings cannot be used", errors)
@@ -146,7 +146,7 @@ class FrameReader:
     ) -> tuple[Tensor, list[Trial]]:
         r"""Returns the readings of all frames, mapped from a temporary file, and the trials.
 
-        Named columns are put into the order of the first recording that names them. All recordings
+        Named columns are sorted in the order of the first recording that names them. All recordings
         are checked before an error is raised.
 
         Args:
@@ -189,8 +189,8 @@ class FrameReader:
         return x, trials
 
     def first_frame_errors(self, recordings: Sequence[UnreadRecording]) -> dict[str, ValueError]:
-        r"""Returns the errors of recordings by their files, given recordings of one frame each. The
-        names of columns that most recordings have are taken as right.
+        r"""Returns the errors of recordings by file, from recordings of one frame each. The column
+        names of the majority are assumed to be correct.
         """
         errors: dict[str, ValueError] = {}
         first_frames: list[tuple[UnreadRecording, Recording]] = []
@@ -202,7 +202,7 @@ class FrameReader:
         names = [str(sorted(chain(*column_names(r).values()))) for _, r in first_frames]
         common_names = Counter(names).most_common(1)[0][0] if names else ""
         expected = _Expected(num_channels=self.num_channels)
-        # A recording with the common names comes first, to which the others are compared.
+        # A recording with the most common names comes first; the others are compared with it.
         for i in sorted(range(len(names)), key=lambda i: names[i] != common_names):
             unread, recording = first_frames[i]
             try:
@@ -214,7 +214,7 @@ class FrameReader:
     def _check(
         self, unread: UnreadRecording, original: Recording, expected: "_Expected"
     ) -> tuple[Trial, Recording]:
-        # Checks a recording, whose columns and channels the next ones must have.
+        # Checks a recording. The next recordings must have its columns and channels.
         where = unread.where
         try:
             recording = in_column_order(original, expected.columns)
@@ -225,7 +225,7 @@ class FrameReader:
         num_channels = expected.num_channels or recording.num_channels
         if recording.num_channels != num_channels:
             raise ValueError(
-                f"{where} must have {num_channels} channels per taxel, as "
+                f"{where} must have {num_channels} channels per taxel, like "
                 f"{expected.where} (got {recording.num_channels})"
             )
         expected.columns = {**columns, **expected.columns}

@@ -18,7 +18,7 @@ _PARTS = ("train", "test")
 
 
 class ImageDataset(RawFiles):
-    r"""Base class of data sets of 32 x 32 images that are split by folds,
+    r"""Base class of data sets of 32 x 32 images that are split into folds:
     :class:`~torch_geometric_tactile.datasets.LetterShape` and
     :class:`~torch_geometric_tactile.datasets.DigitImages`. A subclass sets the attributes before it
     calls :meth:`__init__`.
@@ -49,7 +49,7 @@ class ImageDataset(RawFiles):
             raise ValueError(f"'fold' must be between 0 and {self.folds - 1} (got {self.fold})")
         is_filtered = pre_transform is not None or pre_filter is not None
         edge_index = None if self.adjacency is None else self.layout.edge_index(self.adjacency)
-        if not is_filtered:  # Otherwise the processed samples depend on the edges.
+        if not is_filtered:  # otherwise, the processed samples depend on the edges
             self.selection_args = (*self.selection_args, "adjacency")
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         if not is_filtered:

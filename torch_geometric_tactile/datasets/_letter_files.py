@@ -1,4 +1,4 @@
-r"""Reading of presses from a folder for each letter."""
+r"""Reading of presses from one folder per letter."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ from torch_geometric_tactile.io._matrix_files import read_matrices
 SIMULATION = "simulation.json"
 LAYOUT = "layout.json"
 _DATASET_FOLDERS = ("raw", "processed")  # never letters
-_ROUNDING = 1e-6  # of full scale
+_ROUNDING = 1e-6  # as a fraction of full scale
 _MAX_LISTED_FOLDERS = 10
 
 
@@ -100,8 +100,8 @@ def read_presses(
     leave_out: Callable[[str], None],
     variable: str | None = None,
 ) -> Iterator[Presses]:
-    r"""Yields the presses of each file, in order. Files and matrices with faults are left out; the
-    fault of each is passed to :obj:`leave_out`.
+    r"""Yields the presses of each file, in order. Invalid files and matrices are left out, and
+    :obj:`leave_out` is called with the reason for each.
     """
     for file in letter_files(folder, letters):
         path = folder / file
@@ -135,7 +135,7 @@ def grey_values(matrices: np.ndarray, full_scale: float) -> tuple[np.ndarray, di
     if matrices.dtype in (np.uint8, np.uint16):
         return (matrices / np.float32(np.iinfo(matrices.dtype).max)).astype(np.float32), {}
     fraction = matrices / full_scale
-    is_invalid = ~((fraction >= 0) & (fraction <= 1 + _ROUNDING))  # NaN is invalid, too
+    is_invalid = ~((fraction >= 0) & (fraction <= 1 + _ROUNDING))  # NaN is invalid as well
     faults = {}
     for i in np.flatnonzero(is_invalid.reshape(len(fraction), -1).any(axis=1)).tolist():
         place = tuple(np.argwhere(is_invalid[i])[0].tolist())

@@ -11,8 +11,8 @@ from torch_geometric_tactile.datasets._raw_files import RawFiles
 
 
 class PlacedFiles(RawFiles):
-    r"""A data set whose files are in one of several folders of :obj:`root`. The first folder that
-    has any of the files is used. A subclass lists the files of a folder.
+    r"""A data set whose files are in one of several folders in :obj:`root`. The first folder that
+    contains any of the files is used. A subclass lists the files in a folder.
     """
 
     _folders: tuple[str, ...] = ("raw", ".")
@@ -22,7 +22,7 @@ class PlacedFiles(RawFiles):
 
     @property
     def raw_dir(self) -> str:
-        r"""The folder of the files: the first of the possible folders that has any."""
+        r"""The folder of the files: the first of the possible folders that contains any."""
         places = [Path(self.root, name) for name in self._folders]
         return str(next(filter(self._files_in, places), places[0]))
 

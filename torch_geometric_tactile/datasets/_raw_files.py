@@ -16,7 +16,7 @@ from torch_geometric_tactile.datasets._root import default_root
 
 _logger = logging.getLogger(__name__)
 _END_BYTES = 1 << 16  # hashed at each end of a file
-_LONG_READING_BYTES = 20_000_000  # of all files: from this size on, reading takes seconds
+_LONG_READING_BYTES = 20_000_000  # total size above which reading takes seconds
 
 
 class RawFiles(StaticDataset):
@@ -43,17 +43,17 @@ class RawFiles(StaticDataset):
     @property
     def raw_paths(self) -> list[str]:
         r"""The paths of the raw files."""
-        folder = Path(self.raw_dir)  # Once for all names, since it may list folders.
+        folder = Path(self.raw_dir)  # computed once, since it may list folders
         return [str(folder / name) for name in self.raw_file_names]
 
     @property
     def processed_file_names(self) -> str:
-        r"""One file for all selections."""
+        r"""The processed file of all selections."""
         return self._processed_name
 
     def raw_state(self) -> list[str]:
-        r"""Returns a text for each raw file that changes with its content, see
-        :func:`file_state`.
+        r"""Returns a text for each raw file that changes with the content of the file (see
+        :func:`file_state`).
         """
         folder = Path(self.raw_dir)
         files = [name for name in self._state_names() if (folder / name).is_file()]
@@ -98,7 +98,7 @@ class RawFiles(StaticDataset):
 
 
 class PublishedFiles(RawFiles):
-    r"""A data set of files that are downloaded and verified by their checksums. A subclass sets
+    r"""A data set whose files are downloaded and verified by their checksums. A subclass sets
     :obj:`checksum`.
     """
 
@@ -119,7 +119,7 @@ class PublishedFiles(RawFiles):
 
     @property
     def processed_file_names(self) -> str:
-        r"""The processed file of all selections; unverified files have a separate one."""
+        r"""The processed file of all selections. Unverified raw files have a separate one."""
         return f"{self._processed_name}{'' if self.checksum else '_unverified'}.pt"
 
     def download(self) -> None:
@@ -172,8 +172,8 @@ def file_state(path: PathLike) -> str:
     last 64 KiB and, for files above 128 KiB, the time of the last change. The cost does not depend
     on the size of the file.
 
-    A short file that was copied or touched keeps its state. A long one counts as changed, since
-    changes in its middle are detected only by the time.
+    A short file that was copied or touched keeps its state. A long file that was copied or touched
+    counts as changed, since changes in its middle can only be detected by the time.
     """
     with Path(path).open("rb") as file:
         stat = os.fstat(file.fileno())

@@ -32,7 +32,7 @@ class RecordingTables:
     r"""The annotations, labels and metadata of recordings from CSV tables.
 
     The names of recordings in a table are relative to the folder of the table, or to the folder of
-    all recordings if the table is outside of it.
+    all recordings if the table is outside that folder.
     """
 
     def __init__(self, tables: Sequence[Path], folder: Path, recordings: Sequence[Path]) -> None:
@@ -48,7 +48,7 @@ class RecordingTables:
                     self._labels.setdefault(path, []).append((table, row))
 
     def add_to(self, recording: Recording, path: Path) -> Recording:
-        r"""Returns a recording with the annotations, label and metadata from the tables added.
+        r"""Returns a recording with the annotations, label and metadata from the tables.
 
         Raises:
             ValueError: If a table contradicts the recording.
@@ -61,7 +61,7 @@ class RecordingTables:
                 present = label if key == "label" else meta.get(key)
                 if present not in (None, value):
                     raise ValueError(
-                        f"'{path}' must have the '{key}' of '{table}', {value!r} (got "
+                        f"'{path}' must have the same '{key}' as '{table}', {value!r} (got "
                         f"{present!r} in the file): correct one of them"
                     )
                 if key == "label":
@@ -77,8 +77,8 @@ class RecordingTables:
 def _by_path(
     table: Path, rows: Mapping[str, _Row], base: Path, recordings: Sequence[Path]
 ) -> list[tuple[Path, _Row]]:
-    # The rows of a table with the paths of the recordings that they name. A name without suffix may
-    # stand for several files.
+    # Returns the rows of a table with the paths of the recordings that they name. A name without
+    # suffix may stand for several files.
     paths: dict[str, list[Path]] = {}
     for path in recordings:
         if path.is_relative_to(base):
@@ -88,7 +88,7 @@ def _by_path(
     unknown = [name for name in rows if name not in paths]
     if unknown:
         raise ValueError(
-            f"'{table}' must name recordings in '{base}', by their files with or without suffix "
+            f"'{table}' must name recordings in '{base}' by file name, with or without suffix "
             f"(got {quoted(unknown[0])}): correct the name, or delete its lines"
         )
     return [(path, row) for name, row in rows.items() for path in paths[name]]

@@ -14,7 +14,7 @@ from torch_geometric_tactile.data import Annotation, Recording
 from torch_geometric_tactile.data._annotations import OUTSIDE, annotation_of_frames, without_gaps
 from torch_geometric_tactile.sensors import TaxelLayout
 
-#: Of file names without suffix: ``mug_003`` is trial 3 of the object ``mug``.
+#: The default pattern of file names without suffix: ``mug_003`` is trial 3 of the object ``mug``.
 DEFAULT_PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
 _NAME_IN_BRACES = re.compile(r"\{([A-Za-z_]\w*)\}")
 ANNOTATION = "annotation"  # target: the label of the annotation that covers a frame
@@ -23,8 +23,8 @@ ANNOTATION = "annotation"  # target: the label of the annotation that covers a f
 @dataclass(frozen=True, eq=False)
 class Trial:
     r"""A recording without its readings, which may not fit into memory. :obj:`where` names the file
-    in error messages, and :obj:`file_names` are the names that the name of the file has, such as
-    that of a person.
+    in error messages, and :obj:`file_names` are the names in the name of the file, such as the name
+    of a person.
 
     Shapes:
         - **time:** Times in seconds :math:`(T,)`.
@@ -39,7 +39,7 @@ class Trial:
     time: np.ndarray
     joint: np.ndarray | None
     label: str | int | None
-    meta: Mapping[str, Any]  # with the names in the name of the file
+    meta: Mapping[str, Any]  # including the names in the name of the file
     privileged: Mapping[str, np.ndarray]
     object_name: str | None = None
     number: int | None = None
@@ -57,7 +57,7 @@ class Trial:
 
     @property
     def columns(self) -> dict[str, list[str]]:
-        r"""The names of the columns of readings and joint angles, where they are known."""
+        r"""The names of the columns of readings and joint angles, as far as they are known."""
         return dict(self.meta.get("column_names", {}))
 
     @property
@@ -77,7 +77,7 @@ class Trial:
         return indices[torch.from_numpy(self.phase).long()]
 
     def _target_advice(self, key: str) -> str:
-        # The end of the error message for a missing target: a target that this trial has.
+        # Returns the end of the error message for a missing target, which suggests another target.
         if key != "label" and self.label is not None:
             return f"; its label is {self.label!r}: choose target='label'"
         texts = [name for name, value in self.privileged.items() if value.dtype.kind == "U"]
@@ -161,7 +161,7 @@ def make_trial(
     for key, kind in (("synthetic", bool), ("session", str | int)):
         if not isinstance(recording.meta.get(key, kind is bool or ""), kind):
             raise ValueError(
-                f"{where} must have in its metadata '{key}' "
+                f"'{key}' in the metadata of {where} must be "
                 f"{'true or false' if kind is bool else 'a text or an integer'} "
                 f"(got {recording.meta[key]!r})"
             )
@@ -193,7 +193,8 @@ def make_trial(
 def _object_and_trial(
     where: str, meta: Mapping[str, Any], groups: Mapping[str, str], needs: Sequence[str]
 ) -> tuple[str | None, int | None]:
-    # The name of the object and the trial number, from the metadata or else from the file name.
+    # Returns the name of the object and the trial number from the metadata, or else from the file
+    # name.
     object_name, number = meta.get("object", groups.get("object")), meta.get("trial")
     if number is None and re.fullmatch("[0-9]+", groups.get("trial", "")):
         number = int(groups["trial"])
@@ -249,21 +250,21 @@ def check_compatible(trials: Sequence[Trial], unit: str | None = None) -> None:
         if trial.num_joints != trials[0].num_joints:
             raise ValueError(
                 f"{trial.where} must have {trials[0].num_joints} joint angles per frame, "
-                f"as {trials[0].where} (got {trial.num_joints})"
+                f"like {trials[0].where} (got {trial.num_joints})"
             )
     sizes = {t.where: t.action.shape[1] for t in trials if t.action is not None}
     for where, size in sizes.items():
         first, first_size = next(iter(sizes.items()))
         if size != first_size:
             raise ValueError(
-                f"{where} must have {first_size} actions per frame, as {first} (got {size})"
+                f"{where} must have {first_size} actions per frame, like {first} (got {size})"
             )
     if len(units) > 1:
         unit_texts = " and ".join(f"{name or 'none'!r} in {where}" for name, where in units.items())
         raise ValueError(
-            f"all recordings must have the same unit (got {unit_texts}): convert one of them, or "
-            "add 'unit' to its metadata, or name the unit of all recordings without one by the "
-            "argument 'unit' of the data set"
+            f"all recordings must have the same unit (got {unit_texts}): convert one of them, add "
+            "'unit' to its metadata, or pass the unit of all recordings without one as argument "
+            "'unit' of the data set"
         )
 
 

@@ -1,4 +1,4 @@
-r"""Base class of data sets of frames: files of trials, and selection of frames."""
+r"""Base class of data sets of frames: files of trials, and the selection of frames."""
 
 import copy
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ class TrialFrames(RawFiles):
     group_kind = "object"
     pattern: str
     suffixes: Sequence[str] = SUFFIXES
-    _content = "content=7"  # Increase it when the columns of the processed file change.
+    _content = "content=7"  # increase when the columns of the processed file change
     split: Any
     _indices: Any
     protocol: Protocol
@@ -64,7 +64,8 @@ class TrialFrames(RawFiles):
         return self._files_in(Path(self.raw_dir))
 
     def _files_in(self, folder: Path) -> list[str]:
-        # Sorted paths relative to the folder. With a "/" in the pattern, subfolders are searched.
+        # Returns sorted paths relative to the folder. With a "/" in the pattern, subfolders are
+        # searched as well.
         if not folder.is_dir():
             return []
         names = []
@@ -82,7 +83,7 @@ class TrialFrames(RawFiles):
         return sorted(names)
 
     def raw_state(self) -> list[str]:
-        r"""Returns a text for each file and table of the trials that changes with its content."""
+        r"""Returns a text for each file and table that changes with the content of the file."""
         tables = [f"{path.relative_to(self.root)}={file_state(path)}" for path in self._tables()]
         return [self._content, *tables, *super().raw_state()]
 
@@ -133,7 +134,7 @@ class TrialFrames(RawFiles):
             self._indices = mask.nonzero().view(-1).tolist()
 
     def _selection_mask(self) -> Tensor:
-        # Which frames are selected by stride, rate, phase and known targets (S,).
+        # Returns which frames are selected by stride, rate, phase and known targets (S,).
         mask = torch.ones(self.len(), dtype=torch.bool)
         if self.stride > 1:
             _, counts = self._data.trial.unique_consecutive(return_counts=True)
@@ -144,12 +145,12 @@ class TrialFrames(RawFiles):
             mask &= selected_at_rate(self._data.time, self._data.trial, self._selected_info)
         if self.phases is not None:
             mask &= self._phase_mask(self.phases)
-        if self._data.y.is_floating_point():  # A regression target may be NaN.
+        if self._data.y.is_floating_point():  # a regression target may be NaN
             mask &= self._data.y.view(len(mask), -1).isfinite().all(dim=1)
         return mask
 
     def _known_info(self) -> FrameInfo:
-        # The rate of the selected frames cannot be measured: use the rate before the selection.
+        # The rate of the selected frames cannot be measured; the rate before the selection is used.
         if self._selected_info is not None:
             return self._selected_info.changed(stride=1)
         (unit,) = self._names.get("unit") or (None,)
@@ -164,7 +165,7 @@ class TrialFrames(RawFiles):
         )
 
     def _tare(self) -> None:
-        # The reading at rest is measured on all frames, and subtracted before other transforms.
+        # The reading at rest is measured on all frames and subtracted before other transforms.
         if self.tare is None:
             return
         frames = copy.copy(self)
@@ -178,7 +179,7 @@ class TrialFrames(RawFiles):
         self.transform = tare if self.transform is None else Compose([tare, self.transform])
 
     def _rest_mask(self, phase: str) -> Tensor:
-        # Which frames are in the phase at rest (S,).
+        # Returns which frames are in the phase at rest (S,).
         if phase not in self.phase_names:
             raise ArgumentError(
                 Argument("tare"),
@@ -198,7 +199,7 @@ class TrialFrames(RawFiles):
 
     @property
     def _split_text(self) -> str:
-        # The arguments of the split in error messages.
+        # The arguments of the split, for error messages.
         return f"protocol='{self.protocol.describe()}'"
 
     def _split_mask(self, split: str) -> Tensor:
@@ -262,20 +263,21 @@ class TrialFrames(RawFiles):
 def draw_frames(
     candidate: Tensor, trial: Tensor, names: Sequence[str], num_draws: int, seed: int
 ) -> Tensor:
-    r"""Draws frames of each trial at random, without replacement. The frames of a trial depend only
-    on the seed, its name and its candidates, not on other trials.
+    r"""Draws frames of each trial at random, without replacement. The frames drawn from a trial
+    depend only on the seed, its name and its candidates, not on other trials.
 
     Args:
         candidate (Tensor): Which frames may be drawn.
         trial (Tensor): Trial of each frame. The frames of a trial must be consecutive.
         names (sequence of str): Names of the trials.
-        num_draws (int): Number of frames of each trial. Trials with fewer candidates keep them all.
+        num_draws (int): Number of frames of each trial. If a trial has fewer candidates, all of
+            them are drawn.
         seed (int): Seed of the draws.
 
     Shapes:
         - **candidate:** booleans :math:`(S,)`
         - **trial:** indices into :obj:`names` :math:`(S,)`
-        - **output:** Which frames are drawn, booleans :math:`(S,)`.
+        - **output:** which frames are drawn, as booleans :math:`(S,)`
     """
     mask = torch.zeros(len(candidate), dtype=torch.bool)
     for rows in _trial_slices(trial):

@@ -20,35 +20,35 @@ _SPLITS_BY = ("trial", "frame", "group", "placement", "size")
 
 
 class AllegroUSkin(RecordingFrames):
-    r"""Grasps with a right Allegro hand whose 384 taxels are XELA uSkin, as in the "Tactile Object
-    Property Recognition using Geometrical Graph Edge Features and Multi-Thread Graph Convolutional
-    Network" and the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional
-    Networks using Topological Graph Segmentation" papers. The tasks are to recognise the object, or
-    its properties: light or heavy, hard or soft, slippery or not.
+    r"""Grasps with a right Allegro hand covered with 384 XELA uSkin taxels, as in the "Tactile
+    Object Property Recognition using Geometrical Graph Edge Features and Multi-Thread Graph
+    Convolutional Network" and the "Multifingered Object Recognition with Tactile Sensors and Graph
+    Convolutional Networks using Topological Graph Segmentation" papers. The tasks are to recognise
+    the object or its properties: light or heavy, hard or soft, slippery or not.
 
     The recordings of the papers are not public. This class reads a folder of your own recordings,
-    or of simulated ones from ``tactile simulate --out FOLDER``. Each file in :obj:`root/raw` or
+    or of recordings simulated by ``tactile simulate --out FOLDER``. Each file in :obj:`root/raw` or
     :obj:`root` is one trial, in a format of
     :func:`~torch_geometric_tactile.io.write_recording`: ``.h5``, ``.hdf5``, ``.npz`` or ``.csv``. A
-    file holds:
+    file contains:
 
     * readings in counts :math:`(T, 384, 3)`, in the order of
       :func:`~torch_geometric_tactile.sensors.allegro_uskin`, and joint angles in radians
       :math:`(T, 16)`; :obj:`meta["unit"]` is :obj:`"count"` or missing;
-    * the object's name and the number of the trial in :obj:`meta["object"]` and
+    * the name of the object and the number of the trial in :obj:`meta["object"]` and
       :obj:`meta["trial"]`, or in the name of the file: ``<object>_<number>.h5``;
     * for :obj:`task="property"`, 0 or 1 for each property in :obj:`meta["labels"]`, in the order of
-      :obj:`property_names` or of :obj:`meta["label_names"]`; not needed for objects named as in
-      :func:`~torch_geometric_tactile.sim.paper8`;
+      :obj:`property_names` or of :obj:`meta["label_names"]` (not needed for objects named as in
+      :func:`~torch_geometric_tactile.sim.paper8`);
     * optionally, the integers :obj:`privileged["phase"]` with their :obj:`meta["phase_names"]`;
-    * for the other tasks, :obj:`meta["shape"]`, :obj:`meta["width"]` in metres, and
-      :obj:`privileged["object_pose"]` and :obj:`privileged["palm_pose"]`, positions and quaternions
-      :math:`(T, 7)`, as ``tactile simulate`` writes them;
+    * for the tasks other than object and property, :obj:`meta["shape"]`, :obj:`meta["width"]` in
+      metres, and the positions and quaternions :obj:`privileged["object_pose"]` and
+      :obj:`privileged["palm_pose"]` :math:`(T, 7)`, as ``tactile simulate`` writes them;
     * for splits by placement or size, texts or integers :obj:`meta["placement"]` and
       :obj:`meta["size"]`.
 
-    A sample is a frame. Beside :obj:`x` and :obj:`y` it has :obj:`joint`, :obj:`time` in seconds,
-    :obj:`trial` (the file) and :obj:`group` (the object). Where they are known, it also has
+    A sample is a frame. Besides :obj:`x` and :obj:`y`, it has :obj:`joint`, :obj:`time` in seconds,
+    :obj:`trial` (the file) and :obj:`group` (the object). If they are known, it also has
     :obj:`property`, :obj:`phase` (-1 in files without phases), :obj:`shape`, :obj:`width`,
     :obj:`centre`, :obj:`yaw`, :obj:`placement` and :obj:`size`. Missing readings stay NaN.
     Positions depend on the joint angles and are not stored; the transforms in the example below
@@ -56,7 +56,7 @@ class AllegroUSkin(RecordingFrames):
 
     All files are processed once, and again when a file is added, removed or changed.
     :obj:`task`, :obj:`split`, :obj:`adjacency`, :obj:`phases` and :obj:`stride` select from the
-    memory-mapped processed file, without a copy of the readings.
+    memory-mapped processed file without copying the readings.
 
     .. list-table:: STATS
         :header-rows: 1
@@ -68,7 +68,7 @@ class AllegroUSkin(RecordingFrames):
           - #edges
           - #features
           - #classes
-        * - as the papers describe theirs: 8 objects, about 17 s at 100 Hz
+        * - data of the papers, as described: 8 objects, about 17 s at 100 Hz
           - 80
           - ~136,000
           - 384
@@ -91,56 +91,64 @@ class AllegroUSkin(RecordingFrames):
           - 8 objects or 6 properties
 
     Args:
-        root (str or PathLike, optional): Folder of the data set. By default
+        root (str or PathLike, optional): Folder of the data set. The default is
             :obj:`$TACTILE_DATA/AllegroUSkin`, or a folder in the user's cache if that variable is
             not set.
-        task (str): Target :obj:`y`. :obj:`"object"` and :obj:`"shape"` are class indices, and
-            :obj:`"property"` is 0 or 1 for each property. The regression targets are
-            :obj:`"width"`, the object's extent between fingers and thumb in metres;
-            :obj:`"centre"`, its position in the palm's frame in metres :math:`(S, 3)`; and
-            :obj:`"yaw"`, the rotation of its long axis about the palm's normal in radians, from
-            -pi/2 to pi/2, where 0 is across the fingers. Spheres have no yaw; their frames are left
-            out with that task.
+        task (str): The target :obj:`y`:
+
+            * :obj:`"object"`, :obj:`"shape"`: a class index.
+            * :obj:`"property"`: 0 or 1 for each property.
+            * :obj:`"width"`: the extent of the object between fingers and thumb in metres.
+            * :obj:`"centre"`: the position of the object in the palm's frame in metres
+              :math:`(S, 3)`.
+            * :obj:`"yaw"`: the rotation of the object's long axis about the palm's normal in
+              radians, from -pi/2 to pi/2, where 0 is across the fingers. Spheres have no yaw; their
+              frames are left out.
         split (str, optional): :obj:`"train"`, :obj:`"val"`, :obj:`"test"`, or :obj:`None` for all
             frames.
-        split_by (str): :obj:`"trial"` holds out complete trials of each object. :obj:`"frame"`
-            holds out single frames, with optimistic results, since a test frame is nearly equal to
-            its neighbours in time. The papers do not state which of the two they used.
-            :obj:`"group"` holds out complete objects, :obj:`"placement"` placements of the hand
-            (one of nine, see :class:`~torch_geometric_tactile.sim.GraspSpread`), and :obj:`"size"`
-            all objects of the same width, rounded to centimetres.
-        fractions (tuple of float): Fractions for training, validation and test. When complete
-            trials are held out, each object has at least one training and one test trial, and a
-            validation trial if it has three or more. The second paper has :obj:`(0.6, 0.1, 0.3)`.
+        split_by (str): The unit that is held out. The papers do not state whether they split by
+            trial or by frame.
+
+            * :obj:`"trial"`: complete trials of each object.
+            * :obj:`"frame"`: single frames. The results are optimistic, since a test frame is
+              nearly equal to its neighbours in time.
+            * :obj:`"group"`: complete objects.
+            * :obj:`"placement"`: placements of the hand (one of nine, see
+              :class:`~torch_geometric_tactile.sim.GraspSpread`).
+            * :obj:`"size"`: all objects of the same width, rounded to centimetres.
+        fractions (tuple of float): Fractions for training, validation and test. If complete trials
+            are held out, each object has at least one training and one test trial, and also a
+            validation trial if it has three or more trials. The second paper uses
+            :obj:`(0.6, 0.1, 0.3)`.
         split_seed (int): Seed of the random split. The split of a frame does not depend on
             :obj:`phases`, :obj:`stride`, :obj:`rate` or :obj:`samples_per_trial`.
-        adjacency (str): Name of the edges in the layout.
+        adjacency (str): Name of an adjacency of the layout, whose edges are used.
         layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
-            layout of the package, or a layout file. By default
+            layout of the package, or a layout file. The default is
             :func:`~torch_geometric_tactile.sensors.allegro_uskin`.
         phases (sequence of str, optional): Selects the frames in these phases of the grasp.
         stride (int): Selects every :obj:`stride`-th frame of each trial.
-        rate (float, optional): Selects frames at this rate in hertz: those nearest in time to the
-            ticks of a clock that starts with the first frame of each trial.
+        rate (float, optional): Rate in hertz at which frames are selected: the frames nearest in
+            time to the ticks of a clock that starts with the first frame of each trial.
         samples_per_trial (int, optional): Number of frames of each trial, drawn at random after the
-            selections above. They depend only on :obj:`sample_seed` and the name of the trial.
+            selections above. The draw depends only on :obj:`sample_seed` and the name of the trial.
         sample_seed (int): Seed of :obj:`samples_per_trial`.
-        tare (float or str, optional): Frames at rest, whose mean reading is subtracted from all
-            frames of the same trial before :obj:`transform`: the name of a phase, such as
-            :obj:`"hover"`, or the number of seconds at the start of each trial. Frames at rest are
-            used even if they are not selected.
+        tare (float or str, optional): The frames at rest: the name of a phase, such as
+            :obj:`"hover"`, or the number of seconds at the start of each trial. Their mean reading
+            is subtracted from all frames of the same trial before :obj:`transform`. Frames at rest
+            are used even if they are not selected.
         transform (callable, optional): Applied at every access.
-        pre_transform (callable, optional): Applied once, before the samples are saved (for each
-            :obj:`task` and :obj:`adjacency`).
-        pre_filter (callable, optional): Returns whether to keep a sample, once for each
+        pre_transform (callable, optional): Applied once for each :obj:`task` and :obj:`adjacency`,
+            before the samples are saved.
+        pre_filter (callable, optional): Returns whether to keep a sample. Applied once for each
             :obj:`task` and :obj:`adjacency`.
         force_reload (bool): Whether to process the raw files again.
 
     Raises:
         FileNotFoundError: If there are no trials.
-        ValueError: If an argument is unknown or leaves no sample, a file cannot be read or does not
-            have the content above, two files hold the same trial or different properties of the
-            same object, or the target is unknown.
+        ValueError: If an argument is unknown or leaves no sample, a file cannot be read or lacks
+            the content above, two files hold the same trial or different properties of the same
+            object, or the target is unknown.
 
     Examples:
         >>> from torch_geometric.transforms import Compose
@@ -257,7 +265,7 @@ def _checked_fractions(fractions: Any) -> tuple[float, float, float]:
         is_valid = False
     if not is_valid:
         raise ValueError(
-            "'fractions' must be three numbers, not negative and the first positive, that add up "
-            f"to 1 (got {fractions})"
+            "'fractions' must be three numbers that add up to 1, the first positive and none "
+            f"negative (got {fractions})"
         )
     return train, val, test

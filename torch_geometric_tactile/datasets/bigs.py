@@ -34,7 +34,7 @@ _ROUNDING = 1e-6  # seconds
 _JOINT_SIGNALS = ("finger_joint", "robot_joint", "wrench")  # possible parts of 'joint'
 _OUTCOMES = ("failure", "success")
 _FINGERS = ("left", "middle", "right")
-# Names of the signals in the files, with the shape of a frame. None is any size.
+# Names of the signals in the files, with the shape of a frame. None allows any size.
 _SIGNALS: Mapping[str, tuple[int | None, ...]] = {
     "pressure": (len(_FINGERS),),
     "pac": (len(_FINGERS), None),
@@ -52,11 +52,11 @@ class BiGS(TrialFrames):
     object, lift it and shake it; the grasp holds or fails.
 
     **No public copy, file format or reading code of the original could be found.** This class reads
-    a neutral format of this package, HDF5 or npz with one grasp per file, which ``docs/bigs.md``
-    describes. Whoever has the original converts it with ``tactile convert bigs``.
+    a neutral format of this package: HDF5 or npz files with one grasp per file, as described in
+    ``docs/bigs.md``. If you have the original, convert it with ``tactile convert bigs``.
 
-    A sample is a frame of 19 electrodes with three channels, the left, middle and right finger, in
-    raw counts. Each frame has these attributes:
+    A sample is a frame of 19 electrodes with three channels in raw counts. The channels are the
+    left, middle and right finger. Each frame has these attributes:
 
     * :obj:`y`: 1 if the grasp succeeded (the positive class), 0 if it failed;
     * :obj:`trial` (the grasp), :obj:`group` (the object) and, if all files name one,
@@ -66,17 +66,23 @@ class BiGS(TrialFrames):
     * :obj:`phase`, an index into :obj:`phase_names`, and :obj:`slip`, which is 1 from the onset of
       slip on; both are -1 where unknown.
 
-    These signals are present if the files have them: :obj:`pressure` (counts), :obj:`pac`
-    (vibration, 22 counts per frame of 1 / 100 s), :obj:`robot_joint` (radians, 3 samples per
-    frame), :obj:`joint` (of the fingers, 3 samples per frame, concatenated), :obj:`wrench` (force
-    and torque of the wrist, newtons and newton metres) and :obj:`object_pose` (position in metres,
-    quaternion w, x, y, z). There are no edges without a :obj:`pre_transform` such as
+    These signals are present if the files contain them:
+
+    * :obj:`pressure`: counts;
+    * :obj:`pac`: vibration, 22 counts per frame of 1 / 100 s;
+    * :obj:`robot_joint`: radians, 3 samples per frame;
+    * :obj:`joint`: joint angles of the fingers, 3 samples per frame, concatenated;
+    * :obj:`wrench`: force and torque at the wrist in newtons and newton metres;
+    * :obj:`object_pose`: position in metres and quaternion w, x, y, z.
+
+    The layout has no edges. To add edges, use a :obj:`pre_transform` such as
     :class:`~torch_geometric_tactile.transforms.KNNGraph`.
 
-    The shake after the lift decides the label :obj:`y`, so a model that predicts it must not see
-    the shake. Frames later than :obj:`until` seconds after the start of the pick-up are left out.
+    The shake after the lift decides the label :obj:`y`, so a model that predicts the label must not
+    see the shake. Frames later than :obj:`until` seconds after the start of the pick-up are left
+    out.
 
-    .. list-table:: STATS, of the original as published
+    .. list-table:: STATS of the original, as published
         :header-rows: 1
 
         * - object
@@ -118,23 +124,23 @@ class BiGS(TrialFrames):
 
     Args:
         root (str or PathLike, optional): Folder of the data set. Its files are in the subfolder
-            :obj:`raw` or directly in it. They are named ``<object>_<number>.h5``, or have object
-            and trial in their metadata. By default :obj:`$TACTILE_DATA/BiGS`, or a folder in the
-            user's cache if that variable is not set.
-        fields (Mapping of str to str, optional): For files that are not in the neutral format: the
-            names of their fields for each field of
-            :class:`~torch_geometric_tactile.io.BiGSFormat`. Units and rates must be the defaults of
-            that class.
-        signals (sequence of str, optional): Which of :obj:`"pressure"`, :obj:`"pac"`,
-            :obj:`"robot_joint"`, :obj:`"finger_joint"`, :obj:`"wrench"` and :obj:`"object_pose"` to
-            read. All files must have them. By default the signals of the first file.
+            :obj:`raw` or directly in it. They are named ``<object>_<number>.h5``, or name object
+            and trial in their metadata. The default is :obj:`$TACTILE_DATA/BiGS`, or a folder in
+            the user's cache if that variable is not set.
+        fields (Mapping of str to str, optional): For files that are not in the neutral format, the
+            name in the file of each field of :class:`~torch_geometric_tactile.io.BiGSFormat`. Units
+            and rates must be the defaults of that class.
+        signals (sequence of str, optional): The signals to read: some of :obj:`"pressure"`,
+            :obj:`"pac"`, :obj:`"robot_joint"`, :obj:`"finger_joint"`, :obj:`"wrench"` and
+            :obj:`"object_pose"`. All files must contain them. The default is the signals of the
+            first file.
         joint_signals (sequence of str): The signals that are concatenated in :obj:`joint`, which
             models use as joint angles: some of :obj:`"finger_joint"`, :obj:`"robot_joint"` and
-            :obj:`"wrench"`. All files must have them, except for the default.
-        until (float, optional): End of the used frames in seconds after the start of the pick-up;
-            2 in the paper. With :obj:`None` all frames are used, including the shake. Files without
-            a pick-up time must have :obj:`ends_after_pickup` in their metadata, at most
-            :obj:`until`.
+            :obj:`"wrench"`. All files must contain them, except for the default.
+        until (float, optional): Time after the start of the pick-up, in seconds, at which the used
+            frames end; the paper uses 2. With :obj:`None`, all frames are used, including the
+            shake. Files without a pick-up time must state :obj:`ends_after_pickup` in their
+            metadata, and it must be at most :obj:`until`.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Returns whether to keep a sample.
@@ -183,7 +189,7 @@ class BiGS(TrialFrames):
 
     @property
     def processed_file_names(self) -> str:
-        r"""The processed file; each choice of :obj:`joint_signals` has a separate one."""
+        r"""The processed file. Each choice of :obj:`joint_signals` has a separate file."""
         names = (
             ""
             if tuple(self.joint_signals) == _DEFAULT_JOINT
@@ -195,7 +201,7 @@ class BiGS(TrialFrames):
         return (
             f"there are no grasps in '{self.raw_dir}' or '{self.root}': put files there, "
             f"<object>_<number> with one of {', '.join(_SUFFIXES)}. No public copy of the original "
-            "was found; whoever has it makes such files with: tactile convert bigs IN... OUT_DIR"
+            "was found; if you have it, convert it with: tactile convert bigs IN... OUT_DIR"
         )
 
     def read_trial(self, path: PathLike) -> Recording:
@@ -226,8 +232,8 @@ class BiGS(TrialFrames):
             raise ValueError(
                 f"{len(late)} grasps in '{self.root}' must have 'pickup_time' in their metadata, "
                 f"the start of the pick-up, or 'ends_after_pickup' of at most {until:g} s (got "
-                f"neither in '{late[0]}'): add it, or choose until=None, with which a model may "
-                "see the shake that decides the outcome"
+                f"neither in '{late[0]}'): add it, or choose until=None, which lets a model see "
+                "the shake that decides the outcome"
             )
         mask = unknown | (self._data.time <= pickup + until + _ROUNDING)
         if not mask.all():
@@ -335,7 +341,7 @@ class _GraspReader:
         pickup = _seconds(where, recording.meta, "pickup_time")
         if pickup is not None and not recording.time[0] <= pickup <= recording.time[-1]:
             raise ValueError(
-                f"{where} must have in its metadata a 'pickup_time' on the clock of 'time', "
+                f"{where} must have a 'pickup_time' on the clock of 'time' in its metadata, "
                 f"{float(recording.time[0])} to {float(recording.time[-1])} s (got {pickup})"
             )
         relative_pickup = math.nan if pickup is None else pickup - float(recording.time[0])
@@ -368,7 +374,7 @@ class _GraspReader:
         for name in self.signals:
             if name not in signals:
                 raise ValueError(
-                    f"{where} must hold '{name}', as the other files do (got "
+                    f"{where} must hold '{name}', like the other files (got "
                     f"{sorted(signals) or 'none'}): add it, or name the signals that all files "
                     "have, as in signals=['pressure']"
                 )
@@ -410,7 +416,7 @@ def _slip(where: str, recording: Recording) -> np.ndarray:
             f"{where} must hold 0, 1 or, where unknown, -1 for each frame in 'slip' (got "
             f"{slip.dtype} of shape {slip.shape})"
         )
-    # Some files mark only the frames in which the object moves; slip lasts from its onset on.
+    # Some files only mark frames in which the object moves; here, slip continues after its onset.
     return np.maximum.accumulate(slip.astype(np.int64))
 
 
@@ -422,7 +428,7 @@ def _checked_until(until: float | None) -> float | None:
 
 
 def _checked_names(argument: str, names: Sequence[str], options: Collection[str]) -> list[str]:
-    # A single text is an iterable of its letters, so it is an error.
+    # A single text would be read as a list of its letters, so it raises an error.
     items = [] if isinstance(names, str) else list(names)
     if isinstance(names, str) or not set(items) <= set(options) or len(set(items)) < len(items):
         raise ValueError(f"'{argument}' must be some of {[*options]} (got {names!r})")

@@ -26,18 +26,22 @@ class _Slide(NamedTuple):
 
 
 class BioTacSlide(PlacedFiles):
-    r"""The BioTac slides (`BioTac_slide_20_50 <https://github.com/dexrob/BioTac_slide_20_50>`_) of
-    the "Supervised Autoencoder Joint Learning on Heterogeneous Tactile Sensory Data: Improving
+    r"""The BioTac slides (`BioTac_slide_20_50 <https://github.com/dexrob/BioTac_slide_20_50>`_)
+    from the "Supervised Autoencoder Joint Learning on Heterogeneous Tactile Sensory Data: Improving
     Material Classification Performance" paper (Gao et al., IROS 2020). A BioTac slides over each of
     20 materials 50 times, at about 100 frames per second.
 
-    A sample is a frame of 19 electrodes with one channel. :obj:`y` is the material, ``mat1`` to
-    ``mat20``; :obj:`trial` is the slide, in the order of material and number; :obj:`time` is in
-    seconds from the start of the slide. The other signals of a frame are :obj:`pac` (22 samples of
-    vibration :math:`(S, 22)`), :obj:`pdc` (pressure), :obj:`tac` (change of temperature) and
-    :obj:`tdc` (temperature). All signals are counts. They are never negative and are near zero at
-    the end of a slide, so they are probably absolute differences from an unpublished reading at
-    rest. There are no edges without a :obj:`pre_transform`.
+    A sample is a frame of 19 electrodes with one channel. The other attributes are:
+
+    * :obj:`y`: the material, ``mat1`` to ``mat20``;
+    * :obj:`trial`: the slide, in the order of material and number;
+    * :obj:`time`: seconds from the start of the slide;
+    * :obj:`pac`: 22 samples of vibration :math:`(S, 22)`;
+    * :obj:`pdc` (pressure), :obj:`tac` (change in temperature) and :obj:`tdc` (temperature).
+
+    All signals are counts. They are never negative and are near zero at the end of a slide, so they
+    are probably absolute differences from an unpublished reading at rest. The layout has no edges;
+    add them with a :obj:`pre_transform`.
 
     .. warning::
         **The time of recording may reveal the material.** The slides over one material were
@@ -48,8 +52,8 @@ class BioTacSlide(PlacedFiles):
         same material would be recognised. All frames of a slide belong on the same side of a split:
         hold out slides with ``Protocol("trial", folds=5, stratify="y")``.
 
-    The authors publish their split as arrays in the folder ``compiled_data``, without the numbers
-    of the slides. These arrays are not read, and there is no attribute :obj:`part`.
+    The authors publish their split as arrays in the folder ``compiled_data``, without slide
+    numbers. This class does not read these arrays and has no attribute :obj:`part`.
 
     .. list-table:: STATS
         :header-rows: 1
@@ -65,7 +69,7 @@ class BioTacSlide(PlacedFiles):
           - 1
           - 20
 
-    These numbers are those of commit ``c19638b``, with 50 slides of 599 to 801 frames over each
+    These numbers refer to commit ``c19638b``. There are 50 slides of 599 to 801 frames over each
     material.
 
     The repository names no licence. The files are therefore neither downloaded nor part of this
@@ -75,8 +79,8 @@ class BioTacSlide(PlacedFiles):
         root (str or PathLike, optional): Folder of the data set. Its folders ``mat1`` to ``mat20``,
             with files ``mat<material>_<trial>_bio.csv``, are in the subfolder :obj:`raw_data` or
             :obj:`raw`, in the clone :obj:`BioTac_slide_20_50`, or directly in it. Other files are
-            ignored. By default :obj:`$TACTILE_DATA/BioTacSlide`, or a folder in the user's cache if
-            that variable is not set.
+            ignored. The default is :obj:`$TACTILE_DATA/BioTacSlide`, or a folder in the user's
+            cache if that variable is not set.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Returns whether to keep a sample.
@@ -84,8 +88,8 @@ class BioTacSlide(PlacedFiles):
 
     Raises:
         FileNotFoundError: If there are no files.
-        ValueError: If a file cannot be read or is in the folder of another material, or a slide is
-            in two files.
+        ValueError: If a file cannot be read or is in the folder of another material, or two files
+            hold the same slide.
 
     Examples:
         >>> from torch_geometric_tactile.data import Protocol

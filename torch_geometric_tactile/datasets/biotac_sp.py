@@ -29,15 +29,20 @@ _SHA256 = {
 
 
 class BioTacSP(PublishedFiles):
-    r"""The BioTac SP stability set v2 (BTS3) of the `"TactileGCN: A Graph Convolutional Network for
-    Predicting Grasp Stability with Tactile Sensors" <https://arxiv.org/abs/1901.06181>`_ paper:
+    r"""The BioTac SP stability set v2 (BTS3) from the `"TactileGCN: A Graph Convolutional Network
+    for Predicting Grasp Stability with Tactile Sensors" <https://arxiv.org/abs/1901.06181>`_ paper:
     real grasps with a Shadow hand. Each grasp has one reading of three BioTac SP fingertips, taken
     before the lift that showed whether the object slips.
 
-    A sample has 24 electrodes with three channels, the index finger, the middle finger and the
-    thumb, in raw counts. :obj:`y` is 1 if the object slipped. :obj:`group` is one of the 51
-    objects, :obj:`session` one of the six files (a palm pose for training or test), and
-    :obj:`trial` the grasp. There are no edges without a :obj:`pre_transform` such as
+    A sample has 24 electrodes with three channels in raw counts. The channels are the index finger,
+    the middle finger and the thumb. The other attributes are:
+
+    * :obj:`y`: 1 if the object slipped;
+    * :obj:`group`: one of the 51 objects;
+    * :obj:`session`: one of the six files (a palm pose for training or test);
+    * :obj:`trial`: the grasp.
+
+    The layout has no edges. To add edges, use a :obj:`pre_transform` such as
     :class:`~torch_geometric_tactile.transforms.KNNGraph`.
 
     .. list-table:: STATS
@@ -64,11 +69,11 @@ class BioTacSP(PublishedFiles):
 
     Args:
         root (str or PathLike, optional): Folder of the data set. The CSV files are in its subfolder
-            :obj:`raw`, or are downloaded there. By default :obj:`$TACTILE_DATA/BioTacSP`, or a
+            :obj:`raw`, or are downloaded there. The default is :obj:`$TACTILE_DATA/BioTacSP`, or a
             folder in the user's cache if that variable is not set.
         split (str, optional): :obj:`"train"`, :obj:`"test"` (objects that are not in the training
             split), or :obj:`None` for all samples.
-        palm (str, optional): Selects the grasps with this palm pose, :obj:`"down"`, :obj:`"side"`
+        palm (str, optional): Selects the grasps with this palm pose: :obj:`"down"`, :obj:`"side"`
             or :obj:`"45"`.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
@@ -94,7 +99,7 @@ class BioTacSP(PublishedFiles):
     _folder = "BioTacSP"
     _processed_name = "biotac_sp"
     _sha256 = _SHA256
-    num_classes = StaticDataset.num_classes  # of the selected samples, which may have one class
+    num_classes = StaticDataset.num_classes  # counts the selected samples, which may have one class
 
     def __init__(
         self,
@@ -136,8 +141,8 @@ class BioTacSP(PublishedFiles):
         return 2 * is_test[session].long()
 
     def download(self) -> None:
-        r"""Copies the raw files that are in :obj:`root` or in a folder :obj:`biotacsp` beside it,
-        downloads missing ones, and verifies their checksums.
+        r"""Copies raw files from :obj:`root` or from a folder :obj:`biotacsp` beside it, downloads
+        missing files, and verifies the checksums.
         """
         for folder in (Path(self.root), Path(self.root).parent):
             self.import_raw(folder, self.root)
@@ -165,15 +170,15 @@ class BioTacSP(PublishedFiles):
 
     @staticmethod
     def import_raw(folder: PathLike, root: PathLike) -> bool:
-        r"""Copies the raw files in a folder to :obj:`root/raw`. Files that exist there are kept.
+        r"""Copies the raw files in a folder to :obj:`root/raw`. Existing files are not overwritten.
 
         Args:
-            folder (str or PathLike): A folder with raw files, or with a subfolder :obj:`raw`,
-                :obj:`BioTacSP/raw` or :obj:`biotacsp` that has them.
+            folder (str or PathLike): A folder that contains raw files, directly or in a subfolder
+                :obj:`raw`, :obj:`BioTacSP/raw` or :obj:`biotacsp`.
             root (str or PathLike): Root of the data set.
 
         Returns:
-            bool: Whether the folder has any raw file.
+            bool: Whether the folder contains any raw file.
         """
         folder, root = (Path(os.path.expanduser(path)) for path in (folder, root))
         for inner in (".", "raw", "BioTacSP/raw", "biotacsp"):

@@ -44,20 +44,27 @@ class _Sequence(NamedTuple):
 
 
 class BioTacSPDoS(PlacedFiles):
-    r"""The BioTac SP DoS data set (`BioTacSP-DoS <https://github.com/yayaneath/BioTacSP-DoS>`_,
-    Zapata-Impata, Gil and Torres, 2018). An object is moved over one BioTac SP in a direction,
-    turned on it, or held still, for about three seconds at 100 readings per second.
+    r"""The BioTac SP DoS data set of slip directions (`BioTacSP-DoS
+    <https://github.com/yayaneath/BioTacSP-DoS>`_, Zapata-Impata, Gil and Torres, 2018). An object
+    is moved over one BioTac SP in a direction, turned on it, or held still, for about three seconds
+    at 100 readings per second.
 
-    A sample is a frame of 24 electrodes with one channel, in raw counts. :obj:`y` is the direction:
-    north, east, south, west, clockwise, anticlockwise or, without slip, touch. :obj:`trial` is the
-    sequence, :obj:`group` one of the eleven objects, and :obj:`time` is in seconds from the start,
-    at the nominal rate. There are no edges without a :obj:`pre_transform` such as
+    A sample is a frame of 24 electrodes with one channel in raw counts. The other attributes are:
+
+    * :obj:`y`: the direction, which is north, east, south, west, clockwise, anticlockwise or,
+      without slip, touch;
+    * :obj:`trial`: the sequence;
+    * :obj:`group`: one of the eleven objects;
+    * :obj:`set`: the authors' set to which the object belongs, which is basic (case, hd, pen,
+      sponge), solids (bottle, cardboard), small (brush, screw) or textures (bubbles, plate,
+      striped);
+    * :obj:`part`: 0 for the basic objects and 2 for all others. ``Protocol("given")`` uses it to
+      train on the basic objects and test on the others. This split is a choice of this package: the
+      repository names the sets but not the training objects;
+    * :obj:`time`: seconds from the start at the nominal rate.
+
+    The layout has no edges. To add edges, use a :obj:`pre_transform` such as
     :class:`~torch_geometric_tactile.transforms.KNNGraph`.
-
-    :obj:`set` is the authors' set of the object: basic (case, hd, pen, sponge), solids (bottle,
-    cardboard), small (brush, screw) or textures (bubbles, plate, striped). ``Protocol("given")``
-    uses the attribute :obj:`part`, which trains on the basic objects and tests on the others. This
-    split is a choice of this package: the repository names the sets but not the training objects.
 
     .. list-table:: STATS, as published
         :header-rows: 1
@@ -76,8 +83,8 @@ class BioTacSPDoS(PlacedFiles):
           - 11
 
     These numbers agree with commit ``8e6f398``, which has 43 or 44 sequences of each direction and
-    27 to 29 of each object, of 270 to 281 readings. The file ``s/strippes305.csv`` is counted as
-    striped.
+    27 to 29 sequences of each object. A sequence has 270 to 281 readings. The file
+    ``s/strippes305.csv`` is counted as striped.
 
     The repository names no licence. The files are therefore neither downloaded nor part of this
     package: get them with ``git clone``, and check whether you may use them.
@@ -85,7 +92,7 @@ class BioTacSPDoS(PlacedFiles):
     Args:
         root (str or PathLike, optional): Folder of the data set. Its folders ``n``, ``e``, ``s``,
             ``w``, ``cw``, ``aw`` and ``t``, with files ``<object><number>.csv``, are in the
-            subfolder :obj:`raw` or :obj:`csvs`, or directly in it. By default
+            subfolder :obj:`raw` or :obj:`csvs`, or directly in it. The default is
             :obj:`$TACTILE_DATA/BioTacSPDoS`, or a folder in the user's cache if that variable is
             not set.
         transform (callable, optional): Applied at every access.
@@ -95,8 +102,8 @@ class BioTacSPDoS(PlacedFiles):
 
     Raises:
         FileNotFoundError: If a direction has no files.
-        ValueError: If a file cannot be read or is not named as above, or a sequence is in two
-            files.
+        ValueError: If a file cannot be read or has another form of name, or two files hold the same
+            sequence.
 
     Examples:
         >>> from torch_geometric_tactile.data import Protocol
@@ -175,7 +182,7 @@ def _sequences(parent: Path) -> list[_Sequence]:
                 continue
             match = _NAME.fullmatch(path.stem)
             if match is None:
-                raise ValueError(f"'{path}' must be named <object><number>.csv, as 'bottle0.csv'")
+                raise ValueError(f"'{path}' must be named <object><number>.csv, like 'bottle0.csv'")
             object_name = _MISSPELT.get(match["object"], match["object"])
             sequences.append(
                 _Sequence(folder.name.lower(), object_name, int(match["number"]), path)

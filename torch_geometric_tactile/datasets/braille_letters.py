@@ -1,4 +1,4 @@
-r"""The data set of Braille letters read by an iCub fingertip."""
+r"""A data set of Braille letters read by an iCub fingertip."""
 
 import string
 from pathlib import Path
@@ -28,19 +28,24 @@ np.savez_compressed("braille_letters.npz", x=np.concatenate(runs), y=y, trial=tr
 
 
 class BrailleLetters(PlacedFiles):
-    r"""The Braille letters (`Zenodo 7050094 <https://zenodo.org/record/7050094>`_) of the `"Braille
-    letter reading: A benchmark for spatio-temporal pattern recognition on neuromorphic hardware"
-    <https://www.frontiersin.org/articles/10.3389/fnins.2022.951164/full>`_ paper (Müller-Cleve et
-    al., 2022). A fingertip of the iCub robot, moved by another robot, slides over 3-D printed
-    letters.
+    r"""The Braille letters (`Zenodo 7050094 <https://zenodo.org/record/7050094>`_) from the
+    `"Braille letter reading: A benchmark for spatio-temporal pattern recognition on neuromorphic
+    hardware" <https://www.frontiersin.org/articles/10.3389/fnins.2022.951164/full>`_ paper
+    (Müller-Cleve et al., 2022). A fingertip of the iCub robot, moved by another robot, slides over
+    3-D printed letters.
 
     A sample is a frame of 12 taxels with one channel, in the counts and the order of the file. The
     layout is :func:`~torch_geometric_tactile.sensors.icub_fingertip`. The order of the taxels in
-    the file is not published; it is assumed to be that of the layout. :obj:`y` is the letter, a
-    space or A to Z; :obj:`trial` is the slide; :obj:`time` is in seconds from its start, at the
-    nominal 40 frames per second if the file has no times.
-    :class:`~torch_geometric_tactile.data.Trials` and
-    :class:`~torch_geometric_tactile.data.Windows` make sequences of the frames.
+    the file is not published; this class assumes that it matches the layout. The other attributes
+    are:
+
+    * :obj:`y`: the letter, a space or A to Z;
+    * :obj:`trial`: the slide;
+    * :obj:`time`: seconds from the start of the slide, at the nominal 40 frames per second if the
+      file has no times.
+
+    Use :class:`~torch_geometric_tactile.data.Trials` or
+    :class:`~torch_geometric_tactile.data.Windows` to build sequences from the frames.
 
     **The published files are pickles, which can run arbitrary code when opened; this package never
     opens them.** Convert the raw file once, in a separate environment with pandas, to a file of
@@ -57,12 +62,12 @@ class BrailleLetters(PlacedFiles):
         np.savez_compressed("braille_letters.npz", x=np.concatenate(runs), y=y, trial=trial)
 
     .. warning::
-        All slides over a letter are repetitions with **one printed letter on one set-up**, and the
-        file lists the slides letter by letter. Splits by slide (``Protocol("trial", folds=5,
-        stratify="y")``) share prints and placements between training and test. Scores therefore
-        measure repetition, and not other prints or fingers; the data set allows no stricter split.
-        All frames of a slide belong on the same side. A third-party program treats only four of
-        the twelve taxels as nonzero (1, 2, 6 and 10, counted from 0).
+        All slides over a letter repeat **one printed letter on one set-up**, and the file lists the
+        slides letter by letter. Splits by slide (``Protocol("trial", folds=5, stratify="y")``)
+        share prints and placements between training and test. Scores therefore show how well a
+        model recognises repetitions, not other prints or fingers; the data set allows no stricter
+        split. All frames of a slide belong on the same side of a split. A third-party program
+        treats only four of the twelve taxels as nonzero (1, 2, 6 and 10, counted from 0).
 
     .. list-table:: STATS from the README; number of frames from a third-party program
         :header-rows: 1
@@ -80,28 +85,29 @@ class BrailleLetters(PlacedFiles):
           - 1
           - 27
 
-    The authors' README names 50 slides over each letter, but two third-party programs read 200
-    (5,400 in all, of 51 frames). If these are variants of 50 slides, every split has variants of
-    one slide on both sides: count the slides of each letter, and search for near copies.
+    The authors' README states 50 slides over each letter, but two third-party programs read 200
+    slides (5,400 in total, with 51 frames each). If these are variants of 50 slides, every split
+    has variants of the same slide on both sides: count the slides of each letter, and search for
+    near copies.
 
     **This class was written without access to the files and their Zenodo page.** Names and keys are
-    from the README of the authors' program, and from programs that read the files. The licence is
-    reported to be CC-BY-4.0: check the Zenodo page.
+    taken from the README of the authors' program and from programs that read the files. The licence
+    is reported to be CC-BY-4.0: check the Zenodo page.
 
     Args:
         root (str or PathLike, optional): Folder of the data set. The file
-            :obj:`braille_letters.npz` is in its subfolder :obj:`raw` or directly in it. By default
-            :obj:`$TACTILE_DATA/BrailleLetters`, or a folder in the user's cache if that variable is
-            not set.
+            :obj:`braille_letters.npz` is in its subfolder :obj:`raw` or directly in it. The default
+            is :obj:`$TACTILE_DATA/BrailleLetters`, or a folder in the user's cache if that variable
+            is not set.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Returns whether to keep a sample.
         force_reload (bool): Whether to process the raw file again.
 
     Raises:
-        FileNotFoundError: If there is no file. The message has the program that converts it.
-        ValueError: If the file cannot be read, has no letters or trials or an unknown letter, or
-            the frames of a trial are not consecutive or have several letters.
+        FileNotFoundError: If there is no file. The message contains the code that converts it.
+        ValueError: If the file cannot be read, lacks letters or trials, or has an unknown letter,
+            or the frames of a trial are not consecutive or have several letters.
 
     Examples:
         >>> from torch_geometric_tactile.data import Protocol

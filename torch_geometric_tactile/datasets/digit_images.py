@@ -38,18 +38,19 @@ _SHA256 = {
 class DigitImages(PublishedFiles, ImageDataset):
     r"""Handwritten digits as images of 32 x 32 pixels on the array of
     :class:`~torch_geometric_tactile.datasets.LetterShape`. They are real data for the same models,
-    but images of ink rather than touch.
+    but show ink rather than touch.
 
     * :obj:`"sklearn"`: the 1,797 images of 8 x 8 pixels in scikit-learn
       (:func:`sklearn.datasets.load_digits`, the test part of UCI's "Optical Recognition of
       Handwritten Digits"), enlarged four times by linear interpolation. **The writers are
-      unknown**, so that folds share writers between training and test.
-    * :obj:`"mnist"`: the 70,000 images of 28 x 28 pixels of MNIST, with a border of two black
-      pixels. Its training and test part have different writers. Both :obj:`split` without a
+      unknown**, so folds share writers between training and test.
+    * :obj:`"mnist"`: the 70,000 images of 28 x 28 pixels in MNIST, with a border of two black
+      pixels. The training and the test part have different writers. Both :obj:`split` without a
       :obj:`fold` and ``Protocol("given")`` use these parts.
 
-    A sample has grey values :obj:`x`, 0 to 1, and the digit :obj:`y`; :obj:`trial` and :obj:`group`
-    are the index of the image. :obj:`data.image` of samples and batches is a view of :obj:`x`.
+    A sample has grey values :obj:`x` from 0 to 1 and the digit :obj:`y`. :obj:`trial` and
+    :obj:`group` are the index of the image. :obj:`image` is a view of :obj:`x` as an image, also in
+    batches.
 
     .. list-table:: STATS
         :header-rows: 1
@@ -72,7 +73,7 @@ class DigitImages(PublishedFiles, ImageDataset):
 
     Args:
         root (str or PathLike, optional): Folder of the data set, only for MNIST. Its four files are
-            in the subfolder :obj:`raw`, or are downloaded there. By default
+            in the subfolder :obj:`raw`, or are downloaded there. The default is
             :obj:`$TACTILE_DATA/DigitImages`, or a folder in the user's cache if that variable is
             not set.
         fold (int, optional): Index of the test fold.
@@ -80,8 +81,8 @@ class DigitImages(PublishedFiles, ImageDataset):
         source (str): :obj:`"sklearn"` or :obj:`"mnist"`.
         folds (int): Number of folds. They are stratified by digit.
         split_seed (int): Seed of the random split.
-        adjacency (str, optional): :obj:`"original"` joins four neighbours, :obj:`"dense"` joins
-            eight. There are no edges with :obj:`None`.
+        adjacency (str, optional): The edges: :obj:`"original"` connects each pixel to four
+            neighbours, :obj:`"dense"` to eight. With :obj:`None`, there are no edges.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Returns whether to keep a sample.

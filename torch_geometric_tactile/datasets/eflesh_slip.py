@@ -18,37 +18,44 @@ _BOARDS, _NUM_MAGNETOMETERS = ("first", "second"), 5
 
 
 def _published_hashes() -> dict[str, str]:
-    # From the file eflesh_slip.sha256 beside this one, in the format of "sha256sum".
+    # Read from the file eflesh_slip.sha256 beside this file, in the format of "sha256sum".
     lines = Path(__file__).with_suffix(".sha256").read_text("ascii").splitlines()
     return {name: checksum for checksum, name in map(str.split, lines)}
 
 
 class EFleshSlip(PublishedFiles):
-    r"""The slip sequences of the "eFlesh: Highly customizable Magnetic Touch Sensing using Cut-Cell
-    Microstructures" paper (Pattabiraman et al., 2025). A gripper has a magnetic skin over five
-    magnetometers on each of its two fingers. The object between them is pulled until it slips, or
-    is held.
+    r"""The slip sequences from the "eFlesh: Highly customizable Magnetic Touch Sensing using
+    Cut-Cell Microstructures" paper (Pattabiraman et al., 2025). A gripper has a magnetic skin over
+    five magnetometers on each of its two fingers. The object between them is pulled until it slips,
+    or is held.
 
-    A sample is a frame of ten magnetometers with three channels, as the boards sent them (the files
-    name no unit). :obj:`y` is 0 for hold and 1 for slip, the same for all frames of a sequence;
-    :obj:`trial` is one of the 137 sequences of 300 frames, :obj:`step` the index of the frame in
-    its sequence, and :obj:`time` is in seconds from its start at the nominal 100 Hz.
-    ``Trials(dataset)`` has one sample for each sequence. :obj:`session` is the run in which a
-    sequence was recorded.
+    A sample is a frame of ten magnetometers with three channels, as sent by the boards (the files
+    name no unit). The other attributes are:
+
+    * :obj:`y`: 0 for hold and 1 for slip, the same for all frames of a sequence;
+    * :obj:`trial`: one of the 137 sequences of 300 frames;
+    * :obj:`step`: the index of the frame in its sequence;
+    * :obj:`time`: seconds from the start of the sequence, at the nominal 100 Hz;
+    * :obj:`session`: the run in which a sequence was recorded;
+    * :obj:`part`: 0 for training and 2 for test, see the warning.
+
+    ``Trials(dataset)`` has one sample for each sequence.
 
     The positions of the magnetometers are not published with the data. The layout is an assumption
     of this package: two :obj:`"anyskin"` boards, in the order of the columns.
 
     .. warning::
-        The sequences were recorded in three runs of **one label each**: 86 slip, 34 hold, 17 slip.
-        Drift reveals the run, and with it the label. In random folds by sequence, a random forest
-        on only the *first* frame, before any slip, is correct in 98.8 % of the sequences (5 folds,
-        3 seeds; ``studies/split_traps.py``). ``Protocol("given")`` (:obj:`part`) trains on the
-        first run of slip and the first half of the holds, and tests on the remaining sequences,
-        so that training and test share no run of slip. There the first frame alone reaches
-        50.0 %, and a random forest on mean and deviation of the channels, minus the first ten
-        frames, 98.0 % (34 test sequences, 3 seeds). With a single run of hold no stricter split
-        exists, and the task is too easy to rank models; use it to test pipelines of windows.
+        The sequences were recorded in three runs with **one label each**: 86 slip, 34 hold, 17
+        slip. Drift reveals the run, and with it the label. In random folds by sequence, a random
+        forest that sees only the *first* frame, before any slip, is correct in 98.8 % of the
+        sequences (5 folds, 3 seeds; ``studies/split_traps.py``).
+
+        ``Protocol("given")`` uses :obj:`part`: it trains on the first run of slip and the first
+        half of the holds, and tests on the remaining sequences, so that training and test share no
+        run of slip. In this split, the first frame alone reaches 50.0 %. A random forest on mean
+        and deviation of the channels, minus the first ten frames, reaches 98.0 % (34 test
+        sequences, 3 seeds). With a single run of hold, no stricter split exists. The task is too
+        easy to rank models; use it to test pipelines of windows.
 
     .. list-table:: STATS
         :header-rows: 1
@@ -71,8 +78,8 @@ class EFleshSlip(PublishedFiles):
     Args:
         root (str or PathLike, optional): Folder of the data set. Its files :obj:`labels` and
             :obj:`seq_0.pt` to :obj:`seq_136.pt` are directly in it or in the subfolder :obj:`raw`,
-            or are downloaded there. By default :obj:`$TACTILE_DATA/EFleshSlip`, or a folder in the
-            user's cache if that variable is not set.
+            or are downloaded there. The default is :obj:`$TACTILE_DATA/EFleshSlip`, or a folder in
+            the user's cache if that variable is not set.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Returns whether to keep a sample.
@@ -132,7 +139,7 @@ class EFleshSlip(PublishedFiles):
         num_frames = [len(sequence) for sequence in sequences]
         session = torch.zeros_like(label)
         session[1:] = (label[1:] != label[:-1]).cumsum(0)
-        # The training part is the first run, and the first half of the second, the only hold.
+        # The training part is the first run and the first half of the second, the only run of hold.
         is_second_run = (session == 1).long()
         is_train = (session == 0) | (
             (is_second_run == 1) & (is_second_run.cumsum(0) <= is_second_run.sum() // 2)

@@ -15,27 +15,28 @@ _SESSIONS = ("palm_down", "palm_side", "palm_45")
 
 
 class FakeTactileDataset(StaticDataset):
-    r"""Generated grasps in the form of :class:`~torch_geometric_tactile.datasets.BioTacSP`, for
-    tests, examples and machines without network access.
+    r"""A data set of simulated grasps with the attributes of
+    :class:`~torch_geometric_tactile.datasets.BioTacSP`, for tests, examples and machines without
+    network access.
 
-    The readings are simulated by :obj:`simulate_grasps`. The test
-    split has other objects and other sessions than the training split.
+    The readings are simulated by :obj:`simulate_grasps`. The test split has other objects and other
+    sessions than the training split.
 
-    The edges are those of the layout. The layout of a BioTac SP has no edges: add some with
+    The edges are taken from the layout. The layout of a BioTac SP has no edges; add some with
     ``pre_transform=KNNGraph(k=4)`` (see :class:`~torch_geometric_tactile.transforms.KNNGraph`).
 
     Args:
-        num_samples (int): Number of grasps of each split, rounded up to the same number for every
-            object.
+        num_samples (int): Number of grasps in each split, rounded up so that all objects have the
+            same number.
         split (str, optional): :obj:`"train"`, :obj:`"test"`, or :obj:`None` for all samples.
-        layout (TaxelLayout, optional): The fingertip, by default a BioTac SP.
+        layout (TaxelLayout, optional): The fingertip; a BioTac SP by default.
         num_objects (int): Number of objects.
         num_fingers (int): Number of fingers.
         seed (int): Seed of the random numbers.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once.
         pre_filter (callable, optional): Returns whether to keep a sample.
-        num_test (int, optional): Number of test grasps, by default :obj:`num_samples`.
+        num_test (int, optional): Number of test grasps; :obj:`num_samples` by default.
 
     Raises:
         ValueError: If :obj:`split` is unknown or a number is below one.
@@ -118,7 +119,7 @@ class FakeTactileDataset(StaticDataset):
             sessions=len(_SESSIONS),
             num_fingers=self.num_fingers,
             seed=2 * self.seed + offset,
-            pose_seed=self.seed,  # Both splits have sessions with the same palm poses.
+            pose_seed=self.seed,  # both splits have the same palm poses
         )
         return (
             torch.from_numpy(grasps.reading),

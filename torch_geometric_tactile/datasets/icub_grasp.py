@@ -26,26 +26,30 @@ class _TrialFile(NamedTuple):
 
 
 class ICubGrasp(PlacedFiles):
-    r"""The iCub Grasp data set of the "Online Spatio-Temporal Gaussian Process Experts with
+    r"""The iCub Grasp data set from the "Online Spatio-Temporal Gaussian Process Experts with
     Application to Tactile Classification" paper (Soh, Su and Demiris, IROS 2012): real grasps of
-    ten everyday objects with a hand of the iCub robot, and of the empty hand.
+    ten everyday objects with a hand of the iCub robot, and recordings of the empty hand.
 
     A sample is a frame of 60 taxels (thumb, index, middle, ring and little finger, twelve each)
-    with one channel, in raw counts. :obj:`joint` has nine joint angles in radians, iCub's joints 7
-    to 15: spread of the fingers, opposition of the thumb, its two angles, two each of index and
-    middle finger, and one of ring and little finger together. :obj:`y` and :obj:`group` are the
-    object, :obj:`trial` the file, and :obj:`step` the index of the frame in its trial. The files
-    hold no times. Untouched taxels read 239 to 249 of 255. Pressure lowers the reading, down to
-    142; with :obj:`contact`, :obj:`x` is 255 minus the reading.
+    with one channel in raw counts. Untouched taxels read 239 to 249 of 255. Pressure lowers the
+    reading, down to 142; with :obj:`contact`, :obj:`x` is 255 minus the reading. The files contain
+    no times. The other attributes are:
+
+    * :obj:`y`, :obj:`group`: the object;
+    * :obj:`trial`: the file;
+    * :obj:`step`: the index of the frame in its trial;
+    * :obj:`joint`: nine joint angles in radians, iCub's joints 7 to 15: spread of the fingers,
+      opposition of the thumb, two angles each of the thumb, the index and the middle finger, and
+      one of the ring and little finger together.
 
     .. warning::
         Use this data set to test formats and pipelines; **it cannot rank models.** A random forest
-        on only the *first* frame of a trial recognises the object in 100.0 % of the trials, from
-        the encoders alone in 99.2 %, from the taxels alone in 99.3 % (203 trials, 10 classes, 5
-        folds by trial, stratified, 3 seeds; ``studies/split_traps.py``). The trials of an object
-        are too similar: most joints start within a degree of each other, and some fingers already
-        touch it. All frames of a trial belong on the same side of a split, but even such a split is
-        too easy.
+        that sees only the *first* frame of a trial recognises the object in 100.0 % of the trials,
+        in 99.2 % from the encoders alone, and in 99.3 % from the taxels alone (203 trials, 10
+        classes, 5 folds by trial, stratified, 3 seeds; ``studies/split_traps.py``). The trials of
+        an object are too similar: most joints start within a degree of each other, and some fingers
+        already touch the object. All frames of a trial belong on the same side of a split, but even
+        such a split is too easy.
 
     .. list-table:: STATS
         :header-rows: 1
@@ -57,7 +61,7 @@ class ICubGrasp(PlacedFiles):
           - #edges
           - #features
           - #classes
-        * - without the unreliable one
+        * - without the unreliable object
           - 203
           - 2,520
           - 60
@@ -73,14 +77,14 @@ class ICubGrasp(PlacedFiles):
           - 11
 
     The files are neither downloaded nor part of this package. The author publishes them on
-    `haroldsoh.com <http://www.haroldsoh.com>`_; they are free to use with their notice and a
+    `haroldsoh.com <http://www.haroldsoh.com>`_. They are free to use with the author's notice and a
     citation.
 
     Args:
         root (str or PathLike, optional): Folder of the data set. Its files, named
             ``<object>_<number>.txt``, are in the subfolder :obj:`raw` or :obj:`iCubGraspDataset`,
-            or directly in it. By default :obj:`$TACTILE_DATA/ICubGrasp`, or a folder in the user's
-            cache if that variable is not set.
+            or directly in it. The default is :obj:`$TACTILE_DATA/ICubGrasp`, or a folder in the
+            user's cache if that variable is not set.
         unreliable (bool): Whether to include the object ``full_coke``, whose data "should not be
             considered reliable" according to their author.
         contact (bool): Whether :obj:`x` is 255 minus the reading, so that it grows with pressure.
@@ -91,7 +95,7 @@ class ICubGrasp(PlacedFiles):
 
     Raises:
         FileNotFoundError: If there are no files.
-        ValueError: If a file cannot be read, two files hold the same trial, or all trials are of
+        ValueError: If a file cannot be read, two files hold the same trial, or all trials are with
             the unreliable object.
 
     Examples:
@@ -125,8 +129,8 @@ class ICubGrasp(PlacedFiles):
             is_reliable = self._data.group != unreliable_index
             if not is_reliable.any():
                 raise ValueError(
-                    f"'{self.root}' must hold trials of other objects than '{_UNRELIABLE}' (got "
-                    "none): add them, or choose unreliable=True"
+                    f"'{self.root}' must hold trials of objects other than '{_UNRELIABLE}' (got "
+                    "none): add some, or choose unreliable=True"
                 )
             self._data = self._data.index_select(is_reliable)
 
@@ -135,9 +139,7 @@ class ICubGrasp(PlacedFiles):
 
     @property
     def processed_file_names(self) -> str:
-        r"""The processed file, with all objects; readings with :obj:`contact` have a separate
-        one.
-        """
+        r"""The processed file of all objects. Readings with :obj:`contact` have a separate file."""
         return "icub_grasp_contact.pt" if self.contact else "icub_grasp.pt"
 
     @property
@@ -163,7 +165,7 @@ class ICubGrasp(PlacedFiles):
         check_unique_trials(
             (f[:2], f"trial {f.number} of '{f.object_name}'", f"'{f.path}'") for f in files
         )
-        # The unreliable object is the last class, so that the data set without it has no gap.
+        # The unreliable object is the last class, so that the classes have no gap without it.
         objects = sorted({file.object_name for file in files}, key=lambda n: (n == _UNRELIABLE, n))
         trials = [read_icub_grasp_txt(file.path) for file in files]
         num_frames = [len(trial.reading) for trial in trials]

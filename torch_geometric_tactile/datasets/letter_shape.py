@@ -1,4 +1,4 @@
-r"""The data set of letters pressed on a taxel array."""
+r"""A data set of letters pressed on a taxel array."""
 
 import hashlib
 import logging
@@ -39,7 +39,7 @@ from torch_geometric_tactile.transforms import (
 )
 
 _Inversion = Literal["grey", "mirror"]
-_CONTENT = "content=2"  # Increase it when the columns of the processed file change.
+_CONTENT = "content=2"  # increase when the columns of the processed file change
 _MAX_LOGGED_FAULTS = 10
 _GRID_TOLERANCE = 1e-6  # metres
 _logger = logging.getLogger(__name__)
@@ -51,32 +51,36 @@ class LetterShape(ImageDataset):
     2020, 20, 5822).
 
     **The recordings of the paper are not public.** This class reads a folder of your own
-    recordings, or of simulated ones from ``tactile simulate --objects letters``.
+    recordings, or of presses simulated by ``tactile simulate --objects letters``.
 
-    The folder has a folder for each letter, :obj:`A` to :obj:`Z`, with files of matrices:
+    The folder has a subfolder for each letter, :obj:`A` to :obj:`Z`, with files of matrices:
 
     * ``.csv``, ``.png``: one matrix of 32 x 32,
     * ``.npy``, ``.mat``: one matrix, or a stack of matrices :math:`(n, 32, 32)`.
 
     Numbers of type uint8 or uint16, as in PNG files, are fractions of full scale. All other numbers
-    are pressures in the unit of :obj:`full_scale`. Files that cannot be read or have another size
-    are left out, as are matrices with a missing reading (NaN), a negative pressure or a pressure
-    above full scale. A warning reports their number, and :obj:`left_out` lists their faults.
+    are pressures in the unit of :obj:`full_scale`. Unreadable files and files of another size are
+    left out. Matrices with a missing reading (NaN), a negative pressure or a pressure above full
+    scale are left out as well. A warning reports their number, and :obj:`left_out` lists the
+    reasons.
 
-    A sample is a press or an augmented copy of a press. :obj:`x` are pressures as grey values, 0 to
-    1; :obj:`y` is the letter; :obj:`trial` and :obj:`group` are the index of the press, which its
-    copies share; and :obj:`copy` is 0 for the recorded press. (Use :obj:`dataset.column("copy")`
-    for all samples, since :obj:`dataset.copy` is a method.) :obj:`data.image` of samples and
-    batches is a view of :obj:`x` as an image.
+    A sample is a press or an augmented copy of a press:
+
+    * :obj:`x`: pressures as grey values from 0 to 1;
+    * :obj:`y`: the letter;
+    * :obj:`trial`, :obj:`group`: the index of the press, which its copies share;
+    * :obj:`copy`: 0 for the recorded press. For all samples, use :obj:`dataset.column("copy")`,
+      since :obj:`dataset.copy` is a method;
+    * :obj:`image`: a view of :obj:`x` as an image, also in batches.
 
     Copies are shifted by up to 3 pixels (on grids only), stretched in contrast, and inverted with a
     probability of 0.5. The paper names translation, "random inversion" and contrast enhancement;
     their sizes and order are choices of this package. Copies of a press must be on the same side of
-    a split. :obj:`fold` ensures this: it is the split of ``Protocol("trial", folds=5,
+    a split. :obj:`fold` ensures this, since it uses the split of ``Protocol("trial", folds=5,
     stratify="y")``. Test parts include the copies of their presses. Use :obj:`copies=1` for the
     same folds without copies.
 
-    .. list-table:: STATS, of the original as published
+    .. list-table:: STATS of the original, as published
         :header-rows: 1
 
         * - #letters
@@ -92,13 +96,13 @@ class LetterShape(ImageDataset):
           - 1
           - 26
 
-    The folder may have a file :obj:`layout.json` for another sensor, written by
-    :meth:`TaxelLayout.save <torch_geometric_tactile.sensors.TaxelLayout.save>`. Then the files are
-    npy files of its :math:`N` readings, :math:`(N,)` or :math:`(n, N)`.
+    For another sensor, the folder has a file :obj:`layout.json`, written by
+    :meth:`TaxelLayout.save <torch_geometric_tactile.sensors.TaxelLayout.save>`. The other files
+    are then npy files with the :math:`N` readings of that sensor, :math:`(N,)` or :math:`(n, N)`.
 
     Args:
         root (str or PathLike, optional): Folder of the data set. The folders of the letters are in
-            its subfolder :obj:`raw` or directly in it. By default
+            its subfolder :obj:`raw` or directly in it. The default is
             :obj:`$TACTILE_DATA/LetterShape`, or a folder in the user's cache if that variable is
             not set.
         fold (int, optional): Index of the test fold.
@@ -106,18 +110,18 @@ class LetterShape(ImageDataset):
             all samples.
         folds (int): Number of folds. They are stratified by letter.
         split_seed (int): Seed of the random split.
-        copies (int): Number of samples of each press: the recorded press, and augmented copies.
-        inversion (str, optional): Meaning of "random inversion": :obj:`"grey"` swaps black and
+        copies (int): Number of samples of each press: the recorded press and its augmented copies.
+        inversion (str, optional): The meaning of "random inversion": :obj:`"grey"` swaps black and
             white (:class:`~torch_geometric_tactile.transforms.RandomInversion`), :obj:`"mirror"`
             swaps left and right (:class:`~torch_geometric_tactile.transforms.RandomMirror`), and
             :obj:`None` is no inversion.
-        augment (callable, optional): Transform that makes the copies. By default
+        augment (callable, optional): The transform that creates the copies. The default is
             :func:`letter_augmentation`.
-        augment_seed (int): Seed of the augmentation. The copies of a file do not depend on other
+        augment_seed (int): Seed of the augmentation. The copies in a file do not depend on other
             files.
-        adjacency (str, optional): Name of the edges in the layout: :obj:`"original"` joins four
-            neighbours, :obj:`"dense"` joins eight. There are no edges with :obj:`None`.
-        full_scale (float): Pressure with the grey value 1, in kilopascal as in the files.
+        adjacency (str, optional): The edges: :obj:`"original"` connects each pixel to four
+            neighbours, :obj:`"dense"` to eight. With :obj:`None`, there are no edges.
+        full_scale (float): Pressure of the grey value 1 in kilopascals, as in the files.
         letters (sequence of str, optional): Names of the folders, if they are not letters.
         layout (TaxelLayout or str or PathLike, optional): The taxels, if there is no
             :obj:`layout.json`.
@@ -173,7 +177,7 @@ class LetterShape(ImageDataset):
         self.adjacency = adjacency
         self.layout = _load_layout(letter_folder(root), layout)
         self.inversion = inversion
-        # Built in any case, so that an invalid 'inversion' is an error beside 'augment', too.
+        # Always built, so that an invalid 'inversion' is an error even if 'augment' replaces it.
         default_augment = letter_augmentation(inversion, layout=self.layout)
         self.augment = default_augment if augment is None else augment
         self.augment_seed = augment_seed
@@ -192,7 +196,7 @@ class LetterShape(ImageDataset):
 
     @property
     def processed_file_names(self) -> str:
-        r"""The processed file of all folds. Each number of copies has a separate one."""
+        r"""The processed file of all folds. Each number of copies has a separate file."""
         return f"letter_shape_{self.copies}.pt"
 
     def raw_state(self) -> list[str]:
@@ -210,12 +214,12 @@ class LetterShape(ImageDataset):
             raise FileNotFoundError(
                 f"there are no letters in '{self.raw_dir}': put a folder for each letter there, "
                 f"'{self.letters[0]}' to '{self.letters[-1]}', with CSV, npy, PNG or MAT files of "
-                "its presses. The original is not public; simulated presses are made by: tactile "
+                "its presses. The original is not public; to simulate presses, run: tactile "
                 "simulate --objects letters"
             )
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
-        r"""Reads all presses and makes their copies."""
+        r"""Reads all presses and creates their copies."""
         folder = Path(self.raw_dir)
         check_folders(folder, self.letters)
         synthetic = is_synthetic(folder)
@@ -260,7 +264,7 @@ class LetterShape(ImageDataset):
             )
 
     def _with_copies(self, presses: Presses) -> Tensor:
-        # The readings (n * copies, N, 1), where each press is followed by its augmented copies.
+        # Returns the readings (n * copies, N, 1); each press is followed by its augmented copies.
         data = StaticData(x=torch.from_numpy(presses.grey).unsqueeze(-1))
         readings = [data.x]
         # A seed for each file, so that its copies do not change when files are added.
@@ -274,7 +278,7 @@ class LetterShape(ImageDataset):
 
     @property
     def left_out(self) -> list[str]:
-        r"""The faults of the files and matrices that are left out, with their names."""
+        r"""The files and matrices that are left out, each with the reason."""
         return list(self._names["left_out"])
 
     @property
@@ -283,8 +287,8 @@ class LetterShape(ImageDataset):
         return bool(self._names["synthetic"])
 
     def get_summary(self) -> "_LetterSummary":
-        r"""Collects summary statistics of this selection: those of PyG, the numbers of presses and
-        of samples of each letter, and the files that are left out.
+        r"""Returns summary statistics of this selection: PyG's statistics, the numbers of presses
+        and samples of each letter, and the files that are left out.
         """
         return _LetterSummary.from_letters(self)
 
@@ -302,7 +306,7 @@ class _LetterSummary(Summary):
 
     @classmethod
     def from_letters(cls, dataset: LetterShape) -> Self:
-        r"""Collects the summary of a selection. Samples are not loaded one by one, since all have
+        r"""Returns the summary of a selection. Samples are not loaded one by one, since all have
         the same numbers of nodes and edges.
         """
         y, trial = dataset.column("y"), dataset.column("trial")
@@ -365,9 +369,9 @@ def letter_augmentation(
         inversion (str, optional): :obj:`"grey"`, :obj:`"mirror"` or :obj:`None`.
         shift (int): Largest translation in pixels, along rows and along columns.
         contrast (float): Largest factor of contrast, above 1.
-        layout (TaxelLayout, optional): The taxels, by default the 32 x 32 array. The translation is
-            left out unless they are a grid without gaps and with equal distances, since a taxel may
-            have no neighbour to take its reading from.
+        layout (TaxelLayout, optional): The taxels; the 32 x 32 array by default. The translation is
+            left out unless the taxels form a regular grid without gaps, since otherwise a taxel may
+            have no neighbour from which to take its reading.
 
     Raises:
         ValueError: If an argument is invalid, or the layout cannot be mirrored.
@@ -395,8 +399,8 @@ def letter_augmentation(
 
 
 def _is_full_grid(layout: TaxelLayout) -> bool:
-    # Whether each cell of the image map has a taxel, and the positions are an affine function of
-    # row and column, which is fitted by least squares.
+    # Returns whether each cell of the image map has a taxel and the positions are an affine
+    # function of row and column, which is fitted by least squares.
     if layout.image_map is None:
         return False
     rows, columns = (layout.image_map.amax(dim=0) + 1).tolist()

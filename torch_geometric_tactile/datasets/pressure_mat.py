@@ -1,4 +1,4 @@
-r"""The data set of persons who lie on a pressure mat."""
+r"""A data set of persons who lie on a pressure mat."""
 
 from typing import Literal
 
@@ -20,39 +20,39 @@ _SIDE_I |= {"13": "right", "14": "left"}
 _SIDE_II = {"C": "right", "D": "left", "E1": "right", "E2": "right", "E3": "left", "E4": "left"}
 _SIDE_II |= {"E5": "right", "E6": "left"}
 _NAMED_SECTIONS = "BCDEF"  # sections of experiment II whose postures the description names
-_NUM_SKIPPED_FRAMES = 3  # at the start of a file of experiment I, which has glitches there
+_NUM_SKIPPED_FRAMES = 3  # at the start of each file of experiment I, where there are glitches
 _PITCH = 0.0254  # metres
 _NUM_COLUMNS = {"i": 32, "ii": 27}
-# The checksum of the list of checksums in the zip file, since the zip file may be packed again.
+# The checksum of the list of checksums in the zip file, since the archive may be packed again.
 _SHA256 = {"pmd-1.0.0.zip": "ef1511cd7dfde50b2c2438022ab486c264ad93e93263a63852a3a9884d086262"}
 
 
 class PressureMat(PublishedFiles):
-    r"""The pressure mat data of the "A Pressure Map Dataset for Posture and Subject Analytics"
+    r"""The pressure mat data from the "A Pressure Map Dataset for Posture and Subject Analytics"
     paper (Pouyan, Birjandtalab, Heydarzadeh, Nourani and Ostadabbas, 2017), `PhysioNet's pmd 1.0.0
     <https://physionet.org/content/pmd/1.0.0/>`_. Persons lie on a bed in prescribed postures.
 
-    A sample is a frame of pressures, in raw counts of the mat. :obj:`group` is the person, and
+    A sample is a frame of pressures in raw counts of the mat. :obj:`group` is the person, and
     :obj:`trial` the file.
 
-    * **Experiment I**: 13 persons in 17 postures, 64 x 32 cells, 1 frame per second for about two
-      minutes per posture. **The first three frames of each file are left out**: the first is nearly
-      empty, the second is a glitch, and the third sometimes is. :obj:`step` and :obj:`time` count
-      from the fourth frame. The description states readings of 0 to 1,000, but 0.1 % of the
-      readings are above, up to 4,095.
-    * **Experiment II**: 8 persons in 29 postures on an air and a sponge mattress
-      (:obj:`session`), 64 x 27 cells of another mat. Each posture has one frame, the mean of about
-      twenty. Three frames of one person, whose postures the description does not name, are left
-      out.
+    * **Experiment I** has 13 persons in 17 postures on 64 x 32 cells, with 1 frame per second for
+      about two minutes per posture. **The first three frames of each file are left out**: the first
+      is nearly empty, the second is a glitch, and the third is sometimes a glitch. :obj:`step` and
+      :obj:`time` count from the fourth frame. According to the description, readings range from 0
+      to 1,000, but 0.1 % of the readings are higher, up to 4,095.
+    * **Experiment II** has 8 persons in 29 postures on an air and a sponge mattress
+      (:obj:`session`), on 64 x 27 cells of another mat. Each posture has one frame, the mean of
+      about twenty. Three frames of one person are left out, since the description does not name
+      their postures.
 
     Frames are oriented as published: the head is at the first row in experiment I and at the last
     row in experiment II. The cells of the layout are 2.54 cm apart, a common size of such mats; the
-    data set names no size.
+    data set does not state the size.
 
     .. warning::
-        Frames of one file are nearly identical, and in use the *person* is new: hold out
+        Frames of one file are nearly identical, and a system in use meets new *persons*: hold out
         :obj:`group`. In five random folds of frames, a random forest recognises 99.9 % of the
-        postures; for new persons it recognises 85.6 % of the postures and 98.2 % of the sides
+        postures; for new persons, it recognises 85.6 % of the postures and 98.2 % of the sides
         (experiment I, every eighth frame, thirteen folds, one seed; ``studies/split_traps.py``).
 
     .. list-table:: STATS
@@ -83,10 +83,11 @@ class PressureMat(PublishedFiles):
     Args:
         root (str or PathLike, optional): Folder of the data set. Its zip file
             :obj:`pmd-1.0.0.zip` is directly in it or in the subfolder :obj:`raw`, or is downloaded
-            there (31 MB). By default :obj:`$TACTILE_DATA/PressureMat`, or a folder in the user's
-            cache if that variable is not set.
+            there (31 MB). The default is :obj:`$TACTILE_DATA/PressureMat`, or a folder in the
+            user's cache if that variable is not set.
         experiment (str): :obj:`"i"` or :obj:`"ii"`.
-        target (str): Label :obj:`y`: :obj:`"posture"`, or :obj:`"side"` (supine, left or right).
+        target (str): The label :obj:`y`: :obj:`"posture"`, or :obj:`"side"` (supine, left or
+            right).
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Returns whether to keep a sample.

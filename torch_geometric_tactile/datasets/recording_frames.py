@@ -55,28 +55,34 @@ _logger = logging.getLogger(__name__)
 
 
 class RecordingFrames(TrialFrames):
-    r"""The frames of a folder of recordings, or of recordings in memory, for any layout, any number
-    of channels and any number of joints (or none). A sample is a frame.
+    r"""A data set of the frames of recordings, from a folder or in memory. A sample is a frame. The
+    layout, the number of channels and the number of joints (or none) are arbitrary.
 
     Each file in :obj:`root/raw` or :obj:`root` is one trial, in a format of
     :func:`~torch_geometric_tactile.io.read_recording`: ``.h5``, ``.hdf5``, ``.npz``, ``.mcap`` or
-    ``.csv``. Beside :obj:`x` and :obj:`y` a sample has :obj:`trial` (the file) and :obj:`time` in
-    seconds. If they are known for all files, it also has :obj:`joint`, :obj:`action`, :obj:`group`
-    (the object), :obj:`session`, :obj:`placement` (of the hand), :obj:`size` (of the object) and
-    :obj:`property`. :obj:`phase` is -1 in files without phases. Missing readings stay NaN. If the
-    layout has one link, the samples share its :obj:`pos` and :obj:`normal`. Those of a hand depend
-    on the joint angles; :class:`~torch_geometric_tactile.transforms.TaxelPose` computes them.
+    ``.csv``. A sample has these attributes:
+
+    * :obj:`x`, :obj:`y`, :obj:`trial` (the file) and :obj:`time` in seconds;
+    * if they are known for all files: :obj:`joint`, :obj:`action`, :obj:`group` (the object),
+      :obj:`session`, :obj:`placement` (of the hand), :obj:`size` (of the object) and
+      :obj:`property`;
+    * :obj:`phase`, which is -1 in files without phases;
+    * the shared :obj:`pos` and :obj:`normal` of the layout, if it has one link. On a hand, they
+      depend on the joint angles; :class:`~torch_geometric_tactile.transforms.TaxelPose` computes
+      them.
+
+    Missing readings stay NaN.
 
     The object, the trial number and other metadata are read from the metadata of a recording or
     from its file name: with the default :obj:`pattern`, ``mug_003.csv`` is trial 3 of the object
-    ``mug``. Two CSV files beside the recordings, or in :obj:`root`, may add to them:
-    ``annotations.csv`` with the columns ``recording``, ``start``, ``end`` and ``label``, and
-    ``labels.csv`` with ``recording``, ``label`` and further columns of metadata. They must not
-    contradict the recordings.
+    ``mug``. Two CSV files beside the recordings or in :obj:`root` can supply further metadata:
+    ``annotations.csv`` has the columns ``recording``, ``start``, ``end`` and ``label``;
+    ``labels.csv`` has ``recording``, ``label`` and further columns. The tables must not contradict
+    the recordings.
 
     All files are processed once, and again when a file is added, removed or changed.
-    :obj:`split`, :obj:`phases` and :obj:`stride` select from the memory-mapped processed file,
-    without a copy of the readings.
+    :obj:`split`, :obj:`phases` and :obj:`stride` select from the memory-mapped processed file
+    without copying the readings.
 
     Args:
         root (str or PathLike, optional): Folder of the data set.
@@ -84,50 +90,54 @@ class RecordingFrames(TrialFrames):
             package, or a layout file.
         recordings (sequence of Recording, optional): Recordings in memory, in place of
             :obj:`root`.
-        target (str): Label :obj:`y`. :obj:`"object"` is an index into :obj:`group_names`;
-            :obj:`"property"` is 0 or 1 for each of the :obj:`"label_names"` in the metadata, from
-            their :obj:`"labels"`; :obj:`"label"` is the label of the recording;
-            :obj:`"annotation"` is the label of the annotation that covers a frame, or
-            :obj:`"none"`. Any other key is looked up frame by frame in :obj:`privileged`, where
-            :func:`~torch_geometric_tactile.io.read_recording` puts label columns, then in the
-            metadata and the groups of :obj:`pattern`.
+        target (str): The label :obj:`y`:
+
+            * :obj:`"object"`: an index into :obj:`group_names`.
+            * :obj:`"property"`: 0 or 1 for each of the :obj:`"label_names"` in the metadata, as
+              given in :obj:`"labels"`.
+            * :obj:`"label"`: the label of the recording.
+            * :obj:`"annotation"`: the label of the annotation that covers a frame, or
+              :obj:`"none"`.
+            * Any other key is looked up frame by frame in :obj:`privileged`, where
+              :func:`~torch_geometric_tactile.io.read_recording` stores label columns, then in the
+              metadata and the groups of :obj:`pattern`.
         split (str, optional): :obj:`"train"`, :obj:`"val"`, :obj:`"test"`, or :obj:`None` for all
             frames.
-        protocol (Protocol, optional): The split. By default complete trials are held out,
-            stratified by class if there are enough.
+        protocol (Protocol, optional): The split. By default, complete trials are held out,
+            stratified by class if each class has enough trials.
         split_seed (int): Seed of the random split. The split of a frame does not depend on
             :obj:`phases`, :obj:`stride`, :obj:`rate` or :obj:`samples_per_trial`.
         fold (int): Index of the test fold, for a protocol with folds.
-        adjacency (str, optional): Name of the edges in the layout. By default :obj:`"original"`, or
-            the only ones. If the layout has no edges, use a :obj:`pre_transform` such as
-            :class:`~torch_geometric_tactile.transforms.KNNGraph`.
+        adjacency (str, optional): Name of an adjacency of the layout, whose edges are used. The
+            default is :obj:`"original"`, or the only adjacency. If the layout has no edges, use a
+            :obj:`pre_transform` such as :class:`~torch_geometric_tactile.transforms.KNNGraph`.
         phases (sequence of str, optional): Selects the frames in these phases, from
             :obj:`privileged["phase"]` and :obj:`meta["phase_names"]`.
         stride (int): Selects every :obj:`stride`-th frame of each trial.
-        rate (float, optional): Selects frames at this rate in hertz: those nearest in time to the
-            ticks of a clock that starts with the first frame of each trial.
+        rate (float, optional): Rate in hertz at which frames are selected: the frames nearest in
+            time to the ticks of a clock that starts with the first frame of each trial.
         samples_per_trial (int, optional): Number of frames of each trial, drawn at random after the
-            selections above. They depend only on :obj:`sample_seed` and the name of the trial.
+            selections above. The draw depends only on :obj:`sample_seed` and the name of the trial.
         sample_seed (int): Seed of :obj:`samples_per_trial`.
-        pattern (str): Regular expression for the full name of a file without its suffix. Its named
-            groups, such as :obj:`object`, :obj:`trial`, :obj:`session`, :obj:`label` and
-            :obj:`person`, are metadata of the recording, and units of
+        pattern (str): Regular expression that matches the full name of a file without its suffix.
+            Its named groups, such as :obj:`object`, :obj:`trial`, :obj:`session`, :obj:`label` and
+            :obj:`person`, become metadata of the recording, and units of
             :class:`~torch_geometric_tactile.data.Protocol`. Names in braces are a short form:
-            :obj:`"{person}_{object}_{trial}"`, where a trial is a number. If it contains a
+            :obj:`"{person}_{object}_{trial}"`, where a trial is a number. If the pattern contains a
             :obj:`"/"`, files in subfolders are read as well, and names begin with their folders.
         read_options (Mapping, optional): Options of
             :func:`~torch_geometric_tactile.io.read_recording`, such as the names of columns. If
             expressions select the columns, all files use the column order of the first file.
-        unit (str, optional): Unit of recordings without a unit in their metadata:
-            :obj:`"count"`, :obj:`"newton"` or :obj:`"microtesla"`. If it is left out, either all
+        unit (str, optional): Unit of recordings that name no unit in their metadata:
+            :obj:`"count"`, :obj:`"newton"` or :obj:`"microtesla"`. If left out, either all
             recordings or none must name a unit.
-        resample (float, optional): Rate in hertz to which all recordings are resampled first, see
-            :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`. Windows
-            of recordings with different rates need it.
-        tare (float or str, optional): Frames at rest, whose mean reading is subtracted from all
-            frames of the same trial before :obj:`transform`: the name of a phase, such as
-            :obj:`"hover"`, or the number of seconds at the start of each trial. Frames at rest are
-            used even if they are not selected.
+        resample (float, optional): Rate in hertz to which all recordings are resampled first by
+            :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`. Required
+            for windows of recordings with different rates.
+        tare (float or str, optional): The frames at rest: the name of a phase, such as
+            :obj:`"hover"`, or the number of seconds at the start of each trial. Their mean reading
+            is subtracted from all frames of the same trial before :obj:`transform`. Frames at rest
+            are used even if they are not selected.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Returns whether to keep a sample.
@@ -135,12 +145,16 @@ class RecordingFrames(TrialFrames):
 
     Raises:
         FileNotFoundError: If there are no recordings.
-        ValueError: If an argument is unknown or leaves no sample; a recording cannot be read, does
-            not fit the layout, or has other channels, joints or another unit than the others; the
-            target of a recording is unknown; two recordings hold the same trial or different
-            properties of the same object; a table names a missing file or contradicts a recording;
-            or annotations with different labels overlap on a frame of the target
-            :obj:`"annotation"`.
+        ValueError: If
+
+            * an argument is unknown or leaves no sample,
+            * a recording cannot be read, does not fit the layout, or differs from the others in its
+              channels, joints or unit,
+            * the target of a recording is unknown,
+            * two recordings hold the same trial, or different properties of the same object,
+            * a table names a missing file or contradicts a recording, or
+            * annotations with different labels overlap on a frame and the target is
+              :obj:`"annotation"`.
 
     Examples:
         >>> import numpy as np
@@ -244,8 +258,9 @@ class RecordingFrames(TrialFrames):
         return self.pre_transform is not None or self.pre_filter is not None
 
     def _set_after_loading(self) -> tuple[str, ...]:
-        # The arguments that do not change the processed file: edges and stored targets, unless a
-        # filter or transform has used them. A layout with several links stores no positions either.
+        # Returns the arguments that do not change the processed file: edges and stored targets,
+        # unless a filter or transform uses them. With several links, the layout is not stored
+        # either, since there are no positions.
         if self._is_filtered:
             return ()
         target = ("target", "task") if self.target in self._stored else ()
@@ -253,7 +268,8 @@ class RecordingFrames(TrialFrames):
         return ("adjacency", *target, *layout)
 
     def read_trial(self, path: PathLike) -> Recording:
-        r"""Reads the recording in a file. A subclass may override it to read another format.
+        r"""Reads the recording in a file. A subclass can override this method to read another
+        format.
 
         Args:
             path (str or PathLike): The file.
@@ -263,7 +279,7 @@ class RecordingFrames(TrialFrames):
         if self.target != column or column == "label" or recording.label is None:
             return recording
         # A label column with the same text in all frames is read as the label of the recording.
-        # Restore the column, so that such files have the target frame by frame as well.
+        # The column is restored, so that such files also have the target frame by frame.
         labels = np.full(recording.num_frames, recording.label)
         return replace(recording, privileged={**recording.privileged, self.target: labels})
 
@@ -285,7 +301,7 @@ class RecordingFrames(TrialFrames):
         x, trials = reader.read([*map(self._resampled, unread)], folder, errors)
         target = None if self.target in self._stored else self.target
         names, labels = frame_labels(trials, self._labels, target)
-        for trial in reversed(trials):  # The first trial that names its columns comes last.
+        for trial in reversed(trials):  # the first trial that names its columns overrides the rest
             names |= {f"{key}_columns": columns for key, columns in trial.columns.items()}
         unit = trials[0].meta.get("unit", self.unit)
         names["unit"] = [] if unit is None else [unit]
@@ -301,8 +317,8 @@ class RecordingFrames(TrialFrames):
         return data, names
 
     def _first_frame_errors(self, reader: FrameReader) -> dict[str, ValueError]:
-        # Wrong columns of CSV files are found before long files are read. A subclass may read
-        # another format.
+        # Checks the columns of CSV files before long files are read. A subclass may read another
+        # format, which is not checked.
         if type(self).read_trial is not RecordingFrames.read_trial:
             return {}
         paths = [Path(path) for path in self.raw_paths if path.lower().endswith(".csv")]
@@ -315,7 +331,7 @@ class RecordingFrames(TrialFrames):
             for path in paths
         ]
         errors = reader.first_frame_errors(first_frames)
-        # Short files are read nevertheless, so that one list has the errors in their other lines.
+        # Short files are read anyway, so that one list shows the errors in their other lines, too.
         if sum(path.stat().st_size for path in paths) > _MAX_BYTES_TO_LIST_ALL_ERRORS:
             raise_all([*errors.values()], len(paths))
         return errors
@@ -334,16 +350,16 @@ class RecordingFrames(TrialFrames):
 
     @property
     def file_options(self) -> dict[str, Any]:
-        r"""The options of :func:`~torch_geometric_tactile.io.read_recording` to read another file
-        with the columns of this data set: :obj:`read_options`, where the ordered names of the
-        columns replace expressions.
+        r"""The options with which :func:`~torch_geometric_tactile.io.read_recording` reads another
+        file with the columns of this data set: :obj:`read_options`, with the ordered names of the
+        columns in place of expressions.
         """
         columns = {key: self._names.get(f"{key}_columns") for key in ("tactile", "joint")}
         return {**self.read_options, **{key: names for key, names in columns.items() if names}}
 
     @property
     def named_units(self) -> list[str]:
-        r"""The groups of :obj:`pattern` by which samples may be split, besides object and trial."""
+        r"""The groups of :obj:`pattern` by which samples can be split, besides object and trial."""
         other_groups = ("object", "trial", "label", self.target)
         return [name for name in re.compile(self.pattern).groupindex if name not in other_groups]
 
@@ -356,7 +372,8 @@ class RecordingFrames(TrialFrames):
 
 
 def _read_first_frame(path: Path, options: Mapping[str, Any]) -> Recording:
-    # A file with another suffix than its content may be of any format, which is read whole.
+    # Only CSV files are read in part. A file whose suffix does not match its content may have any
+    # format and is read completely.
     is_csv = select_format(path, options).endswith("CSV")
     return read_recording(path, **{**options, **({"num_frames": 1} if is_csv else {})})
 
@@ -377,12 +394,12 @@ def _check_arguments(
 
 
 def _warn_of_names(trials: Sequence[Trial], pattern: str) -> None:
-    # The default pattern need not match, since most recordings hold their metadata.
+    # The default pattern need not match, since most recordings contain their metadata.
     unmatched = [trial.where for trial in trials if re.fullmatch(pattern, trial.name) is None]
     if unmatched and pattern != DEFAULT_PATTERN:
         _logger.warning(
-            "%d of %d file names do not match the pattern '%s', which gives their recordings no "
-            "metadata: %s",
+            "%d of %d file names do not match the pattern '%s', so their recordings get no "
+            "metadata from it: %s",
             len(unmatched),
             len(trials),
             pattern,

@@ -28,38 +28,41 @@ _PITCH = 0.005  # metres
 _PARTS = {"train": 0, "val": 1, "validation": 1, "test": 2, "0": 0, "1": 1, "2": 2}
 _SAMPLE_ARRAYS = ("x", "y", "trial", "group", "session", "set", "part", "time", "joint")
 _SHARED_ARRAYS = ("class_names", "pos", "normal", "edge_index")
-_MAX_FLOAT_CLASSES = 50  # More integers in floating point are a regression target.
+_MAX_FLOAT_CLASSES = 50  # more different integers in floating point are a regression target
 _TASKS = ("auto", "multiclass", "regression")
 _logger = logging.getLogger(__name__)
 
 
 class SamplesFile(StaticDataset):
-    r"""The labelled samples of an npz file of plain arrays, as :func:`numpy.savez` writes them;
-    :func:`~torch_geometric_tactile.io.read_samples_npz` lists their names. Other arrays of texts or
-    integers :math:`(S,)`, such as :obj:`person`, are units by which
-    :class:`~torch_geometric_tactile.data.Protocol` can split the samples.
+    r"""A data set of labelled samples from an npz file of plain arrays, such as
+    :func:`numpy.savez` writes. :func:`~torch_geometric_tactile.io.read_samples_npz` lists the names
+    of the arrays. Further arrays of texts or integers :math:`(S,)`, such as :obj:`person`, are
+    units by which :class:`~torch_geometric_tactile.data.Protocol` can split the samples.
 
-    Readings :obj:`x` are :math:`(S, N)`, :math:`(S, N, F)`, or :math:`(S, N, \ldots)` with all
-    further dimensions (time, axes) as channels; for a grid also :math:`(S, rows, cols)` and
-    :math:`(S, rows, cols, \ldots)`. Missing readings are NaN.
+    **Readings** :obj:`x` have shape :math:`(S, N)`, :math:`(S, N, F)` or :math:`(S, N, \ldots)`,
+    where all further dimensions (time, axes) become channels. On a grid, they may also have shape
+    :math:`(S, rows, cols)` or :math:`(S, rows, cols, \ldots)`. Missing readings are NaN.
 
-    Labels :obj:`y` that are names, integers (any codes) or booleans are classes, which are numbered
-    in sorted order; floating-point numbers are a regression target. By default, up to 50 different
-    integers in floating point are classes as well, and a warning reports it; :obj:`task` selects
-    one or the other. Spellings of one class are joined (:obj:`"slip"` and :obj:`"Slip "`, 1 and
-    :obj:`"1"`). If there is a class 0, samples with the number -1 are unlabelled and left out; a
-    warning reports their number.
+    **Labels** :obj:`y`:
+
+    * Names, integers (any codes) and booleans are classes, numbered in sorted order.
+    * Floating-point numbers are a regression target. By default, up to 50 different integers in
+      floating point are classes instead, and a warning is logged; set :obj:`task` to choose.
+    * Different spellings of a class are merged, such as :obj:`"slip"` and :obj:`"Slip "`, or 1 and
+      :obj:`"1"`.
+    * If there is a class 0, samples with the label -1 are unlabelled and left out. A warning
+      reports their number.
 
     Args:
         path (str or PathLike): The file.
         layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
-            layout of the package, or a layout file. By default the :obj:`grid`, or the positions
-            :obj:`pos` in the file.
+            layout of the package, or a layout file. The default is the :obj:`grid`, or a layout
+            with the positions :obj:`pos` in the file.
         grid (str, optional): Rows and columns of a planar array, such as :obj:`"28x50"`.
         pitch (float): Distance between neighbouring taxels of the grid in metres.
         task (str): :obj:`"multiclass"`, :obj:`"regression"`, or :obj:`"auto"`.
-        time_axis (int, optional): For samples that are windows: the dimension of :obj:`x` that is
-            time, where dimension 0 is the samples. The samples then have :obj:`num_frames`.
+        time_axis (int, optional): The dimension of :obj:`x` that is time, if the samples are
+            windows. Dimension 0 is the samples. The samples then have :obj:`num_frames`.
         transform (callable, optional): Applied at every access.
 
     Raises:
@@ -109,7 +112,7 @@ class SamplesFile(StaticDataset):
             super().__init__(None, transform)
         except ValueError as error:
             raise with_context(f"'{self.path}': ", error) from error
-        self._content = None  # The arrays are in the data set now.
+        self._content = None  # the arrays are now stored in the data set
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Returns all samples."""
@@ -137,8 +140,8 @@ class SamplesFile(StaticDataset):
 
 
 def _is_unit(key: str) -> bool:
-    # Whether a further array is a unit by which samples are split; not if it has the name of an
-    # attribute with another meaning.
+    # Returns whether a further array is a unit by which samples can be split. An array with the
+    # name of an attribute that has another meaning is no unit.
     level = KNOWN_ATTRIBUTES.get(key)
     is_reserved = isinstance(getattr(StaticData, key, None), property) or level is not None
     return key not in (*_SAMPLE_ARRAYS, *_SHARED_ARRAYS) and not is_reserved
@@ -154,8 +157,8 @@ def _drop_unlabelled(content: dict[str, np.ndarray], task: str, path: str) -> di
         return content
     is_labelled = y != -1
     _logger.warning(
-        "'%s': %d of %d samples have the label -1 beside 0, which stands for unlabelled: they are "
-        "left out (write -1 as a text in 'y' if it is a class)",
+        "'%s': %d of %d samples have the label -1, which means unlabelled if there is a class 0: "
+        "they are left out (write -1 as a text in 'y' if it is a class)",
         path,
         num_samples - int(is_labelled.sum()),
         num_samples,
@@ -213,7 +216,7 @@ def _time_last(x: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _taxels_first(x: np.ndarray, layout: TaxelLayout, size: tuple[int, int] | None) -> np.ndarray:
-    # Readings as (S, N, C) in single precision.
+    # Returns the readings as (S, N, C) in single precision.
     num_taxels = layout.num_taxels
     if size is not None and x.shape[1:3] == size:
         x = x.reshape(len(x), num_taxels, *x.shape[3:])
@@ -229,8 +232,8 @@ def _taxels_first(x: np.ndarray, layout: TaxelLayout, size: tuple[int, int] | No
     if np.isinf(x).any():
         sample, taxel, _ = np.argwhere(np.isinf(x))[0].tolist()
         raise ValueError(
-            f"'x' must hold finite readings below 1e38, and NaN for missing ones (got infinity in "
-            f"sample {sample}, taxel {taxel})"
+            f"'x' must hold finite readings below 1e38, or NaN where one is missing (got infinity "
+            f"in sample {sample}, taxel {taxel})"
         )
     return x
 
@@ -238,7 +241,7 @@ def _taxels_first(x: np.ndarray, layout: TaxelLayout, size: tuple[int, int] | No
 def _target(
     y: np.ndarray, task: str, class_names: np.ndarray | None, path: str
 ) -> tuple[Tensor, list[str]]:
-    # The labels, and the names of the classes. A regression target has no names.
+    # Returns the labels and the names of the classes. A regression target has no names.
     if y.ndim > 1 and y[0].size == 1:
         y = y.reshape(len(y))
     is_float = y.dtype.kind == "f"
@@ -253,14 +256,14 @@ def _target(
             task = "multiclass"
             _logger.warning(
                 "'%s': 'y' holds %d different integers, which are used as classes; "
-                "the task 'regression' uses them as numbers",
+                "set the task to 'regression' to use them as numbers",
                 path,
                 len(np.unique(y)),
             )
     if task == "regression":
         if y.dtype.kind not in "biuf" or y.ndim > 2:
             raise ValueError(
-                f"'y' must hold one number or a row of numbers per sample for regression (got "
+                f"'y' must hold one number or one row of numbers per sample for regression (got "
                 f"{y.dtype} of shape {y.shape})"
             )
         return torch.from_numpy(y.astype(np.float32)), []
@@ -296,7 +299,7 @@ def _names_and_codes(key: str, values: np.ndarray) -> tuple[list[str], Tensor]:
             "leave out such samples"
         )
     unique, first, inverse = np.unique(values, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # The first spelling of a class is its name.
+    order = np.argsort(first)  # the first spelling of a class becomes its name
     names, codes = number_labels(unique[order].tolist())
     code_of_unique = np.empty(len(unique), dtype=np.int64)
     code_of_unique[order] = codes

@@ -1,4 +1,4 @@
-r"""The Sparsh-skin data set of objects in an Allegro hand with uSkin."""
+r"""The Sparsh-skin data set of objects handled by an Allegro hand with uSkin."""
 
 from pathlib import Path
 from typing import Literal
@@ -34,23 +34,28 @@ class SparshSkin(PlacedFiles):
 
     A sample is a frame of 368 taxels (see
     :func:`~torch_geometric_tactile.sensors.allegro_uskin_368`) with three channels in raw counts.
-    The mean of the recording of the untouched hand is subtracted, as the authors do. :obj:`joint`
-    has the 16 joint angles in radians, and :obj:`time` is in seconds as published, from the start
-    of the episode. :obj:`trial` is the episode. :obj:`y` and :obj:`group` are the object; each
-    folder with numbered episodes is one object. Positions depend on the joint angles and are not
-    stored; :class:`~torch_geometric_tactile.transforms.TaxelPose` computes them for each batch.
+    As in the authors' code, the mean of the recording of the untouched hand is subtracted. The
+    other attributes are:
+
+    * :obj:`joint`: the 16 joint angles in radians;
+    * :obj:`time`: seconds from the start of the episode, as published;
+    * :obj:`trial`: the episode;
+    * :obj:`y`, :obj:`group`: the object. Each folder with numbered episodes is one object.
+
+    Positions depend on the joint angles and are not stored;
+    :class:`~torch_geometric_tactile.transforms.TaxelPose` computes them for each batch.
 
     .. warning::
         Consecutive frames of an episode are near copies, so **a split by frame tests on training
-        data**. Hold out episodes with ``Protocol("trial", stratify="group")``. It is unknown
-        whether all episodes of an object were recorded one after the other, so that drift or the
-        scene reveals the object, and whether any split tests another day or hand.
+        data**. Hold out episodes with ``Protocol("trial", stratify="group")``. If all episodes of
+        an object were recorded one after the other, drift or the scene may reveal the object; this
+        is unknown. It is also unknown whether any split tests another day or hand.
 
-        **Taxels within a patch may be permuted**, and so may the three patches of the palm: see
-        :func:`~torch_geometric_tactile.io.read_sparsh_skin`. Digits and phalanges are those of the
-        authors' list and are correct for models of digits and patches. Before you rely on results
-        that need the fine geometry (edge features, positions within a patch, images), compare with
-        :obj:`pretraining/urdf` of the data set.
+        **Taxels within a patch may be permuted**, and the three patches of the palm may be permuted
+        as well: see :func:`~torch_geometric_tactile.io.read_sparsh_skin`. Digits and phalanges
+        follow the authors' list and are correct for models of digits and patches. Before you rely
+        on results that need the fine geometry (edge features, positions within a patch, images),
+        compare it with :obj:`pretraining/urdf` in the data set.
 
     .. list-table:: STATS, as published, at 10 frames a second
         :header-rows: 1
@@ -68,32 +73,32 @@ class SparshSkin(PlacedFiles):
           - 3
           - 14
 
-    At the full rate of 100 Hz, with :obj:`rate=None`, these are about 1.4 million frames of 4.4 kB,
-    or 6.4 GB. Processing holds them in memory twice. At 10 Hz it needs a tenth of that.
+    At the full rate of 100 Hz, with :obj:`rate=None`, there are about 1.4 million frames of 4.4 kB,
+    or 6.4 GB. Processing holds them in memory twice. At 10 Hz, it needs a tenth of this memory.
 
     **This class was written without access to the files**, and no results were measured on them.
-    The format is that of the authors' published converter and loaders (data at commit
-    ``fc1d668``), the numbers above are stated by the authors or follow from their statements, and
-    the tests use generated files. :class:`~torch_geometric_tactile.transforms.TaxelPose` assumes
-    the order of the joints and a right hand; whether the files agree with both is unknown.
+    The format is taken from the authors' published converter and loaders (data at commit
+    ``fc1d668``). The numbers above are stated by the authors or follow from their statements. The
+    tests use generated files. :class:`~torch_geometric_tactile.transforms.TaxelPose` assumes an
+    order of the joints and a right hand; it is unknown whether the files agree with both.
 
     **Check the licence** on the card of the data set before use; it was not checked for this class
-    (other data sets of the same project are CC BY-NC 4.0). Nothing is downloaded, for that reason
-    and because the complete data set has 54.3 GB. The error for missing files has the command that
-    downloads the needed files.
+    (other data sets of the same project are CC BY-NC 4.0). For this reason, and because the
+    complete data set has 54.3 GB, nothing is downloaded. The error message for missing files
+    contains the command that downloads the required files.
 
     Args:
         root (str or PathLike, optional): Folder of the data set. The objects are in the subfolder
-            :obj:`pretraining` or :obj:`xela/pretraining/extracted` of it or of its subfolder
-            :obj:`raw`, or directly in it. By default :obj:`$TACTILE_DATA/SparshSkin`, or a folder
-            in the user's cache if that variable is not set.
-        rate (float, optional): Selects frames at this rate in hertz: those nearest in time to the
-            ticks of a clock that starts with the first frame of each episode. :obj:`None` selects
-            all frames.
+            :obj:`pretraining` or :obj:`xela/pretraining/extracted`, of this folder or of its
+            subfolder :obj:`raw`, or directly in it. The default is :obj:`$TACTILE_DATA/SparshSkin`,
+            or a folder in the user's cache if that variable is not set.
+        rate (float, optional): Rate in hertz at which frames are selected: the frames nearest in
+            time to the ticks of a clock that starts with the first frame of each episode.
+            :obj:`None` selects all frames.
         tare (str, optional): :obj:`"baseline"` subtracts the mean of the recording in
-            :obj:`pretraining/baseline`; :obj:`None` keeps counts.
-        adjacency (str): Name of the edges in the layout. They are a choice of this package; no
-            paper defines edges for this hand.
+            :obj:`pretraining/baseline`; :obj:`None` leaves the counts unchanged.
+        adjacency (str): Name of an adjacency of the layout, whose edges are used. The edges are a
+            choice of this package; no paper defines edges for this hand.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Returns whether to keep a sample.
@@ -149,7 +154,7 @@ class SparshSkin(PlacedFiles):
 
     @property
     def processed_file_names(self) -> str:
-        r"""The processed file. Each rate, tare and adjacency has a separate one."""
+        r"""The processed file. Each rate, tare and adjacency has a separate file."""
         rate = "all" if self.rate is None else f"{self.rate:g}"
         return f"sparsh_skin_{rate}_{self.tare or 'counts'}_{self.adjacency}.pt"
 
@@ -192,7 +197,7 @@ class SparshSkin(PlacedFiles):
         return data, names
 
     def _rate_mask(self, time: np.ndarray) -> np.ndarray:
-        # Which frames of an episode are selected by the rate (T,).
+        # Returns which frames of an episode are selected by the rate (T,).
         if self.rate is None:
             return np.ones(len(time), dtype=bool)
         self._recorded_rate = measure_rate(time).rate
@@ -206,21 +211,20 @@ class SparshSkin(PlacedFiles):
         return FrameInfo(rate=None if rate is None else float(rate), selected_rate=self.rate)
 
     def _rest_reading(self, folder: Path) -> np.ndarray:
-        # The mean reading of the untouched hand (368, 3), or zeros without tare.
+        # Returns the mean reading of the untouched hand (368, 3), or zeros without tare.
         if self.tare is None:
             return np.zeros(3, dtype=np.float32)
         if not (folder / _BASELINE / _TACTILE_FILE).is_file():
             raise FileNotFoundError(
-                f"'{folder / _BASELINE / _TACTILE_FILE}' does not exist, whose mean 'tare' "
-                f"subtracts: download it with\n  {_DOWNLOAD_COMMAND}\nor pass 'tare=None' for "
-                "counts"
+                f"'{folder / _BASELINE / _TACTILE_FILE}' does not exist; 'tare' subtracts its "
+                f"mean: download it with\n  {_DOWNLOAD_COMMAND}\nor pass 'tare=None' for counts"
             )
         readings = read_sparsh_skin(folder / _BASELINE, joints=False).tactile
         return readings.mean(axis=0, dtype=np.float64).astype(np.float32)
 
 
 def _episodes(folder: Path) -> list[Path]:
-    # Numbered folders with tactile readings, sorted by object and number.
+    # Returns the numbered folders with tactile readings, sorted by object and number.
     folders = [path.parents[1] for path in folder.glob(f"*/*/{_TACTILE_FILE}")]
     numbered = [path for path in folders if path.name.isdecimal()]
     return sorted(numbered, key=lambda path: (path.parent.name, int(path.name)))

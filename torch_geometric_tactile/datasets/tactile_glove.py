@@ -25,29 +25,33 @@ _PARTS = {"train": 0, "test": 2}
 
 class TactileGlove(PlacedFiles):
     r"""The classification set of the `scalable tactile glove (STAG) <https://stag.csail.mit.edu>`_
-    of the "Learning the signatures of the human grasp using a scalable tactile glove" paper
-    (Sundaram et al., Nature 2019). A person with a knitted glove of 548 sensors handles 26 objects.
-    The empty hand is the 27th class.
+    from the "Learning the signatures of the human grasp using a scalable tactile glove" paper
+    (Sundaram et al., Nature 2019). A person wearing a knitted glove with 548 sensors handles 26
+    objects. The empty hand is the 27th class.
 
-    A sample is a frame of the 32 x 32 readout with one channel, in raw counts. The authors use 500
-    as the reading without touch and 650 as the strongest touch. :obj:`y` and :obj:`group` are the
-    object, :obj:`session` and :obj:`trial` the recording, and :obj:`time` is in seconds from the
-    start of the recording. :obj:`balanced` is 1 for the frames in the authors' training, which has
-    the same number of frames of each object. Frames whose label is marked as invalid are left out.
-    ``Protocol("given")`` uses the attribute :obj:`part`, the authors' training and test frames.
+    A sample is a frame of the 32 x 32 readout with one channel in raw counts. The authors use 500
+    as the reading without touch and 650 as the strongest touch. Frames whose label is marked as
+    invalid are left out. The other attributes are:
 
-    **Which of the 1,024 cells are sensors** is recorded in a file of the authors that was not
-    available for this class. The layout is therefore the grid of the readout, whose rows and
-    columns are threads of the glove. Its edges join neighbours in the readout, and its positions
-    are not positions on the hand. Pass the cells that are sensors as :obj:`taxels`, or those whose
-    readings change, as in the example.
+    * :obj:`y`, :obj:`group`: the object;
+    * :obj:`session`, :obj:`trial`: the recording;
+    * :obj:`time`: seconds from the start of the recording;
+    * :obj:`balanced`: 1 for the frames that the authors train on, which are equally many for each
+      object;
+    * :obj:`part`: the authors' training and test frames, used by ``Protocol("given")``.
+
+    **The cells that are sensors**, among the 1,024 cells, are listed in a file of the authors that
+    was not available for this class. The layout is therefore the grid of the readout, whose rows
+    and columns are threads of the glove. Its edges connect neighbours in the readout, and its
+    positions are not positions on the hand. If you know the cells that are sensors, pass them as
+    :obj:`taxels`; otherwise, pass the cells whose readings change, as in the example.
 
     .. warning::
-        Consecutive frames of a recording are near copies, so that **a split by frame tests on
-        training data**. Hold out recordings with ``Protocol("session", folds=3, stratify="y")``.
-        The paper reportedly has three recordings of each object, from three days. Whether the
-        published parts share recordings is unknown: compare the :obj:`session` of both sides. The
-        file names no persons, so no split tests another hand.
+        Consecutive frames of a recording are near copies, so **a split by frame tests on training
+        data**. Hold out recordings with ``Protocol("session", folds=3, stratify="y")``. The paper
+        reportedly has three recordings of each object, from three days. It is unknown whether the
+        published parts share recordings: compare the :obj:`session` of both sides. The file names
+        no persons, so no split tests another hand.
 
     .. list-table:: STATS, as published
         :header-rows: 1
@@ -64,17 +68,17 @@ class TactileGlove(PlacedFiles):
           - 27
 
     **This class was written without access to the file.** The names and meanings of the variables
-    are from the authors' program. The file is under the authors' terms (research only, no
+    are taken from the authors' program. The file is under the authors' terms (research only, no
     redistribution, citation of the paper) and is not downloaded: get
     :obj:`classification_lite.zip` from their page.
 
     Args:
         root (str or PathLike, optional): Folder of the data set. The file :obj:`metadata.mat` is in
             its subfolder :obj:`raw`, :obj:`classification_lite` or :obj:`classification`, or
-            directly in it. By default :obj:`$TACTILE_DATA/TactileGlove`, or a folder in the user's
-            cache if that variable is not set.
+            directly in it. The default is :obj:`$TACTILE_DATA/TactileGlove`, or a folder in the
+            user's cache if that variable is not set.
         taxels (sequence, optional): The cells that are sensors, as indices (row times 32 plus
-            column) or as 1,024 booleans. By default all cells.
+            column) or as 1,024 booleans. The default is all cells.
         invalid (bool): Whether to keep the frames without a valid label.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
@@ -97,7 +101,7 @@ class TactileGlove(PlacedFiles):
     group_kind = "object"
     _folder = "TactileGlove"
     _folders = ("raw", "classification_lite", "classification", ".")
-    selection_args = ("taxels",)  # The layout has them.
+    selection_args = ("taxels",)  # recorded in the layout
 
     def __init__(
         self,
@@ -119,14 +123,14 @@ class TactileGlove(PlacedFiles):
 
     @property
     def processed_file_names(self) -> str:
-        r"""The processed file. Each number of cells has a separate one, with and without frames of
-        invalid labels.
+        r"""The processed file. Each number of cells has separate files with and without frames
+        whose labels are invalid.
         """
         return f"tactile_glove_{len(self.layout)}{'_all' if self.invalid else ''}.pt"
 
     def _no_files(self) -> str:
         return (
-            f"there is no '{_FILE}' in '{self.raw_dir}' or '{self.root}': put that of "
+            f"there is no '{_FILE}' in '{self.raw_dir}' or '{self.root}': put the file from "
             "classification_lite.zip (https://stag.csail.mit.edu) there"
         )
 
@@ -183,7 +187,8 @@ def _glove_layout(taxels: torch.Tensor | Sequence[int] | Sequence[bool] | None) 
 
 
 def _read_variables(path: str) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, list[str]]]:
-    # The readings (S, 32, 32), the numeric columns (S,), and the names of the codes in _NAMES.
+    # Returns the readings (S, 32, 32), the numeric columns (S,), and the names of the codes in
+    # _NAMES.
     content = read_mat_variables(path, ["pressure", *_NUMERIC_COLUMNS, *_NAMES.values()])
     pressure = np.asarray(content["pressure"])
     if pressure.shape[1:] != (_SIDE, _SIDE) or not len(pressure):

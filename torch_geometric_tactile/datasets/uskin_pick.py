@@ -1,4 +1,4 @@
-r"""The data set of boxes that are moved by a gripper with uSkin."""
+r"""A data set of boxes moved by a gripper with uSkin."""
 
 from pathlib import Path
 from typing import Literal
@@ -28,23 +28,32 @@ class USkinPick(PlacedFiles):
     lifts and moves boxes between two fingers with one uSkin patch each, and holds or drops them.
 
     A sample is a frame of 32 taxels (two patches of 4 x 4, see
-    :func:`~torch_geometric_tactile.sensors.uskin_gripper`) with three channels in raw counts. It
-    has the seven joint angles :obj:`joint` in radians, :obj:`end_effector` (position in metres and
-    quaternion x, y, z, w) and the gripper opening :obj:`finger` as published. :obj:`trial` is the
-    folder, :obj:`group` the object, and :obj:`time` is in seconds from the start, at the rate of
-    the trial. :obj:`fell` is 1 in all frames of a trial whose object fell. :obj:`seen` is 1 if the
-    authors list its object as seen in training. ``Protocol("given")`` uses the attribute
-    :obj:`part`, the authors' folders ``train`` and ``test``.
+    :func:`~torch_geometric_tactile.sensors.uskin_gripper`) with three channels in raw counts. The
+    other attributes are:
+
+    * :obj:`joint`: the seven joint angles in radians;
+    * :obj:`end_effector`: position in metres and quaternion x, y, z, w;
+    * :obj:`finger`: the gripper opening, as published;
+    * :obj:`trial`: the folder;
+    * :obj:`group`: the object;
+    * :obj:`time`: seconds from the start, at the rate of the trial;
+    * :obj:`fell`: 1 in all frames of a trial in which the object fell;
+    * :obj:`seen`: 1 if the authors list the object as seen in training;
+    * :obj:`part`: the authors' folder, ``train`` or ``test``, used by ``Protocol("given")``.
 
     .. warning::
-        **Rows repeat.** The log, at about 40 rows per second, is faster than the sensors: 75 % of
-        the rows repeat the readings of the previous row, up to six times, so that a random split
-        of frames has the same readings in training and test. :obj:`repeats=False` leaves 12,964
-        frames, about 10 per second. Hold out trials (``Protocol("trial", stratify="y")``) or
-        objects (``Protocol("group", ...)``). **The published test part mixes two questions**: it
-        was recorded a day later, with trials of one object of the training part (7, :obj:`seen` is
-        1) and of two objects that training lacks (9 and 11); report both scores. :obj:`fell` is a
-        label of the complete trial: in the first frames the fall is in the future.
+        **Rows repeat.** The log has about 40 rows per second and is faster than the sensors: 75 %
+        of the rows repeat the readings of the previous row, up to six times. A random split of
+        frames therefore has the same readings in training and test. :obj:`repeats=False` leaves
+        12,964 frames, about 10 per second. Hold out trials (``Protocol("trial", stratify="y")``) or
+        objects (``Protocol("group", ...)``).
+
+        **The published test part mixes two questions.** It was recorded a day later, with trials of
+        one object from the training part (object 7, where :obj:`seen` is 1) and of two new objects
+        (9 and 11). Report both scores.
+
+        :obj:`fell` is a label of the complete trial: in the first frames, the fall is still in the
+        future.
 
     .. list-table:: STATS, as published
         :header-rows: 1
@@ -64,8 +73,9 @@ class USkinPick(PlacedFiles):
           - 2
           - 11
 
-    These numbers are those of commit ``ed8c1a0``, with trials of 132 to 3,785 rows. The object fell
-    in 24 trials. The test part has nine trials of object 11 and seven each of 7 and 9; ten fell.
+    These numbers refer to commit ``ed8c1a0``. The trials have 132 to 3,785 rows, and the object
+    fell in 24 of them. The test part has nine trials with object 11, seven with object 7 and seven
+    with object 9; the object fell in ten of them.
 
     The repository names no licence. The files are therefore neither downloaded nor part of this
     package: get them with ``git clone``, and check whether you may use them.
@@ -73,13 +83,15 @@ class USkinPick(PlacedFiles):
     Args:
         root (str or PathLike, optional): Folder of the data set. Its folders ``train`` and ``test``
             are in the subfolder :obj:`raw` or :obj:`tactile_prediction_flat_dataset`, or directly
-            in it. By default :obj:`$TACTILE_DATA/USkinPick`, or a folder in the user's cache if
+            in it. The default is :obj:`$TACTILE_DATA/USkinPick`, or a folder in the user's cache if
             that variable is not set.
-        target (str): Label :obj:`y`: :obj:`"dropped"`, or the class index of the :obj:`"object"`.
+        target (str): The label :obj:`y`: :obj:`"dropped"`, or the class index of the
+            :obj:`"object"`.
         repeats (bool): Whether to keep frames that repeat the readings of the previous frame.
-        stacked (bool): Whether to stack the channels of the two patches, for models of several
-            equal fingers such as :class:`~torch_geometric_tactile.nn.models.GraspGCN`: 16 taxels
-            with six channels, first those of the first finger.
+        stacked (bool): Whether to stack the channels of the two patches. A sample then has 16
+            taxels with six channels, starting with the three of the first finger. Use it for models
+            of several equal fingers, such as
+            :class:`~torch_geometric_tactile.nn.models.GraspGCN`.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Returns whether to keep a sample.
@@ -122,7 +134,7 @@ class USkinPick(PlacedFiles):
     @property
     def processed_file_names(self) -> str:
         r"""The processed file. Each choice of :obj:`target`, :obj:`repeats` and :obj:`stacked` has
-        a separate one.
+        a separate file.
         """
         suffix = f"{'' if self.repeats else '_changes'}{'_stacked' if self.stacked else ''}"
         return f"uskin_pick_{self.target}{suffix}.pt"

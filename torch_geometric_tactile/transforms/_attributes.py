@@ -9,8 +9,8 @@ EDGES = ("edge_index", "edge_attr", "edge_weight")
 FRAMES = ("num_frames", "valid_frames")  # of windows
 # Advice for attributes that a sample may lack.
 _ADVICE = {
-    "pos": ": samples on a layout with several links have none, since the links move against each "
-    "other: put TaxelPose before it, or use an 'adjacency' of the layout if edges are enough",
+    "pos": ": samples on a layout with several links have none, since the links move relative to "
+    "each other: put TaxelPose before it, or use an 'adjacency' of the layout if edges are enough",
     "edge_index": ": use an 'adjacency' of the layout, or put KNNGraph before it",
 }
 
@@ -19,7 +19,7 @@ def require(transform: object, data: Data, key: str) -> Tensor:
     r"""Returns an attribute of the samples.
 
     Raises:
-        ValueError: If the samples do not have the attribute; the message names the transform.
+        ValueError: If the samples lack the attribute. The message names the transform.
     """
     value: Any = getattr(data, key, None)  # a default of PyG such as `pos=None` is no attribute
     if value is None:
@@ -87,11 +87,13 @@ def check_num_taxels(data: Data, num_taxels: int, source: str) -> None:
         counts = [data.num_nodes]
     for count in counts:
         if count != num_taxels:
-            raise ValueError(f"a sample must have {num_taxels} taxels, as {source} (got {count})")
+            raise ValueError(
+                f"a sample must have {num_taxels} taxels, as in {source} (got {count})"
+            )
 
 
 def add_mark(data: Data, key: str, mark: Tensor) -> None:
-    r"""Marks taxels in an attribute, in addition to the taxels that it marks already.
+    r"""Marks taxels in an attribute, in addition to the taxels that are already marked.
 
     Args:
         data (torch_geometric.data.Data): The samples, which are changed.

@@ -18,9 +18,9 @@ class DeadTaxels(TactileTransform):
     taxels as :obj:`dropped`. The taxels are drawn, or selected by the user.
 
     Args:
-        p (float, optional): The probability of a draw; 0.1 if it and :obj:`selection` are left out.
+        p (float, optional): The probability of a draw; 0.1 if :obj:`selection` is left out as well.
         selection (Any, optional): The selection that replaces the draw.
-        selection_name (str): Name of the argument of the subclass that has the selection.
+        selection_name (str): Name of the argument of the subclass that holds the selection.
         value (float): The reading of a dead taxel.
         generator (torch.Generator, optional): The source of random numbers.
 
@@ -33,7 +33,7 @@ class DeadTaxels(TactileTransform):
 
     @property
     def is_random(self) -> bool:
-        r"""Whether taxels are drawn, not selected by the user."""
+        r"""Whether taxels are drawn at random, not selected by the user."""
         return self.p is not None
 
     def __init__(
@@ -57,7 +57,7 @@ class DeadTaxels(TactileTransform):
 
         Args:
             count (int): Number of booleans.
-            x (torch.Tensor): The readings, whose device the output has.
+            x (torch.Tensor): The readings; the output is on the same device.
 
         Shapes:
             - **output:** :math:`(count,)`

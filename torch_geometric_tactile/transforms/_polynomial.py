@@ -18,15 +18,15 @@ def num_terms(num_inputs: int, degree: int) -> int:
 
 
 def scaled_readings(x: Tensor, low: Tensor | None, high: Tensor | None) -> tuple[Tensor, Tensor]:
-    r"""Scales readings to -1 to 1 over their range. Returns the scaled readings, clamped to -1 to
-    1, and their distance beyond this range.
+    r"""Scales readings so that their range becomes -1 to 1. Returns the scaled readings, clamped to
+    this interval, and their distance beyond it.
 
     Without :obj:`low` and :obj:`high`, the readings are returned unchanged, with distances of zero.
 
     Shapes:
         - **x:** :math:`(\ldots, C)`
         - **low, high:** the range :math:`(C,)`, or with leading dimensions
-        - **output:** the shape of :obj:`x` each
+        - **output:** scaled readings and distances, each with the shape of :obj:`x`
     """
     if low is None or high is None:
         return x, torch.zeros_like(x)
@@ -51,7 +51,7 @@ def polynomial_terms(x: Tensor, low: Tensor | None, high: Tensor | None, degree:
     num_inputs = x.size(-1)
     ones = torch.ones_like(inside[..., :1])
     inside, beyond = torch.cat([inside, ones], -1), torch.cat([beyond, torch.zeros_like(ones)], -1)
-    # Each product has `degree` factors; shorter ones are padded with the constant.
+    # Each product has `degree` factors; shorter products are padded with the constant.
     products = torch.tensor(
         [
             [*factors, *[num_inputs] * (degree - size)]
@@ -60,8 +60,8 @@ def polynomial_terms(x: Tensor, low: Tensor | None, high: Tensor | None, degree:
         ],
         device=x.device,
     )
-    # `change` is the derivative of the product along the distance beyond the range, by the product
-    # rule.
+    # By the product rule, `change` is the derivative of the product along the distance beyond the
+    # range.
     value, change = inside[..., products[:, 0]], beyond[..., products[:, 0]]
     for factor in products.T[1:]:
         change = change * inside[..., factor] + value * beyond[..., factor]

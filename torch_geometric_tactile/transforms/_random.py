@@ -18,8 +18,8 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 
 
 class RandomTransform(TactileTransform):
-    r"""The base class of transforms that change the readings randomly. All frames of a window are
-    changed by the same draw.
+    r"""The base class of transforms that change the readings at random. One draw applies to all
+    frames of a window.
     """
 
     reads: tuple[str, ...] = ("x",)
@@ -44,8 +44,8 @@ class RandomTransform(TactileTransform):
 
 
 class SegmentDraws(RandomTransform):
-    r"""The base class of transforms that draw a normal number for each segment and channel of each
-    sample.
+    r"""The base class of transforms that draw a normally distributed number for each segment and
+    channel of each sample.
     """
 
     reads = ("x", *FRAMES)
@@ -89,8 +89,8 @@ class SegmentDraws(RandomTransform):
 
 
 def uniform(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
-    r"""Draws random numbers from 0 to 1, on the device of the readings. For the same seed they are
-    the same in one batch and in several.
+    r"""Draws uniform random numbers from 0 to 1 on the device of the readings. The same seed gives
+    the same numbers, whether the samples are in one batch or in several.
 
     Shapes:
         - **output:** :math:`(count,)`
@@ -106,14 +106,14 @@ def normal(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
     Shapes:
         - **output:** :math:`(count,)`, none beyond 5.5 deviations
     """
-    # Not `torch.randn`, which draws many numbers in another order than single ones.
+    # `torch.randn` is not used: it draws many numbers in another order than single numbers.
     draws = uniform(count, x, generator).double()
-    # `torch.rand` returns multiples of 2**-24; the shift by half a step avoids 0, and infinity.
+    # `torch.rand` returns multiples of 2**-24; the shift by half a step avoids 0 and thus infinity.
     return torch.special.ndtri(draws + 2.0**-25).float()
 
 
 def check_generator(generator: torch.Generator | None) -> torch.Generator | None:
-    r"""Checks a source of random numbers and returns it."""
+    r"""Checks a random number generator and returns it."""
     if generator is not None and not isinstance(generator, torch.Generator):
         raise ValueError(
             "'generator' must be a torch.Generator, such as torch.Generator().manual_seed(0), or "
@@ -130,12 +130,14 @@ def check_deviation(std: float, name: str = "std") -> float:
 
 def check_probability(p: float) -> float:
     r"""Checks a probability and returns it."""
-    need(0 <= p <= 1, "'p' must be a probability, 0 to 1", p)
+    need(0 <= p <= 1, "'p' must be a probability between 0 and 1", p)
     return float(p)
 
 
 def check_integer(name: str, number: int, minimum: int, maximum: int) -> int:
     r"""Checks that an argument is an integer within a range and returns it."""
     if isinstance(number, bool) or not isinstance(number, int) or not minimum <= number <= maximum:
-        raise ValueError(f"'{name}' must be a whole number, {minimum} to {maximum} (got {number})")
+        raise ValueError(
+            f"'{name}' must be an integer between {minimum} and {maximum} (got {number})"
+        )
     return number

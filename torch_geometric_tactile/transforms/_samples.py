@@ -1,4 +1,4 @@
-r"""Reads the samples on which a transform is fitted in chunks."""
+r"""Reading, in chunks, of the samples on which a transform is fitted."""
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -14,7 +14,7 @@ from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transf
 from torch_geometric_tactile.data._batches import check_joinable, static_batch, static_parts
 from torch_geometric_tactile.data._graph_samples import GraphSamples, without_transform
 
-_CHUNK_BYTES = 2**22  # of the attributes of the samples that are transformed at a time
+_CHUNK_BYTES = 2**22  # size of the samples that are transformed at a time
 
 AnySamples = StaticData | Dataset | Sequence[Data]
 
@@ -51,7 +51,8 @@ class Samples:
         self._is_static = len(parts) > 0
         if len(parts) > 1:
             check_joinable(parts)
-        # In other data, an attribute that the samples of one chunk share may differ in the next.
+        # In other data, an attribute that all samples of one chunk share may differ in the next
+        # chunk.
         self._is_single_set = isinstance(self._data, StaticData | StaticDataset)
         self._first: StaticData | None = None
         self._columns: dict[str, Tensor] = {}
@@ -93,7 +94,7 @@ class Samples:
         return apply_transform(self._before, chunk)
 
     def parts(self, index: Tensor) -> Sequence[Tensor]:
-        r"""Splits indices into those of the samples that are read at a time."""
+        r"""Splits indices into chunks of samples that are read at a time."""
         size = sum(
             value.numel() * value.element_size()
             for key, value in self.first.to_dict().items()
@@ -125,7 +126,7 @@ class Samples:
 
     def values(self, key: str, index: Tensor) -> Iterator[Tensor]:
         r"""Yields an attribute of the samples chunk by chunk. An attribute that all samples share
-        is yielded once, as that of one sample.
+        is yielded once, as the attribute of one sample.
         """
         for rows in self.parts(index):
             chunk = self.select(rows, key)
@@ -148,7 +149,7 @@ def _static_parts(data: Any) -> list[StaticDataset]:
 
 class FlatSamples:
     r"""Samples whose taxels may differ, after earlier transforms, which are applied sample by
-    sample. Values are the rows of all samples, one after the other.
+    sample. The values of an attribute are its rows in all samples, one sample after another.
 
     Args:
         data (Dataset or list of Data): The samples.

@@ -1,5 +1,5 @@
-r"""The computations of scaling transforms: measuring centre and scale, and finding those of each
-sample.
+r"""The computations of scaling transforms: fitting centre and scale, and selecting the centre and
+scale of each sample.
 """
 
 from collections.abc import Iterable
@@ -58,7 +58,7 @@ def mean_and_deviation(parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
 def center_and_scale(
     transform: Scaler, samples: Samples | FlatSamples, index: Tensor
 ) -> tuple[Tensor, Tensor]:
-    r"""Measures centre and scale on the samples with one value of a transform's key.
+    r"""Fits centre and scale on the samples with one value of a transform's key.
 
     Args:
         transform (Scaler): The transform.
@@ -66,8 +66,8 @@ def center_and_scale(
         index (torch.Tensor): Indices of the samples with this value.
 
     Shapes:
-        - **output:** the shape of the attribute in a sample each; :math:`(1, F)` for channels, and
-          :math:`(N, C)` for signals
+        - **output:** centre and scale with the shape of the attribute in a sample, :math:`(1, F)`
+          for channels, or :math:`(N, C)` for signals
     """
     parts = samples.values(transform.attr, transform.measured(samples, index))
     if transform.per == "taxel":
@@ -87,7 +87,7 @@ def center_and_scale(
 
 
 def check_size(transform: Scaler, x: Tensor, size: torch.Size) -> None:
-    r"""Checks that the shape of readings is that of the samples on which a transform was fitted.
+    r"""Checks that readings have the shape of the samples on which a transform was fitted.
 
     Args:
         transform (Scaler): The transform.
@@ -95,7 +95,7 @@ def check_size(transform: Scaler, x: Tensor, size: torch.Size) -> None:
         size (torch.Size): The shape of the attribute in one sample.
 
     Raises:
-        ValueError: If it is another shape.
+        ValueError: If the shape differs.
     """
     num_dims = len(size)
     if transform.per == "channel":
@@ -112,8 +112,8 @@ def check_size(transform: Scaler, x: Tensor, size: torch.Size) -> None:
         if transform.attr == "x":
             expected = f"{size[0]} taxels and {size[1]} features"
     raise ValueError(
-        f"'{transform.attr}' must have {expected}, as {type(transform).__name__} was fitted on "
-        f"(got shape {tuple(x.shape)})"
+        f"'{transform.attr}' must have {expected}, as in the samples on which "
+        f"{type(transform).__name__} was fitted (got shape {tuple(x.shape)})"
     )
 
 
@@ -140,8 +140,8 @@ def convert_tables(
     x: Tensor,
     num_frames: int | None = None,
 ) -> CachedTables:
-    r"""Converts centre and scale to the precision and the device of the readings. The cached tables
-    are returned if they fit, since the conversion takes as long as scaling a batch.
+    r"""Converts centre and scale to the precision and the device of the readings. Matching cached
+    tables are returned, since the conversion takes as long as scaling a batch.
     """
     placement = (x.dtype, x.device, num_frames)
     if (
@@ -152,7 +152,7 @@ def convert_tables(
     ):
         return cache
     # The rounded centre and its rounding error are subtracted one after the other, which is as
-    # exact as double precision.
+    # precise as double precision.
     rounded = center.to(x.dtype)
     tables = rounded.to(x.device), (center - rounded).to(x), scale.to(x)
     if num_frames is not None:
@@ -181,7 +181,7 @@ def expand_shared(transform: Scaler, data: Data, x: Tensor) -> Tensor:
 def sample_rows(
     transform: Scaler, data: Data, x: Tensor, size: torch.Size
 ) -> tuple[Tensor, Tensor]:
-    r"""Returns the readings sample by sample, and the row of the centre and scale of each."""
+    r"""Returns the readings sample by sample, and the row in the tables for each sample."""
     if transform.per != "channel":
         return x.reshape(-1, *size), _key_rows(transform, data, x.numel() // prod(size))
     if isinstance(data, Batch):
@@ -194,7 +194,7 @@ def sample_rows(
 
 
 def _key_rows(transform: Scaler, data: Data, num_samples: int) -> Tensor:
-    # The row of the value of the key of each sample in the tables of the transform.
+    # Returns the row in the tables of the transform that belongs to the key of each sample.
     assert transform.key is not None
     assert transform.key_values is not None
     values = transform.sample_values(data, transform.key, num_samples).long()

@@ -41,8 +41,8 @@ def segment_numbers(
         numbers = check_segment(torch.as_tensor(by).cpu(), what=requirement, gaps=True)
         if layout is not None and len(numbers) != layout.num_taxels:
             raise ValueError(
-                f"'{argument}' must have {layout.num_taxels} numbers, as layout '{layout.name}' "
-                f"has taxels (got {len(numbers)})"
+                f"'{argument}' must have {layout.num_taxels} numbers, one for each taxel of layout "
+                f"'{layout.name}' (got {len(numbers)})"
             )
     return numbers.unique(return_inverse=True)[1]
 
@@ -60,7 +60,7 @@ def samples_of_rows(data: Data, x: Tensor) -> tuple[Tensor, int]:
 
 
 def repeat_rows(rows: Tensor, times: int) -> Tensor:
-    r"""Repeats each row :obj:`times` times in a row.
+    r"""Repeats each row :obj:`times` times, one directly after another.
 
     ``rows.repeat_interleave(times, dim=0)`` returns the same, but PyTorch 2.8 exports it to ONNX
     with wrong numbers or a wrong shape.
@@ -73,7 +73,8 @@ def repeat_rows(rows: Tensor, times: int) -> Tensor:
 
 
 def segment_means(rows: Tensor, segment: Tensor, count: int) -> Tensor:
-    r"""Returns the mean of each segment without missing readings; zero for a segment without any.
+    r"""Returns the mean of each segment without missing readings; zero for a segment without
+    readings.
 
     Args:
         rows (torch.Tensor): The readings in double precision :math:`(R, F)`.
@@ -121,7 +122,7 @@ class Segments:
 
     def row_segments(self, data: Data, x: Tensor) -> tuple[Tensor, int]:
         r"""Returns the segment of each row of the readings, and the number of segments of all
-        samples. The segments of a sample have the numbers after those of the previous sample.
+        samples. The segments of each sample continue the numbers of the previous sample.
 
         Args:
             data (torch_geometric.data.Data): The samples.
@@ -130,7 +131,7 @@ class Segments:
         sample, num_samples = samples_of_rows(data, x)
         if self.segment is None:
             return sample, num_samples
-        check_num_taxels(data, len(self.segment), "its segments have")
+        check_num_taxels(data, len(self.segment), "its segments")
         segment = self.segment.to(x.device).repeat(num_samples)
         return segment + self.num_segments * sample, self.num_segments * num_samples
 

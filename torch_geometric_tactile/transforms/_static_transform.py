@@ -1,4 +1,4 @@
-r"""Declares the attributes that a transform reads and adds."""
+r"""Declaration of the attributes that a transform reads and adds."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -12,7 +12,7 @@ _TOPOLOGY = ("pos", "normal", "edge_index", "edge_attr", "edge_weight")
 
 
 class StaticTransform(BaseTransform):
-    r"""A transform with a rule of the attributes that it reads and adds, see
+    r"""A transform with declared attributes that it reads and adds, the output of
     :func:`static_transform`.
     """
 
@@ -41,22 +41,23 @@ def static_transform(
     batch instead of once for each sample.
 
     If all samples of a batch share the attributes that the transform reads, they share its output
-    as well, and it is called for one sample. Otherwise, and always with :obj:`reads=None`, it is
-    called for each sample. A transform class can declare the same in a class attribute
-    :obj:`static_rule`, a :obj:`StaticRule`.
+    as well, and the transform is called for one sample. Otherwise, and always with
+    :obj:`reads=None`, it is called for each sample. A transform class can make the same declaration
+    by a class attribute :obj:`static_rule`, a :obj:`StaticRule`.
 
     Args:
-        transform (callable): From :class:`~torch_geometric.data.Data` to
+        transform (callable): Maps a :class:`~torch_geometric.data.Data` to a
             :class:`~torch_geometric.data.Data`.
         reads (iterable of str, optional): The attributes on which the output depends; :obj:`None`
             for a random transform.
-        node (iterable of str): The attributes that it adds with a row for each taxel.
-        edge (iterable of str): The attributes that it adds with a row for each edge, in addition
-            to :obj:`edge_index`, :obj:`edge_attr` and :obj:`edge_weight`.
-        shared (iterable of str): The attributes that it adds with one value for all samples.
+        node (iterable of str): The attributes with a row for each taxel that the transform adds.
+        edge (iterable of str): The attributes with a row for each edge that the transform adds, in
+            addition to :obj:`edge_index`, :obj:`edge_attr` and :obj:`edge_weight`.
+        shared (iterable of str): The attributes with one value for all samples that the transform
+            adds.
 
     Raises:
-        ValueError: If a list of names is a text.
+        ValueError: If a text is passed in place of a list of names.
 
     Examples:
         >>> import torch

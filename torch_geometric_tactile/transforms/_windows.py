@@ -15,7 +15,7 @@ def get_num_frames(data: Data) -> int | None:
     r"""Returns the number of frames :math:`T` of windows, or :obj:`None` for other samples.
 
     Raises:
-        ValueError: If it is no positive integer, or differs between samples.
+        ValueError: If the number is no positive integer, or differs between samples.
     """
     value: Any = getattr(data, "num_frames", None)
     if value is None:
@@ -38,7 +38,7 @@ def require_num_frames(transform: object, data: Data) -> int:
     if num_frames is None:
         raise ValueError(
             f"{type(transform).__name__} needs 'num_frames' (got none): samples must be windows of "
-            "frames, as data.Windows and data.Trials cut them"
+            "frames, such as samples of data.Windows and data.Trials"
         )
     return num_frames
 
@@ -64,7 +64,7 @@ def signals_to_windows(signals: Tensor, data: Data) -> Tensor:
 
     Args:
         signals (torch.Tensor): The signals :math:`(S, N, C, T)`.
-        data (torch_geometric.data.Data): The samples, which have the form of the output.
+        data (torch_geometric.data.Data): The samples; the output has the shape of their readings.
 
     Shapes:
         - **output:** :math:`(N, C \cdot T)`, :math:`(S, N, C \cdot T)`, or
@@ -100,8 +100,8 @@ def valid_frames(data: Data, num_samples: int, num_frames: int, device: torch.de
         )
     if num_samples and (int(valid.min()) < 1 or int(valid.max()) > num_frames):
         raise ValueError(
-            f"'valid_frames' must be 1 to {num_frames}, the frames of a window (got "
-            f"{int(valid.min())} to {int(valid.max())})"
+            f"'valid_frames' must be between 1 and {num_frames}, the number of frames of a window "
+            f"(got {int(valid.min())} to {int(valid.max())})"
         )
     return valid
 
@@ -110,12 +110,12 @@ def refuse_ragged(transform: object, data: Data) -> None:
     r"""Checks that windows are not padded.
 
     Raises:
-        ValueError: If they are; the message names the transform.
+        ValueError: If windows are padded. The message names the transform.
     """
     if getattr(data, "valid_frames", None) is not None:
         raise ValueError(
-            f"{type(transform).__name__} needs windows of one length (got padded windows, with "
-            "'valid_frames'): put Resample() before it, or cut trials to one length"
+            f"{type(transform).__name__} needs windows of one length (got padded windows with "
+            "'valid_frames'): put Resample() before it, or crop trials to one length"
         )
 
 
@@ -134,8 +134,8 @@ def repeat_frames(values: Tensor, num_frames: int) -> Tensor:
 
 
 def num_channels_and_frames(data: Data, x: Tensor) -> tuple[int, int]:
-    r"""Returns the number of channels :math:`C` and the number of frames :math:`T` of windows; one
-    frame for other samples.
+    r"""Returns the number of channels :math:`C` and the number of frames :math:`T` of windows.
+    Other samples have one frame.
 
     Args:
         data (torch_geometric.data.Data): The samples.

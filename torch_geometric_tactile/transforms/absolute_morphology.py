@@ -21,20 +21,19 @@ class AbsoluteMorphology(TactileTransform):
         \mathbf{v} = \mathbf{p}_i - \mathbf{o}, \qquad d = \lVert \mathbf{v} \rVert
 
     Args:
-        origin (tuple of float): The point :math:`\mathbf{o}`, in metres in the frame of
-            :obj:`pos`.
-        cat (bool): If :obj:`True`, appends the features to the readings :obj:`x`, in their
-            precision; otherwise stores them as :obj:`absolute`.
+        origin (tuple of float): The point :math:`\mathbf{o}` in metres, in the frame of :obj:`pos`.
+        cat (bool): If :obj:`True`, the features are appended to the readings :obj:`x` and converted
+            to their precision; otherwise, they are stored as :obj:`absolute`.
 
     Shapes:
         - **input:** positions in metres :math:`(N, 3)` or :math:`(B, N, 3)`, or a PyG batch of
-          them; with :obj:`cat` readings :math:`(N, F)` or :math:`(B, N, F)`
+          positions; with :obj:`cat` also readings :math:`(N, F)` or :math:`(B, N, F)`
         - **output:** :obj:`absolute` in metres :math:`(N, 4)` or :math:`(B, N, 4)`; with
-          :obj:`cat` :obj:`x` of :math:`F + 4` features
+          :obj:`cat`, :obj:`x` with :math:`F + 4` features
 
     Raises:
-        ValueError: If :obj:`origin` is no point, there are no positions, or, with :obj:`cat`, no
-            readings of as many taxels.
+        ValueError: If :obj:`origin` is no point, there are no positions, or, with :obj:`cat`, the
+            readings are missing or have another number of taxels.
 
     Examples:
         >>> AbsoluteMorphology()(Data(pos=torch.tensor([[0.0, 0.03, 0.04]]))).absolute
@@ -43,7 +42,7 @@ class AbsoluteMorphology(TactileTransform):
 
     @property
     def reads(self) -> tuple[str, ...]:
-        r"""Positions, and the readings if the features are appended to them."""
+        r"""The positions, and also the readings if the features are appended to them."""
         return ("pos", "x") if self.cat else ("pos",)
 
     @property
@@ -73,7 +72,7 @@ class AbsoluteMorphology(TactileTransform):
             return data
         x = require_x(self, data)
         if x.size(-2) != pos.size(-2):
-            raise ValueError(f"'x' must have {pos.size(-2)} taxels, as 'pos' (got {x.size(-2)})")
+            raise ValueError(f"'x' must have {pos.size(-2)} taxels, like 'pos' (got {x.size(-2)})")
         x = x if x.is_floating_point() else x.to(pos.dtype)  # counts may be integers
         shape = torch.broadcast_shapes(x.shape[:-1], absolute.shape[:-1])
         parts = [x.expand(*shape, -1), absolute.to(x.dtype).expand(*shape, -1)]

@@ -28,7 +28,7 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 
 _MAX_CHUNK = 8192  # samples read at a time
 
-# The largest rounding error of a centre in single precision that is ignored, relative to the scale.
+# The rounding error of a centre in single precision is ignored up to this part of the scale.
 _NEGLIGIBLE = 1e-7
 _PER = ("taxel", "channel", "signal")
 
@@ -42,32 +42,33 @@ class _Attributes(Protocol):
 
 
 class FittedTransform(TactileTransform):
-    r"""The base class of transforms that subtract a centre from the readings or another attribute
-    and divide by a scale. Centre and scale are fitted before, for each number of a sample (such as
-    each taxel and channel) or for all numbers of a channel, and separately for each value of the
-    sample attribute :obj:`key`.
+    r"""The base class of transforms that subtract a centre from the readings, or from another
+    attribute, and divide by a scale.
 
-    A subclass defines by :meth:`moments` how centre and scale are computed, and by :meth:`measured`
-    on which samples they are fitted.
+    Centre and scale are fitted in advance, separately for each value of the sample attribute
+    :obj:`key`. A subclass overrides :meth:`moments` to compute centre and scale in another way, and
+    :meth:`measured` to fit them on other samples.
 
     An attribute that all samples share, such as edge features :math:`(|\mathcal{E}|, D)` in
-    :class:`~torch_geometric_tactile.data.StaticData`, stays shared. Scaled number by number it
-    becomes zero, since each number is equal to its centre.
+    :class:`~torch_geometric_tactile.data.StaticData`, stays shared. With :obj:`per="taxel"` it
+    becomes zero, since each number equals its centre.
 
     Args:
         key (str, optional): Integer attribute of the samples that selects centre and scale.
         unit_scale (bool): If :obj:`True`, the scale is one.
-        first (int, optional): Number of samples of each value of :obj:`key`, in their order, on
-            which to fit; all if left out.
+        first (int, optional): For each value of :obj:`key`, the number of first samples on which to
+            fit. If left out, all samples are used.
         attr (str): The attribute to scale: :obj:`"x"`, or another attribute of floating-point
             numbers such as :obj:`"edge_attr"`, :obj:`"joint"`, :obj:`"absolute"` or :obj:`"pos"`.
-        per (str): The numbers that share a centre and a scale. With :obj:`"taxel"`, each number has
-            its own; with :obj:`"channel"`, all taxels (or other rows) of a channel, the last
-            dimension, share them; with :obj:`"signal"`, all frames of a taxel and channel in
-            windows do.
+        per (str): The numbers that share a centre and a scale:
+
+            * :obj:`"taxel"`: each number of a sample has a separate centre and scale.
+            * :obj:`"channel"`: all taxels (or other rows) of a channel share them. Channels are the
+              last dimension.
+            * :obj:`"signal"`: all frames of a taxel and channel in a window share them.
 
     Raises:
-        ValueError: If :obj:`per` is none of these, or it is :obj:`"signal"` and :obj:`attr` is not
+        ValueError: If :obj:`per` is unknown, or is :obj:`"signal"` while :obj:`attr` is not
             :obj:`"x"`.
 
     Examples:
@@ -109,28 +110,29 @@ class FittedTransform(TactileTransform):
         self.first = first
         self.attr = attr
         self.per = per
-        # (K, N, F), or (K, ...) with the shape of the attribute in a sample; (K, 1, F) for
-        # channels, (K, N, C) for signals. In double precision, since raw counts are large and vary
-        # little.
+        # Shape (K, N, F), or (K, ...) with the shape of the attribute in a sample; (K, 1, F) for
+        # channels and (K, N, C) for signals. In double precision, since raw counts are large and
+        # vary little.
         self.center: Tensor | None = None
-        self.scale: Tensor | None = None  # the shape of the centre
+        self.scale: Tensor | None = None  # same shape as the centre
         self.key_values: Tensor | None = None  # (K,), sorted
         self._kept: CachedTables | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": None}  # a cache, which need not be copied or saved
+        return {**self.__dict__, "_kept": None}  # a cache is neither copied nor saved
 
     def fit(self, data: AnySamples, before: BaseTransform | None = None) -> Self:
-        r"""Measures centre and scale on the readings of :obj:`data`, which are read in chunks.
-        Labels are not used.
+        r"""Fits centre and scale to the readings of :obj:`data`, which are read in chunks. Labels
+        are not used.
 
         Missing readings (NaN) are ignored. A taxel that never changes gets the scale one.
 
         Args:
-            data (Dataset or StaticData or list of Data): The samples, before the :obj:`transform`
-                of their data set: PyG's :class:`~torch_geometric.data.InMemoryDataset`, a
-                :class:`~torch.utils.data.Subset`, ...
-            before (BaseTransform, optional): Applied to the samples first.
+            data (Dataset or StaticData or list of Data): The samples, such as PyG's
+                :class:`~torch_geometric.data.InMemoryDataset` or a
+                :class:`~torch.utils.data.Subset`. The :obj:`transform` of their data set is not
+                applied.
+            before (BaseTransform, optional): A transform applied to the samples first.
 
         Raises:
             ValueError: If there is no sample, or the samples lack the attribute :obj:`key` or
@@ -141,16 +143,15 @@ class FittedTransform(TactileTransform):
         return self._measure(samples, self._keys(samples))
 
     def adapt(self, data: AnySamples, before: BaseTransform | None = None) -> Self:
-        r"""Measures centre and scale only for values of :obj:`key` that were not measured before.
+        r"""Fits centre and scale only for values of :obj:`key` that were not fitted before, such as
+        new sessions.
 
-        Does nothing if :obj:`key` is :obj:`None`, so that a scaler of the training part is not
-        changed by other data.
+        Does nothing if :obj:`key` is :obj:`None`, so that other data do not change a scaler of the
+        training part.
 
         Args:
-            data (Dataset or StaticData or list of Data): The samples, before the :obj:`transform`
-                of their data set: PyG's :class:`~torch_geometric.data.InMemoryDataset`, a
-                :class:`~torch.utils.data.Subset`, ...
-            before (BaseTransform, optional): Applied to the samples first.
+            data (Dataset or StaticData or list of Data): The samples, as in :meth:`fit`.
+            before (BaseTransform, optional): A transform applied to the samples first.
         """
         if self.key is None:
             return self
@@ -170,9 +171,9 @@ class FittedTransform(TactileTransform):
     def _check_taxels(self, samples: GraphSamples) -> None:
         if self.attr == "x" and samples.is_mixed:
             raise ValueError(
-                f"{type(self).__name__} must be fitted on samples of the same taxels, unless with "
-                f"per='channel', one centre and scale for all taxels of a channel (got samples of "
-                f"{samples.describe_taxels()})"
+                f"{type(self).__name__} must be fitted on samples with the same taxels, except "
+                f"with per='channel', which has one centre and scale for all taxels of a channel "
+                f"(got samples of {samples.describe_taxels()})"
             )
 
     def _keys(self, samples: Samples | FlatSamples) -> Tensor:
@@ -224,11 +225,10 @@ class FittedTransform(TactileTransform):
         return self
 
     def measured(self, samples: Samples | FlatSamples, index: Tensor) -> Tensor:
-        r"""Returns the samples on which centre and scale are measured, among the samples with one
-        value of :obj:`key`.
+        r"""Returns the samples with one value of :obj:`key` on which centre and scale are fitted.
 
         Args:
-            samples (Samples): All samples; :obj:`samples[name]` is an attribute of them.
+            samples (Samples): All samples; :obj:`samples[name]` returns an attribute of them.
             index (torch.Tensor): Indices of the samples with this value, increasing and not empty.
 
         Returns:
@@ -237,32 +237,33 @@ class FittedTransform(TactileTransform):
         return index[: self.first]
 
     def noise(self, center: Tensor) -> Tensor | float:
-        r"""Returns the largest change that is regarded as rounding.
+        r"""Returns the largest change that counts as rounding.
 
-        It is zero for readings, which are measured. Other attributes are computed in single
-        precision: the length of an edge within a rigid patch, for example, differs between samples
-        by nanometres.
+        The limit is zero for readings, which are measured. Other attributes are computed in single
+        precision: the length of an edge within a rigid patch, for example, varies by nanometres
+        between samples.
 
         Args:
             center (torch.Tensor): The centres.
         """
         if self.attr == "x" or center.numel() == 0:
             return 0.0
-        # Relative to the largest centre, since the rounding of a small number may come from large
-        # ones, as in a difference of positions.
+        # Relative to the largest centre, since a small number may have the rounding error of large
+        # ones, as the difference of two positions has.
         return 1e-5 * center.abs().max()
 
     def moments(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
-        r"""Returns centre and scale: mean and standard deviation, without missing readings.
+        r"""Returns centre and scale: the mean and the standard deviation without missing readings.
 
         Args:
-            parts (iterable of torch.Tensor): The readings in parts, in double precision. They can
-                be iterated over once.
+            parts (iterable of torch.Tensor): The readings in parts, in double precision. The parts
+                can be iterated over only once.
 
         Shapes:
-            - **parts:** at least one part :math:`(S_i, N, F)`, with :math:`S_i \ge 1`; or
-              :math:`(S_i, \ldots)` of another attribute
-            - **output:** :math:`(N, F)` each, or :math:`(\ldots)`; the centre in double precision
+            - **parts:** at least one part :math:`(S_i, N, F)` with :math:`S_i \ge 1`, or
+              :math:`(S_i, \ldots)` for another attribute
+            - **output:** centre and scale :math:`(N, F)`, or :math:`(\ldots)` for another
+              attribute; the centre in double precision
         """
         center, deviation = mean_and_deviation(parts)
         if self.unit_scale:
@@ -270,20 +271,20 @@ class FittedTransform(TactileTransform):
         return center, self.usable(center, deviation)
 
     def usable(self, center: Tensor, deviation: Tensor) -> Tensor:
-        r"""Returns deviations as scales, with one for deviations that are only rounding.
+        r"""Returns deviations as scales, replacing deviations that are only rounding by one.
 
         Args:
             center (torch.Tensor): The centres.
             deviation (torch.Tensor): The deviations, of the same shape.
         """
-        # Single precision has about seven digits, so that a smaller deviation is rounding, and a
-        # division by it would turn rounding into large numbers.
+        # Single precision has about seven digits. A smaller deviation is rounding, and division by
+        # it would turn rounding errors into large numbers.
         is_changing = deviation > 1e-6 * center.abs().clamp(min=1e-6)
         return torch.where(is_changing & (deviation > self.noise(center)), deviation, 1.0).float()
 
     def forward(self, data: Data) -> Data:
-        r"""Scales the readings :math:`(N, F)`, :math:`(B, N, F)` or of a PyG batch, or another
-        attribute.
+        r"""Scales the readings :math:`(N, F)` or :math:`(B, N, F)`, the readings of a PyG batch, or
+        another attribute.
         """
         if self.center is None or self.scale is None:
             raise RuntimeError(f"{type(self).__name__} must be fitted before it is applied")
@@ -319,7 +320,7 @@ class FittedTransform(TactileTransform):
         return _ScaleStep(self)
 
     def state_dict(self) -> dict[str, Tensor]:
-        r"""Returns centre, scale and key values for a checkpoint."""
+        r"""Returns the centre, scale and key values for a checkpoint."""
         if self.center is None or self.scale is None or self.key_values is None:
             return {}
         return {"center": self.center, "scale": self.scale, "key_values": self.key_values}
@@ -343,8 +344,8 @@ class FittedTransform(TactileTransform):
 
 
 class _ScaleStep:
-    r"""A scaler in an exported graph. Its tables have the shape of the scaled attribute, since
-    runtimes are fastest without broadcasting.
+    r"""The step of a scaler in an exported graph. Its tables have the shape of the scaled
+    attribute, since runtimes are fastest without broadcasting.
     """
 
     def __init__(self, part: FittedTransform) -> None:

@@ -34,7 +34,7 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 
 _PER = ("taxel", "sensor")
 _MAX_DEGREE = 3
-_UNNAMED_UNIT = "unit of the file"  # for a file that does not name its unit
+_UNNAMED_UNIT = "unit of the file"  # for files that do not name their unit
 _UNITS = (*UNITS, _UNNAMED_UNIT)
 _TENSORS = ("coefficients", "low", "high")
 _KEYS = ("per", "degree", "reading_unit", "force_unit", "source", *_TENSORS)
@@ -42,8 +42,8 @@ _KEYS = ("per", "degree", "reading_unit", "force_unit", "source", *_TENSORS)
 
 @functional_transform("calibrate")
 class Calibrate(TactileTransform):
-    r"""Converts readings to forces by a polynomial (functional name: :obj:`calibrate`), which is
-    fitted by ``tactile calibrate`` or
+    r"""Converts readings to forces with a polynomial (functional name: :obj:`calibrate`). Fit the
+    polynomial with ``tactile calibrate`` or
     :func:`~torch_geometric_tactile.analysis.fit_calibration`.
 
     .. math::
@@ -53,41 +53,43 @@ class Calibrate(TactileTransform):
         {\mathrm{high}_{ic} - \mathrm{low}_{ic}}
 
     where :math:`J_m` are all combinations of up to :obj:`degree` channels of taxel :math:`i`,
-    including the empty one (the constant). For three channels and degree two the products are
-    :math:`1, z_1, z_2, z_3, z_1^2, z_1 z_2, z_1 z_3, z_2^2, z_2 z_3, z_3^2`. With degree one the
-    polynomial is an offset and a cross-axis matrix, which is diagonal for a gain of each channel.
-    The force on the sensor is :math:`\sum_i \mathbf{f}_i`.
+    including the empty one (the constant). For three channels and degree two, the products are
+    :math:`1, z_1, z_2, z_3, z_1^2, z_1 z_2, z_1 z_3, z_2^2, z_2 z_3, z_3^2`. With degree one, the
+    polynomial consists of an offset and a cross-axis matrix; the matrix is diagonal if each channel
+    only has a gain. The force on the sensor is :math:`\sum_i \mathbf{f}_i`.
 
-    The **range** of the readings on which it was fitted is :obj:`low` to :obj:`high`. Beyond this
-    range the force is extrapolated linearly, along the slope at the end of the range, without a
-    warning, and may be wrong. :meth:`beyond` returns the taxels for which this is so.
+    The polynomial was fitted on readings between :obj:`low` and :obj:`high`. Beyond this range, the
+    force is extrapolated linearly along the slope at the end of the range. It may be wrong, and no
+    warning is issued; :meth:`beyond` returns the taxels with readings beyond the range.
 
-    If offsets differ between sessions, fit and apply it after
+    If offsets differ between sessions, fit and apply the calibration after
     :class:`~torch_geometric_tactile.transforms.Tare`.
 
     Args:
-        coefficients (torch.Tensor or list): :math:`\mathbf{w}`, the same for all taxels
-            :math:`(M, D)`, or for each taxel :math:`(N, M, D)`.
-        low (torch.Tensor or list, optional): The lowest reading of each channel :math:`(C,)`; of
-            each taxel :math:`(N, C)` if each taxel has coefficients. If left out, :math:`z` are the
-            readings, and the range is not known.
+        coefficients (torch.Tensor or list): The coefficients :math:`\mathbf{w}`: shape
+            :math:`(M, D)` if all taxels share them, or :math:`(N, M, D)` with coefficients for each
+            taxel.
+        low (torch.Tensor or list, optional): The lowest reading of each channel :math:`(C,)`, or of
+            each taxel and channel :math:`(N, C)` if each taxel has coefficients. If left out,
+            :math:`z` are the readings themselves, and the range is unknown.
         high (torch.Tensor or list, optional): The highest reading, with the shape of :obj:`low`.
         degree (int): The largest number of readings that are multiplied, 1 to 3.
-        per (str): :obj:`"taxel"` for the forces of each taxel, or :obj:`"sensor"` for their sum.
+        per (str): :obj:`"taxel"` for the forces on each taxel, or :obj:`"sensor"` for their sum.
         units (tuple of str): Units of readings and forces: :obj:`"count"`, :obj:`"microtesla"`,
-            :obj:`"newton"`, or :obj:`"unit of the file"` if the data do not name it.
+            :obj:`"newton"`, or :obj:`"unit of the file"` if the data do not name their unit.
         source (str): A description of the recordings and the method of the fit.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
-          F)`; for windows :math:`F = C \cdot T`, whose frames are converted one by one
-        - **output:** :obj:`x` :math:`(\ldots, N, D)` for taxels, or :obj:`force` :math:`(1, D)` or
-          :math:`(B, D)` for the sensor, in addition to the readings; for windows :math:`D \cdot T`.
-          Forces that depend on a missing reading (NaN) are missing.
+          F)`. For windows, :math:`F = C \cdot T`, and frames are converted one by one.
+        - **output:** with :obj:`per="taxel"`, :obj:`x` :math:`(\ldots, N, D)`. With
+          :obj:`per="sensor"`, :obj:`force` :math:`(1, D)` or :math:`(B, D)` in addition to the
+          readings. For windows, :math:`D \cdot T` in place of :math:`D`. Forces that depend on a
+          missing reading (NaN) are missing.
 
     Raises:
-        ValueError: If :obj:`degree`, :obj:`per` or a unit is unknown, the shapes do not fit
-            together, a coefficient is not finite, or the readings have other taxels or channels.
+        ValueError: If :obj:`degree`, :obj:`per` or a unit is unknown, the shapes do not match, a
+            coefficient is not finite, or the readings have other taxels or channels.
 
     Examples:
         >>> mixed = torch.tensor([[0.0, 0.0], [0.02, 0.0], [0.001, 0.01]])  # offset, x, y
@@ -140,7 +142,7 @@ class Calibrate(TactileTransform):
         self.num_channels = self._checked_channels()
 
     def _checked_channels(self) -> int:
-        # The number of channels, which the number of terms determines.
+        # Returns the number of channels, which follows from the number of terms.
         shape = self.coefficients.shape
         if len(shape) not in (2, 3) or 0 in shape:
             raise ValueError(
@@ -163,10 +165,10 @@ class Calibrate(TactileTransform):
             for name, value in (("low", self.low), ("high", self.high)):
                 if value.shape != size:
                     raise ValueError(
-                        f"'{name}' must have shape {size}, as the coefficients (got "
+                        f"'{name}' must have shape {size} to match the coefficients (got "
                         f"{tuple(value.shape)})"
                     )
-            need((self.low <= self.high).all(), "'low' must not be above 'high' (got one that is)")
+            need((self.low <= self.high).all(), "'low' must not be above 'high' (got a higher one)")
         return channels
 
     def forward(self, data: Data) -> Data:
@@ -180,7 +182,7 @@ class Calibrate(TactileTransform):
         return data
 
     def beyond(self, data: Data) -> Tensor:
-        r"""Returns which taxels have a reading beyond the range, in any frame of a window.
+        r"""Returns which taxels have a reading beyond the range (in any frame of a window).
 
         Args:
             data (torch_geometric.data.Data): The samples, before the transform.
@@ -200,8 +202,8 @@ class Calibrate(TactileTransform):
         frames = split_frames(x, get_num_frames(data) or 1)
         if frames.size(-1) != self.num_channels:
             raise ValueError(
-                f"'x' must have {self.num_channels} channels, as {type(self).__name__} was fitted "
-                f"on (got {frames.size(-1)})"
+                f"'x' must have {self.num_channels} channels, the number on which "
+                f"{type(self).__name__} was fitted (got {frames.size(-1)})"
             )
         if self.coefficients.dim() == 3:
             check_num_taxels(data, len(self.coefficients), "the calibration")
@@ -230,7 +232,7 @@ class Calibrate(TactileTransform):
                 :obj:`"force_unit"`, and optionally the other arguments.
 
         Raises:
-            ValueError: If a key is missing or unknown, or the calibration is not consistent.
+            ValueError: If a key is missing or unknown, or the calibration is inconsistent.
         """
         units = tuple(need_key(content, f"{k}_unit", "a calibration") for k in ("reading", "force"))
         need_only_keys(content, _KEYS, "a calibration")
@@ -257,7 +259,8 @@ class Calibrate(TactileTransform):
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If the file is no JSON or no consistent calibration. The message names it.
+            ValueError: If the file is not JSON or holds no consistent calibration. The message
+                names the file.
         """
         existing_file(path, "write one with 'tactile calibrate' or Calibrate.save")
         try:
@@ -280,7 +283,7 @@ def _finite_tensor(name: str, value: Any) -> Tensor:
         try:
             value = torch.tensor(value, dtype=torch.double)
         except (TypeError, ValueError) as error:  # lists of different lengths
-            raise ValueError(f"'{name}' must be lists of one length ({error})") from None
+            raise ValueError(f"'{name}' must be lists of equal length ({error})") from None
     tensor = torch.as_tensor(value).detach().cpu().double()
     need(tensor.isfinite().all(), f"'{name}' must be finite (got NaN or infinity)")
     return tensor

@@ -22,18 +22,21 @@ class CommonMode(TactileTransform):
     .. math::
         x'_i = x_i - \frac{1}{|S_i|} \sum_{j \in S_i} x_j
 
-    with the taxels :math:`S_i` of the segment of taxel :math:`i` whose reading is not missing. It
-    removes an offset of a finger, such as that of temperature, of static fluid pressure or of
-    another day, without a fit, readings at rest or sessions. Apply it before scalers, to raw
-    counts: after scaling taxel by taxel, the taxels no longer share an offset.
+    Here :math:`S_i` are the taxels in the segment of taxel :math:`i` whose readings are not
+    missing.
 
-    It also removes the mean pressure on a segment. If the label depends on it (weight, grip force),
-    subtract readings at rest instead (:class:`~torch_geometric_tactile.transforms.Tare`).
+    Use it to remove the offset of a finger caused by temperature, static fluid pressure or a new
+    day. It needs no fit, no readings at rest and no sessions. Apply it to raw counts, before
+    scalers: after each taxel is scaled separately, the taxels no longer share an offset.
+
+    It also removes the mean pressure on a segment. If the label depends on the mean pressure (as
+    weight and grip force do), subtract the readings at rest instead with
+    :class:`~torch_geometric_tactile.transforms.Tare`.
 
     Args:
         segments (str or sequence of int, optional): The segments: :obj:`"digit"` or :obj:`"patch"`
             of the layout, or an integer for each taxel :math:`(N,)`. If left out, all taxels of a
-            sample are one segment; if each finger is a channel, this is each finger.
+            sample are one segment; this is also the choice if each finger is a channel.
         layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
             layout of this package, or a layout file; required for :obj:`"digit"` and
             :obj:`"patch"`.
@@ -71,7 +74,7 @@ class CommonMode(TactileTransform):
     def forward(self, data: Data) -> Data:
         r"""Subtracts the means."""
         x = require_x(self, data)
-        # In double precision sums of counts are exact, so that results do not depend on batching.
+        # Sums of counts are exact in double precision, so results do not depend on batching.
         rows = x.reshape(-1, x.size(-1)).double()
         segment, count = self._segments.row_segments(data, x)
         mean = segment_means(rows, segment, count)

@@ -23,39 +23,40 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 
 _MAX_FRAMES = 100_000
 _MISSING = ("error", "keep")
-_DEVIATION_PER_MAD = 1.4826  # of normal noise: standard deviation by median absolute deviation
+_DEVIATION_PER_MAD = 1.4826  # standard deviation over median absolute deviation, normal noise
 
 _logger = logging.getLogger(__name__)
 
 
 @functional_transform("contact_crop")
 class ContactCrop(TactileTransform):
-    r"""Drops the frames of each window before the fingers touch the object (functional name:
+    r"""Removes the frames of each window before the fingers touch the object (functional name:
     :obj:`contact_crop`). All channels (fingers) are cut at the same frame, so that they stay
     synchronous.
 
-    The first :obj:`rest` frames must be at rest. Contact is the first frame from which on a channel
-    of a taxel differs from its median at rest, for :obj:`sustain` frames in a row, by more than
+    The first :obj:`rest` frames must be at rest. Contact begins at the first frame at which a
+    channel of a taxel differs from its median at rest, for :obj:`sustain` frames in a row, by more
+    than
 
     .. math::
         \max(k \, \sigma, \text{floor})
 
     Here :math:`\sigma` is the standard deviation at rest: 1.4826 times the median absolute
     deviation of the taxel, but at least the median of this number over all taxels in the window,
-    since ten frames say little about a single taxel.
+    since ten frames are too few to measure a single taxel.
 
-    The threshold needs no labels; it is chosen so that noise rarely exceeds it. Normal noise
-    exceeds :math:`5 \sigma` once in 1.7 million frames of a taxel, and :obj:`sustain` excludes
-    spikes. The floor allows for the steps of the converter, which make :math:`\sigma` zero on quiet
-    taxels, and for drift between rest and contact. Its default is for counts; for readings in
-    another unit, set it in this unit.
+    The threshold does not depend on labels. Noise rarely exceeds it: normal noise exceeds
+    :math:`5 \sigma` once in 1.7 million frames of a taxel, and :obj:`sustain` excludes spikes. The
+    floor accounts for the steps of the converter, which make :math:`\sigma` zero on quiet taxels,
+    and for drift between rest and contact. Its default is meant for counts; set it for readings in
+    another unit.
 
-    Contact in the first frames, or a contact that grows as slowly as the drift, is not detected.
-    Such windows are kept unchanged or rejected, depending on :obj:`missing`, and their number is
-    logged.
+    Contact in the first frames is not detected, nor is contact that grows as slowly as the drift.
+    Such windows are left unchanged or raise an error, depending on :obj:`missing`. The number of
+    unchanged windows is logged.
 
-    It looks ahead by at most :obj:`sustain` frames, so that it also works live: the window begins
-    at contact (:obj:`causal = True`). Other time series of a sample are not cut;
+    The transform looks ahead by at most :obj:`sustain` frames, so that it also works live
+    (:obj:`causal = True`): the window begins at contact. Other time series of a sample are not cut;
     :obj:`contact_frame` is the frame of contact in them.
 
     Args:
@@ -64,15 +65,16 @@ class ContactCrop(TactileTransform):
         floor (float): The smallest threshold, in the unit of the readings.
         sustain (int): Number of frames for which a taxel must exceed the threshold.
         before (int): Number of frames to keep before contact.
-        missing (str): The handling of windows without contact: :obj:`"error"` or :obj:`"keep"`.
+        missing (str): The handling of windows without contact: :obj:`"error"` raises an error,
+            :obj:`"keep"` leaves them unchanged.
 
     Shapes:
         - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or a PyG batch
           :math:`(B \cdot N, C \cdot T)`, with :obj:`num_frames` :math:`T`; padded windows with
           :obj:`valid_frames` :math:`(B,)`
-        - **output:** the same shape, padded with NaN; the number of frames of each window without
-          the padding, :obj:`valid_frames` :math:`(B,)`; and the frame of contact in the input
-          window, :obj:`contact_frame` :math:`(B,)`, or -1 without contact
+        - **output:** the same shape, padded with NaN. :obj:`valid_frames` :math:`(B,)` is the
+          number of frames in each window without the padding. :obj:`contact_frame` :math:`(B,)` is
+          the frame of contact in the input window, or -1 without contact.
 
     Raises:
         ValueError: If an argument is out of range, a window has no contact and :obj:`missing` is
@@ -119,7 +121,8 @@ class ContactCrop(TactileTransform):
         num_samples, num_frames = len(signals), signals.size(-1)
         if num_frames <= self.rest:
             raise ValueError(
-                f"'num_frames' must be above {self.rest}, the frames at rest (got {num_frames})"
+                f"'num_frames' must be above {self.rest}, the number of frames at rest (got "
+                f"{num_frames})"
             )
         valid = valid_frames(data, num_samples, num_frames, signals.device)
         contact = self.contact(signals, valid)
@@ -158,8 +161,8 @@ class ContactCrop(TactileTransform):
         return torch.where(has_contact, is_touched.byte().argmax(dim=1), -1)
 
     def stays_beyond(self, signals: Tensor) -> Tensor:
-        r"""Returns whether a channel of a taxel exceeds its threshold in a frame and in the
-        following ones, :obj:`sustain` frames in total.
+        r"""Returns whether a channel of a taxel exceeds its threshold in a frame and the frames
+        after it, :obj:`sustain` frames in total.
 
         Args:
             signals (torch.Tensor): The readings with time as the last dimension
@@ -192,8 +195,8 @@ class ContactCrop(TactileTransform):
         )
         if self.missing == "error":
             raise ValueError(
-                f"each window must have contact (got none in {text}): give {type(self).__name__} "
-                "missing='keep' to keep them unchanged, or a lower threshold"
+                f"each window must have contact (got none in {text}): set missing='keep' in "
+                f"{type(self).__name__} to leave them unchanged, or lower the threshold"
             )
         _logger.warning("no contact in %s: kept unchanged by %r", text, self)
 

@@ -15,26 +15,26 @@ from torch_geometric_tactile.transforms._dead_taxels import DeadTaxels
 
 @functional_transform("drop_patches")
 class DropPatches(DeadTaxels):
-    r"""Simulates dead patches, such as those behind a broken cable: sets the readings of all their
-    taxels to a value and marks the taxels as :obj:`dropped` (functional name:
-    :obj:`drop_patches`).
+    r"""Simulates dead patches, for example behind a broken cable (functional name:
+    :obj:`drop_patches`). The readings of all taxels of a dead patch are set to a value, and the
+    taxels are marked as :obj:`dropped`.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels and their patches: a layout, the name of
             a layout of this package, or a layout file.
-        p (float, optional): Probability with which each patch of each sample is dropped; 0.1 if
-            neither :obj:`p` nor :obj:`patches` is given.
+        p (float, optional): Probability with which each patch of each sample is dropped. The
+            default is 0.1 if :obj:`patches` is left out as well.
         patches (sequence of int or str, optional): Numbers or names of the patches to drop in every
             sample, in place of :obj:`p`.
-        value (float): The reading of a dead taxel; NaN for a missing reading.
-        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
-            out.
+        value (float): The reading of a dead taxel. Use NaN for a missing reading.
+        generator (torch.Generator, optional): The random number generator. If left out,
+            PyTorch's default generator is used.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
           F)`
         - **output:** the same shape, and booleans :obj:`dropped` :math:`(N,)`, :math:`(B, N)` or
-          :math:`(B \cdot N,)`, which include taxels marked before
+          :math:`(B \cdot N,)`, which include taxels that are already marked
 
     Raises:
         ValueError: If :obj:`p` is no probability, both :obj:`p` and :obj:`patches` are given, the

@@ -14,23 +14,23 @@ from torch_geometric_tactile.transforms._dead_taxels import DeadTaxels
 
 @functional_transform("drop_taxels")
 class DropTaxels(DeadTaxels):
-    r"""Simulates dead taxels: sets their readings to a value and marks them as :obj:`dropped`
-    (functional name: :obj:`drop_taxels`).
+    r"""Simulates dead taxels (functional name: :obj:`drop_taxels`). Their readings are set to a
+    value, and the taxels are marked as :obj:`dropped`.
 
     Args:
-        p (float, optional): Probability with which each taxel of each sample is dropped; 0.1 if
-            neither :obj:`p` nor :obj:`taxels` is given.
+        p (float, optional): Probability with which each taxel of each sample is dropped. The
+            default is 0.1 if :obj:`taxels` is left out as well.
         taxels (sequence of int, optional): The taxels to drop in every sample, in place of
             :obj:`p`.
-        value (float): The reading of a dead taxel; NaN for a missing reading.
-        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
-            out.
+        value (float): The reading of a dead taxel. Use NaN for a missing reading.
+        generator (torch.Generator, optional): The random number generator. If left out,
+            PyTorch's default generator is used.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
           F)`
         - **output:** the same shape, and booleans :obj:`dropped` :math:`(N,)`, :math:`(B, N)` or
-          :math:`(B \cdot N,)`, which include taxels marked before
+          :math:`(B \cdot N,)`, which include taxels that are already marked
 
     Raises:
         ValueError: If :obj:`p` is no probability, both :obj:`p` and :obj:`taxels` are given, a
@@ -81,8 +81,8 @@ class DropTaxels(DeadTaxels):
     def graph_step(
         self, constants: StaticData, changing: Set[str]
     ) -> Callable[[StaticData], StaticData]:
-        r"""Returns a step with a fixed mask of the dead taxels, or this transform if they are
-        drawn.
+        r"""Returns a step with a fixed mask of the dead taxels, or this transform itself if the
+        taxels are drawn at random.
         """
         return self if self.is_random else _DropStep(self, constants)
 

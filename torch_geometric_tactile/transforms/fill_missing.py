@@ -13,11 +13,11 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 
 @functional_transform("fill_missing")
 class FillMissing(TactileTransform):
-    r"""Replaces missing readings (NaN) by a number, and marks their taxels as :obj:`missing`
+    r"""Replaces missing readings (NaN) by a number and marks their taxels as :obj:`missing`
     (functional name: :obj:`fill_missing`).
 
-    After a scaler, zero is the mean of the taxel. Infinite readings are not changed. The padding of
-    windows is replaced as well, but does not mark a taxel as missing.
+    After a scaler, zero is the mean of the taxel. Infinite readings are not changed. Padding of
+    windows is replaced as well, but its taxels are not marked as missing.
 
     Args:
         value (float): The number that replaces missing readings.
@@ -26,8 +26,8 @@ class FillMissing(TactileTransform):
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
           F)`
         - **output:** the same shape, and booleans :obj:`missing` :math:`(N,)`, :math:`(B, N)` or
-          :math:`(B \cdot N,)`: whether a feature of the taxel was missing, or the taxel was marked
-          before
+          :math:`(B \cdot N,)`: whether a feature of the taxel was missing or the taxel was already
+          marked
 
     Raises:
         ValueError: If :obj:`value` is not finite, or there are no readings.

@@ -28,19 +28,19 @@ def fit_parts(
     adapt: bool = False,
     before: BaseTransform | None = None,
 ) -> None:
-    r"""Fits each part of a transform on the output of the parts before it. Samples are processed in
-    chunks, so that the transformed samples, or those of a memory-mapped data set, need not fit into
-    memory.
+    r"""Fits each part of a transform on the output of the parts before it.
 
-    For each fitted part, the parts before it are applied to all samples again.
+    Samples are processed in chunks, so that neither a memory-mapped data set nor the transformed
+    samples need to fit into memory. For each fitted part, the parts before it are applied to all
+    samples again.
 
     Args:
         transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
         data (Dataset or StaticData or list of Data): The samples, before the :obj:`transform` of
             their data set.
         adapt (bool): Whether to call :meth:`FittedTransform.adapt` instead of :obj:`fit`.
-        before (BaseTransform, optional): A transform that is applied to the samples first and not
-            fitted, such as the :obj:`transform` of the data set.
+        before (BaseTransform, optional): A transform, such as the :obj:`transform` of the data set,
+            that is applied to the samples first and is not fitted.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -64,7 +64,7 @@ def fit_transform(
     r"""Fits each part of a transform on the output of the parts before it, and returns the
     transformed samples.
 
-    All transformed samples are in memory. :func:`fit_parts` fits without returning samples.
+    All transformed samples are held in memory. :func:`fit_parts` fits without returning samples.
 
     Args:
         transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.

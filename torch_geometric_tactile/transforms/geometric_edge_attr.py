@@ -15,35 +15,36 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 @functional_transform("geometric_edge_attr")
 class GeometricEdgeAttr(TactileTransform):
     r"""Describes each edge by its length and its vector (functional name:
-    :obj:`geometric_edge_attr`), the geometrical edge features of the "Tactile Object Property
-    Recognition using Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network"
-    paper.
+    :obj:`geometric_edge_attr`). These are the geometrical edge features of the "Tactile Object
+    Property Recognition using Geometrical Graph Edge Features and Multi-Thread Graph Convolutional
+    Network" paper.
 
     .. math::
         \mathbf{e}_{ij} = [d, v_x, v_y, v_z], \qquad
         \mathbf{v} = \mathbf{p}_j - \mathbf{p}_i, \qquad d = \lVert \mathbf{v} \rVert
 
-    with the neighbour :math:`j` in the first row of :obj:`edge_index`, and the target :math:`i` in
+    The neighbour :math:`j` is in the first row of :obj:`edge_index`, and the target :math:`i` in
     the second row.
 
-    The paper uses them in metres, without scaling. Scaled to the magnitude of the readings
-    (:class:`~torch_geometric_tactile.transforms.ZScore`), they seem to dominate the readings: on a
-    simulated hand, the paper's GCN with readings and edge features in one thread had an accuracy of
-    58 % with scaling, and of 82 % in metres (five splits; ``docs/results/hand_tables.md``).
+    The paper uses the features in metres, without scaling. If they are scaled to the magnitude of
+    the readings (:class:`~torch_geometric_tactile.transforms.ZScore`), they seem to dominate the
+    readings: on a simulated hand, the paper's GCN with readings and edge features in one thread had
+    an accuracy of 58 % with scaling and of 82 % in metres (five splits;
+    ``docs/results/hand_tables.md``).
 
     Args:
         norm (bool): If :obj:`True`, divides by the longest edge of the same sample, so that results
             do not depend on batching.
         max_value (float, optional): Length in metres by which to divide instead of the longest
             edge.
-        cat (bool): If :obj:`True`, appends the features to an existing :obj:`edge_attr`; otherwise
-            replaces it.
+        cat (bool): If :obj:`True`, the features are appended to an existing :obj:`edge_attr`;
+            otherwise, they replace it.
 
     Shapes:
         - **input:** positions in metres :math:`(N, 3)` or :math:`(B, N, 3)`, or a PyG batch, and
           :obj:`edge_index` :math:`(2, |\mathcal{E}|)`
-        - **output:** :obj:`edge_attr` in metres, or without unit with :obj:`norm`,
-          :math:`(|\mathcal{E}|, 4)` or :math:`(B, |\mathcal{E}|, 4)`; existing features come first
+        - **output:** :obj:`edge_attr` :math:`(|\mathcal{E}|, 4)` or :math:`(B, |\mathcal{E}|, 4)`
+          in metres, or without a unit with :obj:`norm`. Existing features come first.
 
     Raises:
         ValueError: If there are no positions or edges, :obj:`edge_attr` does not have one row for
@@ -97,7 +98,7 @@ class GeometricEdgeAttr(TactileTransform):
         return data
 
     def _norm_length(self, data: Data, length: Tensor, source: Tensor) -> Tensor | float:
-        # The length by which the features of each edge are divided.
+        # Returns the length by which the features of each edge are divided.
         if self.max_value is not None:
             return self.max_value
         if length.numel() == 0:

@@ -13,26 +13,26 @@ from torch_geometric_tactile.transforms._attributes import EDGES, require
 from torch_geometric_tactile.transforms._segments import repeat_rows
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
-# Distances are equal if they differ by less than this part of the largest distance. The rounding of
-# positions in single precision, a few sensor lengths from the origin, is smaller.
+# Distances count as equal if they differ by less than this part of the largest distance. The
+# rounding of positions in single precision, a few sensor lengths from the origin, is smaller.
 _TIE_TOLERANCE = 1e-5
 
 
 @functional_transform("taxel_knn_graph")
 class KNNGraph(TactileTransform):
-    r"""Connects each taxel with its :math:`k` nearest neighbours in three dimensions, as in the
+    r"""Connects each taxel to its :math:`k` nearest neighbours in three dimensions, as in the
     "Tactile Grasp Stability Classification Based on Graph Convolutional Networks" paper (functional
-    name: :obj:`taxel_knn_graph`, since PyG has a :obj:`knn_graph`).
+    name: :obj:`taxel_knn_graph`, since PyG already has a :obj:`knn_graph`).
 
-    Unlike :class:`torch_geometric.transforms.KNNGraph` it needs no compiled package, and ties are
-    broken in the same way on all machines: distances that differ by less than a hundred thousandth
-    of the sensor's size are equal, and of equally distant taxels the one with the lower number
-    comes first.
+    Unlike :class:`torch_geometric.transforms.KNNGraph`, this transform needs no compiled package
+    and breaks ties in the same way on all machines. Distances that differ by less than a hundred
+    thousandth of the sensor's size count as equal. Among equally distant taxels, the taxel with the
+    lower number comes first.
 
     Args:
         k (int): Number of neighbours.
-        symmetric (bool): Whether to add the reverse of each edge, as in the paper. Otherwise edges
-            run from the neighbour to the taxel only.
+        symmetric (bool): Whether to add the reverse of each edge, as in the paper. Otherwise, edges
+            only run from the neighbour to the taxel.
 
     Shapes:
         - **input:** positions in metres :math:`(N, 3)`, or a PyG batch
@@ -78,12 +78,12 @@ class KNNGraph(TactileTransform):
         num_taxels = pos.size(0)
         need(self.k < num_taxels, f"'k' must be below the number of taxels, {num_taxels}", self.k)
         pos = pos.double()
-        # Not by a matrix product, which loses digits of small distances.
+        # Without a matrix product, which would lose digits of small distances.
         distance = torch.cdist(pos, pos, compute_mode="donot_use_mm_for_euclid_dist")
         tolerance = _TIE_TOLERANCE * distance.max()
         distance, order = distance.fill_diagonal_(torch.inf).sort(dim=1)
         # A step above the tolerance begins the next rank. Rounding the distances to multiples of
-        # the tolerance would instead separate equal ones on both sides of a rounding boundary.
+        # the tolerance would separate equal distances on both sides of a rounding boundary.
         rank = (distance.diff(dim=1, prepend=distance[:, :1]) > tolerance).cumsum(dim=1)
         neighbour = (rank * num_taxels + order).sort(dim=1).values[:, : self.k] % num_taxels
         target = repeat_rows(torch.arange(num_taxels, device=pos.device), self.k)

@@ -13,24 +13,27 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 
 @functional_transform("normalize_range")
 class Normalize(FittedTransform):
-    r"""Scales each taxel and channel so that its readings are between :obj:`low` and :obj:`high` in
-    the samples on which it is fitted, which should be the training part (functional name:
-    :obj:`normalize_range`).
+    r"""Scales each taxel and channel so that its readings lie between :obj:`low` and :obj:`high`
+    (functional name: :obj:`normalize_range`). The lowest and highest readings are fitted on
+    samples, which should be the training part.
 
     .. math::
         x' = l + (h - l) \frac{x - x_{\min}}{x_{\max} - x_{\min}}
 
-    A taxel that never changes is shifted to the middle of the range. Readings outside of the fitted
-    range are scaled to values outside of :obj:`low` to :obj:`high`.
+    A taxel that never changes is shifted to the middle of the range. Readings outside the fitted
+    range are scaled to values outside the range from :obj:`low` to :obj:`high`.
 
     Args:
         low (float): The lower end :math:`l`.
         high (float): The upper end :math:`h`.
         attr (str): The attribute to scale: :obj:`"x"`, or another attribute of floating-point
             numbers.
-        per (str): :obj:`"taxel"` for a range of each taxel and channel, :obj:`"channel"` for a
-            range of all taxels of a channel (the last dimension of :obj:`attr`), or
-            :obj:`"signal"` for a range of all frames of a taxel and channel, in windows.
+        per (str): The numbers that share a range:
+
+            * :obj:`"taxel"`: each taxel and channel has a separate range.
+            * :obj:`"channel"`: all taxels of a channel (the last dimension of :obj:`attr`) share
+              one.
+            * :obj:`"signal"`: all frames of a taxel and channel in a window share one.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -38,9 +41,10 @@ class Normalize(FittedTransform):
         - **output:** the same shape
 
     Raises:
-        RuntimeError: If it was not fitted.
+        RuntimeError: If the transform was not fitted.
         ValueError: If :obj:`low` is not below :obj:`high`, :obj:`per` is unknown, or the readings
-            have other taxels (unless :obj:`per="channel"`) or channels than in the fit.
+            have other taxels (except with :obj:`per="channel"`) or channels than the fitted
+            samples.
 
     Examples:
         >>> from torch_geometric_tactile.data import StaticData
@@ -63,8 +67,8 @@ class Normalize(FittedTransform):
         self.high = float(high)
 
     def moments(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
-        r"""Returns the reading that becomes zero and the difference that becomes one, both in
-        double precision.
+        r"""Returns centre and scale in double precision: the reading that becomes zero, and the
+        difference that becomes one.
 
         Args:
             parts (iterable of torch.Tensor): The readings in parts, as in

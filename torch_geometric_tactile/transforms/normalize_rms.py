@@ -17,15 +17,15 @@ class NormalizeRMS(TactileTransform):
     r"""Divides the readings of each sample by their root mean square over all taxels and channels
     (functional name: :obj:`normalize_rms`).
 
-    The shape of a touch remains, without its strength: a light and a heavy person on a mat have the
-    same readings. Without a touch, noise becomes as large as a touch. Requires readings that are
-    zero at rest; otherwise apply :class:`~torch_geometric_tactile.transforms.Tare` first. A window
-    is one sample, so that changes of the strength within it remain.
+    The result shows the shape of a touch but not its strength: a light and a heavy person on a mat
+    have the same readings. In a sample without a touch, noise becomes as large as a touch. Readings
+    must be zero at rest; otherwise, apply :class:`~torch_geometric_tactile.transforms.Tare` first.
+    A window is one sample, so that changes in strength within a window are preserved.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
           F)`
-        - **output:** the same shape. Missing readings (NaN) stay missing, and zeros zero.
+        - **output:** the same shape. Missing readings (NaN) stay missing, and zeros stay zero.
 
     Raises:
         ValueError: If there are no readings.
@@ -47,6 +47,6 @@ class NormalizeRMS(TactileTransform):
         sample = repeat_rows(sample, x.size(-1))
         square = segment_means(rows.square().reshape(-1, 1), sample, count)
         rms = square.sqrt()[sample].reshape(rows.shape)
-        # A sample of zeros stays zero.
+        # A sample that is zero everywhere stays zero.
         data.x = (rows / rms.masked_fill(rms == 0, 1.0)).to(x).reshape(x.shape)
         return data

@@ -14,22 +14,22 @@ from torch_geometric_tactile.transforms._segments import samples_of_rows, segmen
 @functional_transform("random_contrast")
 class RandomContrast(RandomTransform):
     r"""Stretches the grey values of each sample about a centre by a random factor (functional name:
-    :obj:`random_contrast`), as an augmentation: a :obj:`train_transform`.
+    :obj:`random_contrast`). Use this augmentation in a :obj:`train_transform`.
 
     .. math::
         x'_i = \min(\max(c + g \, (x_i - c), 0), 1), \qquad g \sim \mathcal{U}(low, high)
 
-    Grey values are between 0 and 1 before and after. The paper of the letter array mentions
-    contrast enhancement without a formula; this formula is ours.
+    Grey values lie between 0 and 1 before and after the transform. The paper of the letter array
+    mentions contrast enhancement but gives no formula; this formula is our choice.
 
     Args:
         low (float): The smallest factor :math:`g`.
         high (float): The largest factor; factors above one enhance the contrast.
-        center (float, optional): The grey value :math:`c` that does not change. If left out, it is
-            the mean of each sample and channel, with which the dark background of a small contact
-            stays dark.
-        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
-            out.
+        center (float, optional): The grey value :math:`c` that does not change. The default is the
+            mean of each sample and channel, which keeps the dark background of a small contact
+            dark.
+        generator (torch.Generator, optional): The random number generator. If left out,
+            PyTorch's default generator is used.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,

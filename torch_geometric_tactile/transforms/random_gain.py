@@ -8,26 +8,26 @@ from torch_geometric_tactile.transforms._random import SegmentDraws
 
 @functional_transform("random_gain")
 class RandomGain(SegmentDraws):
-    r"""Multiplies the readings of each segment, such as a finger, by a random gain, drawn for each
-    sample and channel (functional name: :obj:`random_gain`), as an augmentation: a
-    :obj:`train_transform`. All frames of a window share one gain.
+    r"""Multiplies the readings of each segment, such as a finger, by a random gain (functional
+    name: :obj:`random_gain`). A gain is drawn for each sample and channel; all frames of a window
+    share one gain. Use this augmentation in a :obj:`train_transform`.
 
     .. math::
         x'_i = x_i \, e^{\sigma g}, \qquad g \sim \mathcal{N}(0, 1)
 
-    Requires readings whose zero has a meaning: tared readings, or readings scaled to mean zero.
+    Requires readings with a meaningful zero: tared readings, or readings scaled to mean zero.
 
     Args:
-        std (float): Standard deviation :math:`\sigma` of the logarithm of the gains, which is close
-            to their relative deviation if it is small.
+        std (float): Standard deviation :math:`\sigma` of the logarithm of the gains. If it is
+            small, it is close to the relative deviation of the gains.
         segments (str or sequence of int, optional): The segments: :obj:`"digit"` or :obj:`"patch"`
             of the layout, or an integer for each taxel :math:`(N,)`. If left out, all taxels of a
             sample are one segment.
         layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
             layout of this package, or a layout file; required for :obj:`"digit"` and
             :obj:`"patch"`.
-        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
-            out.
+        generator (torch.Generator, optional): The random number generator. If left out,
+            PyTorch's default generator is used.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,

@@ -18,23 +18,23 @@ from torch_geometric_tactile.transforms._segments import samples_of_rows
 
 @functional_transform("random_inversion")
 class RandomInversion(RandomTransform):
-    r"""Inverts the grey values of randomly drawn samples (functional name:
-    :obj:`random_inversion`), as an augmentation: a :obj:`train_transform`. Black becomes white.
+    r"""Inverts the grey values of randomly drawn samples, so that black becomes white (functional
+    name: :obj:`random_inversion`). Use this augmentation in a :obj:`train_transform`.
 
     .. math::
         x'_i = low + high - x_i
 
-    This is one interpretation of the "random inversion" of the "A Novel Bilinear Feature and
-    Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors
-    2020, 20, 5822), which does not define it; :class:`RandomMirror` is another one. Taxels at rest
-    then have the highest grey value, which does not occur on a real sensor.
+    The "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile
+    Shape Recognition" paper (Sensors 2020, 20, 5822) does not define its "random inversion". This
+    transform is one interpretation; :class:`RandomMirror` is another. Here, taxels at rest get the
+    highest grey value, which does not happen on a real sensor.
 
     Args:
         p (float): Probability with which each sample is inverted, in all channels.
         low (float): The lowest grey value.
         high (float): The highest grey value.
-        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
-            out.
+        generator (torch.Generator, optional): The random number generator. If left out,
+            PyTorch's default generator is used.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -65,7 +65,7 @@ class RandomInversion(RandomTransform):
         self.generator = check_generator(generator)
 
     def changed(self, data: Data, x: Tensor) -> Tensor:
-        r"""Returns the readings, with those of the drawn samples inverted."""
+        r"""Returns the readings, inverted in the drawn samples."""
         sample, count = samples_of_rows(data, x)
         is_inverted = (uniform(count, x, self.generator) < self.p)[sample]
         inverted = self.low + self.high - x

@@ -21,22 +21,22 @@ _ALONG = ("columns", "rows")
 
 @functional_transform("random_mirror")
 class RandomMirror(TactileTransform):
-    r"""Mirrors the images of the taxels of randomly drawn samples (functional name:
-    :obj:`random_mirror`), as an augmentation: a :obj:`train_transform`. Opposite taxels on the
-    image map of the layout swap their readings.
+    r"""Mirrors the taxel images of randomly drawn samples (functional name: :obj:`random_mirror`):
+    opposite taxels on the image map of the layout swap their readings. Use this augmentation in a
+    :obj:`train_transform`.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels, with an image map: a layout, the name
             of a layout of this package, or a layout file.
         p (float): Probability with which each sample is mirrored.
-        along (str): The order to reverse: that of the :obj:`"columns"` (left becomes right) or of
-            the :obj:`"rows"` (up becomes down).
-        negate (int, optional): The channel whose sign changes: the shear along the mirrored axis,
-            on :func:`~torch_geometric_tactile.sensors.grid` channel 0 with columns and channel 1
-            with rows. Requires tared readings, and a scaler that keeps zero. In windows, all frames
-            of the channel change their sign.
-        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
-            out.
+        along (str): :obj:`"columns"` reverses the order of the columns (left becomes right),
+            :obj:`"rows"` the order of the rows (up becomes down).
+        negate (int, optional): The channel whose sign changes, which should be the shear along the
+            mirrored axis. On :func:`~torch_geometric_tactile.sensors.grid`, this is channel 0 for
+            columns and channel 1 for rows. Requires tared readings and a scaler that preserves
+            zero. In windows, all frames of the channel change their sign.
+        generator (torch.Generator, optional): The random number generator. If left out,
+            PyTorch's default generator is used.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -76,7 +76,7 @@ class RandomMirror(TactileTransform):
         self.negate = negate
         self.generator = check_generator(generator)
         dim = 1 if along == "columns" else 0
-        # The image map may begin at any row and column, so that its two ends are swapped.
+        # The image map may begin at any row and column, so its two ends are swapped.
         cells = image_map.clone()
         cells[:, dim] = image_map[:, dim].min() + image_map[:, dim].max() - image_map[:, dim]
         self._opposite: Tensor = taxels_at(image_map, cells)

@@ -15,14 +15,14 @@ from torch_geometric_tactile.transforms._random import (
 
 @functional_transform("random_noise")
 class RandomNoise(RandomTransform):
-    r"""Adds normal noise to each reading separately (functional name: :obj:`random_noise`), as an
-    augmentation: a :obj:`train_transform`.
+    r"""Adds independent normal noise to each reading (functional name: :obj:`random_noise`). Use
+    this augmentation in a :obj:`train_transform`.
 
     Args:
-        std (float): Standard deviation of the noise, in the unit of the readings; after a scaler,
-            in standard deviations.
-        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
-            out.
+        std (float): Standard deviation of the noise in the unit of the readings; after a scaler, in
+            standard deviations.
+        generator (torch.Generator, optional): The random number generator. If left out,
+            PyTorch's default generator is used.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,

@@ -8,15 +8,14 @@ from torch_geometric_tactile.transforms._random import SegmentDraws
 
 @functional_transform("random_offset")
 class RandomOffset(SegmentDraws):
-    r"""Adds a random offset to the readings of each segment, such as a finger, drawn for each
-    sample and channel (functional name: :obj:`random_offset`), as an augmentation: a
-    :obj:`train_transform`. All frames of a window share one offset.
+    r"""Adds a random offset to the readings of each segment, such as a finger (functional name:
+    :obj:`random_offset`). An offset is drawn for each sample and channel; all frames of a window
+    share one offset. Use this augmentation in a :obj:`train_transform`.
 
-    An alternative is to subtract such offsets by
-    :class:`~torch_geometric_tactile.transforms.CommonMode`.
+    Alternatively, :class:`~torch_geometric_tactile.transforms.CommonMode` subtracts such offsets.
 
     Args:
-        std (float): Standard deviation of the offsets, in the unit of the readings; after a scaler,
+        std (float): Standard deviation of the offsets in the unit of the readings; after a scaler,
             in standard deviations.
         segments (str or sequence of int, optional): The segments: :obj:`"digit"` or :obj:`"patch"`
             of the layout, or an integer for each taxel :math:`(N,)`. If left out, all taxels of a
@@ -24,8 +23,8 @@ class RandomOffset(SegmentDraws):
         layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
             layout of this package, or a layout file; required for :obj:`"digit"` and
             :obj:`"patch"`.
-        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
-            out.
+        generator (torch.Generator, optional): The random number generator. If left out,
+            PyTorch's default generator is used.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,

@@ -21,22 +21,22 @@ _MAX_STEPS = 100
 
 @functional_transform("random_shift")
 class RandomShift(RandomTransform):
-    r"""Shifts the image of the taxels of each sample by a random number of cells (functional name:
-    :obj:`random_shift`), as an augmentation: a :obj:`train_transform`. Each taxel gets the reading
-    of the taxel that is this number of rows and columns away on the image map of the layout.
+    r"""Shifts the taxel image of each sample by a random number of cells (functional name:
+    :obj:`random_shift`). Each taxel gets the reading of the taxel that is this number of rows and
+    columns away on the image map of the layout. Use this augmentation in a :obj:`train_transform`.
 
-    It is meant for grids: on the image map of a hand, cells of different patches are neighbours.
+    The transform is meant for grids: on the image map of a hand, cells of different patches are
+    neighbours.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels, with an image map: a layout, the name
             of a layout of this package, or a layout file.
-        rows (int): The largest number of rows, in both directions; all numbers are drawn equally
-            often.
-        columns (int): The largest number of columns, in both directions.
-        value (float): The reading of taxels to which no reading is shifted, which should be that at
-            rest. After a scaler or a tare, zero is the mean or the rest of a taxel.
-        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
-            out.
+        rows (int): The largest shift in rows, in both directions. All shifts are equally likely.
+        columns (int): The largest shift in columns, in both directions.
+        value (float): The reading of taxels that get no shifted reading. It should be the reading
+            at rest: zero after a tare. After a scaler, zero is the mean of a taxel.
+        generator (torch.Generator, optional): The random number generator. If left out,
+            PyTorch's default generator is used.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -44,8 +44,8 @@ class RandomShift(RandomTransform):
         - **output:** the same shape. Missing readings (NaN) stay missing.
 
     Raises:
-        ValueError: If the layout has no image map, :obj:`rows` or :obj:`columns` is not 0 to 100,
-            or a sample has another number of taxels or no readings.
+        ValueError: If the layout has no image map, :obj:`rows` or :obj:`columns` is not between 0
+            and 100, or a sample has another number of taxels or no readings.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -77,7 +77,7 @@ class RandomShift(RandomTransform):
         draws = uniform(2 * len(rows), x, self.generator).cpu().view(-1, 2)
         # The product may be rounded up to `counts`, which is no valid step.
         steps = torch.minimum((draws * counts).long(), counts - 1) - counts // 2
-        # There are few different steps, so that the taxels are found once for each.
+        # There are few different steps, so the source taxels are looked up once for each step.
         different_steps, number = steps.unique(dim=0, return_inverse=True)
         source = (
             self._source_taxels(different_steps).to(x.device)[number.to(x.device)].unsqueeze(-1)
@@ -86,6 +86,7 @@ class RandomShift(RandomTransform):
         return shifted.masked_fill(source < 0, self.value).reshape(x.shape)
 
     def _source_taxels(self, steps: Tensor) -> Tensor:
-        # The taxel whose reading each taxel gets, for each step (K, N); -1 without one.
+        # Returns, for each step, the taxel whose reading each taxel gets (K, N); -1 if there is
+        # none.
         cells = self._map - steps.unsqueeze(1)
         return taxels_at(self._map, cells.view(-1, 2)).view(len(steps), len(self._map))

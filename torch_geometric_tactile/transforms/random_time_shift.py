@@ -20,21 +20,20 @@ _MAX_STEPS = 100_000
 
 @functional_transform("random_time_shift")
 class RandomTimeShift(RandomTransform):
-    r"""Shifts each sample in time by a random number of frames, the same for all taxels (functional
-    name: :obj:`random_time_shift`), as an augmentation: a :obj:`train_transform`. The first or last
-    frame is repeated to fill the gap.
+    r"""Shifts all taxels of a sample in time by the same random number of frames (functional name:
+    :obj:`random_time_shift`). The first or last frame is repeated to fill the gap. Use this
+    augmentation in a :obj:`train_transform`.
 
-    The features of a taxel are the frames of its first channel, then those of its second channel,
-    and so on.
+    The features of a taxel are the frames of its first channel, then the frames of its second
+    channel, and so on.
 
     Args:
-        steps (int): The largest shift in frames, earlier or later; all shifts are drawn equally
-            often.
-        num_frames (int, optional): Number of frames :math:`T`, of which the number of features is a
-            multiple. If left out, it is that of the samples if they are windows; otherwise all
-            features are the frames of one channel.
-        generator (torch.Generator, optional): The source of random numbers; that of PyTorch if left
-            out.
+        steps (int): The largest shift in frames, earlier or later. All shifts are equally likely.
+        num_frames (int, optional): Number of frames :math:`T`; the number of features must be a
+            multiple of it. The default is the number of frames of windows; in other samples, all
+            features are frames of one channel.
+        generator (torch.Generator, optional): The random number generator. If left out,
+            PyTorch's default generator is used.
 
     Shapes:
         - **input:** readings :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or a PyG batch
@@ -42,9 +41,9 @@ class RandomTimeShift(RandomTransform):
         - **output:** the same shape. Missing readings (NaN) are shifted as well.
 
     Raises:
-        ValueError: If :obj:`steps` is not 0 to 100,000, :obj:`num_frames` is below one or not that
-            of the windows, the number of features is no multiple of it, windows are padded, or
-            there are no readings.
+        ValueError: If :obj:`steps` is not between 0 and 100,000, :obj:`num_frames` is below one or
+            differs from the windows, the number of features is no multiple of it, windows are
+            padded, or there are no readings.
 
     Examples:
         >>> RandomTimeShift(0)(Data(x=torch.tensor([[1.0, 2.0, 3.0]]))).x
@@ -91,7 +90,7 @@ class RandomTimeShift(RandomTransform):
         window_frames = get_num_frames(data)
         if None not in (window_frames, self.num_frames) and window_frames != self.num_frames:
             raise ValueError(
-                f"'num_frames' must be {window_frames}, that of the windows (got {self.num_frames})"
+                f"'num_frames' must be {window_frames}, as in the windows (got {self.num_frames})"
             )
         return self.num_frames or window_frames or x.size(-1)
 

@@ -30,30 +30,30 @@ _Neighbours = Callable[[Tensor], tuple[Tensor, Tensor]]
 
 @functional_transform("resample")
 class Resample(TactileTransform):
-    r"""Resamples the frames of each window to :obj:`num` frames (functional name: :obj:`resample`),
-    60 in the "Tactile Grasp Stability Classification Based on Graph Convolutional Networks" paper.
-    Windows of different lengths have the same length afterwards.
+    r"""Resamples each window to :obj:`num` frames (functional name: :obj:`resample`), so that
+    windows of different lengths get the same length. The "Tactile Grasp Stability Classification
+    Based on Graph Convolutional Networks" paper uses 60 frames.
 
     New frames are spaced evenly from the first to the last frame of a window, which do not change.
     Constant signals and ramps are preserved.
 
-    * **With fewer frames** the signals are filtered to avoid aliasing, by a sinc with a Kaiser
-      window (:math:`\beta = 5`) of ten new frames on each side, as in
+    * **With fewer frames**, the signals are low-pass filtered to avoid aliasing. The filter is a
+      sinc with a Kaiser window (:math:`\beta = 5`) of ten new frames on each side, as in
       :func:`scipy.signal.resample_poly`, for any ratio. Signals are extended by odd reflection at
       their ends, as with :obj:`padtype="odd"` in :func:`scipy.signal.filtfilt`. A step overshoots
       by a few percent.
-    * **With more frames** the signals are interpolated linearly, so that they stay within the
+    * **With more frames**, the signals are interpolated linearly, so that they stay within the
       measured range.
 
     Missing readings (NaN) do not spread: they are interpolated linearly before resampling, and a
-    new frame is missing if the nearest old frame is missing. A taxel that is missing in all frames
-    stays missing.
+    new frame is missing if the nearest old frame is missing. A taxel without any reading stays
+    missing.
 
-    It needs the complete window: live, frames are collected until the window is complete
-    (:obj:`causal = False`). Other time series of a sample are not resampled.
+    The transform needs the complete window (:obj:`causal = False`): live, frames are collected
+    until the window is complete. Other time series of a sample are not resampled.
 
     Args:
-        num (int): Number of frames of each window afterwards, at least two.
+        num (int): Number of frames in each resampled window, at least two.
 
     Shapes:
         - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or a PyG batch
@@ -63,8 +63,8 @@ class Resample(TactileTransform):
           :obj:`num_frames` :obj:`num`, without :obj:`valid_frames`
 
     Raises:
-        ValueError: If :obj:`num` is not 2 to 100,000, there are no readings or no
-            :obj:`num_frames`, or :obj:`valid_frames` are not 1 to :math:`T`.
+        ValueError: If :obj:`num` is not between 2 and 100,000, there are no readings or no
+            :obj:`num_frames`, or :obj:`valid_frames` are not between 1 and :math:`T`.
 
     Examples:
         >>> window = Data(x=torch.tensor([[0.0, 2.0, 4.0, 6.0, 8.0]]), num_frames=5)
@@ -86,13 +86,13 @@ class Resample(TactileTransform):
         signals = require_signals(self, data)
         valid = valid_frames(data, len(signals), signals.size(-1), signals.device)
         out = signals.new_empty((*signals.shape[:-1], self.num))
-        for length in valid.unique().tolist():  # all windows of a length share a matrix
+        for length in valid.unique().tolist():  # windows of equal length share a matrix
             index = (valid == length).nonzero().view(-1)
             rows: Tensor = signals if len(index) == len(signals) else signals[index]
             rows = rows[..., :length].flatten(0, -2)
             out[index] = _resample(rows, self.num).view(-1, *out.shape[1:])
         data.x = signals_to_windows(out, data)
-        # A PyG batch has a tensor with a number for each sample.
+        # In a PyG batch, this is a tensor with a number for each sample.
         old_num = data.num_frames
         data.num_frames = (
             torch.full_like(old_num, self.num) if isinstance(old_num, Tensor) else self.num
@@ -142,11 +142,12 @@ def _resample(signals: Tensor, num: int, neighbours: _Neighbours | None = None) 
     if length == num:
         return signals
     values, missing = signals.double(), signals.isnan()
-    # A graph cannot depend on values, so that it always allows for missing readings.
+    # An exported graph cannot depend on values, so it always handles missing readings.
     may_miss = neighbours is not None or bool(missing.any())
     if may_miss:
         values = _fill_missing(values, missing, *(neighbours or _neighbours)(missing))
-    # Without the first value, a constant signal is zero, and stays constant in spite of rounding.
+    # With the first value subtracted, a constant signal is zero and stays constant despite
+    # rounding.
     level = values[..., :1]
     matrix = _resampling_matrix(length, num).to(signals.device)
     out = (level + (values - level) @ matrix.t()).to(signals.dtype)
@@ -158,8 +159,8 @@ def _resample(signals: Tensor, num: int, neighbours: _Neighbours | None = None) 
 
 
 def _fill_missing(values: Tensor, missing: Tensor, left: Tensor, right: Tensor) -> Tensor:
-    # Interpolates missing values linearly, and continues signals with their first and last value.
-    # A signal without any value becomes zero. `left` and `right` are the neighbouring frames with
+    # Interpolates missing values linearly, and extends signals with their first and last value. A
+    # signal without any value becomes zero. `left` and `right` are the neighbouring frames with
     # values.
     length = values.size(-1)
     first, last = left.clamp(min=0), right.clamp(max=length - 1)
@@ -171,8 +172,8 @@ def _fill_missing(values: Tensor, missing: Tensor, left: Tensor, right: Tensor) 
 
 
 def _neighbours(missing: Tensor) -> tuple[Tensor, Tensor]:
-    # The last frame with a value at or before each frame, and the first one at or after it; -1 or L
-    # if there is none.
+    # Returns the last frame with a value at or before each frame (-1 if there is none), and the
+    # first frame with a value at or after it (L if there is none).
     length = missing.size(-1)
     frames = torch.arange(length, device=missing.device).expand_as(missing)
     left = frames.masked_fill(missing, -1).cummax(dim=-1).values
@@ -181,8 +182,8 @@ def _neighbours(missing: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _neighbours_by_doubling(missing: Tensor) -> tuple[Tensor, Tensor]:
-    # As `_neighbours`, for ONNX, which has no running maximum: it is computed over 1, 2, 4, ...
-    # frames.
+    # Like `_neighbours`, for ONNX, which has no running maximum: the maximum is computed over 1, 2,
+    # 4, ... frames.
     length = missing.size(-1)
     frames = torch.arange(length)
     left = torch.where(missing, -1, frames)
@@ -197,8 +198,8 @@ def _neighbours_by_doubling(missing: Tensor) -> tuple[Tensor, Tensor]:
 
 @lru_cache(maxsize=128)
 def _resampling_matrix(length: int, num: int) -> Tensor:
-    r"""Returns the weights of the old frames in each new frame. They preserve constant signals,
-    ramps, and the first and the last frame.
+    r"""Returns the weights of the old frames in each new frame. The weights preserve constant
+    signals, ramps, and the first and the last frame.
 
     Args:
         length (int): Number of old frames :math:`L`.
@@ -219,8 +220,8 @@ def _resampling_matrix(length: int, num: int) -> Tensor:
 
 
 def _new_times(length: int, num: int) -> Tensor:
-    r"""Returns the times of the new frames in units of old frames, spaced evenly from the first to
-    the last one.
+    r"""Returns the times of the new frames in units of old frames. The times are spaced evenly from
+    the first to the last old frame.
 
     Args:
         length (int): Number of old frames :math:`L`.
@@ -238,7 +239,7 @@ def _linear_weights(times: Tensor, length: int) -> Tensor:
 
 
 def _filter_weights(times: Tensor, length: int) -> Tensor:
-    # The weights of a windowed sinc, which is evaluated on frames beyond both ends as well. Their
+    # The weights of a windowed sinc. The sinc is also evaluated on frames beyond both ends, whose
     # weights are then moved to frames of the signal.
     num = len(times)
     step = (length - 1) / (num - 1)

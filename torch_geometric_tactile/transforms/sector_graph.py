@@ -17,10 +17,9 @@ _EDGE_ATTRIBUTES = ("edge_attr", "edge_weight", "edge_type", "edge_is_within")
 
 @functional_transform("sector_graph")
 class SectorGraph(TactileTransform):
-    r"""Connects each taxel with its nearest neighbour in each sector of its tangent plane
-    (functional name: :obj:`sector_graph`), for
-    :class:`~torch_geometric_tactile.nn.conv.SectorConv`. See
-    :func:`~torch_geometric_tactile.sensors.sector_edges` for the directions.
+    r"""Connects each taxel to its nearest neighbour in each sector of its tangent plane (functional
+    name: :obj:`sector_graph`). :class:`~torch_geometric_tactile.nn.conv.SectorConv` uses this
+    graph. See :func:`~torch_geometric_tactile.sensors.sector_edges` for the directions.
 
     The edges do not depend on the pose of a hand, since positions and axes are in the frames of the
     links.
@@ -29,9 +28,10 @@ class SectorGraph(TactileTransform):
         layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of a layout of this
             package, or a layout file.
         num_sectors (int): Number of sectors.
-        radius (float, optional): Largest distance of a neighbour in metres; if left out, three
-            times the distance of neighbouring taxels.
-        within (str): Neighbours must be on the same :obj:`"patch"` or on the same :obj:`"link"`.
+        radius (float, optional): Largest distance of a neighbour in metres. The default is three
+            times the distance between neighbouring taxels.
+        within (str): Whether neighbours must be on the same :obj:`"patch"` or the same
+            :obj:`"link"`.
 
     Shapes:
         - **output:** :obj:`edge_index` :math:`(2, |\mathcal{E}|)` from the neighbour to the taxel,

@@ -15,17 +15,18 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 
 @functional_transform("select_channels")
 class SelectChannels(TactileTransform):
-    r"""Selects channels of the readings (functional name: :obj:`select_channels`): for example some
-    of the fingers whose signals are the channels of
-    :class:`~torch_geometric_tactile.datasets.BioTacSP`, or the pressure of a skin that also
-    measures shear.
+    r"""Selects channels of the readings (functional name: :obj:`select_channels`).
 
-    In windows, which have :obj:`num_frames`, all frames of a channel are selected. In other samples
-    each feature of a taxel is a channel.
+    Use it, for example, to select fingers of
+    :class:`~torch_geometric_tactile.datasets.BioTacSP`, whose channels are the fingers, or the
+    pressure of a skin that also measures shear.
+
+    In windows, which have :obj:`num_frames`, all frames of a channel are selected. In other
+    samples, each feature of a taxel is a channel.
 
     Args:
-        channels (sequence of int): Numbers of the channels from 0, in the order that the output
-            has.
+        channels (sequence of int): Numbers of the channels, counted from 0, in the order of the
+            output.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -33,8 +34,8 @@ class SelectChannels(TactileTransform):
         - **output:** the same leading shape, with the selected channels
 
     Raises:
-        ValueError: If there is no channel, a number is repeated or below 0, or the readings do not
-            have the channel.
+        ValueError: If no channel is selected, a number is repeated or below 0, or the readings lack
+            a channel.
 
     Examples:
         >>> data = Data(x=torch.tensor([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]))

@@ -10,24 +10,26 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 @functional_transform("session_z_score")
 class SessionZScore(FittedTransform):
     r"""Scales each taxel and channel to mean zero and standard deviation one within each recording
-    session, without labels (functional name: :obj:`session_z_score`). It removes offsets and gains
-    of a sensor that differ from day to day.
+    session (functional name: :obj:`session_z_score`). Use it to remove offsets and gains of a
+    sensor that differ from day to day. It does not need labels.
 
-    It needs the readings of a session before the first one can be scaled. It assumes that sessions
-    differ in the sensor, not in the touched objects: a session of stable grasps only would be
-    scaled to the same distribution as other sessions. See the page on session scaling in the
-    documentation.
+    A session must be recorded before its first reading can be scaled. The transform assumes that
+    sessions differ in the sensor, not in the touched objects: it would scale a session that has
+    only stable grasps to the same distribution as other sessions. See the page on session scaling
+    in the documentation.
 
-    :meth:`fit` measures the sessions of the training part, and :meth:`adapt` new sessions.
+    Call :meth:`fit` for the sessions of the training part and :meth:`adapt` for new sessions.
 
     Args:
         key (str): Integer attribute of the samples with the number of the session.
         attr (str): The attribute to scale: :obj:`"x"`, or another attribute of floating-point
             numbers.
-        per (str): :obj:`"taxel"` for a centre and a scale of each taxel and channel,
-            :obj:`"channel"` for those of all taxels of a channel (the last dimension of
-            :obj:`attr`), or :obj:`"signal"` for those of all frames of a taxel and channel, in
-            windows.
+        per (str): The numbers of a session that share a mean and a scale:
+
+            * :obj:`"taxel"`: each taxel and channel has a separate mean and scale.
+            * :obj:`"channel"`: all taxels of a channel (the last dimension of :obj:`attr`) share
+              them.
+            * :obj:`"signal"`: all frames of a taxel and channel in a window share them.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -35,9 +37,9 @@ class SessionZScore(FittedTransform):
         - **output:** the same shape
 
     Raises:
-        RuntimeError: If it was not fitted.
-        ValueError: If :obj:`per` is unknown, a session was not measured, or the readings have other
-            taxels (unless :obj:`per="channel"`) or channels.
+        RuntimeError: If the transform was not fitted.
+        ValueError: If :obj:`per` is unknown, a session was not fitted, or the readings have other
+            taxels (except with :obj:`per="channel"`) or channels than the fitted samples.
 
     Examples:
         >>> import torch

@@ -9,12 +9,13 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 
 @functional_transform("square_root")
 class SquareRoot(TactileTransform):
-    r"""Replaces each reading by the square root of its absolute value, with the same sign
+    r"""Replaces each reading by the square root of its absolute value and keeps its sign
     (functional name: :obj:`square_root`).
 
-    The standard deviation of a count grows with its square root; after this transform it is the
-    same for small and large counts. In pressures, a light touch remains visible beside a hard one.
-    Apply it before a scaler, and after a tare unless the readings are zero at rest.
+    The standard deviation of a count grows with the square root of the count; after this transform,
+    it is the same for small and large counts. In pressure readings, a light touch stays visible
+    beside a hard one. Apply it before a scaler, and after a tare unless the readings are zero at
+    rest.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,

@@ -1,4 +1,4 @@
-r"""The base class of transforms, with the declarations that each transform makes."""
+r"""The base class of transforms, with the properties that each transform declares."""
 
 from collections.abc import Callable, Set
 from inspect import signature
@@ -14,21 +14,21 @@ _DECLARED = ("reads", "writes", "per_frame")
 
 class TactileTransform(BaseTransform):
     r"""The base class of transforms that declare their properties. Data sets, predictors and the
-    ONNX export read these declarations, so that a new transform needs only one class and its test.
+    ONNX export read these declarations, so that a new transform needs only one class and a test.
 
-    A subclass declares, as class attributes, or as properties if they depend on arguments:
+    A subclass declares the following class attributes, or properties if they depend on arguments:
 
-    * :obj:`reads`, :obj:`writes`: names of the attributes on which the output depends, and of the
-      attributes that it sets. If all samples share the attributes in :obj:`reads`, a predictor
-      computes the output once.
+    * :obj:`reads`: names of the attributes on which the output depends. If all samples share them,
+      a predictor computes the output once.
+    * :obj:`writes`: names of the attributes that the transform sets.
     * :obj:`per_frame`: whether it changes each frame of a window independently of other frames.
-    * :obj:`is_random`: whether it draws random numbers; by default :obj:`False`.
-    * :obj:`causal`: whether it uses no later frames; by default :obj:`True`.
-    * :obj:`supports_static`: whether it accepts many samples :math:`(B, N, F)` at once; by default
-      :obj:`True`.
+    * :obj:`is_random`: whether it draws random numbers; :obj:`False` by default.
+    * :obj:`causal`: whether it works without later frames; :obj:`True` by default.
+    * :obj:`supports_static`: whether it accepts many samples :math:`(B, N, F)` at once;
+      :obj:`True` by default.
 
-    The declarations of a class do not apply to a subclass that overrides :obj:`forward`, unless the
-    subclass declares :obj:`reads` again. Otherwise the subclass is called for each sample.
+    A subclass that overrides :obj:`forward` must declare :obj:`reads` again. Otherwise, the
+    declarations of its base class do not apply, and the subclass is called for each sample.
 
     Raises:
         TypeError: If a class that defines :obj:`forward` lacks a declaration.
@@ -72,8 +72,8 @@ class TactileTransform(BaseTransform):
     def graph_step(
         self, constants: StaticData, changing: Set[str]
     ) -> Callable[[StaticData], StaticData]:
-        r"""Returns a function that has the same effect on a frame or window in an exported graph,
-        in which shapes and branches must not depend on values. By default it is the transform.
+        r"""Returns a function with the same effect on a frame or window in an exported graph, in
+        which shapes and branches must not depend on values. The default is the transform itself.
 
         Args:
             constants (StaticData): The attributes that are the same for all frames, before the
@@ -81,7 +81,7 @@ class TactileTransform(BaseTransform):
             changing (set of str): The attributes that differ from frame to frame.
 
         Raises:
-            NotImplementedError: If there is no such graph.
+            NotImplementedError: If the transform cannot be exported.
         """
         return self
 

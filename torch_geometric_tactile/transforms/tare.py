@@ -12,26 +12,28 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 
 @functional_transform("tare")
 class Tare(FittedTransform):
-    r"""Subtracts the reading at rest of each taxel and channel: the mean over the first samples of
-    its session (or trial), before anything is touched (functional name: :obj:`tare`).
+    r"""Subtracts the reading at rest of each taxel and channel (functional name: :obj:`tare`). The
+    reading at rest is the mean over the first samples of a session (or trial), before anything is
+    touched.
 
     .. math::
         x' = x - \frac{1}{|R|} \sum_{r \in R} x_r
 
-    The samples at rest :math:`R` are the :obj:`first` samples of the session, or those with
+    The samples at rest :math:`R` are the :obj:`first` samples of the session, or the samples with
     :math:`t - t_0` below :obj:`seconds`, where :math:`t_0` is the earliest time of the session.
 
-    Without samples at rest, leave out both :obj:`first` and :obj:`seconds`: the mean over the
-    session is subtracted, which removes the offset of the sensor together with the mean touch.
+    If a session has no samples at rest, leave out both :obj:`first` and :obj:`seconds`. The mean
+    over the whole session is then subtracted, which removes the offset of the sensor together with
+    the mean touch.
 
     Args:
-        key (str): Integer attribute of the samples whose values have separate readings at rest,
-            such as :obj:`"session"` or :obj:`"trial"`.
-        first (int, optional): Number of samples at rest at the start of each session; all samples
-            if left out.
-        seconds (float, optional): Duration of the rest at the start of each session, in seconds of
-            the sample attribute :obj:`time` (preferably in double precision), in place of
-            :obj:`first`. Samples at exactly this time are not included.
+        key (str): Integer attribute of the samples that separates sessions, such as
+            :obj:`"session"` or :obj:`"trial"`. Each session has its own readings at rest.
+        first (int, optional): Number of samples at rest at the start of each session. If left out,
+            all samples are used.
+        seconds (float, optional): Duration of the rest at the start of each session, in place of
+            :obj:`first`: seconds of the sample attribute :obj:`time`, preferably in double
+            precision. Samples at exactly this time are not included.
         attr (str): The attribute to shift: :obj:`"x"`, or another attribute of floating-point
             numbers.
 
@@ -42,10 +44,10 @@ class Tare(FittedTransform):
         - **output:** the same shape, in the same unit
 
     Raises:
-        RuntimeError: If it was not fitted.
+        RuntimeError: If the transform was not fitted.
         ValueError: If :obj:`first` is below one, :obj:`seconds` is not positive, both are given, a
-            session was not measured, samples lack the finite times that :obj:`seconds` requires, or
-            the readings have other taxels or channels.
+            session was not fitted, samples lack the finite times that :obj:`seconds` requires, or
+            the readings have other taxels or channels than the fitted samples.
 
     Examples:
         >>> import torch
@@ -74,7 +76,7 @@ class Tare(FittedTransform):
         self.seconds = seconds
 
     def measured(self, samples: Samples | FlatSamples, index: Tensor) -> Tensor:
-        r"""Returns the indices of the samples at rest, among the samples of one session."""
+        r"""Returns the indices of the samples at rest in one session."""
         if self.seconds is None:
             return super().measured(samples, index)
         time = self.sample_values(samples, "time", samples.num_samples)[index].double()

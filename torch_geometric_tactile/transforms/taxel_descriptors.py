@@ -28,24 +28,24 @@ _WINDOW_PREFIXES = ("last", "change", "time_mean", "time_deviation")
 
 @functional_transform("taxel_descriptors")
 class TaxelDescriptors(TactileTransform):
-    r"""Describes the readings of each channel by the descriptors of
-    :func:`~torch_geometric_tactile.sensors.taxel_descriptors` (functional name:
-    :obj:`taxel_descriptors`): statistics, centroid, contact area and oriented slopes, for any
-    layout and without training.
+    r"""Computes descriptors of the readings of each channel (functional name:
+    :obj:`taxel_descriptors`): statistics, centroid, contact area and oriented slopes. They work for
+    any layout and need no training. See
+    :func:`~torch_geometric_tactile.sensors.taxel_descriptors`.
 
-    Readings should be scaled first, by one scale for each channel (see
+    Scale the readings first, with one scale for each channel (see
     :class:`~torch_geometric_tactile.transforms.ZScore`).
 
-    For windows (:class:`~torch_geometric_tactile.data.Windows`) it returns the descriptors of the
-    last frame and of the change from the first to the last frame, and the mean and the standard
-    deviation of the descriptors of all frames.
+    For windows (:class:`~torch_geometric_tactile.data.Windows`), the output contains the
+    descriptors of the last frame, the descriptors of the change from the first to the last frame,
+    and the mean and standard deviation of the descriptors over all frames.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of a layout of this
             package, or a layout file.
         posed (bool): If :obj:`True`, centroid and moments are computed from the positions
-            :obj:`pos` of each sample, which :class:`TaxelPose` sets; otherwise from those of the
-            layout.
+            :obj:`pos` of each sample, which :class:`TaxelPose` sets; otherwise, from the positions
+            in the layout.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -68,7 +68,7 @@ class TaxelDescriptors(TactileTransform):
 
     @property
     def reads(self) -> tuple[str, ...]:
-        r"""Readings, and positions with :obj:`posed`."""
+        r"""The readings, and the positions with :obj:`posed`."""
         return ("x", *FRAMES, "pos") if self.posed else ("x", *FRAMES)
 
     def __init__(self, layout: TaxelLayout | PathLike, posed: bool = False) -> None:
@@ -80,7 +80,7 @@ class TaxelDescriptors(TactileTransform):
 
         Args:
             num_channels (int): Number of channels of a taxel.
-            of_windows (bool): Whether samples are windows of frames.
+            of_windows (bool): Whether the samples are windows of frames.
         """
         names = descriptor_names(self.layout)
         channel_names = [f"{name}_channel_{i}" for i in range(num_channels) for name in names]

@@ -11,20 +11,20 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 
 @functional_transform("taxel_force")
 class TaxelForce(TactileTransform):
-    r"""Rotates readings :math:`(x, y, p)`, shear along the two axes of a taxel and pressure, into
-    the frame of the hand (functional name: :obj:`taxel_force`), where readings of different taxels
-    can be added and compared:
+    r"""Rotates three-axis readings into the frame of the hand (functional name:
+    :obj:`taxel_force`), so that readings of different taxels can be added and compared. A reading
+    :math:`(x, y, p)` is the shear along the two axes of a taxel and the pressure.
 
     .. math::
         \mathbf{f}_i = x_i \, \mathbf{t}^x_i + y_i \, \mathbf{t}^y_i - p_i \, \mathbf{n}_i
 
-    This is the force that the touched object exerts on the skin. Readings are left-handed: pressure
-    is positive *into* the skin, against the outward normal :math:`\mathbf{n}`. The axes are
-    :obj:`tangent` and :obj:`normal` of the samples, which :obj:`TaxelPose(tangent=True)` computes
-    from the joint angles.
+    The result is the force that the touched object exerts on the skin. Readings are left-handed:
+    pressure is positive *into* the skin, against the outward normal :math:`\mathbf{n}`. The axes
+    are :obj:`tangent` and :obj:`normal` of the samples, which :obj:`TaxelPose(tangent=True)`
+    computes from the joint angles.
 
-    The unit does not change. Readings should be tared and have the same gain in all three channels;
-    scalers that are fitted channel by channel change directions.
+    The unit does not change. Readings should be tared and have the same gain in all three channels.
+    A scaler that is fitted per channel changes the directions of forces.
 
     Args:
         out (str): The attribute for the forces: :obj:`"x"` to replace the readings, or a new
@@ -38,7 +38,7 @@ class TaxelForce(TactileTransform):
           missing (NaN), all components of its force are missing.
 
     Raises:
-        ValueError: If there are no readings, not three channels, or no axes.
+        ValueError: If there are no readings or no axes, or the readings do not have three channels.
 
     Examples:
         >>> import torch

@@ -18,10 +18,10 @@ from torch_geometric_tactile.transforms.tactile_transform import TactileTransfor
 @functional_transform("taxel_pose")
 class TaxelPose(TactileTransform):
     r"""Computes the positions of the taxels of a hand from its joint angles :obj:`joint`
-    (functional name: :obj:`taxel_pose`), differentiably.
+    (functional name: :obj:`taxel_pose`). The computation is differentiable.
 
-    For a taxel at :math:`\mathbf{p}_i` with the normal :math:`\mathbf{n}_i` on link :math:`l`,
-    whose rotation and translation depend on the angles :math:`\mathbf{q}`:
+    A taxel has the position :math:`\mathbf{p}_i` and the normal :math:`\mathbf{n}_i` on link
+    :math:`l`, whose rotation and translation depend on the angles :math:`\mathbf{q}`:
 
     .. math::
         \mathbf{p}'_i = \mathbf{R}_l(\mathbf{q}) \, \mathbf{p}_i + \mathbf{t}_l(\mathbf{q}), \qquad
@@ -29,26 +29,27 @@ class TaxelPose(TactileTransform):
 
     Args:
         layout (TaxelLayout or str or PathLike, optional): The taxels, in the frames of their links:
-            a layout, the name of a layout of this package, or a layout file;
-            :func:`~torch_geometric_tactile.sensors.allegro_uskin` if left out.
-        kinematics (HandKinematics, optional): The hand with these links; the Allegro hand if left
-            out.
+            a layout, the name of a layout of this package, or a layout file. The default is
+            :func:`~torch_geometric_tactile.sensors.allegro_uskin`.
+        kinematics (HandKinematics, optional): The kinematics of the hand with these links. The
+            default is the Allegro hand.
         normal (bool): Whether to set :obj:`normal` as well, which takes as long as :obj:`pos`.
         tangent (bool): Whether to set :obj:`tangent` as well: the :math:`x` and :math:`y` axes of
-            the taxels (:meth:`~torch_geometric_tactile.sensors.TaxelLayout.axes`), which
-            :class:`~torch_geometric_tactile.transforms.TaxelForce` needs.
+            the taxels (:meth:`~torch_geometric_tactile.sensors.TaxelLayout.axes`).
+            :class:`~torch_geometric_tactile.transforms.TaxelForce` requires it.
 
     Shapes:
-        - **input:** joint angles in radians :math:`(J,)` or :math:`(1, J)`, :math:`(B, J)` for many
-          samples, or those of a PyG batch
-        - **output:** :obj:`pos` in metres and unit :obj:`normal` (if the layout has normals) in the
-          root frame of the hand :math:`(N, 3)`, :math:`(B, N, 3)` or :math:`(B \cdot N, 3)`, and
-          unit :obj:`tangent` with two axes, :math:`(N, 2, 3)` and so on. Angles that many samples
-          share (declared as :obj:`shared=["joint"]`) give shared positions :math:`(N, 3)`.
+        - **input:** joint angles in radians: :math:`(J,)` or :math:`(1, J)` for one sample,
+          :math:`(B, J)` for several, or a PyG batch of samples
+        - **output:** :obj:`pos` in metres and unit vectors :obj:`normal` (if the layout has
+          normals) in the root frame of the hand: :math:`(N, 3)`, :math:`(B, N, 3)` or
+          :math:`(B \cdot N, 3)`. Unit vectors :obj:`tangent` have two axes: :math:`(N, 2, 3)` and
+          so on. If all samples share the angles (declared as :obj:`shared=["joint"]`), they share
+          the positions :math:`(N, 3)`.
 
     Raises:
-        ValueError: If the hand does not have a link of the layout, there are no angles, or their
-            number does not fit the joints of the hand or the number of samples.
+        ValueError: If the hand lacks a link of the layout, there are no angles, or their number
+            does not match the joints of the hand or the number of samples.
 
     Examples:
         >>> import torch
@@ -102,14 +103,14 @@ class TaxelPose(TactileTransform):
         rows = joint
         if joint.dim() == 1 and (
             joint.numel() == num_joints
-            # A PyG batch of samples with angles (J,) has them in one row.
+            # A PyG batch of samples with angles (J,) joins them in one row.
             or (isinstance(data, Batch) and joint.numel() % num_joints == 0)
         ):
             rows = joint.view(-1, num_joints)
         if rows.dim() != 2 or rows.size(1) != num_joints:
             raise ValueError(
-                f"'joint' must have {num_joints} angles in each sample, as "
-                f"'{self.kinematics.name}' has joints (got shape {tuple(joint.shape)})"
+                f"'joint' must have {num_joints} angles in each sample, the number of joints of "
+                f"'{self.kinematics.name}' (got shape {tuple(joint.shape)})"
             )
         num_samples = 1
         if isinstance(data, Batch):
@@ -135,7 +136,7 @@ class TaxelPose(TactileTransform):
 
 class _PoseStep:
     r"""The step of :class:`TaxelPose` in an exported graph. Positions and normals are linear in the
-    poses of the links, so that one product computes those of all taxels.
+    poses of the links, so that one matrix product computes them for all taxels.
     """
 
     def __init__(self, part: TaxelPose) -> None:
@@ -151,8 +152,8 @@ class _PoseStep:
             self.normal = self._matrix(self.tables.normal)
 
     def _matrix(self, vectors: Tensor) -> Tensor:
-        # The matrix (12 L, 3 N) from the three rows of four numbers of the pose of each link to the
-        # vectors of all taxels.
+        # Returns the matrix (12 L, 3 N) that maps the poses of the links, each with three rows of
+        # four numbers, to the vectors of all taxels.
         count = len(vectors)
         row = torch.searchsorted(self.links, self.tables.link)
         matrix = torch.zeros(len(self.links), 3, 4, count, 3)

@@ -21,18 +21,20 @@ _NEW_ATTRIBUTES = ("segment_batch", "edge_is_within")
 
 @functional_transform("topological_segmentation")
 class TopologicalSegmentation(TactileTransform):
-    r"""Divides the taxels into segments, such as the digits of a hand, without edges between them
-    (functional name: :obj:`topological_segmentation`), as in the "Multifingered Object Recognition
-    with Tactile Sensors and Graph Convolutional Networks using Topological Graph Segmentation"
-    paper: :obj:`"digit"` is its method I, :obj:`"patch"` its method II.
+    r"""Divides the taxels into segments, such as the digits of a hand, and removes the edges
+    between segments (functional name: :obj:`topological_segmentation`).
+
+    The method is from the "Multifingered Object Recognition with Tactile Sensors and Graph
+    Convolutional Networks using Topological Graph Segmentation" paper: :obj:`"digit"` is its
+    method I, and :obj:`"patch"` its method II.
 
     .. math::
         \mathcal{E}' = \{ (j, i) \in \mathcal{E} : s_j = s_i \}
 
     The segments :math:`s` are stored as :obj:`segment_batch`. In a batch of PyG's
-    :class:`~torch_geometric.loader.DataLoader`, the segments of all samples have different numbers,
-    so that it can be used as the :obj:`batch` of a pooling layer. :meth:`split` returns the
-    segments one by one.
+    :class:`~torch_geometric.loader.DataLoader`, segments of different samples have different
+    numbers, so that :obj:`segment_batch` can be used as the :obj:`batch` of a pooling layer.
+    :meth:`split` returns the segments one by one.
 
     Args:
         by (str or sequence of int): The segments: :obj:`"digit"` or :obj:`"patch"` of the layout,
@@ -41,9 +43,9 @@ class TopologicalSegmentation(TactileTransform):
         layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of a
             layout of this package, or a layout file; required for :obj:`"digit"` and
             :obj:`"patch"`.
-        drop (bool): If :obj:`True`, drops the edges between segments, with their :obj:`edge_attr`
-            and :obj:`edge_weight`; otherwise keeps all edges and sets :obj:`edge_is_within`, which
-            is true for edges within a segment.
+        drop (bool): If :obj:`True`, edges between segments are removed, with their :obj:`edge_attr`
+            and :obj:`edge_weight`. Otherwise, all edges are kept, and :obj:`edge_is_within` is true
+            for edges within a segment.
 
     Shapes:
         - **input:** :obj:`edge_index` :math:`(2, |\mathcal{E}|)`, :obj:`edge_attr`
@@ -115,13 +117,13 @@ class TopologicalSegmentation(TactileTransform):
         return data
 
     def split(self, data: Data) -> list[Data]:
-        r"""Returns each segment as a separate object of the class of :obj:`data`, with its taxels,
-        numbered from zero, and the edges within the segment.
+        r"""Returns each segment as a separate object of the same class as :obj:`data`. A segment
+        has its taxels, numbered from zero, and the edges between them.
 
-        Attributes with a row for each taxel or edge are divided; each segment gets all other
-        attributes unchanged. :class:`~torch_geometric_tactile.data.StaticData` has the levels of
-        its attributes. In other data, attributes are divided if their number of rows is that of the
-        taxels (or of the edges, if the name contains :obj:`edge`), except the angles :obj:`joint`.
+        Attributes with a row for each taxel or edge are divided; all other attributes are copied to
+        each segment unchanged. :class:`~torch_geometric_tactile.data.StaticData` declares the level
+        of each attribute. In other data, an attribute is divided if it has as many rows as there
+        are taxels (or edges, if its name contains :obj:`edge`), except the angles :obj:`joint`.
 
         Args:
             data (torch_geometric.data.Data): The data, before or after the transform.
@@ -134,7 +136,7 @@ class TopologicalSegmentation(TactileTransform):
 
     def _checked(self, data: Data) -> tuple[Tensor, Tensor]:
         edge_index = require(self, data, "edge_index")
-        check_num_taxels(data, len(self.segment), "the segmentation has")
+        check_num_taxels(data, len(self.segment), "the segmentation")
         segment = self.segment.to(edge_index.device)
         return edge_index, segment.repeat(data.num_graphs) if isinstance(data, Batch) else segment
 
@@ -146,7 +148,7 @@ class TopologicalSegmentation(TactileTransform):
                 del part[key]
         taxels = mask.nonzero().view(-1)
         source, target = edge_index
-        # Both ends of an edge are in the same graph of a batch, so that edges within a segment stay
+        # Both ends of an edge belong to the same graph of a batch, so edges within a segment stay
         # within a sample.
         edges = (mask[source] & mask[target]).nonzero().view(-1)
         num_graphs = data.num_graphs if isinstance(data, Batch) else 1
@@ -175,7 +177,7 @@ class TopologicalSegmentation(TactileTransform):
     def graph_step(
         self, constants: StaticData, changing: Set[str]
     ) -> Callable[[StaticData], StaticData]:
-        r"""Returns a step with a fixed selection of edges, if all frames have the same edges."""
+        r"""Returns a step with a fixed selection of edges if all frames have the same edges."""
         return self if "edge_index" in changing else _SegmentationStep(self, constants)
 
     def __repr__(self) -> str:
@@ -184,7 +186,7 @@ class TopologicalSegmentation(TactileTransform):
 
 
 def _row_dims(data: Data, level: str, num_rows: int) -> dict[str, int]:
-    # The dimension of the rows of each attribute of a level, "node" or "edge".
+    # Returns the dimension that holds the rows of each attribute of a level, "node" or "edge".
     dims = {}
     for key, value in data.to_dict().items():
         if not isinstance(value, Tensor) or key in ("edge_index", "adj", "adj_t", *_NEW_ATTRIBUTES):
@@ -208,8 +210,8 @@ def _count_edges(data: Data, source: Tensor) -> Tensor:
 
 
 def _update_slices(data: Data, key: str, counts: Tensor, increment: int | None = None) -> None:
-    # PyG separates the samples of a batch by the first row of each attribute of each sample. It
-    # must be updated when the number of rows changes.
+    # PyG stores the first row of each sample in each attribute to separate the samples of a batch.
+    # These rows must be updated when the number of rows changes.
     if not isinstance(data, Batch) or not hasattr(data, "_slice_dict"):
         return
     start = torch.nn.functional.pad(counts.cumsum(0), (1, 0))
@@ -224,7 +226,7 @@ class _SegmentationStep:
     advance, since their number must not depend on values.
     """
 
-    is_same_for_all = True  # it sets the same values for all frames
+    is_same_for_all = True  # sets the same values for all frames
 
     def __init__(self, part: TopologicalSegmentation, constants: StaticData) -> None:
         source, target = constants.edge_index

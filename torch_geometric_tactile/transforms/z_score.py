@@ -13,49 +13,56 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 
 @functional_transform("z_score")
 class ZScore(FittedTransform):
-    r"""Scales each taxel and channel to mean zero and standard deviation one over the samples on
-    which it is fitted, which should be the training part (functional name: :obj:`z_score`).
+    r"""Scales each taxel and channel to mean zero and standard deviation one (functional name:
+    :obj:`z_score`). Mean and standard deviation are fitted on samples, which should be the training
+    part.
 
     .. math::
         x' = \frac{x - \mu}{\sigma}
 
-    With :obj:`attr` it scales each number of another attribute instead of the readings, such as the
-    features of each edge or the angle of each joint. Numbers that change only by rounding, such as
-    the length of an edge within a rigid patch, are divided by one.
+    With :obj:`attr`, another attribute is scaled instead of the readings, such as the features of
+    each edge or the angle of each joint. Numbers that change only by rounding, such as the length
+    of an edge within a rigid patch, are divided by one.
 
-    On a hand most taxels are rarely pressed. Scaled taxel by taxel, their noise becomes as large as
-    a touch on other taxels; with :obj:`per="channel"` all taxels have the same scale. Subtract the
-    readings at rest first (:class:`~torch_geometric_tactile.transforms.Tare`). A scaler that is
-    fitted per channel can be applied to any number of taxels. Without readings at rest, if each
-    taxel has a different offset, :obj:`scale_per="channel"` subtracts the mean of each taxel and
-    divides all taxels by one scale, the root mean square of their standard deviations.
+    On a hand, most taxels are rarely pressed. With :obj:`per="taxel"`, their noise becomes as large
+    as a touch on other taxels. There are two alternatives:
+
+    * :obj:`per="channel"` scales all taxels equally. Subtract the readings at rest first
+      (:class:`~torch_geometric_tactile.transforms.Tare`). The fitted scaler can be applied to any
+      number of taxels.
+    * :obj:`scale_per="channel"` is for taxels with different offsets and without readings at rest.
+      It subtracts the mean of each taxel, and divides all taxels by one scale: the root mean square
+      of their standard deviations.
 
     Args:
         attr (str): The attribute to scale, such as :obj:`"x"`, :obj:`"edge_attr"`, :obj:`"joint"`,
             :obj:`"absolute"` or :obj:`"pos"`.
-        per (str): :obj:`"taxel"` for a centre and a scale of each taxel and channel,
-            :obj:`"channel"` for those of all taxels of a channel (the last dimension of
-            :obj:`attr`), or :obj:`"signal"` for those of all frames of a taxel and channel, in
-            windows. With :obj:`"taxel"` and :obj:`"channel"`, each frame of a window has its own.
-        scale_per (str, optional): The same for the scale only; :obj:`per` if left out. With
-            :obj:`"all"` all numbers share one scale, which keeps the directions of forces and other
-            vectors.
-        with_mean (bool): Whether to subtract the mean. Without it, zero stays zero, which is
-            suitable for readings that are zero at rest, if later steps locate a touch.
+        per (str): The numbers that share a mean and a scale:
+
+            * :obj:`"taxel"`: each taxel and channel has a separate mean and scale.
+            * :obj:`"channel"`: all taxels of a channel (the last dimension of :obj:`attr`) share
+              them.
+            * :obj:`"signal"`: all frames of a taxel and channel in a window share them. With the
+              other values, each frame of a window has a separate mean and scale.
+        scale_per (str, optional): The numbers that share a scale, if they differ from :obj:`per`.
+            With :obj:`"all"`, all numbers share one scale, which preserves the directions of forces
+            and other vectors.
+        with_mean (bool): Whether to subtract the mean. Set it to :obj:`False` for readings that are
+            zero at rest and later steps that locate a touch, so that zero stays zero.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
           F)`; with :obj:`attr` for example edge features :math:`(|\mathcal{E}|, D)`,
           :math:`(B, |\mathcal{E}|, D)` or :math:`(B \cdot |\mathcal{E}|, D)`, or joint angles
           :math:`(1, J)` or :math:`(B, J)`; with :obj:`per="signal"` windows
-          :math:`(\ldots, C \cdot T)` with :obj:`num_frames` :math:`T`, of any number of frames
+          :math:`(\ldots, C \cdot T)` with any number of frames :math:`T`, :obj:`num_frames`
         - **output:** the same shape
 
     Raises:
-        RuntimeError: If it was not fitted.
-        ValueError: If :obj:`per` or :obj:`scale_per` is unknown, or they cannot be combined; or the
-            readings have other taxels (unless :obj:`per="channel"`) or channels than in the fit, or
-            no :obj:`num_frames` with :obj:`per="signal"`.
+        RuntimeError: If the transform was not fitted.
+        ValueError: If :obj:`per` or :obj:`scale_per` is unknown, they cannot be combined, the
+            readings have other taxels (except with :obj:`per="channel"`) or channels than the
+            fitted samples, or :obj:`num_frames` is missing with :obj:`per="signal"`.
 
     Examples:
         >>> import torch
@@ -87,7 +94,7 @@ class ZScore(FittedTransform):
         self.with_mean = with_mean
 
     def moments(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
-        r"""Returns mean and standard deviation, without missing readings.
+        r"""Returns the mean and the scale without missing readings.
 
         Args:
             parts (iterable of torch.Tensor): The readings in parts, as in
@@ -101,7 +108,7 @@ class ZScore(FittedTransform):
         return (center if self.with_mean else torch.zeros_like(center)), scale
 
     def _moments_with_common_scale(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
-        # A centre for each taxel, and a scale for all taxels, of each channel or of all channels.
+        # A centre for each taxel, and a scale that all taxels share, of each channel or overall.
         center, deviation = mean_and_deviation(parts)
         width = 1 if self.scale_per == "all" else center.size(-1)
         rows = (value.reshape(-1, width) for value in (center.abs(), deviation.square()))
