@@ -31,7 +31,7 @@ def test_without_annotations_nothing_is_said_of_them():
         (3, "must be a sequence of .start, end, label. .got int"),
         ("slip", "must be a sequence of .start, end, label. .got str"),
         ([(0, 1)], r"must each have a start, an end and a label \(got \(0, 1\)\)"),
-        ([(1, 0.5, "a")], r"an end that is not before it, in seconds \(got \(1, 0.5, 'a'\)\)"),
+        ([(1, 0.5, "a")], r"an end not before the start, in seconds \(got \(1, 0.5, 'a'\)\)"),
         ([(-math.inf, 0, "a")], "finite start"),
         ([(0, 10**400, "a")], "finite start"),
         ([("0", "1", "a")], "finite start"),

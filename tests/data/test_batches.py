@@ -69,7 +69,7 @@ def of_values(**values):
         ({"y": torch.ones(1).long(), "note": "dry"}, "'y' must have one type and shape"),
         (
             {"note": "dry"},
-            r"the same attributes \(got \['y'\] in only one of the first part and part 1",
+            r"the same attributes \(got \['y'\] only in part 0 or only in part 1",
         ),
     ],
 )

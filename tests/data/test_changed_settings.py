@@ -221,7 +221,7 @@ def test_processed_file_without_raw_files_is_used(raw, tmp_path):
 def test_processed_file_of_other_settings_without_raw_files(raw, tmp_path):
     Numbered(root=tmp_path)
     raw.unlink()
-    with pytest.raises(ValueError, match=r"cannot be used \(bins: 1 -> 2\) and the raw"):
+    with pytest.raises(ValueError, match=r"cannot be used \(bins: 1 -> 2\), and the raw"):
         Numbered(2, root=tmp_path)
     assert len(Numbered(root=tmp_path)) == 3
 
@@ -267,7 +267,9 @@ def test_another_process_with_other_settings_is_noticed(binned, tmp_path, monkey
         Binned("b", root=tmp_path, force_reload=True)
 
     monkeypatch.setattr(os, "replace", replace_twice)
-    with pytest.raises(RuntimeError, match=r"another process has written .*name: 'b' -> 'a'"):
+    with pytest.raises(
+        RuntimeError, match=r"another process has meanwhile written .*name: 'b' -> 'a'"
+    ):
         binned("a")
 
 

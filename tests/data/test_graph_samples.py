@@ -139,7 +139,7 @@ def test_attributes_that_cannot_be_split_by():
         Protocol("placement").split(SAMPLES)
     some = [Data(x=torch.ones(2, 1), trial=0), Data(x=torch.ones(2, 1))]
     with pytest.raises(
-        ValueError, match=r"sample 1 must have 'trial', as other samples have.*\(got none\)"
+        ValueError, match=r"sample 1 must have 'trial', like the other samples.*\(got none\)"
     ):
         Protocol("trial").split(some)
     rows = [Data(x=torch.ones(2, 1), trial=torch.tensor([1, 1])) for _ in range(2)]

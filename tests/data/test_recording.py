@@ -193,8 +193,8 @@ def test_meta_is_a_copy_with_lists_for_tuples():
             {"privileged": {"p": 1.0}},
             r"privileged 'p' must have one row per frame \(got a sc",
         ),
-        ({"privileged": {"a/b": [1, 2]}}, r"names that are texts without '/' or NUL.*got 'a/b'\)"),
-        ({"privileged": {"": [1, 2]}}, r"of 1 to 255 characters and not '.' \(got ''\)"),
+        ({"privileged": {"a/b": [1, 2]}}, r"names of .* without '/' or NUL.*got 'a/b'\)"),
+        ({"privileged": {"": [1, 2]}}, r"of 1 to 255 characters, .* and not '.' \(got ''\)"),
         (
             {"privileged": {"\ud800": [1, 2]}},
             r"names in 'privileged' must hold texts that can be encoded in UTF-8",

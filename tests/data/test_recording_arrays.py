@@ -51,7 +51,7 @@ def test_years_and_months_begin_on_a_day():
 @pytest.mark.parametrize(
     ("time", "message"),
     [
-        (np.arange(2), r"'time' must be .* \(floats in seconds, got int64\): give seconds as fl"),
+        (np.arange(2), r"'time' must be .* \(floats in seconds, got int64\): pass seconds as fl"),
         (np.arange(2, dtype=np.uint8), r"got uint8\): .* nanoseconds as time / 1e9"),
         (np.array([False, True]), r"got bool"),
         (["0.0", "0.1"], r"got <U3"),

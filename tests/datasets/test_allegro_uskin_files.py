@@ -90,7 +90,7 @@ def test_unreadable_name(tmp_path, name, meta):
         ({"joints": 0}, r"sponge_9\.npz' must have 16 joint angles .*'joint' \(got none\)"),
         ({"joints": 12}, r"sponge_9\.npz' must have 16 joint angles .*'joint' \(got 12\)"),
         ({"frames": 0}, r"sponge_9\.npz' must hold at least one frame \(got none\)"),
-        ({"trial": 1}, r"trial 1 of 'sponge' must be in one file .*_1\.npz' and .*_9\.npz'"),
+        ({"trial": 1}, r"trial 1 of 'sponge' must be in only one file .*_1\.npz' and .*_9\.npz'"),
         ({"labels": [1, 0, 1]}, r"_9\.npz' must have a 0 or 1 in 'labels' .*got \[1, 0, 1\]"),
         ({"labels": [2] + [0] * 5}, r"_9\.npz' must have a 0 or 1 in 'labels' .*got \[2, 0"),
         ({"labels": 1}, r"_9\.npz' must have a 0 or 1 in 'labels' .*got 1"),
@@ -148,11 +148,11 @@ def test_object_that_is_light_and_heavy(tmp_path):
         ({"labels": [1, 0], "label_names": "ab"}, "must have different texts in 'label_names'"),
         (
             {"synthetic": "no"},
-            r"'synthetic' in the metadata of .* must be true or false \(got 'no'\)",
+            r"must have true or false as 'synthetic' in its metadata \(got 'no'\)",
         ),
         (
             {"session": [1]},
-            r"'session' in the metadata of .* must be a text or an integer \(got \[1\]\)",
+            r"must have a text or an integer as 'session' in its metadata \(got \[1\]\)",
         ),
     ],
 )

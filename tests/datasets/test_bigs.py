@@ -114,7 +114,7 @@ def test_joint_signals_must_be_in_the_files(tmp_path):
 
 @pytest.mark.parametrize("until", [-1, float("nan"), float("inf"), True, "2"])
 def test_until_refuses(until, folder):
-    with pytest.raises(ValueError, match=r"'until' must be seconds, at least 0, or None"):
+    with pytest.raises(ValueError, match=r"'until' must be a number of seconds from 0 on, or None"):
         BiGS(folder, until=until)
 
 
@@ -225,7 +225,9 @@ def test_signals_of_another_size_name_the_file(folder):
 def test_a_trial_twice_names_both_files(folder):
     meta = {"object": "ball", "trial": 2, "session": "day 0"}
     write_recording(grasp(**meta), folder / "again.npz")
-    with pytest.raises(ValueError, match=r"trial 2 of 'ball' must be in one file .*again.*ball_2"):
+    with pytest.raises(
+        ValueError, match=r"trial 2 of 'ball' must be in only one file .*again.*ball_2"
+    ):
         BiGS(folder)
     write_recording(grasp(**{**meta, "session": "day 7"}), folder / "again.npz")
     assert len(BiGS(folder, until=None)) == 300

@@ -48,7 +48,7 @@ def test_slides_are_held_out_and_there_are_no_groups_nor_parts(tmp_path):
 def test_slide_twice_or_in_another_folder(tmp_path):
     make(tmp_path)
     slide(tmp_path / "mat1" / "mat1_01_bio.csv")
-    with pytest.raises(ValueError, match=r"slide 1 over mat1 must be in one file \(got '.*'"):
+    with pytest.raises(ValueError, match=r"slide 1 over mat1 must be in only one file \(got '.*'"):
         BioTacSlide(tmp_path)
     (tmp_path / "mat1" / "mat1_01_bio.csv").rename(tmp_path / "mat2" / "mat1_3_bio.csv")
     with pytest.raises(ValueError, match=r"mat1_3_bio.csv' must be in the folder 'mat1' \(got 'ma"):

@@ -99,8 +99,14 @@ def test_missing_or_empty_folder(missing, empty, tmp_path):
     [
         ("n/pen.csv", r"pen.csv' must be named <object><number>.csv, like 'bottle0.csv'"),
         ("n/12.csv", r"12.csv' must be named"),
-        ("n/pen010.csv", r"sequence 10 of 'pen' must be in one file \(got '.*pen0?10.csv' and '.*"),
-        ("N/pen10.csv", r"sequence 10 of 'pen' must be in one file \(got '.*pen10.csv' and '.*"),
+        (
+            "n/pen010.csv",
+            r"sequence 10 of 'pen' must be in only one file \(got '.*pen0?10.csv' and '.*",
+        ),
+        (
+            "N/pen10.csv",
+            r"sequence 10 of 'pen' must be in only one file \(got '.*pen10.csv' and '.*",
+        ),
     ],
 )
 def test_wrong_and_repeated_names(name, message, tmp_path):

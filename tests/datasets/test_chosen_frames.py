@@ -109,7 +109,7 @@ def test_processed_file_serves_all_choices(tmp_path, caplog):
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"rate": 0}, r"'rate' must be frames per second, above 0, or None \(got 0\)"),
+        ({"rate": 0}, r"'rate' must be a number of frames per second above 0, or None \(got 0\)"),
         ({"rate": float("nan")}, r"'rate' must be .* \(got nan\)"),
         ({"rate": float("inf")}, r"'rate' must be .* \(got inf\)"),
         ({"rate": True}, r"'rate' must be .* \(got True\)"),

@@ -103,7 +103,9 @@ def test_unreliable_trials_only(tmp_path):
 
 def test_one_trial_in_two_files(root):
     (root / "raw" / "bear_01.txt").write_bytes((root / "raw" / "bear_1.txt").read_bytes())
-    with pytest.raises(ValueError, match=r"trial 1 of 'bear' must be in one file \(got .*bear_01"):
+    with pytest.raises(
+        ValueError, match=r"trial 1 of 'bear' must be in only one file \(got .*bear_01"
+    ):
         ICubGrasp(root)
 
 

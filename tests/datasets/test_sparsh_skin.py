@@ -83,7 +83,7 @@ def test_episodes_are_held_out_object_by_object(tmp_path):
     [
         ({"tare": "hover"}, r"'tare' must be 'baseline' or None \(got 'hover'\)"),
         ({"tare": 0.5}, r"'tare' must be 'baseline' or None \(got 0.5\)"),
-        ({"rate": 0}, r"'rate' must be frames per second, above 0, or None \(got 0\)"),
+        ({"rate": 0}, r"'rate' must be a number of frames per second above 0, or None \(got 0\)"),
         ({"adjacency": "own"}, r"'sparse', 'slanted', 'original', 'dense' \(got 'own'\)"),
     ],
 )

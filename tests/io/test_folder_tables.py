@@ -54,7 +54,7 @@ def test_annotations_are_read_for_columns_of_any_names(tmp_path):
             "must have the column 'recording' (3 of 4 columns are missing",
         ),
         (HEAD + "a,0,x,slip\n", "line 2, column 3: 'end' must be a number (got 'x')"),
-        (HEAD + "a,2,1,slip\n", "line 2: 'annotations' must have a finite start and an end"),
+        (HEAD + "a,2,1,slip\n", "line 2: 'annotations' must have a finite start, and an end"),
         (HEAD + "a,0,1,\n", "line 2: 'annotations' must have labels of 1 to 255"),
         (HEAD, "must hold at least one annotation (got a header only)"),
     ],

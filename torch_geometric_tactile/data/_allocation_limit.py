@@ -12,11 +12,11 @@ from torch_geometric_tactile._limits import MODEL_BYTES, MODEL_TENSORS
 
 
 class AllocationLimit(TorchFunctionMode):
-    r"""Limits the memory and the number of tensors that a model or a transform allocates while it
-    is built from a file, in proportion to the tensors in the file.
+    r"""A context that limits the memory and the number of tensors that a model or a transform
+    allocates while it is built from a file. The limits are proportional to the tensors in the file.
 
-    A tensor is counted before it is allocated. A tensor of the file is counted at each reference to
-    it, in double precision, since a transform may convert it.
+    A tensor is counted before it is allocated. A tensor in the file is counted at each reference,
+    in double precision, since a transform may convert it.
 
     Args:
         weights (iterable of torch.Tensor): The tensors in the file.
@@ -25,7 +25,7 @@ class AllocationLimit(TorchFunctionMode):
     def __init__(self, weights: Iterable[Tensor]) -> None:
         super().__init__()
         sizes = [w.numel() * w.element_size() for w in weights if isinstance(w, Tensor)]
-        # A model allocates its parameters and a few copies while it is built; this leaves room.
+        # Leaves room for the parameters of a model and the few copies that building it allocates.
         self._max_bytes = MODEL_BYTES + 4 * sum(sizes)
         self._max_referenced_bytes = MODEL_BYTES + 8 * sum(sizes)
         self._referenced_bytes = 0
@@ -45,7 +45,7 @@ class AllocationLimit(TorchFunctionMode):
         return func(*args, **options)
 
     def count_reference(self, tensor: Tensor) -> Tensor:
-        r"""Counts a reference to a tensor of the file and returns the tensor.
+        r"""Counts a reference to a tensor in the file and returns the tensor.
 
         Raises:
             ValueError: If the references take more memory than the limit.
@@ -60,7 +60,7 @@ class AllocationLimit(TorchFunctionMode):
 
     def _count(self, func: Any, args: tuple[Any, ...], options: dict[str, Any]) -> None:
         shape_options = {key: value for key, value in options.items() if key not in _VALUE_OPTIONS}
-        # On the meta device the call returns the shape and type without allocating memory.
+        # On the meta device, the call returns the shape and type without allocating memory.
         if func in _FREE_FACTORIES:
             shape_options["device"] = "meta"
             meta_tensor = func(*args, **shape_options)
@@ -78,7 +78,7 @@ class AllocationLimit(TorchFunctionMode):
 
 _DOUBLE_BYTES = 8  # bytes of a number in double precision
 _VALUE_OPTIONS = ("generator", "out", "pin_memory")  # options that do not change the size
-#: Functions that create a tensor without another one as an argument.
+#: Functions that create a tensor without a tensor argument.
 _FREE_FACTORIES = frozenset(
     [
         torch.empty,

@@ -1,4 +1,4 @@
-r"""Checks annotations of a recording, cuts them to a span of time and labels frames by them."""
+r"""Checks of annotations, cuts to a span of time, and labels of frames from annotations."""
 
 import logging
 import math
@@ -13,14 +13,13 @@ from torch_geometric_tactile.data._recording_arrays import check_utf8
 from torch_geometric_tactile.data.annotation import Annotation
 
 MAX_ANNOTATIONS = 10_000
-OUTSIDE = "none"  # the class of frames outside of all annotations
-#: The label of time without frames. Live recordings use it from the last frame before an outage to
-#: the first frame after it. It is reserved and never the label of a frame.
+OUTSIDE = "none"  # the class of frames outside all annotations
+#: The label of a span without frames. Live recordings use it from the last frame before an outage
+#: to the first frame after it. It is reserved and never the label of a frame.
 GAP = "gap"
 _MAX_LABEL_LENGTH = 255
-# An annotation starts or ends at a frame if it is closer to it than this part of the distance to
-# the next frame. This allows for times that are rounded to milliseconds, at up to 100 frames a
-# second.
+# An annotation starts or ends at a frame if the difference in time is less than this part of the
+# time to the next frame. This allows times rounded to milliseconds at up to 100 frames per second.
 _TOLERANCE = 0.05
 _logger = logging.getLogger(__name__)
 
@@ -29,7 +28,8 @@ def checked_annotations(value: Any) -> tuple[Annotation, ...]:
     r"""Checks annotations and returns them in the order of their starts.
 
     Raises:
-        ValueError: If they are no sequence, one of them is invalid, or there are too many.
+        ValueError: If the annotations are no sequence, an annotation is invalid, or there are too
+            many.
     """
     if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
         raise ValueError(
@@ -47,7 +47,8 @@ def checked_annotation(row: Any) -> Annotation:
     r"""Checks a start, an end and a label, and returns them as an annotation.
 
     Raises:
-        ValueError: If the times are not finite and in order, or the label is no short text.
+        ValueError: If a time is not finite, the end is before the start, or the label is no short
+            text.
     """
     is_row = isinstance(row, list | tuple) and len(row) == 3
     need(is_row, "'annotations' must each have a start, an end and a label", f"{row!r:.80}")
@@ -58,7 +59,7 @@ def checked_annotation(row: Any) -> Annotation:
         start = math.inf
     if not (math.isfinite(start) and math.isfinite(end) and start <= end):
         raise ValueError(
-            "'annotations' must have a finite start and an end that is not before it, in seconds "
+            "'annotations' must have a finite start, and an end not before the start, in seconds "
             f"(got {row!r:.80})"
         )
     if (
@@ -76,13 +77,13 @@ def checked_annotation(row: Any) -> Annotation:
 
 
 def without_gaps(annotations: Iterable[Annotation]) -> list[Annotation]:
-    r"""Returns the annotations without those that mark time without frames (:obj:`"gap"`)."""
+    r"""Returns the annotations except those that mark spans without frames (:obj:`"gap"`)."""
     return [annotation for annotation in annotations if annotation.label != GAP]
 
 
 def annotations_within(annotations: Sequence[Annotation], time: np.ndarray) -> list[Annotation]:
-    r"""Returns the annotations that overlap the time from the first to the last frame, cut to this
-    time. Annotations that end at the first frame or begin at the last one are included, within
+    r"""Returns the annotations that overlap the span from the first to the last frame, cut to this
+    span. Annotations that end at the first frame or begin at the last frame are included, within
     rounding.
 
     Shapes:
@@ -104,11 +105,11 @@ def annotation_of_frames(
     annotations: Sequence[Annotation], time: np.ndarray, where: str = "the recording"
 ) -> np.ndarray:
     r"""Returns the label of the annotation that covers each frame, and :obj:`"none"` for frames
-    outside of all annotations.
+    outside all annotations.
 
     An annotation covers the frames at its start and at its end. A frame at which one annotation
-    ends and the next begins has the label of the next. Annotations of time without frames,
-    :obj:`"gap"`, label no frame. A warning is logged for each annotation that covers no frame.
+    ends and the next begins has the label of the next. Annotations with the label :obj:`"gap"`
+    label no frame. A warning is logged for each annotation that covers no frame.
 
     Args:
         annotations (sequence of Annotation): The annotations, in the order of their starts.
@@ -119,8 +120,8 @@ def annotation_of_frames(
         - **output:** labels :math:`(T,)`
 
     Raises:
-        ValueError: If an annotation lies before the first frame or after the last one, or two with
-            different labels overlap on a frame.
+        ValueError: If an annotation lies before the first or after the last frame, or two
+            annotations with different labels overlap on a frame.
     """
     annotations = without_gaps(annotations)
     width = max([len(OUTSIDE), *(len(label) for _, _, label in annotations)])
@@ -136,15 +137,15 @@ def annotation_of_frames(
         if start > latest[-1] or end < earliest[0]:
             raise ValueError(
                 f"{where}: the annotation {label!r} must be within the recording, from "
-                f"{float(time[0])!r} to {float(time[-1])!r} s (got {start!r} to {end!r} s): give "
-                "its start and end in seconds on the clock of the recording"
+                f"{float(time[0])!r} to {float(time[-1])!r} s (got {start!r} to {end!r} s): use "
+                "seconds on the clock of the recording for its start and end"
             )
         rows = slice(np.searchsorted(latest, start), np.searchsorted(earliest, end, side="right"))
         conflicts = np.flatnonzero((labels[rows] != label) & (latest[rows] < label_end[rows]))
         if len(conflicts):
             frame = int(rows.start + conflicts[0])
             raise ValueError(
-                f"{where}: annotations that overlap must have the same label to label frames "
+                f"{where}: overlapping annotations must have the same label to label frames "
                 f"(got {str(labels[frame])!r} and {label!r} in frame {frame}, at "
                 f"{time[frame]:g} s)"
             )
@@ -165,9 +166,10 @@ def annotation_of_frames(
 
 
 def _tolerance(time: np.ndarray) -> np.ndarray:
-    # The time around each frame within which a start or end counts as being at the frame: a part of
-    # the distance to its nearest neighbour, and at least the rounding of float64, which matters for
-    # seconds since 1970. It stays below half of the distance, so that frames cannot be confused.
+    # Returns the time around each frame within which a start or end counts as being at the frame:
+    # a part of the time to its nearest neighbour, and at least the rounding error of float64, which
+    # matters for seconds since 1970. It stays below half of the time to the neighbour, so that
+    # frames cannot be confused.
     step = np.concatenate([[np.inf], np.diff(time), [np.inf]])
     distance = np.minimum(step[:-1], step[1:])
     rounding = 2 * np.spacing(np.abs(time))

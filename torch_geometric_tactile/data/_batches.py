@@ -112,7 +112,7 @@ def _check_same_graph(first: StaticData, batch: StaticData, i: int) -> None:
     if keys != batch_keys:
         raise ValueError(
             f"all parts of 'dataset' must have the same attributes (got "
-            f"{sorted(keys ^ batch_keys)} in only one of the first part and part {i})"
+            f"{sorted(keys ^ batch_keys)} only in part 0 or only in part {i})"
         )
     if first.edge_index is not None and not torch.equal(first.edge_index, batch.edge_index):
         raise ValueError(

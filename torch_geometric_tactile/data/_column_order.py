@@ -12,9 +12,9 @@ _MAX_LISTED_NAMES = 6
 
 
 def column_names(recording: Recording) -> dict[str, list[str]]:
-    r"""Returns the column names of :obj:`"tactile"` and :obj:`"joint"` that a recording has in
-    :obj:`meta["column_names"]`. Those of :obj:`"tactile"` are in the order of the taxels, with all
-    channels of a taxel in a row.
+    r"""Returns the column names of :obj:`"tactile"` and :obj:`"joint"` in
+    :obj:`meta["column_names"]` of a recording. The columns of :obj:`"tactile"` are in the order of
+    the taxels, where all channels of a taxel follow each other.
 
     Raises:
         ValueError: If the names are no list, or do not name each column once.
@@ -30,7 +30,7 @@ def column_names(recording: Recording) -> dict[str, list[str]]:
         if not is_list or len({*names}) != size or len(names) != size:
             raise ValueError(
                 f"'column_names' in 'meta' must name each of the {size} columns of '{key}' once "
-                f"(got {str(names)[:80]}): remove it if the columns were changed since"
+                f"(got {str(names)[:80]}): remove it if the columns have changed since"
             )
         out[key] = names
     return out
@@ -42,10 +42,10 @@ def in_column_order(recording: Recording, columns: Mapping[str, Sequence[str]]) 
     Args:
         recording (Recording): The recording.
         columns (Mapping of str to sequence of str): Column names of :obj:`"tactile"` and
-            :obj:`"joint"`, in the order that the output has.
+            :obj:`"joint"`, in the order of the output.
 
     Raises:
-        ValueError: If the recording has columns of other names.
+        ValueError: If the recording has columns with other names.
 
     Examples:
         >>> columns = {"tactile": ["thumb", "index"]}
@@ -68,15 +68,15 @@ def in_column_order(recording: Recording, columns: Mapping[str, Sequence[str]]) 
 def column_places(
     names: Mapping[str, Sequence[str]], target_names: Mapping[str, Sequence[str]]
 ) -> dict[str, list[int]]:
-    r"""Returns the indices that bring columns into another order, for each of :obj:`"tactile"` and
-    :obj:`"joint"` whose order differs.
+    r"""Returns the indices that reorder the columns of :obj:`"tactile"` and :obj:`"joint"`, for
+    each of the two whose order differs.
 
     Args:
         names (Mapping of str to sequence of str): The names of the columns in their present order.
         target_names (Mapping of str to sequence of str): The same names in the new order.
 
     Raises:
-        ValueError: If one of the two has names that the other does not have.
+        ValueError: If the two have different names.
 
     Examples:
         >>> column_places({"joint": ["a", "b"]}, {"joint": ["b", "a"]})

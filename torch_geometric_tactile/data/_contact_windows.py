@@ -1,4 +1,4 @@
-r"""Finds windows of frames without contact."""
+r"""Detection of windows without contact."""
 
 import numpy as np
 
@@ -7,10 +7,10 @@ from torch_geometric_tactile.data.contact_rule import ContactRule
 
 class ContactWindow:
     r"""Decides for a stream of frames whether the window that ends with the newest frame lacks
-    contact: none of its frames has contact, and at least one has readings.
+    contact: none of its frames has contact, and at least one frame has readings.
 
     Args:
-        length (int): Number of frames of a window.
+        length (int): Number of frames in a window.
 
     Examples:
         >>> rule = ContactRule(threshold=1.0, rest=np.zeros((4, 1)))
@@ -20,7 +20,7 @@ class ContactWindow:
     """
 
     def __init__(self, length: int) -> None:
-        # No reset after a gap: callers ask only when the window is full of new frames again.
+        # Not reset after a gap: callers only ask once the window is full of new frames again.
         self.length = length
         self._num_frames = 0
         self._last_contact = self._last_free = -1  # numbers of frames, counted from 1
@@ -29,7 +29,7 @@ class ContactWindow:
         r"""Adds the next frame and returns whether the window lacks contact.
 
         Args:
-            rule (ContactRule): Decides whether a frame has contact.
+            rule (ContactRule): The rule that decides whether a frame has contact.
             tactile (numpy.ndarray): Readings :math:`(N, C)`.
         """
         self._num_frames += 1
@@ -47,10 +47,10 @@ def windows_lacking_contact(
     r"""Returns which windows of a recording lack contact, in the sense of :class:`ContactWindow`.
 
     Args:
-        rule (ContactRule): Decides whether a frame has contact.
+        rule (ContactRule): The rule that decides whether a frame has contact.
         tactile (numpy.ndarray): The frames from which the windows are cut :math:`(T, N, C)`.
         start (numpy.ndarray): The first frame of each window :math:`(W,)`.
-        stop (numpy.ndarray): The frame after the last one of each window :math:`(W,)`.
+        stop (numpy.ndarray): The first frame after each window :math:`(W,)`.
 
     Shapes:
         - **output:** booleans :math:`(W,)`
@@ -62,7 +62,7 @@ def windows_lacking_contact(
         >>> windows_lacking_contact(rule, frames, np.array([0, 1]), np.array([2, 3]))
         array([False,  True])
     """
-    # With cumulative counts, the count in any window is a difference of two numbers.
+    # With cumulative counts, the count within any window is the difference of two numbers.
     flags = np.stack([rule.is_contact(tactile), rule.lacks_contact(tactile)]).astype(np.int64)
     count = np.concatenate([np.zeros((2, 1), np.int64), np.cumsum(flags, axis=1)], axis=1)
     num_contacts, num_free = count[:, stop] - count[:, start]

@@ -1,4 +1,4 @@
-r"""How the frames of a data set were made: the rate, largest gap and stride of its trials."""
+r"""Properties of the frames of a data set: the rate, largest gap and stride of its trials."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,9 +14,9 @@ from torch_geometric_tactile.data.frame_rate import Rate, measure_rate
 if TYPE_CHECKING:
     from torch_geometric_tactile.data.static_dataset import StaticDataset
 
-_MIN_FRAMES = 10  # shorter trials do not count for the rate, unless all are shorter
+_MIN_FRAMES = 10  # shorter trials are ignored in the rate, unless all trials are shorter
 _MAX_SKIPPED = 5  # frames in a row that a selection, such as one phase, may leave out of a window
-_MIN_REGULAR_SHARE = 0.5  # of the distances of selected frames that must be the same
+_MIN_REGULAR_SHARE = 0.5  # share of the steps between selected frames that must be equal
 
 
 class StoredTrials(NamedTuple):
@@ -25,9 +25,9 @@ class StoredTrials(NamedTuple):
     Shapes:
         - **number:** The number of each trial :math:`(R,)`.
         - **start:** The first frame of each trial :math:`(R,)`.
-        - **end:** The frame after the last one of each trial :math:`(R,)`.
-        - **time:** Times of all frames in seconds :math:`(S,)`; :obj:`None` if they are not known,
-          or do not increase within the trials.
+        - **end:** The first frame after each trial :math:`(R,)`.
+        - **time:** Times of all frames in seconds :math:`(S,)`; :obj:`None` if the times are
+          unknown or do not increase within the trials.
     """
 
     number: np.ndarray
@@ -67,7 +67,7 @@ def _increasing_time(data: Any, start: np.ndarray) -> np.ndarray | None:
 
 
 class SelectedFrames(NamedTuple):
-    r"""How the selected frames of a data set were made, and the gaps between them.
+    r"""The properties of the selected frames of a data set, and the gaps between these frames.
 
     Shapes:
         - **is_gap:** Whether time or frames are missing between a selected frame and the next one
@@ -79,16 +79,16 @@ class SelectedFrames(NamedTuple):
 
 
 def dataset_info(dataset: "StaticDataset", info: FrameInfo, *, with_rate: bool = True) -> FrameInfo:
-    r"""Adds the measured rate, largest gap and stride of a data set to the known settings of its
+    r"""Adds the measured rate, largest gap and stride of a data set to the known properties of its
     frames.
 
     Args:
         dataset (StaticDataset): The frames, or a selection of them.
-        info (FrameInfo): The settings that are known without measuring.
+        info (FrameInfo): The properties that are known without measuring.
         with_rate (bool): Whether to measure the rate and the largest gap.
 
     Raises:
-        ValueError: If its trials have several rates.
+        ValueError: If the trials have several rates.
     """
     trials = _cached_trials(dataset)
     if trials is None or not len(dataset):
@@ -105,8 +105,9 @@ def dataset_info(dataset: "StaticDataset", info: FrameInfo, *, with_rate: bool =
 
 
 def joined_info(dataset: "StaticDataset") -> FrameInfo:
-    r"""Returns how the frames of a data set were made, without a rate if its trials have several
-    rates. For samples of single frames or whole trials, for which the rate does not matter.
+    r"""Returns the properties of the frames of a data set, without a rate if its trials have
+    several rates. Used for samples that are single frames or whole trials, for which the rate does
+    not matter.
     """
     try:
         return dataset.info
@@ -117,17 +118,17 @@ def joined_info(dataset: "StaticDataset") -> FrameInfo:
 def selected_frames(
     dataset: "StaticDataset", info: FrameInfo, max_gap: float | None
 ) -> SelectedFrames:
-    r"""Returns how the selected frames were made, and where time or frames are missing between
+    r"""Returns the properties of the selected frames, and where time or frames are missing between
     them.
 
     Args:
         dataset (StaticDataset): The frames, or a selection of them.
-        info (FrameInfo): How the frames were made.
-        max_gap (float, optional): The largest distance of two frames in seconds that is no gap;
-            that of :obj:`info` if left out.
+        info (FrameInfo): The properties of the frames.
+        max_gap (float, optional): The largest time in seconds between two frames that is no gap. If
+            left out, :obj:`max_gap` of :obj:`info` is used.
 
     Raises:
-        ValueError: If the frames are at irregular distances, such as randomly drawn ones.
+        ValueError: If the selected frames are irregular, such as randomly drawn frames.
     """
     trials = _cached_trials(dataset)
     info = info if max_gap is None else info.changed(max_gap=max_gap)
@@ -145,7 +146,7 @@ def selected_frames(
     if is_irregular.sum() > _MIN_REGULAR_SHARE * max(is_within.sum(), 1):
         i = int(np.flatnonzero(is_irregular)[0])
         raise ValueError(
-            "windows must be cut from frames at regular distances (got frame "
+            "windows must be cut from frames at regular intervals (got frame "
             f"{int(rows[i] - trials.start[trial_index[i]])} of a trial and then frame "
             f"{int(rows[i + 1] - trials.start[trial_index[i]])}): leave out samples_per_trial, or "
             "select frames with stride or rate"
@@ -157,8 +158,8 @@ def selected_frames(
 
 
 def _cached_trials(dataset: "StaticDataset") -> StoredTrials | None:
-    # Kept on the data set, with the rates that were measured, until its samples are replaced: each
-    # access to `info` would compute them again.
+    # Cached on the data set, together with the measured rates, until its samples are replaced:
+    # otherwise, each access to `info` would compute them again.
     data = dataset._data
     key = "_stored_trials"
     cached = dataset.__dict__.get(key)
@@ -199,12 +200,12 @@ def _with_measured_rate(
     rates = {i: trial_rates[i].rate for i in rated_trials}
     gaps = [trial_rates[i].max_gap for i in rated_trials]
     names = trial_names(dataset, trials.number)
-    if info.rate is not None:  # that of the recordings, not all of whose frames are stored
+    if info.rate is not None:  # the rate of the recordings, of which only some frames are stored
         return info.changed(max_gap=float(np.median(gaps)))
     if info.selected_rate is None:
         rate, tolerance = joined_rate(rates, names)
         return info.changed(rate=rate, tolerance=tolerance, max_gap=float(np.median(gaps)))
-    # Frames at one rate were selected from recordings, which may have any rate.
+    # Frames were selected at one rate from recordings, which may have any rate.
     return info.changed(rate=max(rates.values()), max_gap=max(gaps))
 
 
@@ -221,7 +222,7 @@ def trial_names(dataset: "StaticDataset", number: np.ndarray) -> list[str]:
 def _frame_steps(
     trials: StoredTrials, rows: np.ndarray, trial_index: np.ndarray, info: FrameInfo
 ) -> np.ndarray:
-    # The distance from each selected frame to the next one, in frames after `selected_rate`.
+    # Returns the step from each selected frame to the next, in frames after `selected_rate`.
     if info.selected_rate is None or trials.time is None:
         return np.diff(rows)
     return np.diff(info.ticks(trials.time[rows] - trials.time[trials.start[trial_index]])).astype(
@@ -241,7 +242,7 @@ def selected_at_rate(time: Tensor, trial: Tensor, info: FrameInfo) -> Tensor:
 
     Shapes:
         - **time:** Time of each frame in seconds, increasing in a trial :math:`(S,)`.
-        - **trial:** Trial of each frame, all frames of a trial in a row :math:`(S,)`.
+        - **trial:** Trial of each frame :math:`(S,)`. The frames of a trial must be consecutive.
         - **output:** booleans :math:`(S,)`
     """
     is_selected = torch.zeros(len(time), dtype=torch.bool)

@@ -1,4 +1,4 @@
-r"""Describes the settings of a processed file as text that is the same in every run."""
+r"""Descriptions of the settings of a processed file as text that is the same in every run."""
 
 import enum
 import functools
@@ -35,14 +35,16 @@ _MAX_SHORT_TEXT = 60  # characters of a description in a message
 
 
 def describe(value: Any) -> str:
-    r"""Returns a text that changes if, and only if, a setting changes. It is the same in every run,
-    although addresses in memory and the order of sets differ between runs.
+    r"""Returns a text that changes if, and only if, a setting changes. The text is the same in
+    every run, although addresses in memory and the order of sets differ between runs.
 
-    Tensors, arrays and layouts are described by a hash of their numbers; functions by their name,
-    their byte code, their defaults and the variables that they close over; other objects by their
-    class, their public attributes, the :obj:`arguments()` of transforms that have them, and those
-    private attributes that are data, functions, layouts or transforms, or lists, tuples, sets or
-    dictionaries of these. State that :obj:`__getstate__` leaves out, such as a cache, is ignored.
+    * Tensors, arrays and layouts are described by a hash of their numbers.
+    * Functions are described by their name, their byte code, their defaults and the variables that
+      they close over.
+    * Other objects are described by their class, their public attributes, the output of
+      :obj:`arguments()` if a transform defines it, and those private attributes that are data,
+      functions, layouts or transforms, or lists, tuples, sets or dictionaries of these. State that
+      :obj:`__getstate__` leaves out, such as a cache, is ignored.
 
     The description of a user's function or class includes a hash of its source code and of all
     modules that it imports. Without a source file, as in a notebook, it includes the functions and
@@ -56,7 +58,7 @@ def describe(value: Any) -> str:
     text = _describe(value, ())
     if len(text) <= _MAX_DESCRIPTION:
         return text
-    # The hash of the source code stays apart from that of the settings, see `without_code`.
+    # The hash of the source code is separate from the hash of the settings, see `without_code`.
     sources = " ".join(_SOURCE.findall(text))
     mark = f"[source {_sha256(sources.encode())}]" if sources else ""
     text = _SOURCE.sub("", text)
@@ -64,8 +66,8 @@ def describe(value: Any) -> str:
 
 
 def _describe(value: Any, parents: tuple[int, ...]) -> str:
-    # `parents` are the identities of the objects that contain the value: one that contains itself
-    # ends here.
+    # `parents` are the identities of the objects that contain the value. The recursion ends at an
+    # object that contains itself.
     if value is None or (isinstance(value, _PLAIN) and not isinstance(value, enum.Enum)):
         return repr(value)
     if id(value) in parents:
@@ -122,8 +124,8 @@ def _describe_callable(value: Any, parents: tuple[int, ...]) -> str | None:
 
 
 def _describe_class(cls: type, parents: tuple[int, ...] = ()) -> str:
-    # A class without a source file, as in a notebook, is described by the code of its methods and
-    # its constants.
+    # A class without a source file, as in a notebook, is described by its constants and the code of
+    # its methods.
     if has_source(cls):
         return _path(cls)
     content: dict[str, Any] = {}
@@ -137,7 +139,7 @@ def _describe_class(cls: type, parents: tuple[int, ...] = ()) -> str:
 
 
 def _referenced_globals(function: types.FunctionType) -> dict[str, Any]:
-    # The functions, classes and values of its module to which the code of a function refers.
+    # Returns the functions, classes and values of its module to which a function refers.
     names = _code_names(function.__code__) & function.__globals__.keys()
     globals_by_name = {name: function.__globals__[name] for name in names}
     modules = [value for value in globals_by_name.values() if isinstance(value, types.ModuleType)]
@@ -146,7 +148,7 @@ def _referenced_globals(function: types.FunctionType) -> dict[str, Any]:
 
 
 def _code_names(code: types.CodeType) -> set[str]:
-    # The names in the code of a function and of the functions that it defines.
+    # Returns the names in the code of a function and of the functions defined in it.
     inner_code = (const for const in code.co_consts if isinstance(const, types.CodeType))
     return set(code.co_names).union(*map(_code_names, inner_code))
 
@@ -159,7 +161,7 @@ def _cell_contents(cell: Any) -> Any:
 
 
 def _describe_code(code: types.CodeType) -> str:
-    # Without file names and line numbers, which do not change the behaviour of the function.
+    # Leaves out file names and line numbers, which do not change what the function does.
     consts = (
         _describe_code(const) if isinstance(const, types.CodeType) else _describe(const, ())
         for const in code.co_consts
@@ -196,8 +198,8 @@ def _slots(cls: type) -> Sequence[str]:
 
 
 def _is_setting(value: Any) -> bool:
-    # Whether a private attribute is described. Others are caches or resources, which change with
-    # use or from run to run.
+    # Returns whether a private attribute is described. Other attributes are caches or resources,
+    # which change with use or from run to run.
     if isinstance(value, Mapping):
         return all(map(_is_setting, value.values()))
     if isinstance(value, Sequence | Set) and not isinstance(value, str | bytes):
@@ -224,7 +226,7 @@ def constructor_arguments(
         >>> constructor_arguments(type("A", (), {"__init__": lambda self, k, n=3: None}), [2], {})
         {'k': 2, 'n': 3}
     """
-    # `bind_partial`, since the constructor itself reports missing and unknown arguments.
+    # `bind_partial` is used because the constructor itself reports missing and unknown arguments.
     try:
         bound = signature(cls.__init__).bind_partial(None, *args, **kwargs)  # type: ignore[misc]
     except TypeError:
@@ -240,7 +242,7 @@ def constructor_arguments(
 
 
 def setting_changes(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
-    r"""Returns the settings that differ as texts, such as :obj:`"k: 2 -> 5"`.
+    r"""Returns the settings that differ, as texts such as :obj:`"k: 2 -> 5"`.
 
     The byte code of functions is not compared between versions of Python.
     """
@@ -276,7 +278,7 @@ def _shorten(text: str | None) -> str:
 
 
 def state_changes(before: Iterable[str], after: Iterable[str]) -> list[str]:
-    r"""Returns the keys whose lines :obj:`"key=value"` differ as texts, such as
+    r"""Returns the keys whose lines :obj:`"key=value"` differ, as texts such as
     :obj:`"'a.h5' was added"`.
     """
     old, new = (dict(line.rpartition("=")[::2] for line in lines) for lines in (before, after))

@@ -10,7 +10,7 @@ RATE_TOLERANCE = 0.05
 #: The relative tolerance in comparisons with a gap or a tick: clocks in float64 and clocks in whole
 #: nanoseconds round differently.
 ROUNDING = 1e-3
-# The rates of two trials, neighbours in order of rate, may have this ratio and still count as
+# Up to this ratio between the rates of a trial and the next slower trial, the difference counts as
 # jitter of one device.
 _MAX_RATE_RATIO = 1.25
 

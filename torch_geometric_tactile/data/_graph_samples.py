@@ -27,8 +27,8 @@ AnySamples = StaticDataset | StaticData | Dataset | Sequence[Data]
 
 
 class GraphSamples(Dataset):
-    r"""Samples of PyG whose taxels may differ, with the interface of
-    :class:`~torch_geometric_tactile.data.StaticDataset`: attributes as columns, selections and the
+    r"""PyG samples whose taxels may differ, with the interface of
+    :class:`~torch_geometric_tactile.data.StaticDataset`: attributes as columns, selections, and the
     names of classes, groups and sessions. Texts in :obj:`y` and in the attributes by which samples
     are split become numbers, in the order of the sorted texts.
 
@@ -36,11 +36,11 @@ class GraphSamples(Dataset):
         samples (Dataset or sequence of Data): The samples.
 
     Raises:
-        TypeError: If they are no samples of PyG with one kind of nodes.
+        TypeError: If the samples are not PyG samples with one kind of nodes.
         ValueError: If there is no sample.
     """
 
-    #: There is no common layout, since the samples may be of several sensors.
+    #: There is no common layout, since the samples may come from several sensors.
     layout = None
     group_kind = "group"
 
@@ -70,7 +70,7 @@ class GraphSamples(Dataset):
         return len(self._indices)
 
     def len(self) -> int:
-        r"""Returns the number of stored samples, selected or not."""
+        r"""Returns the number of stored samples, including samples that are not selected."""
         return len(self._samples)
 
     def indices(self) -> list[int]:
@@ -101,8 +101,8 @@ class GraphSamples(Dataset):
         return out
 
     def first(self) -> Data:
-        r"""Returns the first stored sample, after :obj:`transform`. An empty selection has one as
-        well.
+        r"""Returns the first stored sample, after :obj:`transform`, even if the selection is
+        empty.
         """
         out = copy.copy(self)
         out._indices = torch.arange(1)
@@ -142,7 +142,7 @@ class GraphSamples(Dataset):
         missing = [i for i, value in enumerate(values) if value is None]
         if missing:
             raise ValueError(
-                f"sample {missing[0]} must have '{key}', as other samples have, with one value "
+                f"sample {missing[0]} must have '{key}', like the other samples, with one value "
                 "(got none)"
             )
         if key in NAMED:
@@ -158,7 +158,7 @@ class GraphSamples(Dataset):
         return [key for key, values in self._columns.items() if key and None not in values]
 
     def _check_names(self, key: str) -> None:
-        # If data sets with different names are concatenated, their numbers have different meanings.
+        # In concatenated data sets with different names, the same number means different things.
         try:
             first, *further_parts = static_parts(self._samples)
         except TypeError:
@@ -204,7 +204,9 @@ class GraphSamples(Dataset):
 
     @property
     def num_classes(self) -> int:
-        r"""The number of classes over all stored samples, selected or not."""
+        r"""The number of classes over all stored samples, including samples that are not
+        selected.
+        """
         y = self.stored().column("y")
         if y is None or y.numel() == 0:
             return 0
@@ -219,8 +221,8 @@ class GraphSamples(Dataset):
         return out
 
     def names(self, kind: str) -> list[str]:
-        r"""Returns the names of the numbers of an attribute: the texts that were numbered, or the
-        names of the data set; none if there are neither.
+        r"""Returns the names of the numbers of an attribute: the texts that were numbered, or else
+        the names in the data set. The list is empty if there are neither.
 
         Args:
             kind (str): :obj:`"class"`, :obj:`"group"`, :obj:`"session"` or :obj:`"trial"`.
@@ -263,7 +265,7 @@ class GraphSamples(Dataset):
         )
 
 
-#: Samples with their attributes as columns, on which models are trained.
+#: Samples on which models are trained, with their attributes as columns.
 SampleSet = StaticDataset | GraphSamples
 
 
@@ -272,7 +274,8 @@ def _num_taxels(sample: Data) -> int:
 
 
 def _sample_value(value: Any) -> Any:
-    # A number, a row of numbers or a text; None for an attribute with rows of taxels or edges.
+    # Returns a number, a row of numbers or a text; None for an attribute with a row for each taxel
+    # or edge.
     if isinstance(value, str):
         return value
     if isinstance(value, bool | int | float | np.generic):
@@ -313,7 +316,7 @@ def without_transform(data: Any) -> Any:
 
 def as_samples(dataset: Any) -> StaticDataset | StaticData | GraphSamples:
     r"""Returns samples with their attributes as columns. Samples on one topology, including a
-    :class:`~torch.utils.data.Subset` of them, keep their class; all others become
+    :class:`~torch.utils.data.Subset` of them, keep their class; all other samples become
     :class:`GraphSamples`.
     """
     if isinstance(dataset, StaticDataset | StaticData | GraphSamples):
@@ -327,9 +330,7 @@ def as_samples(dataset: Any) -> StaticDataset | StaticData | GraphSamples:
 
 
 def sample_column(dataset: AnySamples, key: str) -> Tensor | None:
-    r"""Returns an attribute of the samples :math:`(S, \ldots)`; :obj:`None` if they do not have
-    it.
-    """
+    r"""Returns an attribute of the samples :math:`(S, \ldots)`, or :obj:`None` if they lack it."""
     samples = as_samples(dataset)
     if isinstance(samples, StaticData):
         value = samples[key] if key in samples else None  # noqa: SIM401 - Data is no mapping

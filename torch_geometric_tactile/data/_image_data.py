@@ -45,15 +45,15 @@ class _ImageMixin:
 
     @property
     def image(self) -> Tensor:
-        r"""The readings as images :math:`(B, F, 32, 32)`: a view of :obj:`x`, see
-        :func:`image_of`.
+        r"""The readings as images :math:`(B, F, 32, 32)`, a view of :obj:`x` (see
+        :func:`image_of`).
         """
         return image_of(self.x)
 
 
 class ImageData(_ImageMixin, Data):
-    r"""A sample, or a PyG batch of samples, of a 32 x 32 pressure array, with its readings as
-    :obj:`image`, a view of :obj:`x`.
+    r"""A sample, or a PyG batch of samples, of a 32 x 32 pressure array. Its :obj:`image` is a view
+    of the readings :obj:`x` as an image.
 
     Examples:
         >>> import torch
@@ -64,9 +64,10 @@ class ImageData(_ImageMixin, Data):
 
 
 class StaticImages(_ImageMixin, StaticData):
-    r"""Many samples on one topology, with their readings as :obj:`image`, a view of :obj:`x`. Each
-    sample is an :class:`ImageData`. The image is not stored: it is always that of the present
-    :obj:`x`, also after transforms and selections, and takes no space in files or batches.
+    r"""A batch of samples on one topology. Its :obj:`image` is a view of the readings :obj:`x` as
+    images, and each sample is an :class:`ImageData`. The images are not stored: they always show
+    the present :obj:`x`, also after transforms and selections, and take no space in files and
+    batches.
 
     Examples:
         >>> import torch

@@ -1,4 +1,4 @@
-r"""Numbers class labels; different spellings of a label are one class."""
+r"""Numbering of class labels, in which different spellings of a label are one class."""
 
 import logging
 import re
@@ -17,12 +17,12 @@ _Key = tuple[str, Any]
 
 
 def number_labels(values: Sequence[Any]) -> tuple[list[str], np.ndarray]:
-    r"""Returns the sorted names of the classes, and the number of the class of each label.
+    r"""Returns the sorted names of the classes and the class number of each label.
 
-    Labels are one class if they are equal as numbers (:obj:`0`, :obj:`0.0`, :obj:`"0"`), or as
-    texts without regard to surrounding blanks and case (:obj:`"slip"`, :obj:`"Slip "`). Single
-    letters are an exception: :obj:`"a"` and :obj:`"A"` are two classes, since they may be letters
-    to recognize. The name of a class is its first spelling without surrounding blanks; whole
+    Labels belong to one class if they are equal as numbers (:obj:`0`, :obj:`0.0`, :obj:`"0"`), or
+    are equal as texts apart from surrounding blanks and case (:obj:`"slip"`, :obj:`"Slip "`).
+    Single letters are an exception: :obj:`"a"` and :obj:`"A"` are two classes, since they may be
+    letters to recognise. A class is named by its first spelling without surrounding blanks; whole
     numbers have no decimals. Warnings are logged for texts in several spellings, and for letters
     that differ only in case.
 
@@ -43,7 +43,7 @@ def number_labels(values: Sequence[Any]) -> tuple[list[str], np.ndarray]:
         class_spellings.setdefault(_spelling_key(spelling), []).append(spelling)
     _warn_of_spellings(class_spellings)
     names = {key: _class_name(key, texts[0]) for key, texts in class_spellings.items()}
-    # Numbers are sorted by value and come before texts.
+    # Numbers are sorted by value and precede texts.
     is_text = {
         key: key[0] == "text" or all(isinstance(text, str) for text in texts)
         for key, texts in class_spellings.items()
@@ -56,8 +56,8 @@ def number_labels(values: Sequence[Any]) -> tuple[list[str], np.ndarray]:
 
 
 def label_numbers(names: Sequence[str], values: Iterable[Any]) -> list[int | None]:
-    r"""Returns the number of the class of each label, which may have any spelling; :obj:`None` for
-    a label without a class.
+    r"""Returns the class number of each label, in any spelling; :obj:`None` for a label without a
+    class.
 
     Examples:
         >>> label_numbers(["hold", "slip"], ["Slip", "hold ", "push"])
@@ -80,7 +80,7 @@ def _spelling_key(value: Any) -> _Key:
 
 def _class_name(key: _Key, spelling: Any) -> str:
     value = key[1]
-    # Beyond 2**53 floating-point numbers skip integers, so that the integer would be misleading.
+    # Beyond 2**53, floating-point numbers skip integers, so an integer would be misleading.
     is_whole = key[0] == "number" and float(value).is_integer() and abs(value) < 2**53
     return str(int(value)) if is_whole else str(spelling).strip()
 

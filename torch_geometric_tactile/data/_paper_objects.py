@@ -5,7 +5,7 @@ set and the simulator.
 #: The properties of objects, in the order of the "Tactile Object Property Recognition ..." paper.
 PROPERTIES = ("light", "heavy", "hard", "soft", "non-slippery", "slippery")
 
-#: The properties of the eight objects of that paper, by name and in its order.
+#: The properties of the eight objects in that paper by name, in the order of the paper.
 PAPER_OBJECTS = {
     "plastic_tube": ("light", "soft", "slippery"),
     "sponge": ("light", "soft", "non-slippery"),

@@ -1,4 +1,4 @@
-r"""The base class of data sets that process raw files once, and again after a change."""
+r"""The base class of data sets that process raw files once, and again after each change."""
 
 import logging
 import re
@@ -30,7 +30,7 @@ from torch_geometric_tactile.data.apply_transform import apply_transform
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout
 
-# Arguments of any data set that do not change the processed file, or are described apart.
+# Arguments of all data sets that do not change the processed file, or are described separately.
 _OTHER_ARGS = ("root", "transform", "pre_transform", "pre_filter", "force_reload", "log", "layout")
 _logger = logging.getLogger(__name__)
 _MAX_LISTED_CHANGES = 3  # in a message
@@ -41,9 +41,9 @@ class ProcessedDataset(Dataset):
     processed file records its settings.
 
     The settings are the class, the arguments of its constructor, :obj:`layout`,
-    :obj:`pre_transform`, :obj:`pre_filter` and :meth:`raw_state`. If one of them differs, the raw
-    files are processed again, and a warning names the setting. An edit of the source code of a
-    user's class, transform or filter, or of a module that it imports, has the same effect.
+    :obj:`pre_transform`, :obj:`pre_filter` and :meth:`raw_state`. If one of them has changed, a
+    warning names it and the raw files are processed again. The same happens after an edit of the
+    source code of a user's class, transform or filter, or of a module that this code imports.
     """
 
     layout: TaxelLayout
@@ -64,34 +64,36 @@ class ProcessedDataset(Dataset):
         return self
 
     def read(self) -> Any:
-        r"""Returns all samples: :class:`~torch_geometric_tactile.data.StaticData`, or a list of
-        PyG's :class:`~torch_geometric.data.Data` with the same edges. To name the numbers of
-        :obj:`y`, :obj:`group` and :obj:`session`, it returns a tuple of the samples and a
-        dictionary with lists of names: :obj:`"class"`, :obj:`"group"` and :obj:`"session"`.
+        r"""Returns all samples. A subclass defines this method.
+
+        The output is a :class:`~torch_geometric_tactile.data.StaticData`, or a list of PyG's
+        :class:`~torch_geometric.data.Data` with the same edges. To name the numbers in :obj:`y`,
+        :obj:`group` and :obj:`session`, return a tuple of the samples and a dictionary with the
+        lists of names :obj:`"class"`, :obj:`"group"` and :obj:`"session"`.
         """
         raise NotImplementedError(
             f"'{type(self).__name__}' must define 'read', which returns StaticData or a list of "
-            "Data, or a tuple of these and a dictionary of names; for arrays or lists in memory, "
+            "Data, or a tuple of samples and a dictionary of names; for arrays or lists in memory, "
             "call StaticDataset.from_arrays or StaticDataset.from_data_list"
         )
 
     @property
     def raw_file_names(self) -> Any:
-        r"""The names of the raw files; by default, all files in the folder :obj:`raw_dir`."""
+        r"""The names of the raw files. The default is all files in the folder :obj:`raw_dir`."""
         folder = Path(self.raw_dir)
         paths = folder.iterdir() if folder.is_dir() else ()
         return sorted(path.name for path in paths if path.is_file() and path.name[0] != ".")
 
     @property
     def processed_file_names(self) -> Any:
-        r"""The name of the processed file; by default that of the class, such as
+        r"""The name of the processed file. By default, the file is named after the class, such as
         :obj:`"my_grasps.pt"`.
         """
         return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", type(self).__name__).lower() + ".pt"
 
     def raw_state(self) -> list[str]:
         r"""Returns the state of the raw files as lines :obj:`"key=value"`, such as
-        :obj:`"<name>=<size>,<time>"`. If a line differs, the files are processed again.
+        :obj:`"<name>=<size>,<time>"`. If a line has changed, the files are processed again.
         """
         return []
 
@@ -144,20 +146,20 @@ class ProcessedDataset(Dataset):
         return samples, {key: list(values) for key, values in names.items()}
 
     def process(self) -> None:
-        r"""Reads, filters and transforms the samples, and saves them. If it is interrupted, there
-        is no processed file.
+        r"""Reads, filters and transforms the samples, and saves them. If processing is interrupted,
+        no processed file is left.
         """
-        # Taken before reading, so that raw files which change meanwhile are processed again.
+        # Recorded before reading, so that raw files that change meanwhile are processed again.
         settings, state = self._settings(), self.raw_state()
         data, names = self._build()
         save_static(data, names, self.processed_paths[0], settings, state)
 
-    # PyG calls `_download` and `_process`. They are overridden, since PyG compares only the `repr`
-    # of the transforms, and only warns about a difference.
+    # PyG calls `_download` and `_process`. They are overridden because PyG only compares the `repr`
+    # of the transforms and only warns about a difference.
 
     def _download(self) -> None:
         file, _ = self._load_current_file()
-        if file is None:  # otherwise the raw files are not needed
+        if file is None:  # otherwise, the raw files are not needed
             super()._download()
 
     def _process(self) -> None:
@@ -170,7 +172,7 @@ class ProcessedDataset(Dataset):
                 " ('raw_file_names' is empty: leave it out of the class if 'read' needs no files)"
             )
             raise ValueError(
-                f"processed file '{path}' cannot be used ({reason}) and the raw files to process "
+                f"processed file '{path}' cannot be used ({reason}), and the raw files to process "
                 f"again are missing in '{self.raw_dir}'{'' if self.raw_paths else hint}"
             )
         if reason:
@@ -181,9 +183,9 @@ class ProcessedDataset(Dataset):
         differences = setting_changes(new_file.settings, self._settings())
         if differences:
             raise RuntimeError(
-                f"another process has written '{path}' meanwhile, with other settings "
-                f"({short_list(differences, _MAX_LISTED_CHANGES)}); give each process its own "
-                "'root'"
+                f"another process has meanwhile written '{path}' with other settings "
+                f"({short_list(differences, _MAX_LISTED_CHANGES)}); use a separate 'root' for each "
+                "process"
             )
         self._file = new_file
 
@@ -194,8 +196,8 @@ class ProcessedDataset(Dataset):
         return file.data, file.names
 
     def _load_current_file(self) -> tuple[ProcessedFile | None, str]:
-        # The processed file if it exists and is up to date; otherwise None, and the reason if it
-        # exists.
+        # Returns the processed file if it is up to date. Otherwise, returns None, and the reason if
+        # the file exists.
         path = Path(self.processed_paths[0])
         if self.force_reload or not path.is_file():
             return None, ""
@@ -209,8 +211,8 @@ class ProcessedDataset(Dataset):
         elif reasons and not setting_changes(
             without_code(file.settings), without_code(self._settings())
         ):
-            # Only the user's source code differs. Without raw files an error would make the samples
-            # useless after the smallest edit.
+            # Only the user's source code differs. Without raw files, an error would make the
+            # samples useless after the smallest edit.
             _logger.warning(
                 "'%s' was processed by different code (%s) and cannot be processed again, since "
                 "the raw files are missing in '%s': its samples are used unchanged",
@@ -232,11 +234,11 @@ _DEFAULT_RAW_FILE_NAMES = ProcessedDataset.raw_file_names
 
 
 def _with_unique_trials(data: Any, names: dict[str, list[str]]) -> tuple[Any, dict[str, list[str]]]:
-    r"""Returns samples in which each trial has a unique number, and the names with those of the
-    trials in the new order.
+    r"""Returns samples in which each trial has a unique number, and the names with the trial names
+    in the new order.
 
     Equal numbers in different sessions are different trials. Equal numbers in different groups are
-    different trials if the samples of the groups are not in one run.
+    different trials if the samples of the groups are not consecutive.
     """
     trial = _column(data, "trial")
     if trial is None or not len(trial):
@@ -251,7 +253,7 @@ def _with_unique_trials(data: Any, names: dict[str, list[str]]) -> tuple[Any, di
     if len(trial_keys) == len(trial.unique()):
         return data, names
     _logger.info(
-        "trial numbers begin again in each %s: %d trials are numbered from 0 on",
+        "trial numbers restart in each %s: %d trials are now numbered from 0",
         "group" if len(keys) == 3 or session is None else "session",
         len(trial_keys),
     )
@@ -270,7 +272,7 @@ def _column(data: Any, key: str) -> Tensor | None:
 
 
 def _restarts_by_group(trial: Tensor, group: Tensor) -> bool:
-    # Whether the samples of a trial number are in several runs that belong to different groups.
+    # Returns whether the samples of a trial number form several runs in different groups.
     changes = (trial[1:] != trial[:-1]).nonzero().view(-1) + 1
     first = torch.cat([torch.zeros(1, dtype=torch.long), changes])
     run_trial, run_group = trial[first], group[first]

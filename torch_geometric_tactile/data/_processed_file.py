@@ -18,7 +18,7 @@ _ADVICE = "delete it or pass 'force_reload=True' to process the raw files again"
 
 
 class OtherFormatError(ValueError):
-    r"""A processed file of another version of this package, or of another library."""
+    r"""Raised for a processed file of another version of this package or of another library."""
 
 
 class ProcessedFile(NamedTuple):
@@ -41,7 +41,7 @@ def save_static(
 
     Args:
         data (StaticData): The samples.
-        names (Mapping of str to list of str): The names of classes, groups and others.
+        names (Mapping of str to list of str): The names of classes, groups and other attributes.
         path (str or PathLike): The file.
         settings (Mapping of str to str, optional): The settings of the data set.
         raw_state (sequence of str): The state of the raw files.
@@ -63,7 +63,7 @@ def save_static(
 
 
 def _is_view(value: Any) -> bool:
-    # torch.save writes the complete storage of a view, which is therefore copied. Other tensors are
+    # torch.save writes the complete storage of a view, so views are copied first. Other tensors are
     # not copied, since the copy may not fit into memory.
     if not isinstance(value, Tensor):
         return False
@@ -73,9 +73,9 @@ def _is_view(value: Any) -> bool:
 
 
 def read_processed(path: PathLike) -> ProcessedFile:
-    r"""Reads a processed file, memory-mapped, and removes temporary files of killed processes
-    beside it. The checksums are verified first; those of a large file only if it changed since the
-    last time.
+    r"""Reads a processed file, memory-mapped, and removes temporary files that killed processes
+    left beside it. The checksums are verified first; in a large file, only if the file has changed
+    since the last time.
 
     Raises:
         OtherFormatError: If the file has another format.

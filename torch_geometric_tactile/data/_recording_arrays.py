@@ -1,4 +1,4 @@
-r"""Checks the arrays of a recording, and converts masked arrays and dates."""
+r"""Checks of the arrays of a recording, and conversion of masked arrays and dates."""
 
 import warnings
 from collections.abc import Mapping
@@ -10,10 +10,10 @@ from numpy.typing import DTypeLike
 from torch_geometric_tactile._checks import need
 
 _NUMBER_KINDS = "biuf"  # NumPy's codes of booleans, integers and floating-point numbers
-_SEPARATORS = {"/", "\0"}  # they separate names in HDF5 and npz files
+_SEPARATORS = {"/", "\0"}  # characters that separate names in HDF5 and npz files
 _MAX_DIMS = 9  # including the dimension of the frames
-_MAX_EXACT_INTEGER = 2**24  # float32 holds every integer up to this one
-# The units of NumPy's dates and time differences: parts of a second, and multiples.
+_MAX_EXACT_INTEGER = 2**24  # float32 represents every integer up to this number
+# The units of NumPy's dates and time differences: fractions and multiples of a second.
 _UNITS_PER_SECOND = {
     "ms": 10**3,
     "us": 10**6,
@@ -26,8 +26,8 @@ _SECONDS_PER_UNIT = {"W": 7 * 86400, "D": 86400, "h": 3600, "m": 60, "s": 1}
 
 
 def checked_numbers(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
-    r"""Converts numbers to an array of floating-point numbers. Masked elements become NaN. The
-    array is not copied if it has the type already.
+    r"""Converts numbers to an array of floating-point numbers. Masked elements become NaN. An array
+    that already has the type is not copied.
 
     Args:
         name (str): Name of the array in messages.
@@ -35,7 +35,7 @@ def checked_numbers(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
         dtype (numpy.dtype): The floating-point type.
 
     Raises:
-        ValueError: If the values are no numbers.
+        ValueError: If the values are not numbers.
     """
     array = _as_array(f"'{name}' must be an array of numbers", value)
     need(array.dtype.kind in _NUMBER_KINDS, f"'{name}' must be an array of numbers", array.dtype)
@@ -52,8 +52,8 @@ def checked_numbers(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
 def warn_of_rounding(
     name: str, array: np.ndarray, numbers: np.ndarray, stacklevel: int = 3
 ) -> None:
-    r"""Warns about integers, also in floating-point arrays, that are so large that float32 rounds
-    them and small differences between them are lost.
+    r"""Warns about integers (also in floating-point arrays) that are so large that float32 rounds
+    them and loses small differences between them.
 
     Args:
         name (str): Name of the array in the message.
@@ -96,7 +96,7 @@ def checked_time(value: Any) -> np.ndarray:
         time = _dates_to_seconds(time)
     elif time.dtype.kind != "f":
         raise ValueError(
-            f"'time' must be an array of numbers (floats in seconds, got {time.dtype}): give "
+            f"'time' must be an array of numbers (floats in seconds, got {time.dtype}): pass "
             "seconds as floats, milliseconds as time / 1e3, nanoseconds as time / 1e9, and dates "
             "as numpy.datetime64"
         )
@@ -138,8 +138,8 @@ def checked_rows(kind: str, value: Any, num_frames: int) -> dict[str, np.ndarray
             or {*name} & _SEPARATORS
         ):
             raise ValueError(
-                f"'{kind}' must have names that are texts without '/' or NUL, of 1 to 255 "
-                f"characters and not '.' (got {name!r:.80})"
+                f"'{kind}' must have names of 1 to 255 characters, without '/' or NUL and not '.' "
+                f"(got {name!r:.80})"
             )
         check_utf8(f"names in '{kind}'", name)
     return {name: _checked_rows(kind, name, array, num_frames) for name, array in value.items()}
@@ -164,12 +164,10 @@ def check_frames(name: str, array: np.ndarray, num_frames: int) -> None:
     r"""Checks that an array has one row for each frame.
 
     Raises:
-        ValueError: If it has more or fewer rows.
+        ValueError: If the number of rows differs.
     """
     if len(array) != num_frames:
-        raise ValueError(
-            f"'{name}' must have {num_frames} frames, as 'time' has (got {len(array)})"
-        )
+        raise ValueError(f"'{name}' must have {num_frames} frames, like 'time' (got {len(array)})")
 
 
 def refuse_masked(name: str, value: Any) -> None:
@@ -208,7 +206,7 @@ def _checked_rows(kind: str, name: str, value: Any, num_frames: int) -> np.ndarr
 
 def _as_array(requirement: str, value: Any) -> np.ndarray:
     # `requirement` begins the error message.
-    if str(getattr(value, "dtype", "")) == "torch.bfloat16":  # which NumPy does not have
+    if str(getattr(value, "dtype", "")) == "torch.bfloat16":  # a type that NumPy lacks
         value = value.float()
     try:
         return np.asarray(value)
@@ -222,7 +220,7 @@ def _dates_to_seconds(time: np.ndarray) -> np.ndarray:
         raise ValueError(f"'time' must be finite (got NaT in frame {missing[0]})")
     kind, unit = time.dtype.kind, np.datetime_data(time.dtype)[0]
     if kind == "M" and unit in ("Y", "M"):
-        unit = "D"  # a year or month begins on a day
+        unit = "D"  # years and months begin on a day
     if unit not in _SECONDS_PER_UNIT and unit not in _UNITS_PER_SECOND:
         raise ValueError(
             f"'time' must be in a unit of a fixed number of seconds (got {time.dtype}): convert "
@@ -231,7 +229,7 @@ def _dates_to_seconds(time: np.ndarray) -> np.ndarray:
     ticks = time.astype(f"{kind}8[{unit}]").astype(np.int64)
     if unit in _SECONDS_PER_UNIT:
         return ticks.astype(np.float64) * _SECONDS_PER_UNIT[unit]
-    # float64 cannot hold nanoseconds since 1970, so that whole seconds and fractions are converted
+    # float64 cannot represent nanoseconds since 1970, so whole seconds and fractions are converted
     # separately.
     per_second = _UNITS_PER_SECOND[unit]
     fraction = np.fmod(ticks, per_second)

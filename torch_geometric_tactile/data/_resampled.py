@@ -1,4 +1,4 @@
-r"""Resamples the signals of a recording."""
+r"""Resampling of the signals of a recording."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -26,8 +26,8 @@ def resampled_values(
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
         signals (Mapping of str to numpy.ndarray): Values by name :math:`(T, ...)`.
         rate (float): Frames per second.
-        zero_order_hold (collection of str): Signals that keep their value until the next frame,
-            such as commands: they are taken from the last frame at or before each new one.
+        zero_order_hold (collection of str): Signals, such as commands, that keep their value until
+            the next frame. They are taken from the last frame at or before each new frame.
 
     Shapes:
         - **output:** times :math:`(K,)` and values :math:`(K, ...)`
@@ -36,7 +36,7 @@ def resampled_values(
         ValueError: If the rate is not positive, or would give too many frames.
     """
     if not (isinstance(rate, int | float) and 0 < rate < math.inf):
-        raise ValueError(f"'rate' must be frames per second, above 0 (got {rate!r})")
+        raise ValueError(f"'rate' must be a number of frames per second above 0 (got {rate!r})")
     if len(time) < 2:
         return time, dict(signals)
     measured = measure_rate(time)
@@ -46,9 +46,9 @@ def resampled_values(
     counts = np.floor((time[ends - 1] - time[starts]) * rate + ROUNDING).astype(np.int64) + 1
     if counts.sum() > _MAX_FRAMES:
         raise ValueError(
-            f"'rate' must make at most {_MAX_FRAMES} frames (got {counts.sum()} at {rate:g} Hz)"
+            f"'rate' must give at most {_MAX_FRAMES} frames (got {counts.sum()} at {rate:g} Hz)"
         )
-    # With a tolerance, so that a recording that was resampled to this rate before is not averaged.
+    # With a tolerance, so that a recording that already has this rate is not averaged.
     is_slower = rate < measured.rate * (1 - ROUNDING)
     width = 1 / rate if is_slower else 0.0
     time_parts = []
@@ -89,7 +89,8 @@ def _resample_floats(
     nearest: np.ndarray,
     width: float,
 ) -> np.ndarray:
-    # Averages over `width` seconds around each new time, or the interpolated values if it is zero.
+    # Returns averages over `width` seconds around each new time, or interpolated values if `width`
+    # is zero.
     flat = values.reshape(len(old_time), -1).astype(np.float64)
     missing = np.isnan(flat)
     if missing.any():
@@ -121,8 +122,8 @@ def _interpolate(old_time: np.ndarray, flat: np.ndarray, new_time: np.ndarray) -
 def _integral(
     old_time: np.ndarray, flat: np.ndarray, area: np.ndarray, new_time: np.ndarray
 ) -> np.ndarray:
-    # The integral of the interpolated signal from the first frame to each new time. `area` holds it
-    # for the old times.
+    # Returns the integral of the interpolated signal from the first frame to each new time. `area`
+    # is the integral at the old times.
     before = np.searchsorted(old_time, new_time, side="right").clip(1, len(old_time) - 1) - 1
     value = _interpolate(old_time, flat, new_time)
     part = 0.5 * (new_time - old_time[before])[:, None] * (flat[before] + value)
@@ -131,7 +132,7 @@ def _integral(
 
 def _fill_missing(old_time: np.ndarray, flat: np.ndarray, missing: np.ndarray) -> np.ndarray:
     # Missing values are interpolated, so that they do not spread to their neighbours. A signal
-    # without any value is zero here, and NaN again at the end.
+    # without any value is zero here and becomes NaN again at the end.
     out = np.nan_to_num(flat)
     for column in np.flatnonzero(missing.any(axis=0)):
         is_present = ~missing[:, column]

@@ -21,10 +21,11 @@ from torch_geometric_tactile.data._levels import KNOWN_ATTRIBUTES, NAMED
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
-#: Metadata of trials are lists of names in the order of the trials. Their key has this prefix.
+#: The prefix of keys under which the metadata of trials are stored, as lists of names in the order
+#: of the trials.
 TRIAL_PREFIX = "trial."
 _MAX_LISTED = 3  # trials in a message
-# Attributes with a number for each sample that are no units.
+# Attributes with a number for each sample that are not units.
 _NO_UNITS = ("y", "phase", "part", "num_nodes")
 
 
@@ -32,7 +33,7 @@ def trial_units(
     metadata: Sequence[Mapping[str, Any]], attributes: Iterable[str]
 ) -> dict[str, list[str]]:
     r"""Returns the texts and integers in the metadata of trials by name, as lists with an entry for
-    each trial. The entry of a trial without the name is empty.
+    each trial. The entry is empty if a trial lacks the name.
 
     Args:
         metadata (sequence of Mapping): The metadata of each trial.
@@ -86,8 +87,8 @@ def require_units(dataset: AnySamples, key: str, argument: str = "by") -> Tensor
         - **output:** :math:`(S,)`
 
     Raises:
-        ArgumentError: If the samples do not have an integer or name for each sample. The message
-            lists the units that they have.
+        ArgumentError: If there is no integer or name for each sample. The message lists the units
+            that the samples have.
     """
     column = unit_column(dataset, key)
     if column is None or key in _NO_UNITS or not _are_units(column):
@@ -96,13 +97,15 @@ def require_units(dataset: AnySamples, key: str, argument: str = "by") -> Tensor
 
 
 def unit_names(dataset: AnySamples, key: str) -> list[str]:
-    r"""Returns the names of the numbers of :func:`unit_column`; none if they have no names."""
+    r"""Returns the names of the numbers of :func:`unit_column`. The list is empty if there are no
+    names.
+    """
     samples = as_samples(dataset)
     if isinstance(samples, StaticData):
         return []
     if isinstance(samples, GraphSamples):
         return samples.names(NAMED.get(key, key))
-    if key == "y":  # a data set may keep these names elsewhere
+    if key == "y":  # a data set may store these names elsewhere
         return samples.class_names
     values = _trial_values(samples, key)
     if sample_column(samples, key) is None and values is not None:
@@ -112,7 +115,7 @@ def unit_names(dataset: AnySamples, key: str) -> list[str]:
 
 def list_units(dataset: AnySamples) -> list[str]:
     r"""Returns the names by which samples can be split: attributes with an integer for each sample,
-    and metadata that each trial has. Both have at least two different values.
+    and metadata that each trial has. Each has at least two different values.
     """
     samples = as_samples(dataset)
     keys: Iterable[str]
@@ -139,8 +142,8 @@ def _are_units(column: Tensor) -> bool:
 
 
 def missing_unit(dataset: AnySamples, key: str, argument: str = "by") -> ArgumentError:
-    r"""Returns the error for samples that cannot be split by a name. It lists the names that they
-    have.
+    r"""Returns the error for samples that cannot be split by a name. The message lists the names by
+    which they can be split.
 
     Args:
         dataset (Dataset or StaticData): The samples.

@@ -1,4 +1,4 @@
-r"""Finds trials, groups, sessions and copies of recordings that parts of a split share."""
+r"""Detection of trials, groups, sessions and copies of recordings that parts of a split share."""
 
 import hashlib
 import warnings
@@ -18,22 +18,22 @@ from torch_geometric_tactile.data._sample_units import unit_column
 from torch_geometric_tactile.data.static_data import StaticData
 
 _UNITS = ("trial", "group", "session")
-# Trials are first compared by a few readings; only equal ones are compared completely.
-_NUM_PROBE_FRAMES = 8  # of a trial
-_NUM_PROBE_READINGS = 64  # of a frame
-# Equal readings with fewer different values, such as all zeros, are no evidence of a copy.
+# Trials are first compared by a few readings. Trials that agree are compared completely.
+_NUM_PROBE_FRAMES = 8  # per trial
+_NUM_PROBE_READINGS = 64  # per frame
+# Equal readings with fewer different values than this, such as all zeros, do not prove a copy.
 _MIN_VALUES = 8
 _MAX_LISTED_UNITS = 3  # in a message
 
 
 class SharedDataWarning(UserWarning):
-    r"""Warns that parts of a split share a trial, or copies of a recording under different trial
-    numbers.
+    r"""The warning that parts of a split share a trial, or have copies of a recording under
+    different trial numbers.
     """
 
 
 class Copy(NamedTuple):
-    r"""Two trials (or samples, without trials) with the same readings.
+    r"""Two trials with the same readings. Without trials, they are samples.
 
     Args:
         held_out (int): Number of the trial that is held out.
@@ -50,7 +50,7 @@ _MAX_CACHED = 8
 
 
 def num_shared(values: Tensor, first: Tensor, second: Tensor) -> int:
-    r"""Returns the number of different values that two sets of samples have in common.
+    r"""Returns how many different values two sets of samples have in common.
 
     Args:
         values (torch.Tensor): An attribute of the samples :math:`(S,)`, such as :obj:`trial`.
@@ -73,11 +73,11 @@ def shared_units(
     Args:
         dataset (StaticDataset or StaticData): The samples.
         split (Split): The indices of the samples of each part.
-        units (sequence of str): Names of the units, which may be names in the metadata of trials,
+        units (sequence of str): Names of the units. They may be names in the metadata of trials,
             such as :obj:`"person"`.
 
     Returns:
-        dict: The numbers that parts share, for each unit that the samples have.
+        dict: For each unit that the samples have, the numbers that are in more than one part.
 
     Examples:
         >>> data = StaticData(x=torch.zeros(4, 1, 1), trial=torch.tensor([0, 0, 1, 1]))
@@ -101,11 +101,11 @@ def shared_units(
 
 
 def shared_recordings(dataset: Samples, split: Sequence[Tensor]) -> list[Copy]:
-    r"""Returns the trials that have the same readings, frame by frame, as a trial of another number
-    in an earlier part of a split. Without trials, samples are compared.
+    r"""Returns the trials that have the same readings, frame by frame, as a trial with another
+    number in an earlier part of a split. Without trials, samples are compared.
 
-    Trials with fewer than eight different readings, such as those of a sensor at rest, are ignored,
-    since equal readings are no evidence of a copy there.
+    Trials with fewer than eight different readings, for example of a sensor at rest, are ignored,
+    since equal readings do not prove a copy there.
 
     Args:
         dataset (StaticDataset or StaticData): The samples. For windows and complete trials, the
@@ -133,14 +133,14 @@ def shared_recordings(dataset: Samples, split: Sequence[Tensor]) -> list[Copy]:
 def describe_shared(
     dataset: Samples, splits: Sequence[Sequence[Tensor]], *, with_units: bool
 ) -> list[str]:
-    r"""Returns the reasons why the scores of splits are too high, in one sentence each: units and
-    copies of recordings that are in several parts.
+    r"""Returns the reasons why scores are too high, one sentence each: units, and copies of
+    recordings, that are in several parts of a split.
 
     Args:
         dataset (StaticDataset or StaticData): The samples.
         splits (sequence of Split): The indices of the samples of each part, for each split.
-        with_units (bool): Whether to report trials that are in several parts (or groups, if the
-            samples have no trials, or sessions), as given parts may share them.
+        with_units (bool): Whether to report trials that are in several parts, which happens if a
+            data set defines its parts. Without trials, groups or else sessions are reported.
     """
     sentences = []
     units = [shared_units(dataset, split) for split in splits] if with_units else []
@@ -165,7 +165,7 @@ def describe_shared(
         ]
         sentences.append(
             f"{len({copy.held_out for copy in copies})} {unit}s have the same readings as a {unit} "
-            f"in another part ({short_list(pairs, _MAX_LISTED_UNITS)}), so that the scores are too "
+            f"in another part ({short_list(pairs, _MAX_LISTED_UNITS)}), so the scores are too "
             "high: remove the copies"
         )
     return sentences
@@ -179,8 +179,8 @@ def warn_of_shared(dataset: Samples, split: Sequence[Tensor], *, with_units: boo
 
 @contextmanager
 def sharing_ignored() -> Iterator[None]:
-    r"""Suppresses each :class:`SharedDataWarning` within, where a caller reports shared data once
-    for all splits.
+    r"""Suppresses each :class:`SharedDataWarning` within the context, for callers that report
+    shared data once for all splits.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SharedDataWarning)
@@ -188,7 +188,7 @@ def sharing_ignored() -> Iterator[None]:
 
 
 def _find_original(number: int, group: tuple[int, ...], parts: Sequence[set[int]]) -> int | None:
-    # A trial of the group that is in an earlier part of the split than `number`.
+    # Returns a trial of the group in an earlier part of the split than `number`.
     is_member = [number in part for part in parts]
     if not any(is_member):
         return None
@@ -211,7 +211,7 @@ def _unit_name(dataset: Samples, number: int, unit: str) -> str:
 
 
 def _equal_recordings(dataset: Any) -> _Groups:
-    # Groups of stored trials with the same readings; without trials, groups of samples.
+    # Returns groups of stored trials with the same readings. Without trials, groups of samples.
     if isinstance(dataset, GraphSamples):
         return _equal_graph_recordings(dataset)
     while not isinstance(dataset, StaticData) and hasattr(dataset, "dataset"):
@@ -219,8 +219,8 @@ def _equal_recordings(dataset: Any) -> _Groups:
     data = dataset if isinstance(dataset, StaticData) else dataset._data
     if not isinstance(data, StaticData):
         return []
-    # The comparison reads all readings, so that it is done once for each data set. The reference
-    # makes sure that the identity was not reused by another object.
+    # The comparison reads all readings, so it is cached for each data set. The reference ensures
+    # that the identity has not been reused by another object.
     reference, groups = _cache.get(id(data), (None, []))
     if reference is None or reference() is not data:
         x, trial = sample_column(data, "x"), sample_column(data, "trial")
@@ -233,7 +233,7 @@ def _equal_recordings(dataset: Any) -> _Groups:
 
 
 def _equal_graph_recordings(dataset: GraphSamples) -> _Groups:
-    # As `_equal_recordings`, for samples with different numbers of taxels.
+    # Like `_equal_recordings`, for samples with different numbers of taxels.
     samples = dataset.stored()
     trial = sample_column(samples, "trial")
     numbers = range(len(samples)) if trial is None else trial.tolist()
@@ -257,8 +257,7 @@ def _equal_graph_recordings(dataset: GraphSamples) -> _Groups:
 
 
 def _group_equal_trials(x: Tensor, trial: Tensor | None) -> _Groups:
-    # Compares a few readings of each trial first, and hashes the complete trials only if they
-    # agree.
+    # Compares a few readings of each trial first, and only hashes complete trials if these agree.
     if len(x) < 2 or not x[0].numel():
         return []
     number, order, start, count = _unit_runs(len(x), trial)
@@ -279,8 +278,8 @@ def _group_equal_trials(x: Tensor, trial: Tensor | None) -> _Groups:
 
 
 def _unit_runs(num_samples: int, trial: Tensor | None) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    # The numbers of the trials, the order that sorts the samples by trial, and the start and length
-    # of each trial in this order. Without trials each sample is one.
+    # Returns the numbers of the trials, the order that sorts the samples by trial, and the start
+    # and length of each trial in this order. Without trials, each sample is one trial.
     samples = torch.arange(num_samples)
     if trial is None:
         return samples, samples, samples, torch.ones_like(samples)
@@ -290,7 +289,7 @@ def _unit_runs(num_samples: int, trial: Tensor | None) -> tuple[Tensor, Tensor, 
 
 
 def _row_codes(rows: np.ndarray, count: np.ndarray) -> np.ndarray:
-    # A hash of each row of bytes, which is equal for equal rows and rarely for different ones.
+    # Returns a hash of each row of bytes, which is equal for equal rows and rarely for others.
     words = np.pad(rows, ((0, 0), (0, -rows.shape[1] % 8))).view(np.uint64)
     words = np.concatenate([words, count[:, None].astype(np.uint64)], axis=1)
     factors = np.random.default_rng(0).integers(1, 2**63, words.shape[1], dtype=np.uint64) | 1
@@ -299,7 +298,8 @@ def _row_codes(rows: np.ndarray, count: np.ndarray) -> np.ndarray:
 
 
 def _bytes(rows: Tensor) -> np.ndarray:
-    # All NaNs and both zeros are replaced by one, so that equal readings have equal bytes.
+    # All NaNs become the same NaN and both zeros the same zero, so that equal readings have equal
+    # bytes.
     rows = rows.detach().cpu()
     if rows.is_floating_point():
         rows = torch.where(rows.isnan(), torch.nan, rows) + 0.0

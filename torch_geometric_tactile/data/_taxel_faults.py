@@ -4,26 +4,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# Frames. In real recordings of magnetic and capacitive skin and of a mat of 2,048 taxels, no taxel
-# stays at the extreme of its channel as long unless it is clipped, and two taxels that change as
-# often are never equal.
+# A number of frames. In real recordings of magnetic and capacitive skin and of a mat of 2,048
+# taxels, no taxel stays at the extreme of its channel for so long unless it is clipped, and two
+# taxels that change in so many frames are never equal.
 _MIN_FRAMES = 10
-# Of the range of a channel: how far a limit is from the rest, and how far a saturated taxel moves.
-# Quiet sensors whose integer readings rest at different values stay below it.
+# Smallest distance between a limit and the rest, and smallest movement of a saturated taxel, both
+# as a fraction of the channel's range. Quiet sensors whose integer readings rest at different
+# values stay below it.
 _MIN_MOVE = 0.25
-_MIN_VALUES = 10  # A channel with fewer different readings is a switch, which rests at its limits.
+_MIN_VALUES = 10  # a channel with fewer different readings is a switch, which rests at its limits
 
 
 @dataclass(frozen=True)
 class TaxelFaults:
-    r"""The indices of taxels of one recording that do not measure, or not all of the time.
+    r"""The indices of taxels in one recording that do not measure, or only part of the time.
 
     Args:
         dead (tuple of int): Taxels without a reading in any frame.
         constant (tuple of int): Taxels with the same reading in all frames.
         saturated (tuple of int): Taxels at the end of the range for ten frames or longer.
         equal (tuple of tuple of int): Groups of taxels with equal readings in all frames. Taxels
-            that change in fewer than ten frames are in none.
+            that change in fewer than ten frames belong to no group.
     """
 
     dead: tuple[int, ...] = ()
@@ -33,13 +34,13 @@ class TaxelFaults:
 
 
 def find_taxel_faults(tactile: np.ndarray) -> TaxelFaults:
-    r"""Finds taxels that do not measure, or not all of the time.
+    r"""Returns the taxels that do not measure, or only part of the time.
 
-    A taxel is saturated if one of its channels stays at exactly the largest or the smallest reading
-    of this channel, over all taxels, for ten frames or longer. This value must be a quarter of the
-    channel's range away from zero and from the channel's median, one of which is the rest. The
-    taxel must move by a quarter of this range. Recordings of fewer than ten frames have dead taxels
-    only.
+    A taxel is saturated if one of its channels stays for ten frames or longer at exactly the
+    largest or the smallest reading of this channel over all taxels. This value must be at least a
+    quarter of the channel's range away from zero and from the channel's median, one of which is the
+    rest. The taxel must also move by at least a quarter of this range. In recordings of fewer than
+    ten frames, only dead taxels are detected.
 
     Shapes:
         - **tactile:** Readings, NaN where one is missing :math:`(T, N, C)`.
@@ -71,7 +72,8 @@ def find_taxel_faults(tactile: np.ndarray) -> TaxelFaults:
 
 
 def _is_saturated(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    # Of each taxel (N,), in one channel (T, N), from the range of each taxel (N,).
+    # Returns whether each taxel is saturated (N,), from one channel (T, N) and the range of each
+    # taxel (N,).
     is_saturated = np.zeros(len(low), dtype=bool)
     first, last = float(low.min()), float(high.max())
     min_move = _MIN_MOVE * (last - first)
@@ -88,7 +90,7 @@ def _is_saturated(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.n
 
 
 def _longest_run(is_true: np.ndarray) -> np.ndarray:
-    # The largest number of consecutive rows that are true, of each column.
+    # Returns the largest number of consecutive true rows in each column.
     run = np.zeros(is_true.shape[1], dtype=np.int64)
     longest = run.copy()
     for row in is_true:
@@ -100,7 +102,7 @@ def _longest_run(is_true: np.ndarray) -> np.ndarray:
 def _equal_groups(tactile: np.ndarray, taxels: np.ndarray) -> tuple[tuple[int, ...], ...]:
     groups: dict[bytes, list[int]] = {}
     for taxel in taxels.tolist():
-        # Zero is added since -0.0 has other bytes than 0.0.
+        # Zero is added because -0.0 and 0.0 have different bytes.
         groups.setdefault((tactile[:, taxel] + 0.0).tobytes(), []).append(taxel)
     equal = []
     for group in groups.values():

@@ -1,4 +1,4 @@
-r"""Reads and writes files of :func:`torch.save`, which may be damaged or untrusted."""
+r"""Reading and writing of :func:`torch.save` files, which may be damaged or untrusted."""
 
 import ctypes
 import io
@@ -24,14 +24,15 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
 _ALWAYS_CHECKED_BYTES = 2**24  # smaller files are verified whenever they are opened
-# A file that was changed less than these nanoseconds ago may change again without a new time stamp.
+# A file that was changed less than this many nanoseconds ago may change again without a new time
+# stamp.
 _TIMESTAMP_RESOLUTION = 100_000_000
 _MAX_VALUES = 1_000_000
 _logger = logging.getLogger(__name__)
 
 
 def write_torch_file(content: Any, path: PathLike, *, check: bool = False) -> None:
-    r"""Writes a file of :func:`torch.save`. If writing fails, no partial file is left.
+    r"""Writes a :func:`torch.save` file. If writing fails, no partial file is left.
 
     Args:
         content (Any): The object to save.
@@ -42,7 +43,7 @@ def write_torch_file(content: Any, path: PathLike, *, check: bool = False) -> No
         with _Writer(io.FileIO(temporary, "w")) as file:
             try:
                 torch.save(content, file)
-            except RuntimeError:  # torch replaces an OSError, such as a full disk, by this one
+            except RuntimeError:  # torch raises this in place of an OSError, such as a full disk
                 if file.write_error is not None:
                     raise file.write_error from None
                 raise
@@ -64,19 +65,19 @@ class _Writer(io.BufferedWriter):
 def read_torch_file(
     path: PathLike, map_location: Any = "cpu", *, mmap: bool = False, once: bool = False
 ) -> Any:
-    r"""Reads plain data and tensors from a file of :func:`torch.save` after verifying its
-    checksums. No code in the file is run. No tensor is quantized, or claims more memory than the
-    file stores.
+    r"""Reads plain data and tensors from a :func:`torch.save` file after verifying its checksums.
+    No code in the file is run. Quantized tensors, and tensors that claim more memory than the file
+    stores, are rejected.
 
     Args:
         path (str or PathLike): The file.
         map_location (Any): The device of the tensors, as in :func:`torch.load`.
         mmap (bool): Whether to map the tensors into memory without reading them.
-        once (bool): Whether to verify a large file only if it changed, see :func:`check_once`.
+        once (bool): Whether to verify a large file only if it has changed, see :func:`check_once`.
 
     Raises:
         OSError: If the file cannot be opened.
-        ValueError: If it is damaged, or holds other objects than plain data and tensors.
+        ValueError: If the file is damaged, or holds anything other than plain data and tensors.
     """
     if once:
         check_once(path)
@@ -89,7 +90,7 @@ def read_torch_file(
             content = torch.load(path, map_location=map_location, weights_only=True)
     except OSError:
         raise
-    except pickle.UnpicklingError as error:  # its text advises to load the file without protection
+    except pickle.UnpicklingError as error:  # its text advises loading the file without protection
         raise ValueError(f"'{path}' must hold plain data and tensors only") from error
     except Exception as error:  # torch raises errors of many types for damaged files
         raise ValueError(f"'{path}' cannot be read: {type(error).__name__}: {error}") from error
@@ -100,8 +101,8 @@ def read_torch_file(
 
 
 def check_once(path: PathLike) -> None:
-    r"""Verifies the checksums of a file of :func:`torch.save`. A large file is verified only if it
-    changed since the last time: its size, time and inode are then stored in a file beside it.
+    r"""Verifies the checksums of a :func:`torch.save` file. A large file is only verified if it has
+    changed since the last time; its size, time and inode are recorded in a file beside it.
 
     Raises:
         ValueError: If the file is damaged.
@@ -115,7 +116,7 @@ def check_once(path: PathLike) -> None:
     try:
         if json.loads(mark.read_text(encoding="utf-8")) == state:
             return
-    except (OSError, ValueError, RecursionError):  # no mark, or a damaged one
+    except (OSError, ValueError, RecursionError):  # the record is missing or damaged
         pass
     check_zip(path)
     if time.time_ns() - stat.st_mtime_ns < _TIMESTAMP_RESOLUTION:
@@ -133,12 +134,12 @@ def mark_path(path: PathLike) -> Path:
 
 
 def load_mapped(path: PathLike, map_location: Any = "cpu") -> Any:
-    r"""Loads a file of :func:`torch.save` memory-mapped, as :obj:`torch.load(path, mmap=True)`.
+    r"""Loads a :func:`torch.save` file memory-mapped, like :obj:`torch.load(path, mmap=True)`.
 
     PyTorch maps a file so that tensors can be written to without changing the file. The operating
     system reserves memory for such a mapping, and refuses it if the file is larger than memory or
-    than a limit of the process (:obj:`ulimit -d`). In this case the file is mapped read-only:
-    writing to a tensor in place would then end the process.
+    than a limit of the process (:obj:`ulimit -d`). In this case, the file is mapped read-only, and
+    writing to a tensor in place would end the process.
     """
     try:
         return torch.load(path, map_location=map_location, mmap=True, weights_only=True)
@@ -146,13 +147,13 @@ def load_mapped(path: PathLike, map_location: Any = "cpu") -> Any:
         if "unable to mmap" not in str(error) or not hasattr(maps, "MAP_SHARED"):
             raise
     content = _load_shared(path, map_location)
-    _logger.info("'%s' is larger than memory and therefore mapped read-only", path)
+    _logger.info("'%s' is larger than memory and is therefore mapped read-only", path)
     return content
 
 
 def _load_shared(path: PathLike, map_location: Any) -> Any:
-    # A shared mapping needs no reserved memory. A write to it would change the file, so that it is
-    # protected.
+    # A shared mapping needs no reserved memory. A write to it would change the file, so the mapping
+    # is protected.
     default_options: Any = torch.serialization.get_default_mmap_options()
     torch.serialization.set_default_mmap_options(maps.MAP_SHARED)
     try:
@@ -167,7 +168,7 @@ def _load_shared(path: PathLike, map_location: Any) -> Any:
 
 
 def _protect(address: int, size: int) -> None:
-    start = address - address % maps.PAGESIZE  # mprotect accepts complete pages only
+    start = address - address % maps.PAGESIZE  # mprotect only accepts complete pages
     libc = ctypes.CDLL(None, use_errno=True)
     pointer, length = ctypes.c_void_p(start), ctypes.c_size_t(address + size - start)
     if libc.mprotect(pointer, length, maps.PROT_READ):
@@ -175,8 +176,8 @@ def _protect(address: int, size: int) -> None:
 
 
 def tensor_form(value: Any) -> str:
-    r"""Describes a value that should be a dense tensor in words for an error message: its shape and
-    type, or the kind of tensor or object that it is.
+    r"""Returns a description, for error messages, of a value that should be a dense tensor: its
+    shape and type, or the kind of tensor or object.
 
     Examples:
         >>> tensor_form(torch.zeros(2, 3))
@@ -197,15 +198,15 @@ def tensor_form(value: Any) -> str:
 
 
 def _check_tensors(content: Any, path: PathLike, stored_bytes: int) -> None:
-    # A view with stride 0 can claim any size and would take this memory where it is copied. A
-    # storage that is longer than its part of the file would be read beyond the end of this part.
+    # A view with stride 0 can claim any size, and a copy would take this much memory. A storage
+    # that is longer than its part of the file would be read beyond the end of this part.
     storages: dict[int, int] = {}
     for number, value in enumerate(_nested_values(content), 1):
         if number > _MAX_VALUES:
             raise ValueError(f"'{path}' must hold at most {_MAX_VALUES} values")
         if not _is_strided(value):
             continue
-        if value.is_quantized:  # NumPy and most operations of PyTorch refuse it
+        if value.is_quantized:  # NumPy and most PyTorch operations reject it
             raise ValueError(f"'{path}' must hold plain numbers (got {tensor_form(value)})")
         size = value.numel() * value.element_size()
         storage_bytes = 0 if value.is_meta else value.untyped_storage().nbytes()
@@ -225,8 +226,8 @@ def _check_tensors(content: Any, path: PathLike, stored_bytes: int) -> None:
 
 
 def _nested_values(content: Any) -> Iterator[Any]:
-    # A value and all values within it. With a stack, since deep nesting would exceed the recursion
-    # limit.
+    # Yields a value and all values within it. Uses a stack, since deep nesting would exceed the
+    # recursion limit.
     stack = [content]
     while stack:
         value = stack.pop()

@@ -1,5 +1,5 @@
-r"""The rules of transforms: declarations of transforms, rules of PyG's transforms, and the names of
-those that may be read from files.
+r"""The attributes that transforms read and add: declarations of transforms, rules for PyG's
+transforms, and the names of PyG's transforms that may be read from files.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ def _in_place_rule(*names: str) -> _Rule:
 
 
 def _column_rule(*names: str) -> _Rule:
-    # Appends columns to 'x' that depend on the named attributes, or replaces 'x' by them.
+    # Appends columns that depend on the named attributes to 'x', or replaces 'x' by them.
     return lambda transform: StaticRule(
         names, x="append" if getattr(transform, "cat", True) else "replace", writes=()
     )
@@ -39,7 +39,7 @@ def _self_loop_rule(transform: Any) -> StaticRule:
 
 
 def _encoding_rule(*names: str) -> _Rule:
-    # Adds a node attribute, or columns of 'x'. Without names the encoding is random.
+    # Adds a node attribute, or columns of 'x'. Without names, the encoding is random.
     def rule(transform: Any) -> StaticRule:
         name = transform.attr_name
         node = (name,) if name else ()
@@ -49,14 +49,14 @@ def _encoding_rule(*names: str) -> _Rule:
 
 
 def _rotation_rule(transform: Any) -> StaticRule:
-    is_random = transform.max_points > 0  # it draws the points that it uses
+    is_random = transform.max_points > 0  # draws the points that it uses
     return StaticRule(None if is_random else ("pos", "normal"))
 
 
 # PyG's transforms whose results depend only on the topology and the positions. The rules hold for
 # exactly these classes, since a subclass may read other attributes.
 RULES: dict[type, _Rule] = {
-    T.AddLaplacianEigenvectorPE: _encoding_rule(),  # draws signs
+    T.AddLaplacianEigenvectorPE: _encoding_rule(),  # draws random signs
     T.AddRandomWalkPE: _encoding_rule("edge_index", "edge_weight"),
     T.AddRemainingSelfLoops: _self_loop_rule,
     T.AddSelfLoops: _self_loop_rule,
@@ -79,11 +79,11 @@ RULES: dict[type, _Rule] = {
     T.ToUndirected: _in_place_rule(*_EDGES),
     T.TwoHop: _in_place_rule(*_EDGES),
 }
-if hasattr(T, "RemoveSelfLoops"):  # not in every PyG that we support
+if hasattr(T, "RemoveSelfLoops"):  # not in every supported version of PyG
     RULES[T.RemoveSelfLoops] = _self_loop_rule
 
-# PyG's transforms that a file may name: deterministic, without compiled packages, and with the same
-# number of taxels afterwards.
+# PyG's transforms that a file may name. They are deterministic, need no compiled package, and do
+# not change the number of taxels.
 IN_FILES = (
     "AddRemainingSelfLoops",
     "AddSelfLoops",
@@ -103,14 +103,13 @@ IN_FILES = (
     "TargetIndegree",
     "ToUndirected",
 )
-# Arguments of these transforms that are stored in an attribute of another name.
+# Arguments of these transforms that are stored in an attribute with another name.
 ATTRIBUTE_NAMES = {"max_value": "max", "key": "keys"}
 
 
 def static_rule(transform: Transform) -> StaticRule:
-    r"""Returns the rule of the attributes that a transform reads and adds: its :obj:`static_rule`,
-    or the rule of a transform of PyG. An unknown transform has a rule by which it runs for each
-    sample.
+    r"""Returns the attributes that a transform reads and adds: its :obj:`static_rule`, or the rule
+    for a PyG transform. With the rule for an unknown transform, it is called for each sample.
     """
     declaration = own_declaration(transform, "static_rule")
     if isinstance(declaration, StaticRule):
@@ -121,10 +120,10 @@ def static_rule(transform: Transform) -> StaticRule:
 
 def own_declaration(transform: Transform, name: str) -> Any:
     r"""Returns the attribute by which a transform declares a property of its :obj:`forward`, or
-    :obj:`None` if it declares none.
+    :obj:`None` if there is no such declaration.
 
     A declaration of a parent class is ignored if a subclass overrides :obj:`forward` without
-    declaring :obj:`reads`, since it may not apply to the new :obj:`forward`.
+    declaring :obj:`reads`, since the declaration may not apply to the new :obj:`forward`.
 
     Examples:
         >>> from torch_geometric_tactile.transforms import ZScore
@@ -145,8 +144,8 @@ def own_declaration(transform: Transform, name: str) -> Any:
 
 
 def flat(transform: Any) -> list[Any]:
-    r"""Returns the parts of a transform in their order, also of nested compositions. A subclass of
-    PyG's :class:`Compose` is one part, since it may do more than apply its parts.
+    r"""Returns the parts of a transform in order, including the parts of nested compositions. A
+    subclass of PyG's :class:`Compose` is one part, since it may do more than apply its parts.
     """
     if transform is None:
         return []

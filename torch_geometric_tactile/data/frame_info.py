@@ -104,8 +104,9 @@ class FrameInfo:
     def rate_differs(self, rate: float | None, tolerance: float = 0.0) -> bool:
         r"""Returns whether frames at another rate cannot be used.
 
-        The rates must be equal within the tolerance. With :obj:`selected_rate`, the other rate may
-        be higher, since frames of faster recordings are selected.
+        Without :obj:`selected_rate`, the two rates must be equal within the tolerance. With it, the
+        other rate must be at least :obj:`selected_rate`, since frames of faster recordings are
+        selected.
 
         Args:
             rate (float, optional): Frames per second; :obj:`None` if unknown.

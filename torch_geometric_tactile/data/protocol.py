@@ -574,7 +574,7 @@ class _Fractions:
         return np.concatenate(val), np.concatenate(test)
 
     def _num_held_out(self, count: int, class_text: str) -> tuple[int, int]:
-        # Reduces the numbers, that of validation first, until one unit is left to train on.
+        # Reduces the numbers, validation first, until one unit is left to train on.
         num_val, num_test = (
             max(1, round(part * count)) if part else 0 for part in (self.val, self.test)
         )

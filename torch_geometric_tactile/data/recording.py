@@ -51,7 +51,8 @@ class Recording:
 
             * :obj:`"unit"`: the unit of the readings, :obj:`"count"`, :obj:`"newton"` or
               :obj:`"microtesla"`,
-            * :obj:`"object"`, :obj:`"trial"`, :obj:`"sensor"`: names,
+            * :obj:`"object"`, :obj:`"trial"`, :obj:`"sensor"`: the object, the trial and the
+              sensor,
             * :obj:`"rate"`: the nominal rate in frames per second,
             * :obj:`"tare"`, :obj:`"calibration"`: the corrections applied to the readings,
             * :obj:`"synthetic"`: whether the readings are simulated,

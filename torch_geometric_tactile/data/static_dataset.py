@@ -29,10 +29,9 @@ class StaticDataset(ProcessedDataset):
 
     :obj:`dataset[i]` is an ordinary :class:`~torch_geometric.data.Data` object, so that PyG's
     :class:`~torch_geometric.loader.DataLoader`, transforms and explainers work.
-    :class:`~torch_geometric_tactile.loader.StaticLoader` is faster because it selects whole
-    batches. The attributes of all samples are attributes of the data set, such as
-    :obj:`dataset.y`. The processed file is memory-mapped, so that a data set may be larger than
-    memory.
+    :class:`~torch_geometric_tactile.loader.StaticLoader` loads whole batches instead. The
+    attributes of all samples are attributes of the data set, such as :obj:`dataset.y`. The
+    processed file is memory-mapped, so that a data set may be larger than memory.
 
     Use :meth:`from_arrays` or :meth:`from_data_list` for data in memory. To read files, write a
     subclass: it defines :meth:`read`, and sets :obj:`layout` unless its samples share their

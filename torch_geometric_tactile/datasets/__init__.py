@@ -1,4 +1,4 @@
-r"""Data sets: published ones, generated ones, and your own recordings."""
+r"""Published data sets, generated data sets, and data sets of your own recordings."""
 
 from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.datasets.allegro_uskin import AllegroUSkin

@@ -161,9 +161,8 @@ def make_trial(
     for key, kind in (("synthetic", bool), ("session", str | int)):
         if not isinstance(recording.meta.get(key, kind is bool or ""), kind):
             raise ValueError(
-                f"'{key}' in the metadata of {where} must be "
-                f"{'true or false' if kind is bool else 'a text or an integer'} "
-                f"(got {recording.meta[key]!r})"
+                f"{where} must have {'true or false' if kind is bool else 'a text or an integer'} "
+                f"as '{key}' in its metadata (got {recording.meta[key]!r})"
             )
     object_name, number = _object_and_trial(where, recording.meta, groups, needs)
     phase, phase_names = _phase(where, recording)
@@ -285,7 +284,7 @@ def check_unique_trials(trials: Iterable[tuple[Hashable, str, str]]) -> None:
     for key, trial, where in trials:
         first_file = files.setdefault(key, where)
         if first_file is not where:
-            raise ValueError(f"{trial} must be in one file (got {first_file} and {where})")
+            raise ValueError(f"{trial} must be in only one file (got {first_file} and {where})")
 
 
 def checked_labels(trial: Trial, names: Sequence[str]) -> tuple[int, ...]:

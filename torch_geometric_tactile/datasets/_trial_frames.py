@@ -291,7 +291,9 @@ def check_frame_selection(rate: Any, samples_per_trial: Any, sample_seed: Any) -
     r"""Checks the arguments of a data set that select frames."""
     is_number = isinstance(rate, int | float) and not isinstance(rate, bool)
     if rate is not None and not (is_number and 0 < rate < float("inf")):
-        raise ValueError(f"'rate' must be frames per second, above 0, or None (got {rate!r})")
+        raise ValueError(
+            f"'rate' must be a number of frames per second above 0, or None (got {rate!r})"
+        )
     if samples_per_trial is not None and not _is_integer(samples_per_trial, 1):
         raise ValueError(
             f"'samples_per_trial' must be an integer, at least 1, or None (got "

@@ -423,7 +423,7 @@ def _slip(where: str, recording: Recording) -> np.ndarray:
 def _checked_until(until: float | None) -> float | None:
     is_number = isinstance(until, int | float) and not isinstance(until, bool)
     if until is not None and not (is_number and math.isfinite(until) and until >= 0):
-        raise ValueError(f"'until' must be seconds, at least 0, or None (got {until!r})")
+        raise ValueError(f"'until' must be a number of seconds from 0 on, or None (got {until!r})")
     return None if until is None else float(until)
 
 

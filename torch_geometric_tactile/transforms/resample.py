@@ -133,7 +133,8 @@ def _resample(signals: Tensor, num: int, neighbours: _Neighbours | None = None) 
     Args:
         signals (torch.Tensor): The signals :math:`(\ldots, L)`.
         num (int): Number of new frames :math:`T`, at least two.
-        neighbours (callable, optional): Finds the frames next to missing ones in an exported graph.
+        neighbours (callable, optional): Finds the frames next to missing values in an exported
+            graph.
 
     Shapes:
         - **output:** :math:`(\ldots, T)`
