@@ -133,7 +133,7 @@ def test_a_table_must_not_contradict_a_file(folder):
     write_npz(trial(label="mug", meta={"object": "mug"}), folder / "raw" / "mug_1.npz")
     for column, value in (("label", "cup"), ("object", "cup")):
         (folder / "labels.csv").write_text(f"recording,{column}\nmug_1,{value}\n")
-        with pytest.raises(ValueError, match=f"'{column}' of .*labels.csv', 'cup' .got 'mug'"):
+        with pytest.raises(ValueError, match=f"'{column}' as .*labels.csv', 'cup' .got 'mug'"):
             RecordingFrames(folder, LAYOUT)
     (folder / "labels.csv").write_text("recording,label,object\nmug_1,mug,mug\ncup_2,cup,\n")
     assert RecordingFrames(folder, LAYOUT, target="label").class_names == ["cup", "mug"]

@@ -128,7 +128,7 @@ def test_older_simulations_tell_shape_and_width_as_parameters(tmp_path):
     [
         ("shape", r"task='shape' must have a target .*: 'shape' in their metadata"),
         ("width", r"task='width' must have a target .*: 'width' in their metadata"),
-        ("yaw", r"task='yaw' must have a target .*'object_pose' and 'palm_pose' \(T, 7\), of obj"),
+        ("yaw", r"task='yaw' must have a target .*'object_pose' and 'palm_pose' \(T, 7\) of obj"),
     ],
 )
 def test_unknown_targets_are_named(tmp_path, task, message):
