@@ -28,8 +28,8 @@ def checked_annotations(value: Any) -> tuple[Annotation, ...]:
     r"""Checks annotations and returns them in the order of their starts.
 
     Raises:
-        ValueError: If the annotations are no sequence, an annotation is invalid, or there are too
-            many.
+        ValueError: If the annotations are not a sequence, an annotation is invalid, or there are
+            too many.
     """
     if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
         raise ValueError(
@@ -47,8 +47,8 @@ def checked_annotation(row: Any) -> Annotation:
     r"""Checks a start, an end and a label, and returns them as an annotation.
 
     Raises:
-        ValueError: If a time is not finite, the end is before the start, or the label is no short
-            text.
+        ValueError: If a time is not finite, the end is before the start, or the label is not a
+            short text.
     """
     is_row = isinstance(row, list | tuple) and len(row) == 3
     need(is_row, "'annotations' must each have a start, an end and a label", f"{row!r:.80}")

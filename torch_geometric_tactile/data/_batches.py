@@ -17,7 +17,7 @@ def static_parts(dataset: Any) -> Iterator[StaticDataset]:
     a :class:`~torch.utils.data.Subset` or :class:`~torch.utils.data.ConcatDataset`, also nested.
 
     Raises:
-        TypeError: If a part is no :class:`~torch_geometric_tactile.data.StaticDataset`.
+        TypeError: If a part is not a :class:`~torch_geometric_tactile.data.StaticDataset`.
     """
     if isinstance(dataset, StaticDataset):
         yield dataset

@@ -17,7 +17,7 @@ def column_names(recording: Recording) -> dict[str, list[str]]:
     the taxels, where all channels of a taxel follow each other.
 
     Raises:
-        ValueError: If the names are no list, or do not name each column once.
+        ValueError: If the names are not a list, or do not name each column once.
     """
     meta_names = recording.meta.get("column_names", {})
     sizes = (recording.num_taxels * recording.num_channels, recording.num_joints)

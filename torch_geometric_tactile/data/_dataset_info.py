@@ -124,8 +124,8 @@ def selected_frames(
     Args:
         dataset (StaticDataset): The frames, or a selection of them.
         info (FrameInfo): The properties of the frames.
-        max_gap (float, optional): The largest time in seconds between two frames that is no gap. If
-            left out, :obj:`max_gap` of :obj:`info` is used.
+        max_gap (float, optional): The largest time in seconds between two frames that is not a gap.
+            If left out, :obj:`max_gap` of :obj:`info` is used.
 
     Raises:
         ValueError: If the selected frames are irregular, such as randomly drawn frames.

@@ -187,7 +187,7 @@ def _transform_in_chunks(windows: WindowData, transform: Transform) -> StaticDat
 
 
 def innermost(dataset: Any) -> Any:
-    r"""Returns the data set at the end of a chain of views, which is no view itself."""
+    r"""Returns the data set at the end of a chain of views, which is not a view itself."""
     while isinstance(dataset, FrameView):
         dataset = dataset.dataset
     return dataset

@@ -20,7 +20,7 @@ def part_numbers(time: np.ndarray, max_gap: float) -> np.ndarray:
 
     Args:
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
-        max_gap (float): The largest time in seconds between two frames that is no gap; infinite
+        max_gap (float): The largest time in seconds between two frames that is not a gap; infinite
             if there are no gaps.
 
     Returns:
@@ -39,7 +39,7 @@ def gaps_in(time: np.ndarray, max_gap: float) -> np.ndarray:
 
     Args:
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
-        max_gap (float): The largest time in seconds between two frames that is no gap.
+        max_gap (float): The largest time in seconds between two frames that is not a gap.
 
     Shapes:
         - **output:** booleans :math:`(T - 1,)`
@@ -52,7 +52,7 @@ def gaps_of(time: np.ndarray, max_gap: float) -> np.ndarray:
 
     Args:
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
-        max_gap (float): The largest time in seconds between two frames that is no gap.
+        max_gap (float): The largest time in seconds between two frames that is not a gap.
 
     Returns:
         numpy.ndarray: Integers :math:`(G,)`.
@@ -69,7 +69,7 @@ def is_gap(seconds: float, max_gap: float) -> bool:
 
     Args:
         seconds (float): Time between the two frames in seconds.
-        max_gap (float): The largest time in seconds that is no gap.
+        max_gap (float): The largest time in seconds that is not a gap.
 
     Examples:
         >>> is_gap(0.05, max_gap=0.05), is_gap(0.06, max_gap=0.05)

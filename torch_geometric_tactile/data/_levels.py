@@ -82,8 +82,8 @@ class Schema:
             shared (iterable of str): Names of attributes with one value for all samples.
 
         Raises:
-            ValueError: If an argument is no list of names, an attribute is declared twice, or its
-                level is fixed.
+            ValueError: If an argument is not a list of names, an attribute is declared twice, or
+                its level is fixed.
         """
         names = {}
         for argument, value in (("node", node), ("edge", edge), ("shared", shared)):

@@ -49,7 +49,7 @@ class ContactRule:
     both return :obj:`False`, and the label of the frame is empty.
 
     Args:
-        threshold (float, optional): The largest difference from the reading at rest that is no
+        threshold (float, optional): The largest difference from the reading at rest that is not a
             touch, in the unit of the readings. If left out, it is derived from the noise at rest.
         min_taxels (int): The number of touched taxels that count as contact. For a sensor with
             fewer taxels, all of them must be touched.

@@ -27,7 +27,7 @@ class FrameInfo:
         tolerance (float): Accepted relative deviation from :obj:`rate`: 0.05, or the spread over
             the trials if it is larger.
         max_gap (float, optional): The largest time in seconds between two frames of a recording
-            that is no gap; infinite for event data.
+            that is not a gap; infinite for event data.
         resampled (bool): Whether all recordings were resampled to :obj:`rate` by
             :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`.
         selected_rate (float, optional): Frames per second after selection. The selected frames are
@@ -211,7 +211,7 @@ class FrameInfo:
             content (Mapping): The arguments.
 
         Raises:
-            ValueError: If a key is no argument, or an argument is invalid.
+            ValueError: If a key is not an argument, or an argument is invalid.
         """
         names = {item.name for item in fields(cls)}
         if not isinstance(content, Mapping) or not names.issuperset(content):

@@ -29,7 +29,7 @@ class Rate(NamedTuple):
 
     @property
     def max_gap(self) -> float:
-        r"""The largest time in seconds between two frames that is no gap."""
+        r"""The largest time in seconds between two frames that is not a gap."""
         return _MAX_GAP_ARRIVALS * self.arrival
 
 
@@ -39,7 +39,7 @@ def measure_rate(time: np.ndarray, max_gap: float | None = None) -> Rate:
 
     Args:
         time (numpy.ndarray): Increasing times in seconds :math:`(T,)`.
-        max_gap (float, optional): The largest time in seconds between two frames that is no gap.
+        max_gap (float, optional): The largest time in seconds between two frames that is not a gap.
             The default is five times the typical time between two arrivals.
 
     Examples:
@@ -83,7 +83,7 @@ def _arrival_interval(step: np.ndarray) -> float:
     if len(intervals) * _MAX_BURST_FRAMES < len(step):
         intervals = step
     while True:
-        # The lower of the two middle values, which is no gap if there are only two intervals.
+        # The lower of the two middle values, which is not a gap if there are only two intervals.
         arrival = float(np.sort(intervals)[(len(intervals) - 1) // 2])
         long_intervals = intervals[intervals > _MAX_GAP_ARRIVALS * arrival]
         if len(long_intervals) < 3 or len(long_intervals) < _MIN_BURST_SHARE * len(intervals):

@@ -104,8 +104,8 @@ class Protocol:
             of this attribute are left out of the training.
 
     Raises:
-        ValueError: If :obj:`by` is no name, a fraction is not between 0 and 1, there are fewer than
-            two folds, or arguments contradict each other.
+        ValueError: If :obj:`by` is not a name, a fraction is not between 0 and 1, there are fewer
+            than two folds, or arguments contradict each other.
 
     Examples:
         >>> from torch_geometric_tactile.data import StaticData
@@ -324,7 +324,7 @@ class Protocol:
             content (Mapping): The arguments.
 
         Raises:
-            ValueError: If a key is no argument, or an argument is invalid.
+            ValueError: If a key is not an argument, or an argument is invalid.
         """
         names = [field.name for field in fields(cls)]
         unknown = [key for key in content if key not in names]

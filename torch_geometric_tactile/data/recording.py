@@ -249,7 +249,7 @@ class Recording:
             frames (slice): The frames; the step must be positive.
 
         Raises:
-            ValueError: If :obj:`frames` is no slice, or its step is not positive.
+            ValueError: If :obj:`frames` is not a slice, or its step is not positive.
         """
         if not isinstance(frames, slice):
             raise ValueError(f"'frames' must be a slice (got {type(frames).__name__})")

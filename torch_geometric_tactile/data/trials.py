@@ -39,7 +39,7 @@ class Trials(FrameView):
             kept in memory.
 
     Raises:
-        TypeError: If :obj:`dataset` is no :class:`StaticDataset`.
+        TypeError: If :obj:`dataset` is not a :class:`StaticDataset`.
         ValueError: If trials have different numbers of frames with ``ragged="error"``, an argument
             is invalid, frames belong to no trial, the frames of a trial do not follow each other,
             or their :obj:`time` does not increase (without :obj:`time`: they are selected in

@@ -55,7 +55,7 @@ class Windows(FrameView):
             kept in memory.
 
     Raises:
-        TypeError: If :obj:`dataset` is no :class:`StaticDataset`.
+        TypeError: If :obj:`dataset` is not a :class:`StaticDataset`.
         ValueError: If an argument is invalid, frames belong to no trial, the frames of a trial do
             not follow each other, their :obj:`time` does not increase (without :obj:`time`: they
             are selected in another order), the recordings have several rates, the time between

@@ -141,7 +141,7 @@ class SamplesFile(StaticDataset):
 
 def _is_unit(key: str) -> bool:
     # Returns whether a further array is a unit by which samples can be split. An array with the
-    # name of an attribute that has another meaning is no unit.
+    # name of an attribute that has another meaning is not a unit.
     level = KNOWN_ATTRIBUTES.get(key)
     is_reserved = isinstance(getattr(StaticData, key, None), property) or level is not None
     return key not in (*_SAMPLE_ARRAYS, *_SHARED_ARRAYS) and not is_reserved

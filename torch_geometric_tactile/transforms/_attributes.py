@@ -21,7 +21,7 @@ def require(transform: object, data: Data, key: str) -> Tensor:
     Raises:
         ValueError: If the samples lack the attribute. The message names the transform.
     """
-    value: Any = getattr(data, key, None)  # a default of PyG such as `pos=None` is no attribute
+    value: Any = getattr(data, key, None)  # a default of PyG such as `pos=None` is not an attribute
     if value is None:
         raise ValueError(
             f"{type(transform).__name__} needs '{key}' (got none){_ADVICE.get(key, '')}"

@@ -25,7 +25,8 @@ class DeadTaxels(TactileTransform):
         generator (torch.Generator, optional): The source of random numbers.
 
     Raises:
-        ValueError: If :obj:`p` is no probability, or both :obj:`p` and :obj:`selection` are given.
+        ValueError: If :obj:`p` is not a probability, or both :obj:`p` and :obj:`selection` are
+            given.
     """
 
     reads = writes = ("x", "dropped")

@@ -15,7 +15,7 @@ def get_num_frames(data: Data) -> int | None:
     r"""Returns the number of frames :math:`T` of windows, or :obj:`None` for other samples.
 
     Raises:
-        ValueError: If the number is no positive integer, or differs between samples.
+        ValueError: If the number is not a positive integer, or differs between samples.
     """
     value: Any = getattr(data, "num_frames", None)
     if value is None:
@@ -32,7 +32,7 @@ def require_num_frames(transform: object, data: Data) -> int:
     r"""Returns the number of frames :math:`T` of windows.
 
     Raises:
-        ValueError: If the samples are no windows; the message names the transform.
+        ValueError: If the samples are not windows; the message names the transform.
     """
     num_frames = get_num_frames(data)
     if num_frames is None:

@@ -32,8 +32,8 @@ class AbsoluteMorphology(TactileTransform):
           :obj:`cat`, :obj:`x` with :math:`F + 4` features
 
     Raises:
-        ValueError: If :obj:`origin` is no point, there are no positions, or, with :obj:`cat`, the
-            readings are missing or have another number of taxels.
+        ValueError: If :obj:`origin` is not a point, there are no positions, or, with :obj:`cat`,
+            the readings are missing or have another number of taxels.
 
     Examples:
         >>> AbsoluteMorphology()(Data(pos=torch.tensor([[0.0, 0.03, 0.04]]))).absolute

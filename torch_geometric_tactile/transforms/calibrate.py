@@ -259,8 +259,8 @@ class Calibrate(TactileTransform):
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If the file is not JSON or holds no consistent calibration. The message
-                names the file.
+            ValueError: If the file is not JSON or does not hold a consistent calibration. The
+                message names the file.
         """
         existing_file(path, "write one with 'tactile calibrate' or Calibrate.save")
         try:

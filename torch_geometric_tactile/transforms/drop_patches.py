@@ -37,8 +37,8 @@ class DropPatches(DeadTaxels):
           :math:`(B \cdot N,)`, which include taxels that are already marked
 
     Raises:
-        ValueError: If :obj:`p` is no probability, both :obj:`p` and :obj:`patches` are given, the
-            layout has no such patch, or the samples have another number of taxels.
+        ValueError: If :obj:`p` is not a probability, both :obj:`p` and :obj:`patches` are given,
+            the layout has no such patch, or the samples have another number of taxels.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import allegro_uskin

@@ -33,7 +33,7 @@ class DropTaxels(DeadTaxels):
           :math:`(B \cdot N,)`, which include taxels that are already marked
 
     Raises:
-        ValueError: If :obj:`p` is no probability, both :obj:`p` and :obj:`taxels` are given, a
+        ValueError: If :obj:`p` is not a probability, both :obj:`p` and :obj:`taxels` are given, a
             sample has no such taxel, or there are no readings.
 
     Examples:

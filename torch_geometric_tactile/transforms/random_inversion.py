@@ -42,8 +42,8 @@ class RandomInversion(RandomTransform):
         - **output:** the same shape. Missing readings (NaN) stay missing.
 
     Raises:
-        ValueError: If :obj:`p` is no probability, :obj:`low` is not below :obj:`high`, or there are
-            no readings.
+        ValueError: If :obj:`p` is not a probability, :obj:`low` is not below :obj:`high`, or there
+            are no readings.
 
     Examples:
         >>> RandomInversion(p=1.0)(Data(x=torch.tensor([[0.0], [0.25]]))).x.view(-1)

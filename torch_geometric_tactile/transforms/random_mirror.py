@@ -44,7 +44,7 @@ class RandomMirror(TactileTransform):
         - **output:** the same shape. Missing readings (NaN) stay missing.
 
     Raises:
-        ValueError: If the layout has no symmetric image map, :obj:`p` is no probability,
+        ValueError: If the layout has no symmetric image map, :obj:`p` is not a probability,
             :obj:`along` is unknown, or a sample has another number of taxels, no readings or no
             such channel.
 

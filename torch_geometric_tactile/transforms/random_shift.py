@@ -75,7 +75,7 @@ class RandomShift(RandomTransform):
         rows = x.reshape(-1, num_taxels, x.size(-1))
         counts = torch.tensor([2 * self.rows + 1, 2 * self.columns + 1])
         draws = uniform(2 * len(rows), x, self.generator).cpu().view(-1, 2)
-        # The product may be rounded up to `counts`, which is no valid step.
+        # The product may be rounded up to `counts`, which is not a valid step.
         steps = torch.minimum((draws * counts).long(), counts - 1) - counts // 2
         # There are few different steps, so the source taxels are looked up once for each step.
         different_steps, number = steps.unique(dim=0, return_inverse=True)

@@ -42,7 +42,7 @@ class RandomTimeShift(RandomTransform):
 
     Raises:
         ValueError: If :obj:`steps` is not between 0 and 100,000, :obj:`num_frames` is below one or
-            differs from the windows, the number of features is no multiple of it, windows are
+            differs from the windows, the number of features is not a multiple of it, windows are
             padded, or there are no readings.
 
     Examples:
