@@ -45,7 +45,7 @@ def in_column_order(recording: Recording, columns: Mapping[str, Sequence[str]]) 
             :obj:`"joint"`, in the order of the output.
 
     Raises:
-        ValueError: If the recording has columns with other names.
+        ValueError: If the recording has columns with different names.
 
     Examples:
         >>> columns = {"tactile": ["thumb", "index"]}

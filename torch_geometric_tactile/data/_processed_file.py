@@ -78,7 +78,7 @@ def read_processed(path: PathLike) -> ProcessedFile:
     since the last time.
 
     Raises:
-        OtherFormatError: If the file has another format.
+        OtherFormatError: If the file has a different format.
         ValueError: If the file is empty or damaged.
     """
     remove_leftovers(path)

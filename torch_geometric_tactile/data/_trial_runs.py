@@ -31,7 +31,7 @@ class TrialRuns(NamedTuple):
         :obj:`time`, they must be in the order of the data set from which they are selected.
 
         Raises:
-            ValueError: If the frames have no trials, or are in another order.
+            ValueError: If the frames have no trials, or are in the wrong order.
         """
         trial = dataset.column("trial")
         if trial is None or trial.dim() != 1:

@@ -58,8 +58,8 @@ class ContactRule:
         noise (numpy.ndarray, optional): Standard deviations at rest :math:`(N, C)`.
 
     Raises:
-        ValueError: If an argument is out of range or has another shape. The methods raise it if the
-            readings at rest are unknown, or if the threshold is derived from an unknown noise.
+        ValueError: If an argument is out of range or has the wrong shape. The methods raise it if
+            the readings at rest are unknown, or if the threshold is derived from an unknown noise.
 
     Examples:
         >>> rng = np.random.default_rng(0)

@@ -40,7 +40,7 @@ class FrameInfo:
             transform measures the readings at rest.
 
     Raises:
-        ValueError: If a number is not positive, or a value has another type.
+        ValueError: If a number is not positive, or a value has the wrong type.
 
     Examples:
         >>> info = FrameInfo(rate=100.0, stride=2, unit="count")

@@ -63,7 +63,7 @@ class FrameRing:
             frame (array-like): Readings :math:`(N, C)`. Missing readings are NaN.
 
         Raises:
-            ValueError: If the frame has another shape.
+            ValueError: If the frame has the wrong shape.
         """
         frame = torch.as_tensor(frame)
         shape = (self.num_taxels, self.num_channels)

@@ -275,8 +275,8 @@ class StaticData(Data):
         r"""Checks all attributes and the edges, and returns whether they are valid.
 
         Attributes are checked one by one as they are set. After :obj:`x` or :obj:`edge_index` is
-        replaced by a tensor with another number of taxels or edges, the attributes that depend on
-        this number must be replaced as well; this method checks whether all of them were.
+        replaced by a tensor with a different number of taxels or edges, the attributes that depend
+        on this number must be replaced as well; this method checks whether all of them were.
 
         Args:
             raise_on_error (bool): If :obj:`True`, raises a :class:`ValueError` for an invalid
@@ -340,7 +340,7 @@ class StaticData(Data):
                 or a slice, which needs no copy. Tensors of more dimensions are flattened.
 
         Raises:
-            IndexError: If :obj:`index` has another type, or there is no such sample.
+            IndexError: If :obj:`index` has the wrong type, or there is no such sample.
         """
         if not isinstance(index, slice):
             index = flat_index(index)

@@ -52,8 +52,8 @@ class StaticDataset(ProcessedDataset):
         force_reload (bool): Whether to process the raw files again.
 
     Raises:
-        ValueError: If the processed file is damaged, holds samples of another layout, or was made
-            with other settings and the raw files are missing.
+        ValueError: If the processed file is damaged, holds samples of another layout, or was
+            written with other settings and the raw files are missing.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -304,7 +304,7 @@ class StaticDataset(ProcessedDataset):
                 any shape.
 
         Raises:
-            IndexError: If :obj:`idx` has another type.
+            IndexError: If :obj:`idx` has the wrong type.
         """
         idx = idx if isinstance(idx, slice) else flat_index(idx).tolist()
         selection: Self = super().index_select(idx)

@@ -43,7 +43,7 @@ class Trials(FrameView):
         ValueError: If trials have different numbers of frames with ``ragged="error"``, an argument
             is invalid, frames belong to no trial, the frames of a trial do not follow each other,
             or their :obj:`time` does not increase (without :obj:`time`: they are selected in
-            another order).
+            the wrong order).
 
     Examples:
         >>> import torch

@@ -58,7 +58,7 @@ class Windows(FrameView):
         TypeError: If :obj:`dataset` is not a :class:`StaticDataset`.
         ValueError: If an argument is invalid, frames belong to no trial, the frames of a trial do
             not follow each other, their :obj:`time` does not increase (without :obj:`time`: they
-            are selected in another order), the recordings have several rates, the time between
+            are selected in the wrong order), the recordings have several rates, the time between
             frames is irregular, or all trials are shorter than a window.
 
     Examples:

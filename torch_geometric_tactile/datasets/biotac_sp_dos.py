@@ -102,7 +102,7 @@ class BioTacSPDoS(PlacedFiles):
 
     Raises:
         FileNotFoundError: If a direction has no files.
-        ValueError: If a file cannot be read or has another form of name, or two files hold the same
+        ValueError: If a file cannot be read or is not named as above, or two files hold the same
             sequence.
 
     Examples:

@@ -59,7 +59,7 @@ class LetterShape(ImageDataset):
     * ``.npy``, ``.mat``: one matrix, or a stack of matrices :math:`(n, 32, 32)`.
 
     Numbers of type uint8 or uint16, as in PNG files, are fractions of full scale. All other numbers
-    are pressures in the unit of :obj:`full_scale`. Unreadable files and files of another size are
+    are pressures in the unit of :obj:`full_scale`. Unreadable files and files of the wrong size are
     left out. Matrices with a missing reading (NaN), a negative pressure or a pressure above full
     scale are left out as well. A warning reports their number, and :obj:`left_out` lists the
     reasons.

@@ -33,7 +33,7 @@ def require_pos(transform: object, data: Data) -> Tensor:
     r"""Returns the positions :math:`(N, 3)` or :math:`(B, N, 3)`.
 
     Raises:
-        ValueError: If there are none, or they have another shape.
+        ValueError: If there are none, or they have the wrong shape.
     """
     pos = require(transform, data, "pos")
     dims = (2,) if isinstance(data, Batch) else (2, 3)
@@ -49,7 +49,7 @@ def require_x(transform: object, data: Data) -> Tensor:
     r"""Returns the readings :math:`(N, F)` or :math:`(B, N, F)`.
 
     Raises:
-        ValueError: If there are none, or they have another number of dimensions.
+        ValueError: If there are none, or they have the wrong number of dimensions.
     """
     x = require(transform, data, "x")
     dims = (2,) if isinstance(data, Batch) else (2, 3)
@@ -101,7 +101,7 @@ def add_mark(data: Data, key: str, mark: Tensor) -> None:
         mark (torch.Tensor): Booleans :math:`(N,)` or :math:`(B, N)`.
 
     Raises:
-        ValueError: If the attribute exists with another shape.
+        ValueError: If the attribute exists with a different shape.
     """
     old_mark: Any = getattr(data, key, None)
     if old_mark is not None:

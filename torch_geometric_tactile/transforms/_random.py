@@ -106,7 +106,7 @@ def normal(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
     Shapes:
         - **output:** :math:`(count,)`, none beyond 5.5 deviations
     """
-    # `torch.randn` is not used: it draws many numbers in another order than single numbers.
+    # `torch.randn` is not used: it draws many numbers in a different order than single numbers.
     draws = uniform(count, x, generator).double()
     # `torch.rand` returns multiples of 2**-24; the shift by half a step avoids 0 and thus infinity.
     return torch.special.ndtri(draws + 2.0**-25).float()

@@ -29,7 +29,7 @@ def segment_numbers(
         - **output:** segment numbers :math:`(N,)`
 
     Raises:
-        ValueError: If a name is given without a layout, or the layout has other taxels.
+        ValueError: If a name is given without a layout, or the number of taxels differs.
     """
     layout = None if layout is None else as_layout(layout)
     if isinstance(by, str):

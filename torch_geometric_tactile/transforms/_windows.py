@@ -87,7 +87,8 @@ def valid_frames(data: Data, num_samples: int, num_frames: int, device: torch.de
         - **output:** :math:`(S,)`
 
     Raises:
-        ValueError: If :obj:`valid_frames` has another length, or a number is not 1 to :math:`T`.
+        ValueError: If :obj:`valid_frames` has the wrong length, or a number is not between 1 and
+            :math:`T`.
     """
     value: Any = getattr(data, "valid_frames", None)
     if value is None:

@@ -33,7 +33,7 @@ class AbsoluteMorphology(TactileTransform):
 
     Raises:
         ValueError: If :obj:`origin` is not a point, there are no positions, or, with :obj:`cat`,
-            the readings are missing or have another number of taxels.
+            the readings are missing or have a different number of taxels.
 
     Examples:
         >>> AbsoluteMorphology()(Data(pos=torch.tensor([[0.0, 0.03, 0.04]]))).absolute

@@ -195,7 +195,7 @@ class FittedTransform(TactileTransform):
             - **output:** :math:`(S,)`
 
         Raises:
-            ValueError: If there is no such attribute, or it has another number of values.
+            ValueError: If there is no such attribute, or it has the wrong number of values.
         """
         need(key in data, f"{type(self).__name__} needs samples with '{key}' (got none)")
         values = torch.as_tensor(data[key]).reshape(-1).cpu()

@@ -38,7 +38,7 @@ class DropPatches(DeadTaxels):
 
     Raises:
         ValueError: If :obj:`p` is not a probability, both :obj:`p` and :obj:`patches` are given,
-            the layout has no such patch, or the samples have another number of taxels.
+            the layout has no such patch, or a sample has the wrong number of taxels.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import allegro_uskin

@@ -43,7 +43,7 @@ class Normalize(FittedTransform):
     Raises:
         RuntimeError: If the transform was not fitted.
         ValueError: If :obj:`low` is not below :obj:`high`, :obj:`per` is unknown, or the readings
-            have other taxels (except with :obj:`per="channel"`) or channels than the fitted
+            have different taxels (except with :obj:`per="channel"`) or channels than the fitted
             samples.
 
     Examples:

@@ -36,7 +36,7 @@ class RandomGain(SegmentDraws):
 
     Raises:
         ValueError: If :obj:`std` is negative or not finite, :obj:`segments` is invalid or requires
-            a layout, or a sample has another number of taxels or no readings.
+            a layout, or a sample has the wrong number of taxels or no readings.
 
     Examples:
         >>> import torch

@@ -45,7 +45,7 @@ class RandomMirror(TactileTransform):
 
     Raises:
         ValueError: If the layout has no symmetric image map, :obj:`p` is not a probability,
-            :obj:`along` is unknown, or a sample has another number of taxels, no readings or no
+            :obj:`along` is unknown, or a sample has the wrong number of taxels, no readings or no
             such channel.
 
     Examples:

@@ -33,7 +33,7 @@ class RandomOffset(SegmentDraws):
 
     Raises:
         ValueError: If :obj:`std` is negative or not finite, :obj:`segments` is invalid or requires
-            a layout, or a sample has another number of taxels or no readings.
+            a layout, or a sample has the wrong number of taxels or no readings.
 
     Examples:
         >>> import torch

@@ -45,7 +45,7 @@ class RandomShift(RandomTransform):
 
     Raises:
         ValueError: If the layout has no image map, :obj:`rows` or :obj:`columns` is not between 0
-            and 100, or a sample has another number of taxels or no readings.
+            and 100, or a sample has the wrong number of taxels or no readings.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid

@@ -1,4 +1,4 @@
-r"""Resampling of windows to another number of frames."""
+r"""Resampling of windows to a given number of frames."""
 
 from collections.abc import Callable, Set
 from functools import lru_cache

@@ -39,7 +39,7 @@ class SectorGraph(TactileTransform):
 
     Raises:
         ValueError: If :obj:`num_sectors` is below one, :obj:`radius` is not positive,
-            :obj:`within` is unknown, or a sample has another number of taxels.
+            :obj:`within` is unknown, or a sample has the wrong number of taxels.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid

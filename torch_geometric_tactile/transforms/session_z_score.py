@@ -38,8 +38,8 @@ class SessionZScore(FittedTransform):
 
     Raises:
         RuntimeError: If the transform was not fitted.
-        ValueError: If :obj:`per` is unknown, a session was not fitted, or the readings have other
-            taxels (except with :obj:`per="channel"`) or channels than the fitted samples.
+        ValueError: If :obj:`per` is unknown, a session was not fitted, or the readings have
+            different taxels (except with :obj:`per="channel"`) or channels than the fitted samples.
 
     Examples:
         >>> import torch

@@ -47,7 +47,7 @@ class Tare(FittedTransform):
         RuntimeError: If the transform was not fitted.
         ValueError: If :obj:`first` is below one, :obj:`seconds` is not positive, both are given, a
             session was not fitted, samples lack the finite times that :obj:`seconds` requires, or
-            the readings have other taxels or channels than the fitted samples.
+            the readings have different taxels or channels than the fitted samples.
 
     Examples:
         >>> import torch

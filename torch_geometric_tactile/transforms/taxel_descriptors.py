@@ -54,7 +54,7 @@ class TaxelDescriptors(TactileTransform):
           A missing reading (NaN) is replaced by the mean of its neighbours.
 
     Raises:
-        ValueError: If a sample has another number of taxels, no readings, windows of several
+        ValueError: If a sample has the wrong number of taxels, no readings, windows of several
             lengths, or, with :obj:`posed`, no positions.
 
     Examples:

@@ -57,7 +57,7 @@ class TopologicalSegmentation(TactileTransform):
 
     Raises:
         ValueError: If :obj:`by` is invalid or requires a layout, there are no edges, or a sample
-            has another number of taxels.
+            has the wrong number of taxels.
 
     Examples:
         >>> edge_index = torch.tensor([[0, 1, 1, 2], [1, 0, 2, 1]])
@@ -129,7 +129,7 @@ class TopologicalSegmentation(TactileTransform):
             data (torch_geometric.data.Data): The data, before or after the transform.
 
         Raises:
-            ValueError: If there are no edges, or a sample has another number of taxels.
+            ValueError: If there are no edges, or a sample has the wrong number of taxels.
         """
         edge_index, segment = self._checked(data)
         return [self._cut(data, edge_index, segment == k) for k in range(self.num_segments)]

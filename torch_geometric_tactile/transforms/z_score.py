@@ -61,7 +61,7 @@ class ZScore(FittedTransform):
     Raises:
         RuntimeError: If the transform was not fitted.
         ValueError: If :obj:`per` or :obj:`scale_per` is unknown, they cannot be combined, the
-            readings have other taxels (except with :obj:`per="channel"`) or channels than the
+            readings have different taxels (except with :obj:`per="channel"`) or channels than the
             fitted samples, or :obj:`num_frames` is missing with :obj:`per="signal"`.
 
     Examples:
