@@ -1,4 +1,4 @@
-r"""Units of samples, such as trials or persons: attributes of samples, and metadata of trials."""
+r"""Units of samples, such as trials or people: attributes of samples, and metadata of trials."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

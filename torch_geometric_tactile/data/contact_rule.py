@@ -25,7 +25,7 @@ _MAX_VALUE = 1e30  # of numbers in a file, so that their squares are finite
 @dataclass(frozen=True)
 class ContactRule:
     r"""A rule that decides whether anything touches the sensor. Frames without contact are labelled
-    :obj:`"no contact"` and are not classified by a model.
+    :obj:`"no contact"`; a model that was trained on contacts does not classify them.
 
     A taxel is touched if one of its channels differs from its reading at rest by more than the
     threshold. There is contact if enough taxels are touched. The threshold is a number in the unit
@@ -35,8 +35,9 @@ class ContactRule:
         |x - x_\text{rest}| > k \, \max(\sigma, \sigma_\text{channel}, \sigma_\text{rounding})
 
     * :math:`\sigma` is the standard deviation of the signal of one taxel and channel.
-    * :math:`\sigma_\text{channel}` is the standard deviation over all signals of the channel. It
-      sets a lower limit, since one second of frames is too short to measure a quiet signal.
+    * :math:`\sigma_\text{channel}` is the root mean square of :math:`\sigma` over all signals of
+      the channel. It sets a lower limit, since one second of frames is too short to measure a quiet
+      signal.
     * :math:`\sigma_\text{rounding} = 1/\sqrt{12}` applies to readings that are whole numbers.
 
     Normal noise exceeds :math:`6 \sigma` once in 500 million readings, which is once an hour for a

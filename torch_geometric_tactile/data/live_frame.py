@@ -16,8 +16,8 @@ class LiveFrame:
     checked by the decoders and sources that create frames, not by this class.
 
     Args:
-        sequence (int): Number of the frame as counted by the device, after unwrapping. A number
-            that is skipped is a lost frame.
+        sequence (int): Number of the frame as counted by the device, after unwrapping. A skipped
+            number is a lost frame.
         time (float): Time of the frame on this host's clock (:func:`time.perf_counter`) in seconds,
             strictly increasing in a stream. Until the stream converts :obj:`device_time`, it is the
             time of :obj:`received`.

@@ -59,8 +59,8 @@ class Protocol:
     * ``Protocol("trial")`` holds out random fractions, :obj:`val` and :obj:`test`.
     * ``Protocol("trial", folds=5)`` tests on each of five random folds in turn.
     * ``Protocol("group", leave_one_out=True)`` tests on each group (object) in turn.
-    * ``Protocol("person", folds=5)`` tests on persons that the model was not trained on. It
-      requires persons to be named in the samples or in the metadata of their trials.
+    * ``Protocol("person", folds=5)`` tests on people that the model was not trained on. The samples
+      or the metadata of their trials must name each person.
     * ``Protocol("given")`` uses the parts of the data set. Its :obj:`part` :math:`(S,)`, an
       attribute of the samples or a property of the data set, is 0 for training, 1 for validation
       and 2 for the test.

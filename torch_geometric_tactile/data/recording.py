@@ -79,7 +79,7 @@ class Recording:
     Raises:
         ValueError: If the dimensions or the number of frames of an array do not fit, the time does
             not increase or holds integers (whose unit is unknown), a time, reading, angle or
-            command is infinite, :obj:`meta` holds values that JSON does not have, an annotation
+            command is infinite, :obj:`meta` holds values that are not JSON values, an annotation
             ends before it starts, or a name, text or shape cannot be stored in HDF5, npz and MCAP
             files.
 

@@ -168,7 +168,7 @@ class StaticDataset(ProcessedDataset):
             shared (iterable of str): Names of further attributes that all samples share, without
                 the dimension :math:`S`.
             **attributes: Further attributes, with a row for each sample unless named in
-                :obj:`node`, :obj:`edge` or :obj:`shared`. Pass the names of persons, for example,
+                :obj:`node`, :obj:`edge` or :obj:`shared`. Pass the names of people, for example,
                 to split by person with :class:`~torch_geometric_tactile.data.Protocol`.
 
         Raises:

@@ -48,8 +48,9 @@ class Windows(FrameView):
         series (sequence of str): Names of attributes, such as :obj:`"joint"`, that a window keeps
             for all its frames :math:`(B, T, \ldots)`.
         max_gap (float, optional): The largest time in seconds between two frames of one window. A
-            longer pause ends a window, like the end of a trial. The default is five frames at the
-            rate of the recordings, and no limit for event data, whose frames are irregular.
+            longer pause ends a window, like the end of a trial. The default is the duration of five
+            frames at the rate of the recordings. Event data, whose frames are irregular, have no
+            limit by default.
         transform (callable, optional): Applied to windows at every access.
         pre_transform (callable, optional): Applied once to all windows, in chunks. Its output is
             kept in memory.

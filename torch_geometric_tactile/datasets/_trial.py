@@ -268,7 +268,7 @@ def check_compatible(trials: Sequence[Trial], unit: str | None = None) -> None:
 
 
 def _trial_key(trial: Trial) -> Hashable:
-    # Trials of several persons or sessions may have the same object and number.
+    # Trials of different people or sessions may have the same object and number.
     names = {k: v for k, v in trial.file_names.items() if k not in ("object", "trial", "label")}
     session = trial.meta.get("session")
     return trial.object_name, trial.number, session, tuple(sorted(names.items()))

@@ -1,4 +1,4 @@
-r"""A data set of persons who lie on a pressure mat."""
+r"""A data set of people who lie on a pressure mat."""
 
 from typing import Literal
 
@@ -30,17 +30,17 @@ _SHA256 = {"pmd-1.0.0.zip": "ef1511cd7dfde50b2c2438022ab486c264ad93e93263a63852a
 class PressureMat(PublishedFiles):
     r"""The pressure mat data from the "A Pressure Map Dataset for Posture and Subject Analytics"
     paper (Pouyan, Birjandtalab, Heydarzadeh, Nourani and Ostadabbas, 2017), `PhysioNet's pmd 1.0.0
-    <https://physionet.org/content/pmd/1.0.0/>`_. Persons lie on a bed in prescribed postures.
+    <https://physionet.org/content/pmd/1.0.0/>`_. People lie on a bed in prescribed postures.
 
     A sample is a frame of pressures in raw counts of the mat. :obj:`group` is the person, and
     :obj:`trial` the file.
 
-    * **Experiment I** has 13 persons in 17 postures on 64 x 32 cells, with 1 frame per second for
+    * **Experiment I** has 13 people in 17 postures on 64 x 32 cells, with 1 frame per second for
       about two minutes per posture. **The first three frames of each file are left out**: the first
       is nearly empty, the second is a glitch, and the third is sometimes a glitch. :obj:`step` and
       :obj:`time` count from the fourth frame. According to the description, readings range from 0
       to 1,000, but 0.1 % of the readings are higher, up to 4,095.
-    * **Experiment II** has 8 persons in 29 postures on an air and a sponge mattress
+    * **Experiment II** has 8 people in 29 postures on an air and a sponge mattress
       (:obj:`session`), on 64 x 27 cells of another mat. Each posture has one frame, the mean of
       about twenty. Three frames of one person are left out, since the description does not name
       their postures.
@@ -50,9 +50,9 @@ class PressureMat(PublishedFiles):
     data set does not state the size.
 
     .. warning::
-        Frames of one file are nearly identical, and a system in use meets new *persons*: hold out
+        Frames of one file are nearly identical, and a system in use meets new *people*: hold out
         :obj:`group`. In five random folds of frames, a random forest recognises 99.9 % of the
-        postures; for new persons, it recognises 85.6 % of the postures and 98.2 % of the sides
+        postures; for new people, it recognises 85.6 % of the postures and 98.2 % of the sides
         (experiment I, every eighth frame, thirteen folds, one seed; ``studies/split_traps.py``).
 
     .. list-table:: STATS

@@ -67,7 +67,7 @@ class SamplesFile(StaticDataset):
 
     Raises:
         FileNotFoundError: If the file does not exist.
-        ValueError: If the file cannot be read, the layout is missing, ambiguous or has another
+        ValueError: If the file cannot be read, the layout is missing, ambiguous or has the wrong
             number of taxels, or the labels do not fit the task.
 
     Examples:

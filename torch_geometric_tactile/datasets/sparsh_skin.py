@@ -47,9 +47,10 @@ class SparshSkin(PlacedFiles):
 
     .. warning::
         Consecutive frames of an episode are near copies, so **a split by frame tests on training
-        data**. Hold out episodes with ``Protocol("trial", stratify="group")``. If all episodes of
-        an object were recorded one after the other, drift or the scene may reveal the object; this
-        is unknown. It is also unknown whether any split tests another day or hand.
+        data**. Hold out episodes with ``Protocol("trial", stratify="group")``. It is unknown
+        whether all episodes of an object were recorded one after the other; if they were, drift or
+        the scene may reveal the object. It is also unknown whether any split tests another day or
+        hand.
 
         **Taxels within a patch may be permuted**, and the three patches of the palm may be permuted
         as well: see :func:`~torch_geometric_tactile.io.read_sparsh_skin`. Digits and phalanges

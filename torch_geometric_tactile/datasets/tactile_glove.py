@@ -36,22 +36,21 @@ class TactileGlove(PlacedFiles):
     * :obj:`y`, :obj:`group`: the object;
     * :obj:`session`, :obj:`trial`: the recording;
     * :obj:`time`: seconds from the start of the recording;
-    * :obj:`balanced`: 1 for the frames that the authors train on, which are equally many for each
-      object;
+    * :obj:`balanced`: 1 for the frames that the authors train on, the same number for each object;
     * :obj:`part`: the authors' training and test frames, used by ``Protocol("given")``.
 
-    **The cells that are sensors**, among the 1,024 cells, are listed in a file of the authors that
-    was not available for this class. The layout is therefore the grid of the readout, whose rows
-    and columns are threads of the glove. Its edges connect neighbours in the readout, and its
-    positions are not positions on the hand. If you know the cells that are sensors, pass them as
-    :obj:`taxels`; otherwise, pass the cells whose readings change, as in the example.
+    **Only 548 of the 1,024 cells are sensors.** The authors' file that lists them was not available
+    for this class. The layout is therefore the grid of the readout, whose rows and columns are
+    threads of the glove. Its edges connect neighbours in the readout, and its positions are not
+    positions on the hand. If you know the cells that are sensors, pass them as :obj:`taxels`;
+    otherwise, pass the cells whose readings change, as in the example.
 
     .. warning::
         Consecutive frames of a recording are near copies, so **a split by frame tests on training
         data**. Hold out recordings with ``Protocol("session", folds=3, stratify="y")``. The paper
         reportedly has three recordings of each object, from three days. It is unknown whether the
-        published parts share recordings: compare the :obj:`session` of both sides. The file names
-        no persons, so no split tests another hand.
+        published parts share recordings: compare the :obj:`session` of both sides. The file does
+        not identify people, so no split tests another hand.
 
     .. list-table:: STATS, as published
         :header-rows: 1

@@ -56,8 +56,8 @@ class FittedTransform(TactileTransform):
     Args:
         key (str, optional): Integer attribute of the samples that selects centre and scale.
         unit_scale (bool): If :obj:`True`, the scale is one.
-        first (int, optional): For each value of :obj:`key`, the number of first samples on which to
-            fit. If left out, all samples are used.
+        first (int, optional): Number of samples on which to fit, from the first sample of each
+            value of :obj:`key` on. If left out, all samples are used.
         attr (str): The attribute to scale: :obj:`"x"`, or another attribute of floating-point
             numbers such as :obj:`"edge_attr"`, :obj:`"joint"`, :obj:`"absolute"` or :obj:`"pos"`.
         per (str): The numbers that share a centre and a scale:

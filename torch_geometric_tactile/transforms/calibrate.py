@@ -89,8 +89,7 @@ class Calibrate(TactileTransform):
 
     Raises:
         ValueError: If :obj:`degree`, :obj:`per` or a unit is unknown, the shapes do not match, a
-            coefficient is not finite, or the readings have the wrong number of taxels
-            or channels.
+            coefficient is not finite, or the readings have the wrong number of taxels or channels.
 
     Examples:
         >>> mixed = torch.tensor([[0.0, 0.0], [0.02, 0.0], [0.001, 0.01]])  # offset, x, y

@@ -47,7 +47,7 @@ class CommonMode(TactileTransform):
         - **output:** the same shape, in the same unit. Missing readings (NaN) stay missing.
 
     Raises:
-        ValueError: If :obj:`segments` is invalid or requires a layout, or a sample has another
+        ValueError: If :obj:`segments` is invalid or requires a layout, or a sample has the wrong
             number of taxels or no readings.
 
     Examples:

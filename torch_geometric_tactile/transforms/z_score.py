@@ -47,15 +47,16 @@ class ZScore(FittedTransform):
         scale_per (str, optional): The numbers that share a scale, if they differ from :obj:`per`.
             With :obj:`"all"`, all numbers share one scale, which preserves the directions of forces
             and other vectors.
-        with_mean (bool): Whether to subtract the mean. Set it to :obj:`False` for readings that are
-            zero at rest and later steps that locate a touch, so that zero stays zero.
+        with_mean (bool): Whether to subtract the mean. If :obj:`False`, zero stays zero. This suits
+            readings that are zero at rest, if later steps locate a touch.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
           F)`; with :obj:`attr` for example edge features :math:`(|\mathcal{E}|, D)`,
           :math:`(B, |\mathcal{E}|, D)` or :math:`(B \cdot |\mathcal{E}|, D)`, or joint angles
           :math:`(1, J)` or :math:`(B, J)`; with :obj:`per="signal"` windows
-          :math:`(\ldots, C \cdot T)` with any number of frames :math:`T`, :obj:`num_frames`
+          :math:`(\ldots, C \cdot T)` with :obj:`num_frames`, where :math:`T` need not be the same
+          as in the fitted samples
         - **output:** the same shape
 
     Raises:
