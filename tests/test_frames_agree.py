@@ -178,7 +178,7 @@ def test_a_slice_of_a_data_set_is_a_stride():
 def test_frames_drawn_at_random_make_no_windows():
     made = [recording(i, 100.0, "ab"[i % 2]) for i in range(2)]
     frames = RecordingFrames(layout=LAYOUT, recordings=made, target="label", samples_per_trial=20)
-    with pytest.raises(ValueError, match="regular distances"):
+    with pytest.raises(ValueError, match="regular intervals"):
         Windows(frames, LENGTH)
 
 
