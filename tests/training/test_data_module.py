@@ -272,12 +272,14 @@ def test_parts_that_number_their_names_otherwise_are_refused(name):
         return StaticDataset.from_arrays(x, y * 2, session=session * 2, layout=grid(2, 2, 0.01))
 
     train, others = named(["cube", "ball"], ["a", "b"]), named(["cup", "ball"], ["a", "b"])
-    match = rf"'{name}' must have the class_names of the first, \['ball', 'cube'\], .* \(got \['ball', 'cup'\]"
+    match = (
+        rf"'{name}' must have the class_names .*, \['ball', 'cube'\], .* \(got \['ball', 'cup'\]"
+    )
     with pytest.raises(ValueError, match=match):
         TactileDataModule(train, split="frame", **{name: others})
     later = named(["cube", "ball"], ["b", "c"])
     TactileDataModule(train, split="frame", transform=ZScore(), **{name: later})
-    with pytest.raises(ValueError, match=rf"'{name}' must have the session_names of the first, \['a', 'b'\]"):
+    with pytest.raises(ValueError, match=rf"'{name}' must have the session_names .*, \['a', 'b'\]"):
         TactileDataModule(train, split="frame", transform=SessionZScore(), **{name: later})
 
 
