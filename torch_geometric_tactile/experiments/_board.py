@@ -117,7 +117,7 @@ BOARD: tuple[BoardSet, ...] = (
     BoardSet(
         "iCub",
         "ICubGrasp",
-        "ten objects, every fourth frame; new trials, five folds (the first frame identifies the object)",
+        "ten objects, every fourth frame; new trials, five folds (the first frame is enough)",
         "trial",
         stride=4,
         ranks=False,
