@@ -102,3 +102,16 @@ def test_sets_are_classes_of_ours_with_their_arguments():
         assert hasattr(datasets, board_set.dataset)
         assert {*board_set.arguments} <= set(names)
         assert board_set.by in ("given", "group", "trial")
+
+
+def test_tables_of_scores_have_at_most_six_columns():
+    from torch_geometric_tactile.reports._board import _score_tables
+
+    header = ["model", "mean rank", "ranked sets", "a", "b", "c", "d"]
+    rows = [["fnn", "1.0", "4", "90", "91", "92", "93"], ["lstm", "2.0", "1", "80", "", "", ""]]
+    lines = _score_tables(header, rows)
+    assert [line for line in lines if line.startswith("| model")] == [
+        "| model | mean rank | ranked sets | a | b | c |",
+        "| model | d |",
+    ]
+    assert lines[-1] == "| `fnn` | 93 |"  # lstm has no score on the fourth set

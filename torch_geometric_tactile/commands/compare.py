@@ -115,8 +115,8 @@ examples:
                                                          a first look
 
 Each finished run (a model on a split) is a file in DIR/runs: the same command resumes an
-interrupted one. docs/compare.md explains the parts of the data on which settings are selected, and
-the meaning of the recommendation.
+interrupted one. docs/compare.md explains the recommendation, and docs/compare_settings.md the
+choice of settings.
 """
 
 

@@ -34,8 +34,8 @@ class BoardSet:
         trials (int, optional): Number of frames that whole trials are resampled to.
         rest (int, optional): Number of frames at the start of each trial in which nothing touches
             the sensor.
-        ranks (bool): Whether it counts for the mean place. False where a shortcut in the data set
-            or perfect scores make models look alike.
+        ranks (bool): Whether it counts for the mean rank. False where a shortcut in the data set or
+            perfect scores make models look alike.
     """
 
     name: str
@@ -117,7 +117,7 @@ BOARD: tuple[BoardSet, ...] = (
     BoardSet(
         "iCub",
         "ICubGrasp",
-        "ten objects, every fourth frame; new trials, five folds (the first frame tells)",
+        "ten objects, every fourth frame; new trials, five folds (the first frame is enough)",
         "trial",
         stride=4,
         ranks=False,
@@ -125,7 +125,7 @@ BOARD: tuple[BoardSet, ...] = (
     BoardSet(
         "eFlesh",
         "EFleshSlip",
-        "slip or hold, sequences of 30 frames less their rest; another run of slip (too easy)",
+        "slip or hold, 30 frames minus their rest; another run of slip (too easy)",
         "given",
         trials=30,
         rest=10,
@@ -135,7 +135,7 @@ BOARD: tuple[BoardSet, ...] = (
 
 
 class BoardColumn(NamedTuple):
-    r"""Comparisons on one data set: that of the stock models, and that of the user's models."""
+    r"""The comparisons of the stock models and of the user's models on one data set."""
 
     board_set: BoardSet
     comparisons: Sequence[Comparison]
