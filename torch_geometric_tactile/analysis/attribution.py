@@ -21,7 +21,7 @@ from torch_geometric_tactile.nn.models._calls import (
 
 
 class IntegratedGradients(ExplainerAlgorithm):
-    r"""The integrated gradients explainer of the `"Axiomatic Attribution for Deep Networks"
+    r"""The integrated gradients explainer from the `"Axiomatic Attribution for Deep Networks"
     <https://arxiv.org/abs/1703.01365>`_ paper, an algorithm for
     :class:`torch_geometric.explain.Explainer` that needs only gradients.
 
@@ -40,7 +40,7 @@ class IntegratedGradients(ExplainerAlgorithm):
             :class:`~torch_geometric_tactile.transforms.ZScore`.
 
     Raises:
-        ValueError: If :obj:`num_steps` is below one, or :obj:`baseline` has another shape than
+        ValueError: If :obj:`num_steps` is below one, or :obj:`baseline` does not have the shape of
             :obj:`x`.
 
     Examples:
@@ -95,7 +95,7 @@ class IntegratedGradients(ExplainerAlgorithm):
               :obj:`"object"`
 
         Raises:
-            ValueError: If the baseline has another shape than :obj:`x`.
+            ValueError: If the baseline does not have the shape of :obj:`x`.
         """
         baseline = torch.zeros_like(x) if self.baseline is None else self.baseline.to(x)
         if baseline.shape != x.shape:
@@ -169,7 +169,7 @@ def taxel_attribution(
 
     Raises:
         ValueError: If :obj:`batch` lacks an input of the model or is empty, or :obj:`target` has
-            another shape or an unknown class.
+            the wrong shape or an unknown class.
 
     Examples:
         >>> from torch_geometric_tactile.nn import TaxelNet
@@ -227,7 +227,7 @@ def patch_occlusion(
           with :obj:`per_sample`
 
     Raises:
-        ValueError: If :obj:`segment` or :obj:`reference` has another shape, :obj:`reference` is
+        ValueError: If :obj:`segment` or :obj:`reference` has the wrong shape, :obj:`reference` is
             missing for a single sample, or an argument is invalid in :func:`taxel_attribution`.
 
     Examples:

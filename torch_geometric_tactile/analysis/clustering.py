@@ -61,7 +61,7 @@ def segment_clustering(
         - **segment:** :math:`(N,)`
 
     Raises:
-        ValueError: If :obj:`segment` has another shape, all nodes are in one segment or each in a
+        ValueError: If :obj:`segment` has the wrong shape, all nodes are in one segment or each in a
             separate one, :obj:`num_neighbors` is not between 1 and the number of other nodes, or an
             argument is invalid in :func:`~torch_geometric_tactile.analysis.node_matrix`.
 

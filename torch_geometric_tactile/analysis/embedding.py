@@ -29,8 +29,8 @@ def node_matrix(features: Tensor, frames: Literal["joined", "mean"] = "joined") 
         - **output:** :math:`(N, B \cdot C)`, or :math:`(N, C)` for :obj:`"mean"`
 
     Raises:
-        ValueError: If :obj:`features` has another shape, no frame, or a number that is not finite,
-            or :obj:`frames` is unknown.
+        ValueError: If :obj:`features` has the wrong shape, no frame, or a number that is not
+            finite, or :obj:`frames` is unknown.
 
     Examples:
         >>> node_matrix(torch.tensor([[[0.0], [2.0]], [[1.0], [1.0]]]))
@@ -66,7 +66,7 @@ def embed_nodes(
     num_neighbors: int | None = None,
 ) -> Tensor:
     r"""Embeds nodes such that nodes with similar features are near each other: t-SNE as in fig. 8
-    of the "Tactile Object Property Recognition using Geometrical Graph Edge Features and
+    from the "Tactile Object Property Recognition using Geometrical Graph Edge Features and
     Multi-Thread Graph Convolutional Network" paper, or UMAP as in fig. 5 of the "Multifingered
     Object Recognition with Tactile Sensors and Graph Convolutional Networks using Topological Graph
     Segmentation" paper.

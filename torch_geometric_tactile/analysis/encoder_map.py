@@ -60,7 +60,7 @@ def encoder_blocks(
         - **output:** :math:`(|\mathcal{E}|, N)`, in double precision
 
     Raises:
-        ValueError: If there is no weight, or it has another shape.
+        ValueError: If there is no weight, or it has the wrong shape.
 
     Examples:
         >>> encoder_blocks(torch.tensor([[1.0, -3.0, 0.0, 4.0]]), edge_dim=2, out_channels=1)
@@ -118,7 +118,8 @@ def encoder_map(
         - **output:** :math:`(|\mathcal{E}|,)`, with mean zero
 
     Raises:
-        ValueError: If there is no weight, it has another shape, or there are fewer than two edges.
+        ValueError: If there is no weight, it has the wrong shape, or there are fewer than two
+            edges.
 
     Examples:
         >>> weight = torch.tensor([[1.0, -2.0, 6.0]])  # one node, three edges

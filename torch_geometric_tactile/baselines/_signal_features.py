@@ -26,8 +26,8 @@ class SignalFeatures(TransformerMixin, ReadingsEstimator):
         - **output:** features :math:`(S, 12 E)`
 
     Raises:
-        ValueError: If the time series have another shape, no frame or another number of electrodes
-            than in :meth:`fit`, or a reading is not finite.
+        ValueError: If the time series have the wrong shape, no frame or another number of
+            electrodes than in :meth:`fit`, or a reading is not finite.
 
     Examples:
         >>> series = np.array([[[3.0, 0.0], [-1.0, 2.0]]])  # 1 sample, 2 frames, 2 electrodes

@@ -78,7 +78,7 @@ class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
 
         Raises:
             ValueError: If the layout has no image map, or the grey values are not finite or have
-                another shape.
+                the wrong shape.
         """
         layout = letter_array() if self.layout is None else as_layout(self.layout)
         if layout.image_map is None:

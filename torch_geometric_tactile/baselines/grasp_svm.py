@@ -18,9 +18,9 @@ from torch_geometric_tactile.baselines._signal_features import SignalFeatures
 
 @dataclass(repr=False, eq=False)
 class GraspSVM(ClassifierMixin, ReadingsEstimator):
-    r"""The SVM baseline of the "Tactile Grasp Stability Classification Based on Graph Convolutional
-    Networks" paper. It uses 12 statistical features of each electrode's signal, 228 for 19
-    electrodes.
+    r"""The SVM baseline from the "Tactile Grasp Stability Classification Based on Graph
+    Convolutional Networks" paper. It uses 12 statistical features of each electrode's signal, 228
+    for 19 electrodes.
 
     For static readings, which have only one frame, the readings themselves are the features. The
     paper states neither kernel nor penalty; the defaults here are scikit-learn's. Features are
@@ -42,7 +42,7 @@ class GraspSVM(ClassifierMixin, ReadingsEstimator):
         - **output:** predicted labels :math:`(S,)`
 
     Raises:
-        ValueError: If the readings have another shape or are not finite, :obj:`num_fingers` is
+        ValueError: If the readings have the wrong shape or are not finite, :obj:`num_fingers` is
             below one, or :obj:`finger` is out of range.
 
     Examples:

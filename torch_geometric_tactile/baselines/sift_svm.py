@@ -13,7 +13,7 @@ _NO_DESCRIPTORS = np.empty((0, 128), dtype=np.float32)
 
 @dataclass(kw_only=True, repr=False, eq=False)
 class SIFTSVM(VisualWordsSVM):
-    r"""A support vector machine on visual words of SIFT, a baseline of the "A Novel Bilinear
+    r"""A support vector machine on visual words of SIFT, a baseline from the "A Novel Bilinear
     Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper
     (Sensors 2020, 20, 5822). The paper gives no details; the defaults here were chosen on images of
     drawn letters.
@@ -47,7 +47,7 @@ class SIFTSVM(VisualWordsSVM):
 
     Raises:
         ImportError: If OpenCV, of the extra :obj:`baselines`, is missing.
-        ValueError: If the layout has no image map, the grey values are not finite or have another
+        ValueError: If the layout has no image map, the grey values are not finite or have the wrong
             shape, there are fewer descriptors than words, or an argument is out of range.
 
     Examples:

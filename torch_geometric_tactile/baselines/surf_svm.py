@@ -17,7 +17,7 @@ _WINDOW = 20  # in scales; side of the square that a descriptor covers
 
 @dataclass(kw_only=True, repr=False, eq=False)
 class SURFSVM(VisualWordsSVM):
-    r"""A support vector machine on visual words of SURF, a baseline of the "A Novel Bilinear
+    r"""A support vector machine on visual words of SURF, a baseline from the "A Novel Bilinear
     Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper
     (Sensors 2020, 20, 5822). The paper gives no details; the defaults here were chosen on images of
     drawn letters.
@@ -54,7 +54,7 @@ class SURFSVM(VisualWordsSVM):
 
     Raises:
         ImportError: If mahotas, of the extra :obj:`baselines`, is missing.
-        ValueError: If the layout has no image map, the grey values are not finite or have another
+        ValueError: If the layout has no image map, the grey values are not finite or have the wrong
             shape, there are fewer descriptors than words, or an argument is out of range.
 
     Examples:

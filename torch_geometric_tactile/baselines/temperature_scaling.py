@@ -16,7 +16,7 @@ _LOG_FACTOR_RANGE = (-7.0, 7.0)
 
 class TemperatureScaling(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):
     r"""Adds probabilities to a classifier with scores, such as a support vector machine, by the
-    temperature scaling of the `"On Calibration of Modern Neural Networks"
+    temperature scaling from the `"On Calibration of Modern Neural Networks"
     <https://arxiv.org/abs/1706.04599>`_ paper:
 
     .. math::

@@ -29,7 +29,7 @@ _MIN_SAMPLES = 8
 
 def is_pooled_gcn_faster(x: Tensor) -> bool:
     r"""Returns whether :func:`pooled_gcn` supports features and is faster, which is the case for
-    many samples on a processor.
+    many samples on a CPU.
     """
     return is_static_batch(x) and x.size(0) >= _MIN_SAMPLES
 

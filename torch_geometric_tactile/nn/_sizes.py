@@ -45,7 +45,7 @@ def has_taxels(x: Tensor, num_taxels: int, num_channels: int | None = None) -> b
     :obj:`None`, this number of channels.
 
     Shapes:
-        - **x:** Features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **x:** Features :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`.
     """
     if x.dim() not in (2, 3) or (num_channels is not None and x.size(-1) != num_channels):

@@ -19,7 +19,7 @@ class TaxelNetWithoutEdges(TaxelNet):
     Shapes:
         - **out_channels:** Number of labels or classes :math:`C`.
         - **in_channels:** Features of each taxel :math:`F`.
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`
         - **output:** logits :math:`(B, C)`
     """

@@ -39,7 +39,7 @@ def _layer_features(model: Any, x: Tensor, names: list[str] | None = None) -> di
 
 
 class LayerProbes(Study):
-    r"""Classifies samples by the frozen features of single layers, as in Table 3 of the "A Novel
+    r"""Classifies samples by the frozen features of single layers, as in Table 3 from the "A Novel
     Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape
     Recognition" paper (Sensors 2020, 20, 5822).
 
@@ -81,8 +81,8 @@ class LayerProbes(Study):
 
 
 class FeatureEmbedding(Study):
-    r"""Embeds samples of the test part in two dimensions with t-SNE, as in figure 8 of the "A Novel
-    Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape
+    r"""Embeds samples of the test part in two dimensions with t-SNE, as in figure 8 from the "A
+    Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape
     Recognition" paper (Sensors 2020, 20, 5822). The inputs are the features of a layer of a
     network, or the output of :obj:`transform` of an estimator, such as a histogram of visual words.
 
@@ -137,8 +137,8 @@ class FeatureEmbedding(Study):
 
 class FeatureMaps(Study):
     r"""Records the feature maps with the largest activations for one sample of the test part, as in
-    figure 7 of the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for
-    Tactile Shape Recognition" paper (Sensors 2020, 20, 5822), and the bilinear feature of each.
+    figure 7 from the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network
+    for Tactile Shape Recognition" paper (Sensors 2020, 20, 5822), and the bilinear feature of each.
 
     Args:
         class_name (str): Class of the sample, which is the first of its class in the test part.

@@ -17,8 +17,8 @@ class Attention:
 
     The softmax runs over the first dimension, which is as fast as a sum; over a short last
     dimension it takes twenty times as long. Products use
-    :func:`~torch.nn.functional.embedding_bag`, PyTorch's fastest weighted sum of rows on a
-    processor, which writes no messages to memory.
+    :func:`~torch.nn.functional.embedding_bag`, PyTorch's fastest weighted sum of rows on a CPU,
+    which writes no messages to memory.
 
     Args:
         logits (torch.Tensor): Logits of the slots :math:`(K, R)`. They are overwritten.

@@ -97,8 +97,8 @@ def compute_on_edges(
 ) -> Tensor:
     r"""Returns :obj:`compute(x, edge_index, *edge_inputs)` for edges of checked shape and type.
 
-    Node indices are checked only after an error. Indices out of range always raise one on a
-    processor, so that valid edges need no check in advance.
+    Node indices are checked only after an error. Indices out of range always raise one on a CPU, so
+    that valid edges need no check in advance.
 
     Raises:
         ValueError: If a node index is out of range.

@@ -229,8 +229,8 @@ def sparse_product(matrix: Tensor, h: Tensor) -> Tensor:
 
 def may_multiply(x: Tensor) -> bool:
     r"""Returns whether :meth:`StaticAdjacency.product` supports features. They must be samples on
-    one topology :math:`(\ldots, N, F)`, on a processor and in eager mode, outside of autocast and
-    of the transforms of :mod:`torch.func`.
+    one topology :math:`(\ldots, N, F)`, on a CPU and in eager mode, outside of autocast and of the
+    transforms of :mod:`torch.func`.
     """
     return (
         not is_traced()
@@ -312,7 +312,7 @@ class AdjacencyCache(EdgeCache[StaticAdjacency]):
 def may_multiply_dense(x: Tensor) -> bool:
     r"""Returns whether a product with a dense matrix is fastest for features
     :math:`(\ldots, N, F)`. It is on GPUs, and in exports, whose runtimes store the matrix as a
-    constant. For compilers on a processor, messages are faster.
+    constant. For compilers on a CPU, messages are faster.
     """
     return x.size(-2) <= MAX_DENSE_NODES and (not x.is_cpu or is_exported())
 

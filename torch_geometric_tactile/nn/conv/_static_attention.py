@@ -310,8 +310,8 @@ def check_attention_input(
 
 
 def as_long(edge_index: Adj) -> Adj:
-    r"""Returns edges as 64-bit integers, the only type that PyG's messages support on a processor.
-    Sparse matrices, whose indices are sorted, and :class:`~torch_geometric.EdgeIndex` keep theirs.
+    r"""Returns edges as 64-bit integers, the only type that PyG's messages support on a CPU. Sparse
+    matrices, whose indices are sorted, and :class:`~torch_geometric.EdgeIndex` keep theirs.
     """
     if is_torch_sparse_tensor(edge_index) or isinstance(edge_index, EdgeIndex):
         return sorted_form(edge_index)

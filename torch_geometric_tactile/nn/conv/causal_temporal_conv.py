@@ -37,7 +37,7 @@ class CausalTemporalConv(Module):
           :math:`(*, F_{out})` and the next state
 
     Raises:
-        ValueError: If a size is below one, or :obj:`x` or :obj:`state` has another shape.
+        ValueError: If a size is below one, or :obj:`x` or :obj:`state` has the wrong shape.
 
     Examples:
         >>> conv = CausalTemporalConv(3, 8, kernel_size=3, dilation=2)

@@ -12,8 +12,8 @@ from torch_geometric_tactile.nn.conv._lazy_weight import lazy_linear
 
 
 class EdgeFeatureEncoder(torch.nn.Module):
-    r"""The edge feature encoder of the "Tactile Object Property Recognition using Geometrical Graph
-    Edge Features and Multi-Thread Graph Convolutional Network" paper: one linear map from the
+    r"""The edge feature encoder from the "Tactile Object Property Recognition using Geometrical
+    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper: one linear map from the
     features of all edges to those of all taxels.
 
     .. math::
@@ -31,11 +31,11 @@ class EdgeFeatureEncoder(torch.nn.Module):
 
     Shapes:
         - **input:** edge features, in metres or scaled, :math:`(|\mathcal{E}|, D)`,
-          :math:`(B, |\mathcal{E}|, D)` or those of a PyG batch :math:`(B \cdot |\mathcal{E}|, D)`
+          :math:`(B, |\mathcal{E}|, D)` or, for a PyG batch, :math:`(B \cdot |\mathcal{E}|, D)`
         - **output:** node features :math:`(N, F)`, :math:`(B, N, F)` or :math:`(B \cdot N, F)`
 
     Raises:
-        ValueError: If a size is below one, or :obj:`edge_attr` has another number of edges or
+        ValueError: If a size is below one, or :obj:`edge_attr` has the wrong number of edges or
             features.
 
     Examples:

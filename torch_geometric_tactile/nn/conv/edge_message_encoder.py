@@ -39,14 +39,13 @@ class EdgeMessageEncoder(ExplainablePropagate, MessagePassing):
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** edge features :math:`(|\mathcal{E}|, D)`, :math:`(B, |\mathcal{E}|, D)` or
-          those of a PyG batch :math:`(B \cdot |\mathcal{E}|, D)`, edges
-          :math:`(2, |\mathcal{E}|)`
+        - **input:** edge features :math:`(|\mathcal{E}|, D)`, :math:`(B, |\mathcal{E}|, D)` or, for
+          a PyG batch, :math:`(B \cdot |\mathcal{E}|, D)`, edges :math:`(2, |\mathcal{E}|)`
         - **output:** node features :math:`(N, F)`, :math:`(B, N, F)` or :math:`(B \cdot N, F)`
 
     Raises:
-        ValueError: If :obj:`edge_attr` has another number of features, or another number of edges
-            than :obj:`edge_index`, or if :obj:`edge_index` is sparse or has another shape, no
+        ValueError: If :obj:`edge_attr` has the wrong number of features, or another number of edges
+            than :obj:`edge_index`, or if :obj:`edge_index` is sparse or has the wrong shape, no
             integers or indices out of range.
 
     Examples:

@@ -55,7 +55,7 @@ class SectorConv(LazyWeight, ExplainablePropagate, MessagePassing):
     differ by at most a factor of two, eight sectors give the same results as
     :class:`torch.nn.Conv2d` with a :math:`3 \times 3` kernel and zero padding.
 
-    For samples on one topology :math:`(B, N, F)` on a processor, the features of neighbours are
+    For samples on one topology :math:`(B, N, F)` on a CPU, the features of neighbours are
     multiplied sector by sector, and the sorted edges are cached while they stay the same. On a
     grid, images are convolved, which is twice as fast again. Messages are passed along edges for a
     single sample or a PyG batch :math:`(N, F)`, for fewer than eight samples of many taxels, on
@@ -72,14 +72,14 @@ class SectorConv(LazyWeight, ExplainablePropagate, MessagePassing):
             :obj:`flow`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)`, sectors
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)`, sectors
           :math:`(|\mathcal{E}|,)`
         - **output:** node features of the same leading shape, :math:`F_{out}` wide
 
     Raises:
-        ValueError: If a size is below one, :obj:`x` has another number of features,
-            :obj:`edge_index` has another shape, no integers or indices out of range, or
+        ValueError: If a size is below one, :obj:`x` has the wrong number of features,
+            :obj:`edge_index` has the wrong shape, no integers or indices out of range, or
             :obj:`edge_sector` does not hold a sector for each edge.
 
     Examples:

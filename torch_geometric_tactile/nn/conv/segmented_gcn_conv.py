@@ -46,8 +46,8 @@ class SegmentedGCNConv(LazyWeight, ExplainablePropagate, MessagePassing):
 
     It equals one :class:`~torch_geometric.nn.GCNConv` for each segment on its induced subgraph, so
     that edges between segments are ignored. Many samples on one topology :math:`(B, N, F)` are
-    multiplied by a matrix, which is sparse on a processor and dense on a GPU for up to 1024 taxels.
-    It is cached while edges and weights stay the same, as in
+    multiplied by a matrix, which is sparse on a CPU and dense on a GPU for up to 1024 taxels. It is
+    cached while edges and weights stay the same, as in
     :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`. Otherwise, messages are passed along
     edges.
 
@@ -61,15 +61,15 @@ class SegmentedGCNConv(LazyWeight, ExplainablePropagate, MessagePassing):
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
           :math:`(N, N)` of targets and sources, optional edge weights :math:`(|\mathcal{E}|,)`
         - **output:** node features of the same leading shape, :math:`F_{out}` wide
 
     Raises:
-        ValueError: If :obj:`segment` has gaps, a size is below one, :obj:`x` has another number of
-            taxels or features, :obj:`edge_index` has another shape, no integers or indices out of
-            range, or :obj:`edge_weight` does not hold one real number per edge.
+        ValueError: If :obj:`segment` has gaps, a size is below one, :obj:`x` has the wrong number
+            of taxels or features, :obj:`edge_index` has the wrong shape, no integers or indices out
+            of range, or :obj:`edge_weight` does not hold one real number per edge.
 
     Examples:
         >>> conv = SegmentedGCNConv([0, 0, 1], 3, 8)
@@ -138,7 +138,7 @@ class SegmentedGCNConv(LazyWeight, ExplainablePropagate, MessagePassing):
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges, or a sparse matrix. Edges between segments are
                 ignored.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         check_tensor(x)
         self._initialize_weight(x)

@@ -76,13 +76,13 @@ class SelfGCNConv(ExplainablePropagate, MessagePassing):
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
           :math:`(N, N)` of targets and sources, optional edge weights :math:`(|\mathcal{E}|,)`
         - **output:** node features of the same leading shape, :math:`F_{out}` wide
 
     Raises:
-        ValueError: If a size is below one, :obj:`x` has another number of features, or
+        ValueError: If a size is below one, :obj:`x` has the wrong number of features, or
             :obj:`edge_index` or :obj:`edge_weight` is invalid.
 
     Examples:
@@ -135,7 +135,7 @@ class SelfGCNConv(ExplainablePropagate, MessagePassing):
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges, or a sparse matrix.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         check_tensor(x)
         has_plain_linears = is_plain_linear(self.lin_root) and is_plain_linear(self.lin_rel)

@@ -28,7 +28,7 @@ from torch_geometric_tactile.nn.conv._static_attention import (
 
 
 class StaticGATConv(StaticAttention, GATConv):
-    r"""The graph attention layer of the `"Graph Attention Networks"
+    r"""The graph attention layer from the `"Graph Attention Networks"
     <https://arxiv.org/abs/1710.10903>`_ paper, for many samples on one topology.
 
     .. math::
@@ -66,8 +66,8 @@ class StaticGATConv(StaticAttention, GATConv):
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
           :math:`(N, N)` of targets and sources (PyG's :obj:`adj_t`), optional edge features
           :math:`(|\mathcal{E}|, D)`, shared by all samples
         - **output:** node features of the same leading shape, :math:`H \cdot F_{out}` wide, or
@@ -75,7 +75,7 @@ class StaticGATConv(StaticAttention, GATConv):
 
     Raises:
         ValueError: If :obj:`x` has fewer than two dimensions, another number of features or no real
-            numbers, :obj:`edge_index` has another shape, no integers or indices out of range, or
+            numbers, :obj:`edge_index` has the wrong shape, no integers or indices out of range, or
             :obj:`edge_attr` does not have one row per edge.
 
     Examples:

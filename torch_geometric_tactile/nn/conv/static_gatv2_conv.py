@@ -36,7 +36,7 @@ _BLOCK_SIZE = 2**16
 
 
 class StaticGATv2Conv(StaticAttention, GATv2Conv):
-    r"""The graph attention layer of the `"How Attentive are Graph Attention Networks?"
+    r"""The graph attention layer from the `"How Attentive are Graph Attention Networks?"
     <https://arxiv.org/abs/2105.14491>`_ paper, for many samples on one topology.
 
     .. math::
@@ -72,8 +72,8 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
           :math:`(N, N)` of targets and sources (PyG's :obj:`adj_t`), optional edge features
           :math:`(|\mathcal{E}|, D)`, shared by all samples
         - **output:** node features of the same leading shape, :math:`H \cdot F_{out}` wide, or
@@ -81,7 +81,7 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
 
     Raises:
         ValueError: If :obj:`x` has fewer than two dimensions, another number of features or no real
-            numbers, :obj:`edge_index` has another shape, no integers or indices out of range, or
+            numbers, :obj:`edge_index` has the wrong shape, no integers or indices out of range, or
             :obj:`edge_attr` does not have one row per edge or is passed without :obj:`edge_dim`.
 
     Examples:

@@ -53,7 +53,7 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
 
 
 class StaticGCNConv(ExplainablePropagate, GCNConv):
-    r"""The graph convolution of the "Tactile Object Property Recognition using Geometrical Graph
+    r"""The graph convolution from the "Tactile Object Property Recognition using Geometrical Graph
     Edge Features and Multi-Thread Graph Convolutional Network" paper (eq. 1), without its
     activation.
 
@@ -86,15 +86,15 @@ class StaticGCNConv(ExplainablePropagate, GCNConv):
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
           :math:`(N, N)` of targets and sources (PyG's :obj:`adj_t`), optional edge weights
           :math:`(|\mathcal{E}|,)`
         - **output:** node features of the same leading shape, :math:`F_{out}` wide
 
     Raises:
         ValueError: If :obj:`x` has fewer than two dimensions, another number of features or no real
-            numbers, :obj:`edge_index` has another shape, no integers or indices out of range, or
+            numbers, :obj:`edge_index` has the wrong shape, no integers or indices out of range, or
             :obj:`edge_weight` does not hold one real number per edge.
 
     Examples:
@@ -148,7 +148,7 @@ class StaticGCNConv(ExplainablePropagate, GCNConv):
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges, or a sparse matrix.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
             # PyG supports further types, and raises an error for others.

@@ -72,7 +72,7 @@ class BaseModel(Module):
         all other arguments.
 
         Args:
-            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
                 :math:`(B \cdot N, F)`.
             edge_index (torch.Tensor, optional): Edges :math:`(2, |\mathcal{E}|)`. Models without a
                 graph do not need them.

@@ -52,7 +52,7 @@ def with_joints(rows: Tensor, joint: OptTensor, num_joints: int) -> Tensor:
           unchanged.
 
     Raises:
-        ValueError: If joint angles are missing or have another shape.
+        ValueError: If joint angles are missing or have the wrong shape.
     """
     if num_joints == 0:
         return rows

@@ -256,9 +256,9 @@ def pitch(layout: TaxelLayout) -> tuple[float, float]:
 
 
 class ByteDropout(Dropout):
-    r"""Dropout as :class:`torch.nn.Dropout`, in less than half the time on a processor, where one
-    random number of 64 bits decides on eight features. The probability is rounded to a multiple of
-    1/256, and the remaining features are scaled accordingly.
+    r"""Dropout as :class:`torch.nn.Dropout`, in less than half the time on a CPU, where one random
+    number of 64 bits decides on eight features. The probability is rounded to a multiple of 1/256,
+    and the remaining features are scaled accordingly.
 
     Shapes:
         - **input:** features of any shape

@@ -59,14 +59,14 @@ def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, channel_name
     r"""Returns readings as :math:`(B, N, F)`.
 
     Args:
-        x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
             :math:`(B \cdot N, F)`.
         num_taxels (int): Number of taxels :math:`N`.
         num_channels (int): Number of channels :math:`F`.
         channel_name (str): Name of the channels in the message.
 
     Raises:
-        ValueError: If the readings have another number of taxels or channels.
+        ValueError: If the readings have the wrong number of taxels or channels.
     """
     if x.dim() not in (2, 3) or x.size(-1) != num_channels:
         is_argument = channel_name in _CHANNEL_NAMES
@@ -83,7 +83,7 @@ def count_samples(x: Tensor, num_taxels: int) -> int:
     PyG batch.
 
     Raises:
-        ValueError: If the readings have another number of taxels.
+        ValueError: If the readings have the wrong number of taxels.
     """
     if not has_taxels(x, num_taxels):
         raise ValueError(

@@ -26,7 +26,7 @@ MIN_MAP_SIZE = 20  # leaves 3 x 3 cells for the input of C3
 
 
 class BMFCNN(BaseModel):
-    r"""The BMF-CNN of the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural
+    r"""The BMF-CNN from the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural
     Network for Tactile Shape Recognition" paper (:doc:`P5 </papers>`) for letters that are pressed
     on an array. It has three convolutions, and a fully connected layer on the features of the last
     convolution and the :class:`~torch_geometric_tactile.nn.BilinearFeature` of the first.
@@ -56,13 +56,13 @@ class BMFCNN(BaseModel):
         hidden_channels (int): Width of F-C1.
 
     Shapes:
-        - **input:** images :math:`(B, F, H, W)`, or readings :math:`(N, F)`, :math:`(B, N, F)` or
-          those of a PyG batch :math:`(B \cdot N, F)`
+        - **input:** images :math:`(B, F, H, W)`, or readings :math:`(N, F)`, :math:`(B, N, F)` or,
+          for a PyG batch, :math:`(B \cdot N, F)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
         ValueError: If the layout has no image map or a smaller one, the fusion is unknown or
-            contradicts :obj:`bilinear`, a size is below one, or the input has another shape.
+            contradicts :obj:`bilinear`, a size is below one, or the input has the wrong shape.
 
     Examples:
         >>> model = BMFCNN()

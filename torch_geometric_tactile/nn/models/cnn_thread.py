@@ -17,10 +17,10 @@ class CNNThread(Thread):
     without a taxel are zero in the input and not part of the output.
 
     Args:
-        in_channels (int): Features of each taxel.
+        in_channels (int): Number of input features per taxel.
         image_map (torch.Tensor): Row and column of each taxel :math:`(N, 2)`.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): Number of channels for each maximum, after each convolution.
+        pools (sequence of int): Pool size in channels after each convolution.
 
     Shapes:
         - **input:** features :math:`(B, N, F)`
@@ -28,7 +28,7 @@ class CNNThread(Thread):
 
     Raises:
         ValueError: If a pool does not divide its width, the numbers of widths and pools differ, or
-            :obj:`x` has another number of taxels or channels.
+            :obj:`x` has the wrong number of taxels or channels.
 
     Examples:
         >>> import torch

@@ -16,8 +16,8 @@ from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels
 
 
 class GraspGCN(BaseModel):
-    r"""The GCN-DF, GCN-FF and one-finger GCNs of the "Tactile Grasp Stability Classification Based
-    on Graph Convolutional Networks" paper (:doc:`P3 </papers>`).
+    r"""The GCN-DF, GCN-FF and one-finger GCNs from the "Tactile Grasp Stability Classification
+    Based on Graph Convolutional Networks" paper (:doc:`P3 </papers>`).
 
     They have one graph convolution with ReLU on the electrodes, and one fully connected layer on
     all node features. All fingers have the same graph. The channels of :obj:`x` are those of the
@@ -51,14 +51,14 @@ class GraspGCN(BaseModel):
             :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`.
 
     Shapes:
-        - **input:** readings :math:`(B, N, K \cdot F)`, or those of a PyG batch :math:`(B \cdot N,
-          K \cdot F)`, edges :math:`(2, |\mathcal{E}|)`, optional edge weights
+        - **input:** readings :math:`(B, N, K \cdot F)`, or, for a PyG batch,
+          :math:`(B \cdot N, K \cdot F)`, edges :math:`(2, |\mathcal{E}|)`, optional edge weights
           :math:`(|\mathcal{E}|,)`, joint angles :math:`(B, J)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
         ValueError: If :obj:`fusion` is unknown, :obj:`finger` is missing, superfluous or out of
-            range, a size is below one, or :obj:`x` has another number of nodes or channels.
+            range, a size is below one, or :obj:`x` has the wrong number of nodes or channels.
 
     Examples:
         >>> model = GraspGCN("biotac_sp", 2, fusion="data")
@@ -139,7 +139,7 @@ class GraspGCN(BaseModel):
     ) -> Tensor:
         r"""Returns the logits of the classes.
 
-        The order of the arguments is that of
+        The arguments have the same order as in
         :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
 
         Args:
@@ -148,7 +148,7 @@ class GraspGCN(BaseModel):
             edge_attr, absolute, pos (torch.Tensor, optional): Not used.
             joint (torch.Tensor, optional): Joint angles in radians or other values of the hand
                 :math:`(B, J)`, if :obj:`num_joints` is not 0.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         edge_index = required_edges(edge_index)
         # PyG's layers take weights as `edge_attr` or `edge_weight`. Ignoring them silently would

@@ -59,7 +59,7 @@ class _LSTMCells(Module):
 
 
 class GraspLSTM(BaseModel):
-    r"""The LSTM-L, -M, -R and -F of the "Tactile Grasp Stability Classification Based on Graph
+    r"""The LSTM-L, -M, -R and -F from the "Tactile Grasp Stability Classification Based on Graph
     Convolutional Networks" paper (:doc:`P3 </papers>`). They have one layer of 128 cells over time
     on the signals of all electrodes, of one finger or (F) of all fingers, and one fully connected
     layer on the hidden state of the last frame.
@@ -79,11 +79,11 @@ class GraspLSTM(BaseModel):
 
     Shapes:
         - **input:** windows of any number of frames :math:`T`: :math:`(N, K \cdot T)`,
-          :math:`(B, N, K \cdot T)` or those of a PyG batch :math:`(B \cdot N, K \cdot T)`
+          :math:`(B, N, K \cdot T)` or, for a PyG batch, :math:`(B \cdot N, K \cdot T)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If :obj:`finger` is out of range, a size is below one, or :obj:`x` has another
+        ValueError: If :obj:`finger` is out of range, a size is below one, or :obj:`x` has the wrong
             number of electrodes or a number of columns that :math:`K` does not divide.
 
     Examples:

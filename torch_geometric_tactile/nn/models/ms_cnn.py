@@ -29,7 +29,7 @@ _NUM_FORCE_CHANNELS = 3  # the last of which is along the normal
 
 
 class MSCNN(TactileModel):
-    r"""The MS-CNN of the "Morphology-Specific Convolutional Neural Networks for Tactile Object
+    r"""The MS-CNN from the "Morphology-Specific Convolutional Neural Networks for Tactile Object
     Recognition with a Multi-Fingered Hand" paper (:doc:`P4 </papers>`). It has three convolutions,
     each on maps of patches, of fingers or of the hand. Their outputs are joined as the patches are
     arranged on the hand. Two fully connected layers on the features and joint angles follow.
@@ -64,13 +64,13 @@ class MSCNN(TactileModel):
         hidden_channels (int, optional): Width of the fully connected layer, if not 1200 or 400.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`; joint angles :math:`(B, J)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
         ValueError: If the pattern is unknown or does not fit the layout, the layout has no image
-            map, a size is below one, or an input is missing or of another shape.
+            map, a size is below one, or an input is missing or has the wrong shape.
 
     Examples:
         >>> model = MSCNN(pattern="IV", share_weights=True)

@@ -17,8 +17,8 @@ from torch_geometric_tactile.sensors._checks import check_edges
 
 
 class MTGCN(TactileModel):
-    r"""The MT-GCN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It has a
+    r"""The MT-GCN from the "Tactile Object Property Recognition using Geometrical Graph Edge
+    Features and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It has a
     :class:`~torch_geometric_tactile.nn.models.GCNThread` for each input. The features of the
     threads are concatenated before the fully connected layers.
 
@@ -34,32 +34,31 @@ class MTGCN(TactileModel):
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
             of a layout file, or the number of taxels. Names of adjacencies require a layout.
         out_channels (int): Number of labels or classes :math:`C`.
-        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"edge"`, :obj:`"absolute"` and
-            :obj:`"position"`. Each has a thread, in this order.
+        inputs (sequence of str): Inputs to use: any of :obj:`"tactile"`, :obj:`"edge"`,
+            :obj:`"absolute"` and :obj:`"position"`. Each has a thread, in this order.
         threads (dict, optional): Settings of a thread by input, if they differ from the paper:
             :obj:`widths`, :obj:`pools` and :obj:`adjacency`. The latter are edges
             :math:`(2, |\mathcal{E}_m|)` (a tensor or lists) or their name in the layout. They
             replace the edges of the data, and PyG's explainers do not explain them.
         num_edges (int, optional): Number of edges, for the dense encoder of :obj:`"edge"`.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Features of a taxel by input, if not 3 or 4.
+        channels (dict, optional): Number of features per taxel for each input that does not have
+            the default of 3 or 4.
         encoder (str or torch.nn.Module): Encoder of edge features: :obj:`"dense"`, which is the
             paper's, :obj:`"message"`, :obj:`"attention"` or a module.
         head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): Number of channels for each maximum, after each fully
-            connected layer.
-        fast (bool): Whether to compute batches of at least eight samples on a processor by
-            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
-            second derivative.
+        head_pools (sequence of int): Pool size in channels after each fully connected layer.
+        fast (bool): Whether to use a faster implementation for batches of at least eight samples on
+            a CPU. It returns the same results, but does not support second derivatives.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`; further inputs as in
           :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If an input is unknown or missing, or has another shape, or an adjacency has
+        ValueError: If an input is unknown, is missing or has the wrong shape, or an adjacency has
             indices out of range.
 
     Examples:
@@ -134,7 +133,7 @@ def _checked_edges(
         num_nodes (int): Number of taxels :math:`N`.
 
     Raises:
-        ValueError: If the edges have another shape or indices out of range.
+        ValueError: If the edges have the wrong shape or indices out of range.
     """
     edges = torch.as_tensor(edges, device="cpu")  # values cannot be checked on the meta device
     return check_edges(edges, num_nodes, f"the adjacency of '{name}'")

@@ -12,7 +12,7 @@ from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 
 class PooledMLP(Module):
-    r"""The fully connected layers of the "Tactile Object Property Recognition using Geometrical
+    r"""The fully connected layers from the "Tactile Object Property Recognition using Geometrical
     Graph Edge Features and Multi-Thread Graph Convolutional Network" paper. Each is a linear map, a
     :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU, and a linear map to the
     logits follows. The defaults are the paper's "1536(P)768, 384(P)192, 96(P)48".
@@ -21,7 +21,7 @@ class PooledMLP(Module):
         in_channels (int): Width of the input.
         out_channels (int): Number of logits.
         widths (sequence of int): Width of each layer.
-        pools (sequence of int): Number of channels for each maximum, after each layer.
+        pools (sequence of int): Pool size in channels after each layer.
 
     Shapes:
         - **input:** features :math:`(B, F)`

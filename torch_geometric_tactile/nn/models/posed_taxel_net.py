@@ -65,14 +65,14 @@ class PosedTaxelNet(BaseModel):
         taxel_dropout (float): Probability of dropping a taxel of a sample in training.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`; :obj:`pos` and :obj:`normal` of the same leading shape and width
           3, or :math:`(N, 3)` for all samples; :obj:`tangent` likewise with width :math:`(2, 3)`
         - **output:** logits or targets :math:`(B, C)`
 
     Raises:
         ValueError: If a size is below one, a probability is not below one, poses are missing or of
-            another shape, or :obj:`x` has another number of taxels or channels.
+            another shape, or :obj:`x` has the wrong number of taxels or channels.
 
     Examples:
         >>> model = PosedTaxelNet("allegro_uskin", 1, posed=False)
@@ -148,7 +148,7 @@ class PosedTaxelNet(BaseModel):
     ) -> Tensor:
         r"""Returns the logits or targets :math:`(B, C)`.
 
-        The order of the arguments is that of
+        The arguments have the same order as in
         :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
 
         Args:

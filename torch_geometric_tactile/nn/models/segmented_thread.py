@@ -22,8 +22,8 @@ from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class SegmentedThread(Thread):
-    r"""The small graph convolutional networks of all segments of a hand, with separate weights, of
-    the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional Networks
+    r"""The small graph convolutional networks of all segments of a hand, with separate weights,
+    from the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional Networks
     using Topological Graph Segmentation" paper. Each layer is a
     :class:`~torch_geometric_tactile.nn.conv.SegmentedGCNConv`, a
     :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU.
@@ -33,24 +33,23 @@ class SegmentedThread(Thread):
     :class:`~torch_geometric_tactile.nn.models.GCNThread`.
 
     Args:
-        in_channels (int): Features of each taxel.
+        in_channels (int): Number of input features per taxel.
         segment (sequence of int or torch.Tensor): Segment of each taxel :math:`(N,)`, numbered from
             zero without gaps.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): Number of channels for each maximum, after each convolution.
-        fast (bool): Whether to compute batches of at least eight samples on a processor by
-            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
-            second derivative.
+        pools (sequence of int): Pool size in channels after each convolution.
+        fast (bool): Whether to use a faster implementation for batches of at least eight samples on
+            a CPU. It returns the same results, but does not support second derivatives.
 
     Shapes:
-        - **input:** node features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** node features :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`
         - **output:** node features of the same leading shape, with the last width divided by the
           last pool
 
     Raises:
         ValueError: If a pool does not divide its width, the numbers of widths and pools differ,
-            :obj:`segment` has gaps, or :obj:`x` has another number of taxels or channels.
+            :obj:`segment` has gaps, or :obj:`x` has the wrong number of taxels or channels.
 
     Examples:
         >>> thread = SegmentedThread(3, [0, 0, 1])
@@ -101,7 +100,7 @@ class SegmentedThread(Thread):
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges. Those between segments are ignored.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         edge_index, edge_weight = required_edges(edge_index), weight_like(edge_weight, x)
         layers = self.layers()

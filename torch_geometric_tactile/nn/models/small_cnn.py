@@ -29,20 +29,20 @@ class SmallCNN(BaseModel):
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
             a layout file. It must have an :obj:`image_map`.
         out_channels (int): Number of labels or classes :math:`C`.
-        in_channels (int): Features of each taxel.
+        in_channels (int): Number of input features per taxel.
         widths (sequence of int): Width of each convolution.
         hidden_channels (int): Width of the fully connected layer.
         dropout (float): Probability of dropping an input or output of the fully connected layer in
             training.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If the layout has no image map, a size is below one, or the readings have
-            another shape.
+        ValueError: If the layout has no image map, a size is below one, or the readings have the
+            wrong shape.
 
     Examples:
         >>> import torch
@@ -87,7 +87,7 @@ class SmallCNN(BaseModel):
             for in_width, out_width in zip(input_widths, widths, strict=True)
         )
         # Images of one channel take the memory format of the weights. Channels-last training on
-        # images of 28 x 50 takes 0.7 of the time on a processor.
+        # images of 28 x 50 takes 0.7 of the time on a CPU.
         self.convs.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.norms = ModuleList(BatchNorm2d(width) for width in widths)
         rows, cols = self.size

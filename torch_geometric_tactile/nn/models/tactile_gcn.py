@@ -17,7 +17,7 @@ from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class TactileGCN(TactileModel):
-    r"""The GCNs of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
+    r"""The GCNs from the "Tactile Object Property Recognition using Geometrical Graph Edge Features
     and Multi-Thread Graph Convolutional Network" and "Multifingered Object Recognition with Tactile
     Sensors and Graph Convolutional Networks using Topological Graph Segmentation" papers (:doc:`P1
     and P2 </papers>`). They have graph convolutions on the concatenated inputs of each taxel,
@@ -39,25 +39,24 @@ class TactileGCN(TactileModel):
             of a layout file, or the number of taxels. Segments require a layout.
         out_channels (int): Number of labels or classes :math:`C`.
         segments (str, optional): :obj:`"digit"`, :obj:`"patch"` or :obj:`None`.
-        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"edge"`, :obj:`"absolute"` and
-            :obj:`"position"`.
+        inputs (sequence of str): Inputs to use: any of :obj:`"tactile"`, :obj:`"edge"`,
+            :obj:`"absolute"` and :obj:`"position"`.
         num_edges (int, optional): Number of edges, for the dense encoder of :obj:`"edge"`.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Features of a taxel by input, if not 3 or 4.
+        channels (dict, optional): Number of features per taxel for each input that does not have
+            the default of 3 or 4.
         encoder (str or torch.nn.Module): Encoder of edge features: :obj:`"dense"`, which is the
             paper's, :obj:`"message"`, :obj:`"attention"` or a module.
         widths (sequence of int, optional): Width of each convolution. Defaults to the paper's.
-        pools (sequence of int, optional): Number of channels for each maximum, after each
-            convolution. Defaults to the paper's.
+        pools (sequence of int, optional): Pool size in channels after each convolution. Defaults to
+            the paper's.
         head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): Number of channels for each maximum, after each fully
-            connected layer.
-        fast (bool): Whether to compute batches of at least eight samples on a processor by
-            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
-            second derivative.
+        head_pools (sequence of int): Pool size in channels after each fully connected layer.
+        fast (bool): Whether to use a faster implementation for batches of at least eight samples on
+            a CPU. It returns the same results, but does not support second derivatives.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)` (those between segments are
           ignored); further inputs as in
           :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`
@@ -65,7 +64,7 @@ class TactileGCN(TactileModel):
 
     Raises:
         ValueError: If :obj:`segments` is unknown or not part of :obj:`layout`, or an input is
-            unknown, missing or of another shape.
+            unknown, is missing or has the wrong shape.
 
     Examples:
         >>> model = TactileGCN(inputs=("tactile", "edge"), num_edges=1401, num_joints=16)

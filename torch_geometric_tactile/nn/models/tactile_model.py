@@ -117,7 +117,7 @@ class TactileModel(BaseModel):
         Args:
             in_channels (int): Features of each taxel before these layers.
             widths (sequence of int): Width of each layer.
-            pools (sequence of int): Number of channels for each maximum, after each layer.
+            pools (sequence of int): Pool size in channels after each layer.
         """
         width = self.num_nodes * in_channels + self.num_joints
         self.head = PooledMLP(width, self.out_channels, widths, pools)
@@ -179,7 +179,7 @@ class TactileModel(BaseModel):
             x, edge_index, edge_attr, absolute, pos: As in :meth:`forward`.
 
         Raises:
-            ValueError: If the input is missing or has another shape.
+            ValueError: If the input is missing or has the wrong shape.
         """
         num_samples = self.num_samples(x)
         features = {"tactile": x, "edge": edge_attr, "absolute": absolute, "position": pos}[name]

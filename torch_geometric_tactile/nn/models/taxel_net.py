@@ -140,13 +140,13 @@ class TaxelNet(BaseModel):
             derivatives require :obj:`False`.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`; joint angles in radians :math:`(B, J)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
         ValueError: If :obj:`layout` is a number, :obj:`conv` or :obj:`head` is unknown, a size is
-            below one, or :obj:`x` has another number of taxels or features.
+            below one, or :obj:`x` has the wrong number of taxels or features.
 
     Examples:
         >>> model = TaxelNet("biotac_sp", 2)

@@ -50,7 +50,7 @@ class _ResidualBlock(Module):
 
 
 class TemporalCNN(BaseModel):
-    r"""The residual network of the `"Time Series Classification from Scratch with Deep Neural
+    r"""The residual network from the `"Time Series Classification from Scratch with Deep Neural
     Networks: A Strong Baseline" <https://arxiv.org/abs/1611.06455>`_ paper (Wang et al., 2017) on
     the concatenated readings of all taxels, as a baseline for windows with one label.
 
@@ -69,13 +69,13 @@ class TemporalCNN(BaseModel):
         dropout (float): Probability of dropping a pooled feature in training.
 
     Shapes:
-        - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or those of a PyG
-          batch :math:`(B \cdot N, C \cdot T)`, with the frames of each channel side by side
+        - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or, for a PyG batch,
+          :math:`(B \cdot N, C \cdot T)`, with the frames of each channel side by side
         - **output:** logits :math:`(B, O)`
 
     Raises:
-        ValueError: If a size is below one, a kernel size is even, or :obj:`x` has another number of
-            taxels or a number of columns that :math:`C` does not divide.
+        ValueError: If a size is below one, a kernel size is even, or :obj:`x` has the wrong number
+            of taxels or a number of columns that is not a multiple of :math:`C`.
 
     Examples:
         >>> model = TemporalCNN("biotac", 2, in_channels=3)

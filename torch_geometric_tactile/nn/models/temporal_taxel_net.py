@@ -107,15 +107,15 @@ class TemporalTaxelNet(BaseModel):
         fast (bool): Argument of :class:`~torch_geometric_tactile.nn.conv.SectorConv`.
 
     Shapes:
-        - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or those of a PyG
-          batch :math:`(B \cdot N, C \cdot T)`, with the frames of each channel side by side; joint
-          angles in radians :math:`(B, J)`, or :math:`(B, T, J)` for all frames
+        - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or, for a PyG batch,
+          :math:`(B \cdot N, C \cdot T)`, with the frames of each channel side by side; joint angles
+          in radians :math:`(B, J)`, or :math:`(B, T, J)` for all frames
         - **output:** logits :math:`(B, O)`, or :math:`(B, T, O)` for all frames
 
     Raises:
         ValueError: If :obj:`layout` is a number, :obj:`conv` is unknown, a size is below one, or
-            :obj:`x` has another number of taxels or a number of columns that :math:`C` does not
-            divide.
+            :obj:`x` has the wrong number of taxels or a number of columns that is not a multiple of
+            :math:`C`.
 
     Examples:
         >>> model = TemporalTaxelNet("biotac", 2, in_channels=3)
@@ -229,7 +229,7 @@ class TemporalTaxelNet(BaseModel):
         r"""Returns the logits of each window :math:`(B, O)`, or those of all frames
         :math:`(B, T, O)`.
 
-        The order of the arguments is that of
+        The arguments have the same order as in
         :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
 
         Args:

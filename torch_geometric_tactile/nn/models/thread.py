@@ -20,12 +20,12 @@ class Thread(Module):
     A subclass passes a constructor of convolutions and defines :meth:`forward`.
 
     Args:
-        in_channels (int): Features of each taxel.
+        in_channels (int): Number of input features per taxel.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): Number of channels for each maximum, after each convolution.
+        pools (sequence of int): Pool size in channels after each convolution.
         conv (callable): Returns a convolution for an input and an output width.
         pool_dim (int): Dimension of the channels in the output of a convolution.
-        fast (bool): Whether to compute many samples on one topology on a processor by
+        fast (bool): Whether to compute many samples on one topology on a CPU by
             :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
             second derivative.
 
@@ -84,7 +84,7 @@ class Thread(Module):
         Args:
             x (torch.Tensor): Features.
             edge_index (torch.Tensor, optional): Edges, for graph convolutions.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         raise NotImplementedError
 

@@ -57,7 +57,7 @@ class TouchEncoder(Module):
         - **output:** features :math:`(B, D_{out})`
 
     Raises:
-        ValueError: If a size is below one, or :obj:`touch` or :obj:`joint` has another shape.
+        ValueError: If a size is below one, or :obj:`touch` or :obj:`joint` has the wrong shape.
 
     Examples:
         >>> encoder = TouchEncoder("biotac", 32, in_channels=3)

@@ -10,7 +10,7 @@ _FLOOR = 1e-8
 
 
 class BilinearFeature(torch.nn.Module):
-    r"""The single-mode bilinear feature of the "A Novel Bilinear Feature and Multi-Layer Fused
+    r"""The single-mode bilinear feature from the "A Novel Bilinear Feature and Multi-Layer Fused
     Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors 2020, 20, 5822). It
     multiplies the columns of each feature map :math:`\mathbf{f}` with :math:`n` rows with one
     another, takes the signed root of each product and divides by the :math:`\ell_2` norm of all.

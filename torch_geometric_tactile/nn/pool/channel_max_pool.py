@@ -7,7 +7,7 @@ from torch_geometric_tactile.nn._sizes import check_sizes
 
 
 class ChannelMaxPool(torch.nn.Module):
-    r"""The max pooling over feature channels of the "Tactile Object Property Recognition using
+    r"""The max pooling over feature channels from the "Tactile Object Property Recognition using
     Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network" paper, where it is
     denoted by "(P)". For each taxel, it returns the maximum of every :obj:`kernel_size`
     neighbouring channels.

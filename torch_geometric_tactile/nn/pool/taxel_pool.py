@@ -32,13 +32,13 @@ class TaxelPool(torch.nn.Module):
         aggr (str): :obj:`"max"` or :obj:`"mean"`.
 
     Shapes:
-        - **input:** features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** features :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`
         - **output:** features of the :math:`M` clusters, :math:`(M, F)`, :math:`(B, M, F)` or
           :math:`(B \cdot M, F)`
 
     Raises:
-        ValueError: If :obj:`by` or :obj:`aggr` is unknown, or :obj:`x` has another number of
+        ValueError: If :obj:`by` or :obj:`aggr` is unknown, or :obj:`x` has the wrong number of
             taxels.
 
     Examples:
