@@ -16,13 +16,14 @@ from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 class HandCNN(TactileModel):
     r"""The CNN from the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). The inputs of the
-    taxels are convolved on a map of the hand, with the widths of the GCN, followed by fully
-    connected layers.
+    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It applies
+    convolutions to the inputs on an image map of the hand, followed by fully connected layers. The
+    widths are the same as in the GCN.
 
-    The paper does not show its map. The map here is that of the layout, on which patches are
-    arranged as on the hand with empty cells between them. After the last convolution, the features
-    of the taxels' cells are selected, which gives the paper's :math:`384 \cdot 7` features.
+    The paper does not show its map. This implementation uses the image map of the layout, in which
+    the patches are arranged as on the hand, with empty cells between them. After the last
+    convolution, only the cells with a taxel are kept, which gives the paper's :math:`384 \cdot 7`
+    features.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
@@ -80,7 +81,5 @@ class HandCNN(TactileModel):
         self.add_head(self.thread.out_channels, head_widths, head_pools)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers
-        :math:`(B, N, F)`.
-        """
+        r"""Returns the features of each taxel before the fully connected layers :math:`(B, N, F)`."""
         return self.thread(concatenate_inputs(parts))

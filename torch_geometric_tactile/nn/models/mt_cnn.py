@@ -17,8 +17,8 @@ from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 class MTCNN(TactileModel):
     r"""The MT-CNN from the "Tactile Object Property Recognition using Geometrical Graph Edge
-    Features and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It has a
-    thread of convolutions on the image map of the hand for each input, with the widths of
+    Features and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). For each
+    input, it has a thread of convolutions on the image map of the hand, with the same widths as in
     :class:`~torch_geometric_tactile.nn.models.MTGCN`. The features of the threads are concatenated
     before the fully connected layers.
 
@@ -27,9 +27,9 @@ class MTCNN(TactileModel):
             a layout file. It must have an :obj:`image_map`.
         out_channels (int): Number of labels or classes :math:`C`.
         inputs (sequence of str): Inputs to use: any of :obj:`"tactile"`, :obj:`"absolute"` and
-            :obj:`"position"`. Each has a thread, in this order.
-        threads (dict, optional): Settings :obj:`widths` and :obj:`pools` of a thread by input, if
-            they differ from the paper.
+            :obj:`"position"`. Each input has a thread. The threads are concatenated in this order.
+        threads (dict, optional): Settings of the threads by input, to override the paper's values.
+            Each value is a dictionary with :obj:`widths`, :obj:`pools` or both.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
         channels (dict, optional): Number of features per taxel for each input that does not have
             the default of 3 or 4.
