@@ -81,5 +81,7 @@ class HandCNN(TactileModel):
         self.add_head(self.thread.out_channels, head_widths, head_pools)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers :math:`(B, N, F)`."""
+        r"""Returns the features of each taxel before the fully connected layers
+        :math:`(B, N, F)`.
+        """
         return self.thread(concatenate_inputs(parts))

@@ -13,9 +13,9 @@ from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 class TactileFNN(TactileModel):
     r"""The FNN from the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It has fully
-    connected layers "32768(P)16384, 4096(P)2048, 1024(P)512" on the inputs of all taxels, and does
-    not use the hand's graph.
+    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It applies the fully
+    connected layers "32768(P)16384, 4096(P)2048, 1024(P)512" to the inputs of all taxels. It does
+    not use the graph of the hand.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
