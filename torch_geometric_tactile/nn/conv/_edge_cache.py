@@ -26,11 +26,11 @@ class EdgeCache(StatelessCopy, Generic[_Value]):
     r"""A cache of one value that was computed from edges. The value is reused while the key and
     the values of the tensors stay the same.
 
-    On a processor, the tensors are compared with a copy of their values. A version counter would
-    not be enough, since it does not count writes through :obj:`tensor.data` or through a NumPy
-    array that shares the memory. On a GPU, comparing values would wait for all pending work. There,
-    the same object with the same memory and version counter counts as unchanged, and values are
-    compared otherwise; only writes through :obj:`tensor.data` go unnoticed.
+    On a CPU, the tensors are compared with a copy of their values. A version counter would not be
+    enough, since it does not count writes through :obj:`tensor.data` or through a NumPy array that
+    shares the memory. On a GPU, comparing values would wait for all pending work. There, the same
+    object with the same memory and version counter counts as unchanged, and values are compared
+    otherwise; only writes through :obj:`tensor.data` go unnoticed.
 
     The single entry is replaced atomically, so that threads may share the cache.
     """
