@@ -250,7 +250,7 @@ def test_fewer_descriptors_than_words_are_refused(model):
     message = r"'num_words' must not exceed the number .*got 500 words and \d+ .* 4 images\)"
     with pytest.raises(ValueError, match=message):
         model(num_words=500, **WIDE[model.__name__]).fit(X[:4], Y[:4])
-    with pytest.raises(ValueError, match="and 0 descriptors of 4 images"):
+    with pytest.raises(ValueError, match="and 0 descriptors in 4 images"):
         model().fit(0 * X[:4], Y[:4])
 
 

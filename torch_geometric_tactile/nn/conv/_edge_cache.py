@@ -119,7 +119,7 @@ def is_cacheable(edge_index: Adj, edge_weight: OptTensor = None) -> bool:
 
 
 def is_wrapped(tensor: Tensor) -> bool:
-    r"""Returns whether a tensor is a wrapper from :mod:`torch.func`. Such a wrapper has no storage."""
+    r"""Returns whether a tensor is a wrapper from :mod:`torch.func`, which has no storage."""
     if tensor.layout != torch.strided:
         return False
     try:
