@@ -67,7 +67,7 @@ def embed_nodes(
     num_neighbors: int | None = None,
 ) -> Tensor:
     r"""Embeds nodes in two or three dimensions, so that nodes with similar features are near each
-    other. The method is t-SNE, as in fig. 8 from the "Tactile Object Property Recognition using
+    other. The method is t-SNE, as in fig. 8 of the "Tactile Object Property Recognition using
     Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network" paper, or UMAP as
     in fig. 5 of the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional
     Networks using Topological Graph Segmentation" paper.

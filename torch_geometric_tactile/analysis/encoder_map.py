@@ -112,8 +112,8 @@ def encoder_map(
         weight (torch.Tensor or torch.nn.Module): As in :func:`encoder_blocks`.
         num_nodes (int, optional): Number of taxels :math:`N`, to check the weight.
         num_edges (int, optional): Number of edges :math:`|\mathcal{E}|`, to check the weight.
-        edge_dim (int): Number of features of an edge.
-        out_channels (int): Number of features of a node.
+        edge_dim (int): Number of features per edge.
+        out_channels (int): Number of features per node.
 
     Shapes:
         - **weight:** :math:`(N \cdot C, |\mathcal{E}| \cdot D)`
@@ -152,9 +152,9 @@ def edge_separation(value: Tensor, edge_index: Tensor, segment: Tensor) -> EdgeS
     Args:
         value (torch.Tensor): One value for each edge.
         edge_index (torch.Tensor): The edges.
-        segment (torch.Tensor): Segment of each taxel, such as :meth:`layout.segments("patch")
-            <torch_geometric_tactile.sensors.TaxelLayout.segments>`. With :obj:`layout.link`, the
-            edges between segments are the edges across a joint.
+        segment (torch.Tensor): Segment of each taxel, such as
+            :meth:`layout.segments("patch") <torch_geometric_tactile.sensors.TaxelLayout.segments>`.
+            With :obj:`layout.link`, the edges between segments are those across a joint.
 
     Shapes:
         - **value:** :math:`(|\mathcal{E}|,)`
@@ -219,8 +219,8 @@ def untrained_separation(
         edge_index (torch.Tensor): The edges :math:`(2, |\mathcal{E}|)`.
         segment (torch.Tensor): Segment of each taxel :math:`(N,)`.
         num_seeds (int): Number of copies. Their seeds are 0, 1, 2 and so on.
-        edge_dim (int): Number of features of an edge.
-        out_channels (int): Number of features of a node.
+        edge_dim (int): Number of features per edge.
+        out_channels (int): Number of features per node.
 
     Shapes:
         - **output:** :math:`(S,)` for :math:`S` seeds

@@ -13,8 +13,8 @@ MACRO = "mean of all"
 
 
 class RocCurve(NamedTuple):
-    r"""A receiver operating characteristic (ROC) curve.
-    :func:`~torch_geometric_tactile.visualization.plot_roc` plots it.
+    r"""A receiver operating characteristic (ROC) curve. Plot it with
+    :func:`~torch_geometric_tactile.visualization.plot_roc`.
 
     Args:
         fpr (numpy.ndarray): False positive rates :math:`(P,)`, in ascending order.

@@ -222,7 +222,7 @@ def enlarge(images: np.ndarray, factor: int) -> np.ndarray:
 
     Args:
         images (numpy.ndarray): Images :math:`(S, H, W)`, in :obj:`uint8`.
-        factor (int): Factor of the height and width.
+        factor (int): Scale factor for height and width.
     """
     if factor == 1 or not len(images):
         return images

@@ -24,8 +24,8 @@ def minirocket(
     num_kernels: int = 10_000,
     class_weight: Literal["balanced"] | None = None,
 ) -> Pipeline:
-    r"""Returns a pipeline for windows of frames from the "MiniRocket: A Very Fast (Almost)
-    Deterministic Transform for Time Series Classification" paper. Ridge classification or
+    r"""Returns a MiniRocket pipeline for windows of frames, from the "MiniRocket: A Very Fast
+    (Almost) Deterministic Transform for Time Series Classification" paper. Ridge classification or
     regression is applied to features of random convolutions of all signals in a window. The
     features are computed by sktime, which requires the extra ``series``. The first use on a machine
     takes about a minute longer, since the code is compiled.

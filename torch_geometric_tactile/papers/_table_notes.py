@@ -92,7 +92,7 @@ def ordering_lines(run: PlanRun) -> list[str]:
 
 
 def orderings_csv(run: PlanRun) -> str:
-    r"""Returns the pairs of all orderings as CSV, with one pair per line and differences in points."""
+    r"""Returns the pairs of all orderings as CSV, one pair per line, with differences in points."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(_PAIR_COLUMNS)

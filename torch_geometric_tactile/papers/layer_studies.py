@@ -39,7 +39,7 @@ def _layer_features(model: Any, x: Tensor, names: list[str] | None = None) -> di
 
 
 class LayerProbes(Study):
-    r"""Classifies samples based on the frozen features of single layers, as in Table 3 from the "A
+    r"""Classifies samples based on the frozen features of single layers, as in Table 3 of the "A
     Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape
     Recognition" paper (Sensors 2020, 20, 5822).
 
@@ -81,8 +81,8 @@ class LayerProbes(Study):
 
 
 class FeatureEmbedding(Study):
-    r"""Embeds samples of the test part in two dimensions with t-SNE, as in figure 8 from the "A
-    Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape
+    r"""Embeds samples of the test part in two dimensions with t-SNE, as in figure 8 of the "A Novel
+    Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape
     Recognition" paper (Sensors 2020, 20, 5822). The inputs are the features of one layer of a
     network, or the output of an estimator's :obj:`transform`, such as a histogram of visual words.
 
@@ -137,9 +137,9 @@ class FeatureEmbedding(Study):
 
 class FeatureMaps(Study):
     r"""Records the feature maps with the largest activations for one sample from the test part, as
-    in figure 7 from the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural
-    Network for Tactile Shape Recognition" paper (Sensors 2020, 20, 5822). Also records the bilinear
-    feature of each map.
+    in figure 7 of the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network
+    for Tactile Shape Recognition" paper (Sensors 2020, 20, 5822). Also records the bilinear feature
+    of each map.
 
     Args:
         class_name (str): Name of a class. The first sample of this class in the test part is used.

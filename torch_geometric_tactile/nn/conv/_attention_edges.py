@@ -97,7 +97,7 @@ class AttentionEdges:
         return max(1, _MAX_COEFFICIENTS // (self.max_degree * self.num_nodes * heads))
 
     def pattern(self, num_samples: int, heads: int, dtype: torch.dtype) -> AttentionPattern:
-        r"""Returns the indices for batches of one size from the cache.
+        r"""Returns the indices for batches of one size, and caches them.
 
         Args:
             num_samples (int): Number of samples :math:`B`.
@@ -117,7 +117,7 @@ class AttentionEdges:
         return pattern
 
     def block(self, num_samples: int) -> EdgeBlock:
-        r"""Returns the edges of several samples as one disjoint graph from the cache.
+        r"""Returns the edges of several samples as one disjoint graph, and caches them.
 
         Args:
             num_samples (int): Number of samples :math:`b`.

@@ -96,7 +96,8 @@ def compute_on_edges(
     edge_index: Adj,
     *edge_inputs: OptTensor,
 ) -> Tensor:
-    r"""Returns :obj:`compute(x, edge_index, *edge_inputs)` for edges of checked shape and type.
+    r"""Returns :obj:`compute(x, edge_index, *edge_inputs)`. The shape and type of the edges must
+    have been checked.
 
     Node indices are checked only after an error. On a CPU, indices out of range always raise an
     error, so that edges need not be checked in advance.

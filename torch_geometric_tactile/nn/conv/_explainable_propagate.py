@@ -41,8 +41,9 @@ def mark_overridden_methods(cls: Any, layer: type, **methods: Iterable[str]) -> 
 
     Args:
         cls (type): The subclass.
-        layer (type): The layer. **methods: Names of methods for each attribute. The attribute is
-            :obj:`True` if one of these methods is overridden.
+        layer (type): The layer.
+        **methods: Names of methods for each attribute. The attribute is :obj:`True` if one of
+            these methods is overridden.
     """
     bases = cls.__mro__[1 : cls.__mro__.index(layer)]
     layer_subclasses = [base for base in bases if issubclass(base, layer)]

@@ -100,7 +100,7 @@ class StaticAdjacency:
         return self._pattern
 
     def csr(self, transposed: bool = False) -> Tensor:
-        r"""Returns the matrix in CSR format from the cache.
+        r"""Returns the matrix in CSR format, and caches it.
 
         Args:
             transposed (bool): Whether to transpose it.
@@ -118,8 +118,8 @@ class StaticAdjacency:
         return csr
 
     def batch_csr(self, num_samples: int, transposed: bool = False) -> Tensor:
-        r"""Returns the block-diagonal matrix of a PyG batch in CSR format :math:`(B N, B N)` from
-        the cache.
+        r"""Returns the block-diagonal matrix of a PyG batch in CSR format :math:`(B N, B N)`, and
+        caches it.
 
         Args:
             num_samples (int): Number of samples :math:`B`.
@@ -130,7 +130,7 @@ class StaticAdjacency:
         matrix = self._batches.get((num_samples, transposed))
         if matrix is None:
             if len(self._batches) >= _MAX_BATCHES:
-                self._batches = {}  # not cleared in place: another thread may be reading it
+                self._batches = {}  # replaced, not cleared: another thread may be reading it
             with torch.inference_mode(False):
                 csr, sample = self.csr(transposed), torch.arange(num_samples).view(-1, 1)
                 starts, columns, values = csr.crow_indices(), csr.col_indices(), csr.values()
@@ -142,8 +142,8 @@ class StaticAdjacency:
         return matrix
 
     def rows(self, start: int, stop: int) -> Tensor:
-        r"""Returns the rows from :obj:`start` to :obj:`stop - 1` in CSR format :math:`(S, N)` from
-        the cache.
+        r"""Returns the rows from :obj:`start` to :obj:`stop - 1` in CSR format :math:`(S, N)`, and
+        caches them.
 
         Args:
             start (int): Index of the first row.
@@ -152,7 +152,7 @@ class StaticAdjacency:
         rows = self._rows.get((start, stop))
         if rows is None:
             if len(self._rows) >= _MAX_ROW_BLOCKS:
-                self._rows = {}  # not cleared in place: another thread may be reading it
+                self._rows = {}  # replaced, not cleared: another thread may be reading it
             csr = self.csr()
             starts = csr.crow_indices()[start : stop + 1]
             entries = slice(int(starts[0]), int(starts[-1]))
@@ -162,8 +162,8 @@ class StaticAdjacency:
         return rows
 
     def blocks(self, group: int, nodes: Tensor) -> Tensor:
-        r"""Returns the matrices of a group of segments of equal size :math:`(S, n, n)` from the
-        cache.
+        r"""Returns the matrices of a group of segments of equal size :math:`(S, n, n)`, and caches
+        them.
 
         Args:
             group (int): Index of the group.
@@ -270,8 +270,9 @@ class AdjacencyCache(EdgeCache[StaticAdjacency]):
         Args:
             edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
                 :math:`(N, N)`.
-            edge_weight (torch.Tensor, optional): Edge weights :math:`(|\mathcal{E}|,)`. num_nodes
-                (int): Number of taxels :math:`N`. dtype (torch.dtype): Data type of the matrix.
+            edge_weight (torch.Tensor, optional): Edge weights :math:`(|\mathcal{E}|,)`.
+            num_nodes (int): Number of taxels :math:`N`.
+            dtype (torch.dtype): Data type of the matrix.
             segment (torch.Tensor, optional): Segment of each taxel :math:`(N,)`. Edges between
                 segments are removed. It must be the same in each call, since it is not part of the
                 key.

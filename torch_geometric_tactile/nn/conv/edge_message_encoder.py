@@ -151,8 +151,8 @@ class EdgeAttentionEncoder(EdgeMessageEncoder):
     Args:
         edge_dim (int): Size of each edge feature :math:`D`, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
-        hidden_channels (int): Width of the hidden layer. **kwargs: Further arguments of
-            :class:`torch_geometric.nn.MessagePassing`.
+        hidden_channels (int): Width of the hidden layer.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** same as for :class:`EdgeMessageEncoder`

@@ -72,7 +72,7 @@ class SectorConv(LazyWeight, ExplainablePropagate, MessagePassing):
         fast (bool): Whether to multiply sector by sector if this is faster. Second derivatives are
             then not supported.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`, except
-        :obj:`flow`.
+            :obj:`flow`.
 
     Shapes:
         - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
@@ -306,7 +306,7 @@ class _SectorTable:
         self._blocks: dict[int, list[tuple[int, int, list[_SectorBlock]]]] = {}
 
     def blocks(self, size: int) -> list[tuple[int, int, list[_SectorBlock]]]:
-        r"""Returns the start, end and edges of each block from the cache.
+        r"""Returns the start, end and edges of each block, and caches them.
 
         Args:
             size (int): Number of taxels in a block.
@@ -314,7 +314,7 @@ class _SectorTable:
         blocks = self._blocks.get(size)
         if blocks is None:
             if len(self._blocks) >= _MAX_BLOCK_SIZES:
-                self._blocks = {}  # not cleared in place: another thread may be reading it
+                self._blocks = {}  # replaced, not cleared: another thread may be reading it
             with torch.inference_mode(False):
                 starts = range(0, self.num_nodes, size)
                 blocks = [self._block(start, min(start + size, self.num_nodes)) for start in starts]

@@ -58,8 +58,8 @@ class SegmentedGCNConv(LazyWeight, ExplainablePropagate, MessagePassing):
         in_channels (int): Size of each input feature, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
         bias (bool): Whether to add learnable biases.
-        fast (bool): Whether to propagate samples on one topology with a matrix product. **kwargs:
-            Further arguments of :class:`torch_geometric.nn.MessagePassing`.
+        fast (bool): Whether to propagate samples on one topology with a matrix product.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,

@@ -73,8 +73,8 @@ class SelfGCNConv(ExplainablePropagate, MessagePassing):
         bias (bool): Whether to add a learnable bias.
         normalize (bool): Whether to normalise the adjacency. If :obj:`False`, messages are weighted
             by the edge weights and summed.
-        fast (bool): Whether to propagate samples on one topology with a matrix product. **kwargs:
-            Further arguments of :class:`torch_geometric.nn.MessagePassing`.
+        fast (bool): Whether to propagate samples on one topology with a matrix product.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
@@ -204,7 +204,9 @@ class SelfGCNConv(ExplainablePropagate, MessagePassing):
         return self.propagate(edge_index, x=x, edge_weight=edge_weight, center=x)
 
     def message(self, x_j: Tensor, center_i: OptTensor, edge_weight: OptTensor) -> Tensor:
-        r"""Returns the weighted features of the neighbour, or the weighted difference to them."""
+        r"""Returns the weighted features of the neighbour, or the weighted difference between the
+        taxel and the neighbour.
+        """
         out = x_j if center_i is None else center_i - x_j
         return out if edge_weight is None else edge_weight.view(-1, 1) * out
 

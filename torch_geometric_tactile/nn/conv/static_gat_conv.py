@@ -38,9 +38,9 @@ class StaticGATConv(StaticAttention, GATConv):
         \right) \right)
 
     This is a :class:`torch_geometric.nn.GATConv` with the same arguments, results and
-    :obj:`state_dict`. It additionally accepts many samples :math:`(B, N, F)`. On a CPU, it then
-    folds the attention vectors into the linear map and multiplies by sparse matrices. The sparsity
-    pattern is cached as long as the edges do not change.
+    :obj:`state_dict`. It also accepts many samples :math:`(B, N, F)`. On a CPU, it then folds the
+    attention vectors into the linear map and multiplies by sparse matrices. The sparsity pattern is
+    cached as long as the edges do not change.
 
     As in PyG, messages are passed along edges in all other cases:
 
@@ -66,7 +66,7 @@ class StaticGATConv(StaticAttention, GATConv):
         bias (bool): Whether to add a learnable bias.
         residual (bool): Whether to add a linear map of the input.
         fast (bool): Whether to propagate samples on one topology with sparse matrix products.
-            **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,

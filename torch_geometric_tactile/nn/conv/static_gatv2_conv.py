@@ -46,10 +46,9 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         \right)
 
     This is a :class:`torch_geometric.nn.GATv2Conv` with the same arguments, results and
-    :obj:`state_dict`. It additionally accepts many samples :math:`(B, N, F)`. On a CPU, it then
-    computes the logits in blocks of samples, so that their edge features stay in the cache, and
-    multiplies by sparse matrices. The sparsity pattern is cached as long as the edges do not
-    change.
+    :obj:`state_dict`. It also accepts many samples :math:`(B, N, F)`. On a CPU, it then computes
+    the logits in blocks of samples, so that their edge features stay in the cache, and multiplies
+    by sparse matrices. The sparsity pattern is cached as long as the edges do not change.
 
     Messages are passed along edges in the same cases as in
     :class:`~torch_geometric_tactile.nn.conv.StaticGATConv`.
@@ -70,7 +69,7 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         share_weights (bool): Whether sources and targets share one linear map.
         residual (bool): Whether to add a linear map of the input.
         fast (bool): Whether to propagate samples on one topology with sparse matrix products.
-            **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,

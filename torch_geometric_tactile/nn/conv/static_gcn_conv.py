@@ -86,8 +86,8 @@ class StaticGCNConv(ExplainablePropagate, GCNConv):
         add_self_loops (bool, optional): Whether to add self-loops. Defaults to :obj:`normalize`.
         normalize (bool): Whether to normalise the adjacency.
         bias (bool): Whether to add a learnable bias.
-        fast (bool): Whether to propagate samples on one topology with a matrix product. **kwargs:
-            Further arguments of :class:`torch_geometric.nn.MessagePassing`.
+        fast (bool): Whether to propagate samples on one topology with a matrix product.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,

@@ -252,7 +252,7 @@ class MapConv(Module):
         zeros_(self.bias)
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Returns the convolved features of the maps.
+        r"""Returns the features of the maps after the convolution.
 
         Args:
             x (torch.Tensor): Features.
@@ -275,7 +275,7 @@ class MapConv(Module):
 
 
 class MapStage(Module):
-    r"""One convolution of a pattern: one :class:`MapConv` for each size of maps, followed by ReLU.
+    r"""One convolution of a pattern: one :class:`MapConv` for each map size, followed by ReLU.
 
     Args:
         in_channels (int): Size of each input feature.

@@ -27,7 +27,7 @@ def needed_inputs(
         model (torch.nn.Module): The model.
         data (Data): Samples.
         describe_data (callable): Returns a description of the samples for the error message.
-            **advice: Advice for the error message, by name of the missing attribute.
+        **advice: Advice for the error message, by name of the missing attribute.
 
     Raises:
         ValueError: If an attribute is missing, or if the model needs edges and there are none.

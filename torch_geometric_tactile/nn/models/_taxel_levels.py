@@ -36,7 +36,7 @@ class TaxelNorm(BatchNorm1d):
         Args:
             input (torch.Tensor): Features.
             mask (torch.Tensor, optional): Whether each row is part of the statistics
-                :math:`(B, N, 1)`. If left out, all rows are.
+                :math:`(B, N, 1)`. By default, all rows are.
         """
         if self.training and mask is not None:
             return self._normalize_masked(input, mask)
@@ -104,7 +104,7 @@ class ReadingNorm(Module):
         Args:
             x (torch.Tensor): Readings.
             mask (torch.Tensor, optional): Whether each row is part of the statistics
-                :math:`(B, N, 1)`. If left out, all rows are.
+                :math:`(B, N, 1)`. By default, all rows are.
         """
         mean, var = self.running_mean, self.running_var
         if self.training and x.size(0) * x.size(1) > 1:

@@ -93,7 +93,7 @@ def count_samples(x: Tensor, num_taxels: int) -> int:
 
 
 def check_taxel_dropout(probability: float) -> float:
-    r"""Returns the probability of dropping a taxel in training.
+    r"""Returns the probability of dropping a taxel during training.
 
     Raises:
         ValueError: If the probability is below zero or not below one.

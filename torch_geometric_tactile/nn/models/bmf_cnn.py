@@ -32,7 +32,7 @@ class BMFCNN(BaseModel):
     features of the last convolution and the :class:`~torch_geometric_tactile.nn.BilinearFeature` of
     the first.
 
-    For 32 x 32 pixels, the layers are (without padding):
+    For images of 32 x 32 pixels, the layers (without padding) are:
 
     * C1: 5 x 5 filters, output 28 x 28 x 16, batch normalisation, ReLU;
     * max pooling over 2 x 2 cells;
@@ -42,9 +42,9 @@ class BMFCNN(BaseModel):
     * F-C1: fully connected, 120 outputs, ReLU;
     * F-C2: fully connected, 26 outputs.
 
-    The bilinear feature of C1 before pooling has 28 x 28 x 16 = 12,544 numbers. Together with the
-    1024 features from C3, F-C1 has 13,568 inputs. Before the fusion, the features of each layer are
-    divided by their :math:`\ell_2` norm.
+    The bilinear feature of C1 before pooling has 28 x 28 x 16 = 12,544 numbers. F-C1 therefore has
+    12,544 + 1024 = 13,568 inputs. Before the fusion, the features of each layer are divided by
+    their :math:`\ell_2` norm.
 
     The paper does not state whether ReLU follows F-C1, or which Xavier distribution initialises the
     weights. This implementation applies ReLU and uses the uniform distribution. C1 has no bias,

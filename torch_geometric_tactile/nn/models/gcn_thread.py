@@ -23,7 +23,8 @@ class GCNThread(Thread):
         \mathbf{H}^{(l+1)} = \max \left( 0, \mathrm{pool}_{k_l} \left( \hat{\mathbf{A}}
         \mathbf{H}^{(l)} \mathbf{W}^{(l)} + \mathbf{b}^{(l)} \right) \right)
 
-    The defaults are those of the paper's thread for readings: "14, 28, 56(P)28, 112(P)28, 112(P)7".
+    The defaults correspond to the paper's thread for readings: "14, 28, 56(P)28, 112(P)28,
+    112(P)7".
 
     Args:
         in_channels (int): Number of input features per taxel.

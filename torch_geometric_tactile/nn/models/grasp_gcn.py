@@ -45,9 +45,9 @@ class GraspGCN(BaseModel):
         num_layers (int): Number of graph convolutions (one in the paper).
         dropout (float): Probability of dropping all features of an electrode before the fully
             connected layer during training (zero in the paper).
-        num_joints (int): Number of joint angles that are added to the input of the fully connected
-            layer. Other measurements from the hand can be used instead, such as forces and torques
-            (suggested in the paper's outlook).
+        num_joints (int): Number of joint angles that are appended to the input of the fully
+            connected layer. Other measurements from the hand can be used instead, such as forces
+            and torques (suggested in the paper's outlook).
         fast (bool): Whether to propagate samples on one topology with a matrix product, as in
             :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`.
 

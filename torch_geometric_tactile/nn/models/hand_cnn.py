@@ -32,8 +32,8 @@ class HandCNN(TactileModel):
         inputs (sequence of str): Inputs to use: any of :obj:`"tactile"`, :obj:`"absolute"` and
             :obj:`"position"`.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Number of features per taxel for each input that does not have
-            the default of 3 or 4.
+        channels (dict, optional): Number of features per taxel by input, for inputs that differ
+            from the default (3 or 4).
         widths (sequence of int): Width of each convolution.
         pools (sequence of int): Pool size in channels after each convolution.
         head_widths (sequence of int): Width of each fully connected layer.

@@ -39,9 +39,12 @@ class MSCNN(TactileModel):
     (:obj:`~torch_geometric_tactile.nn.models._hand_maps.PATTERNS`):
 
     * I: the hand only, with zeros above the thumb;
-    * II: patches, then the hand; III: patches twice, then the hand;
+    * II: patches, then the hand;
+    * III: patches twice, then the hand;
     * IV (the best pattern in the paper): patches, then fingers, then the hand;
-    * V: patches, then fingers twice; VI: patches only; VII: fingers only.
+    * V: patches, then fingers twice;
+    * VI: patches only;
+    * VII: fingers only.
 
     The convolutions have neither padding nor pooling, so that each output is smaller than its map.
     The widths are 3, 14, 28 and 56, followed by 1200. With one channel, they are 1, 5, 9 and 18,
@@ -147,7 +150,7 @@ class MSCNN(TactileModel):
         return super().collect(name, x, *unused)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
-        r"""Returns the features of each cell of the last maps :math:`(B, M, F)`."""
+        r"""Returns the features of each cell in the last maps :math:`(B, M, F)`."""
         h = F.pad(parts["tactile"], (0, 0, 0, 1))  # appends zeros for cells without a taxel
         for stage in self.stages:
             h = stage(h)

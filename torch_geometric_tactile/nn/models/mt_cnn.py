@@ -31,8 +31,8 @@ class MTCNN(TactileModel):
         threads (dict, optional): Settings of the threads by input, to override the paper's values.
             Each value is a dictionary with :obj:`widths`, :obj:`pools` or both.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Number of features per taxel for each input that does not have
-            the default of 3 or 4.
+        channels (dict, optional): Number of features per taxel by input, for inputs that differ
+            from the default (3 or 4).
         head_widths (sequence of int): Width of each fully connected layer.
         head_pools (sequence of int): Pool size in channels after each fully connected layer.
 

@@ -46,8 +46,8 @@ class MTGCN(TactileModel):
             data. PyG's explainers do not explain it.
         num_edges (int, optional): Number of edges. Required by the dense encoder of :obj:`"edge"`.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Number of features per taxel for each input that does not have
-            the default of 3 or 4.
+        channels (dict, optional): Number of features per taxel by input, for inputs that differ
+            from the default (3 or 4).
         encoder (str or torch.nn.Module): Encoder of edge features: :obj:`"dense"` (as in the
             paper), :obj:`"message"`, :obj:`"attention"` or a module.
         head_widths (sequence of int): Width of each fully connected layer.

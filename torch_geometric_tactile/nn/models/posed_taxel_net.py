@@ -47,7 +47,7 @@ class PosedTaxelNet(BaseModel):
 
     Pressure is the last channel. Three channels are :math:`(x, y, p)`, as in
     :class:`~torch_geometric_tactile.transforms.TaxelForce`. With any other number of channels, the
-    force is along the normal. With neither one nor three channels, the readings are added to the
+    force is along the normal. With neither one nor three channels, the readings are appended to the
     features. Readings must be tared and must increase with contact. A taxel whose pressure is zero
     or negative counts as not touched. The output is NaN if any reading is missing (NaN).
 
@@ -121,7 +121,7 @@ class PosedTaxelNet(BaseModel):
                 for name, pose in zip(_POSE_SHAPES, _open_hand_pose(layout), strict=True):
                     self.register_buffer(f"open_{name}", pose, persistent=False)
         # Position, normal, force, norm of the force and pressure (3 + 3 + 3 + 1 + 1). Readings that
-        # are neither pressures nor forces are added.
+        # are neither pressures nor forces are appended.
         size = 11 if in_channels in (1, 3) else 11 + in_channels
         self.norm = ReadingNorm(size)
         self.lins = ModuleList()

@@ -24,8 +24,8 @@ class TactileFNN(TactileModel):
         inputs (sequence of str): Inputs to use: any of :obj:`"tactile"`, :obj:`"absolute"` and
             :obj:`"position"`.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Number of features per taxel for each input that does not have
-            the default of 3 or 4.
+        channels (dict, optional): Number of features per taxel by input, for inputs that differ
+            from the default (3 or 4).
         widths (sequence of int): Width of each layer.
         pools (sequence of int): Pool size in channels after each layer.
 

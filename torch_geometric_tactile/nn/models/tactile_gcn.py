@@ -47,8 +47,8 @@ class TactileGCN(TactileModel):
             :obj:`"absolute"` and :obj:`"position"`.
         num_edges (int, optional): Number of edges. Required by the dense encoder of :obj:`"edge"`.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Number of features per taxel for each input that does not have
-            the default of 3 or 4.
+        channels (dict, optional): Number of features per taxel by input, for inputs that differ
+            from the default (3 or 4).
         encoder (str or torch.nn.Module): Encoder of edge features: :obj:`"dense"` (as in the
             paper), :obj:`"message"`, :obj:`"attention"` or a module.
         widths (sequence of int, optional): Width of each convolution. Defaults to the paper's.

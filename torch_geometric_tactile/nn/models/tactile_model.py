@@ -45,8 +45,8 @@ class TactileModel(BaseModel):
             of a layout file, or the number of taxels.
         out_channels (int): Number of labels or classes :math:`C`.
         inputs (sequence of str): Names of the inputs.
-        num_joints (int): Number of joint angles that are added to the input of the fully connected
-            layers, or 0 for none.
+        num_joints (int): Number of joint angles that are appended to the input of the fully
+            connected layers, or 0 for none.
         channels (dict, optional): Number of features per taxel for each input that does not have
             the default. The defaults are 3 (:obj:`"tactile"`, :obj:`"position"`) and 4
             (:obj:`"edge"`, :obj:`"absolute"`). For :obj:`"edge"`, the number is both the size of
@@ -207,7 +207,8 @@ class TactileModel(BaseModel):
         r"""Returns the number of samples in readings.
 
         Args:
-            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch.
+            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or the readings of a PyG
+                batch.
 
         Raises:
             ValueError: If the readings do not have as many taxels as the model.

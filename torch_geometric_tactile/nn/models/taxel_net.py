@@ -123,13 +123,13 @@ class TaxelNet(BaseModel):
             all taxels), their :obj:`"mean"`, their :obj:`"max"`, or :obj:`"all"` three.
         hidden_channels (int): Width of the hidden layer.
         direct_channels (int, optional): Width of an additional fully connected layer on all
-            readings, or 0 for none. Its output is added to the input of the hidden layer by
-            concatenation. Defaults to 128 without pooling, since single taxels are informative on
-            small sensors, and to 0 with pooling.
+            readings, or 0 for none. Its output is appended to the input of the hidden layer.
+            Defaults to 128 without pooling, since single taxels are informative on small sensors,
+            and to 0 with pooling.
         descriptor_channels (int): Width of an additional layer on the descriptors of the readings
             (:func:`~torch_geometric_tactile.sensors.taxel_descriptors`), or 0 for none. Its output
-            is added to the input of the hidden layer by concatenation. Useful with few labels.
-            Requires readings that are zero at rest; scale them with
+            is appended to the input of the hidden layer. Useful with few labels. Requires readings
+            that are zero at rest; scale them with
             :obj:`ZScore(scale_per="channel", with_mean=False)`.
         dropout (float): Probability of dropping a feature before each layer of the head during
             training.
@@ -139,8 +139,8 @@ class TaxelNet(BaseModel):
         head_taxels (int, optional): Maximum number of taxels in the features for the head. If there
             are more, the features are pooled further, without convolutions. By default, they are
             not pooled further.
-        num_joints (int): Number of joint angles that are added to the input of the hidden layer, or
-            0 for none.
+        num_joints (int): Number of joint angles that are appended to the input of the hidden layer,
+            or 0 for none.
         fast (bool): Passed to :class:`~torch_geometric_tactile.nn.conv.SectorConv`. Must be
             :obj:`False` to compute second derivatives.
 

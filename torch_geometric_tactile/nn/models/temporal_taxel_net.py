@@ -109,8 +109,8 @@ class TemporalTaxelNet(BaseModel):
             training. In the blocks, the probability is half as large.
         taxel_dropout (float): Probability of dropping a taxel of a window during training.
         max_taxels (int): Maximum number of taxels in the last level. Larger layouts are pooled.
-        num_joints (int): Number of joint angles that are added to the input of the hidden layer, or
-            0 for none.
+        num_joints (int): Number of joint angles that are appended to the input of the hidden layer,
+            or 0 for none.
         fast (bool): Passed to :class:`~torch_geometric_tactile.nn.conv.SectorConv`.
 
     Shapes:
@@ -275,8 +275,7 @@ class TemporalTaxelNet(BaseModel):
         return self.head(h if per_frame else self._pool_frames(h), joint)
 
     def _pool_frames(self, h: Tensor) -> Tensor:
-        # Returns the features of windows (B, M, F'), pooled from the features of their frames (B,
-        # M, T, F).
+        # Pools the features of frames (B, M, T, F), and returns the features of windows (B, M, F').
         if self.pool == "last":
             return h[:, :, -1]
         pooled = {"mean": h.mean(dim=2), "max": h.amax(dim=2)}
@@ -408,7 +407,7 @@ class _TemporalBlock(Module):
         channels (int): Size of each input and output feature.
         kernel_size (int): Number of frames in the kernel.
         dilation (int): Distance between the kernel's frames.
-        dropout (float): Probability of dropping a feature in training.
+        dropout (float): Probability of dropping a feature during training.
     """
 
     def __init__(self, channels: int, kernel_size: int, dilation: int, dropout: float) -> None:
@@ -448,7 +447,7 @@ class _FrameHead(Module):
         width (int): Number of features per taxel :math:`F`.
         out_channels (int): Number of labels or classes :math:`O`.
         hidden_channels (int, optional): Width of the hidden layer, or :obj:`None` for none.
-        dropout (float): Probability of dropping a feature in training.
+        dropout (float): Probability of dropping a feature during training.
         num_joints (int): Number of joint angles.
         are_mixed (bool): Whether the features of all taxels are mixed into one row.
     """

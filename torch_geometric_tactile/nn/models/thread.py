@@ -17,7 +17,7 @@ class Thread(Module):
     r"""The base class of threads. Each layer consists of a convolution, a
     :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU.
 
-    A subclass passes a constructor of convolutions and defines :meth:`forward`.
+    A subclass passes a constructor for convolutions and defines :meth:`forward`.
 
     Args:
         in_channels (int): Number of input features per taxel.

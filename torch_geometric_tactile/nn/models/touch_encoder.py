@@ -39,7 +39,7 @@ class TouchEncoder(Module):
         out_channels (int): Number of features :math:`D_{out}`.
         in_channels (int): Number of channels per taxel :math:`C`, for example three axes.
         num_joints (int): Number of joint angles, or other measurements from the robot, that are
-            added to the input of the hidden layer, or 0 for none.
+            appended to the input of the hidden layer, or 0 for none.
         widths (sequence of int, optional): Width of each level, as in
             :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet`.
         num_filters (int): Number of filters on the readings of each taxel.

@@ -28,8 +28,8 @@ class TaxelPool(torch.nn.Module):
             of a layout file.
         by (str, float or sequence of float): Clusters, as in
             :func:`~torch_geometric_tactile.sensors._taxel_clusters`: :obj:`"patch"`,
-            :obj:`"digit"`, or the edge length of voxels in metres, as one number or as one number
-            each for :math:`x` and :math:`y`. On a grid, twice the pitch pools :math:`2 \times 2`
+            :obj:`"digit"`, or the edge length of voxels in metres, as one number or as a pair of
+            numbers for :math:`x` and :math:`y`. On a grid, twice the pitch pools :math:`2 \times 2`
             taxels.
         aggr (str): :obj:`"max"` or :obj:`"mean"`.
 
