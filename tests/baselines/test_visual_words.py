@@ -291,7 +291,7 @@ def test_bad_readings_are_refused(fitted, x, message):
 
 
 def test_labels_of_other_samples_are_refused(fitted):
-    with pytest.raises(ValueError, match=r"'y' must have shape \(60,\), as 'x' \(got \(59,\)\)"):
+    with pytest.raises(ValueError, match=r"'y' must have shape \(60,\), like 'x' \(got \(59,\)\)"):
         clone(fitted).fit(X, Y[1:])
 
 

@@ -179,7 +179,7 @@ def test_rank_correlation_with_the_published_accuracies():
         if shown is None:
             assert "Rank correlation" not in page
         else:
-            assert f"no relation: {shown} over 5 models (by trial)." in page
+            assert f"no relation): {shown} over 5 models (by trial)." in page
         del entries["x_tac", "trial", 0]
         assert "Rank correlation" not in markdown(run("p2-table2", entries, seeds=1))
 

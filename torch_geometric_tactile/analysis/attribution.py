@@ -249,7 +249,10 @@ def patch_occlusion(
     if segment.shape != shape[1:2]:
         raise ValueError(f"'segment' must have shape ({shape[1]},) (got {tuple(segment.shape)})")
     if reference is None:
-        need(shape[0] != 1, "'reference' must be given for a single sample (its mean is itself)")
+        need(
+            shape[0] != 1,
+            "'reference' must be given for a single sample, since its mean is the sample itself",
+        )
         reference = x.view(shape).mean(dim=0)
     if reference.shape != shape[1:]:
         raise ValueError(f"'reference' must have shape {shape[1:]} (got {tuple(reference.shape)})")
@@ -278,7 +281,7 @@ class _Samples(Module):
             batch = batch.to_batch()
         missing = [name for name in ("x", *edges, *names) if batch.get(name) is None]
         if missing:
-            raise ValueError(f"'batch' must have '{missing[0]}', which the model takes (got none)")
+            raise ValueError(f"'batch' must have '{missing[0]}', which the model needs (got none)")
         self.model = model
         # Otherwise, the explainer would leave the model in training mode.
         self.training = model.training

@@ -79,7 +79,7 @@ def segment_clustering(
     num_nodes = len(rows)
     if segment.shape != (num_nodes,) or int(segment.min()) < 0:
         raise ValueError(
-            f"'segment' must hold {num_nodes} numbers from 0, one for each node "
+            f"'segment' must hold {num_nodes} numbers of at least 0, one for each node "
             f"(got shape {tuple(segment.shape)})"
         )
     num_segments = len(segment.unique())

@@ -62,7 +62,7 @@ def label_confusion(y: Tensor, prediction: Tensor) -> Tensor:
     for name, value in (("y", y), ("prediction", prediction)):
         if not ((value == 0) | (value == 1)).all():
             raise ValueError(
-                f"'{name}' must hold 0 and 1 only (got {int(value.min())} to {int(value.max())})"
+                f"'{name}' must hold only 0 and 1 (got {int(value.min())} to {int(value.max())})"
             )
     counts = [
         multilabel_confusion_matrix(a.numpy(), b.numpy(), labels=[1])[0]

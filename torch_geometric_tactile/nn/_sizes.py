@@ -37,7 +37,11 @@ def checked_layer_widths(widths: Sequence[int]) -> tuple[int, ...]:
         ValueError: If there is no width, or a width is below one.
     """
     widths = tuple(widths)
-    need(widths and min(widths) >= 1, "'widths' must be at least one width of at least 1", widths)
+    need(
+        widths and min(widths) >= 1,
+        "'widths' must hold at least one width, each at least 1",
+        widths,
+    )
     return widths
 
 

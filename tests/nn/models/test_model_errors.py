@@ -131,11 +131,11 @@ def test_model_wrong_edges(name):
         ),
         (
             lambda: MTGCN(threads={"absolute": {}}),
-            r"'threads' must be settings of the inputs \('tactile', 'edge'\) \(got 'absolute'\)",
+            r"'threads' must only have the inputs \('tactile', 'edge'\) \(got 'absolute'\)",
         ),
         (
             lambda: MTCNN(threads={"edge": {}}),
-            r"'threads' must be settings of the inputs \('tactile', 'absolute'\) \(got 'edge'\)",
+            r"'threads' must only have the inputs \('tactile', 'absolute'\) \(got 'edge'\)",
         ),
         (
             lambda: MTGCN(threads={"tactile": {"width": 3}}),

@@ -124,7 +124,7 @@ def check_tensor(x: Any) -> None:
     r"""Checks that node features are a single tensor."""
     if not isinstance(x, Tensor):
         raise ValueError(
-            f"'x' must be a tensor, the features of one set of nodes (got {type(x).__name__})"
+            f"'x' must be a tensor with the features of one set of nodes (got {type(x).__name__})"
         )
 
 
@@ -154,8 +154,8 @@ def check_edge_form(edge_index: Adj, num_nodes: int) -> None:
     if is_torch_sparse_tensor(edge_index):
         if tuple(edge_index.shape) != (num_nodes, num_nodes):
             raise ValueError(
-                f"'edge_index' must have shape ({num_nodes}, {num_nodes}) if it is sparse, like "
-                f"the number of nodes in 'x' (got {tuple(edge_index.shape)})"
+                f"'edge_index' must have shape ({num_nodes}, {num_nodes}) if it is sparse, since "
+                f"'x' has {num_nodes} nodes (got {tuple(edge_index.shape)})"
             )
         return
     if edge_index.dim() != 2 or edge_index.size(0) != 2:

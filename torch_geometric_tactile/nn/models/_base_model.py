@@ -15,7 +15,7 @@ def _raise_for_hub_method(*args: Any, **kwargs: Any) -> NoReturn:
     # To be deleted in version 0.4.0, together with the names in `_removed.py`.
     raise AttributeError(
         "'save_pretrained', 'from_pretrained' and 'push_to_hub' of models were removed in version "
-        "0.3.0: save the model with its layout and scaling, by Predictor.save or "
+        "0.3.0: to save the model with its layout and scaling, use Predictor.save or "
         "Predictor.push_to_hub"
     )
 

@@ -56,9 +56,7 @@ def thread_settings(
     threads = threads or {}
     for name, settings in threads.items():
         if name not in inputs:
-            raise ValueError(
-                f"'threads' must be settings of the inputs {tuple(inputs)} (got '{name}')"
-            )
+            raise ValueError(f"'threads' must only have the inputs {tuple(inputs)} (got '{name}')")
         unknown_keys = sorted(set(settings or ()) - set(keys))
         if unknown_keys:
             raise ValueError(

@@ -166,7 +166,7 @@ class BMFCNN(BaseModel):
         rows, columns = self.image.size
         if x.dim() != 4 or x.shape[1:] != (self.in_channels, rows, columns):
             raise ValueError(
-                f"'x' must have shape (batch_size, {self.in_channels}, {rows}, {columns}) if it is "
+                f"'x' must have shape (batch_size, {self.in_channels}, {rows}, {columns}) for "
                 f"images (got {tuple(x.shape)})"
             )
         return x

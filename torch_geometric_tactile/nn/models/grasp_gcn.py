@@ -156,8 +156,8 @@ class GraspGCN(BaseModel):
         # change the results.
         if edge_attr is not None and edge_attr.dim() == 1:
             raise ValueError(
-                "'edge_attr' must be edge features, which this model does not use; pass weights of "
-                f"edges as 'edge_weight' (got shape {tuple(edge_attr.shape)})"
+                "'edge_attr' must be edge features, which this model does not use; pass edge "
+                f"weights as 'edge_weight' (got shape {tuple(edge_attr.shape)})"
             )
         width = self.num_fingers * self.in_channels
         if x.dim() not in (2, 3) or x.size(-1) != width or x.size(-2) % self.num_nodes:
