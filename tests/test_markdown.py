@@ -107,6 +107,13 @@ def test_links_lead_to_files_and_headings(name):
     assert not dangling_links(ROOT / name)
 
 
+@pytest.mark.parametrize("name", all_pages())
+def test_no_line_is_a_comment_by_mistake(name):
+    # MyST leaves out lines that begin with a percent sign.
+    text = _CODE.sub("", (ROOT / name).read_text(encoding="utf-8"))
+    assert not re.findall(r"^\s*%.*", text, re.MULTILINE)
+
+
 def test_dangling_links_are_found(tmp_path):
     page, target = tmp_path / "page.md", tmp_path / "target.md"
     target.write_text("# A `name`, and [more](x.md)\n")
