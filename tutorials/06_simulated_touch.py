@@ -247,5 +247,5 @@ assert mean > 12.5 + 15
 # * [The hand moves: what does a graph gain from pose?](05_hand_pose.py)
 # * [A paper's table, small](07_paper_table.py)
 # * [The simulated hand](../docs/simulation.md): what is simulated, and what is not.
-# * [iCub Grasp](../docs/hand.md#icub-grasp): a real data set in which the first frame identifies
-#   the object.
+# * [iCub Grasp](../docs/data_sets.md#grasps-of-ten-objects-icubgrasp): a real data set in which
+#   the first frame identifies the object.
