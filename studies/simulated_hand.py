@@ -4,8 +4,8 @@ with whole trials or random frames held out.
 No result is from a real hand. Models and training are fixed in advance and not tuned.
 
 Examples:
-    tactile simulate --out data/paper8 --objects paper8 --jobs 2
-    tactile simulate --out data/control8 --objects control8 --jobs 2
+    tactile simulate --out data/paper8 --objects paper8 --seed 1 --jobs 2
+    tactile simulate --out data/control8 --objects control8 --seed 1 --jobs 2
     PYTHONPATH=benchmarks python studies/simulated_hand.py --paper8 data/paper8 --control8 data/control8
 """
 
@@ -176,7 +176,7 @@ def main(argv: list[str] | None = None) -> int:
     seeds = ", ".join(map(str, range(arguments.seeds)))
     counts = {(r["task"], r["split_by"]): (r["train"], r["test"]) for r in results}
     machine = (
-        f"{platform.machine()}, {torch.get_num_threads()} threads, torch {torch.__version__}, "
+        f"{platform.machine()}, threads: {torch.get_num_threads()}, torch {torch.__version__}, "
         f"torch_geometric_tactile {torch_geometric_tactile.__version__}, MuJoCo "
         f"{simulations['paper8']['mujoco']}"
     )
