@@ -91,14 +91,14 @@ def test_a_wildcard_leaves_out_stored_frames(tmp_path):
             {"tactile": [LEFT, RIGHT]},
             f"'{LEFT}' and '{RIGHT}' of .* same number of channels .* .got 1 and 3.: name one of",
         ),
-        ({"tactile": [LEFT, RIGHT], "state": RIGHT}, "other features than the joint angles .got"),
+        ({"tactile": [LEFT, RIGHT], "state": RIGHT}, "must not include the joint angles .got"),
         (
             {"tactile": [LEFT, RIGHT], "every_frame": True},
             r"'tactile' must be one feature with every_frame \(got 2\)$",
         ),
         (
             {"tactile": [LEFT, RIGHT], "action": LEFT, "num_channels": 1},
-            "'action' must be another feature than readings",
+            "'action' must not be the feature of readings",
         ),
     ],
 )

@@ -260,7 +260,7 @@ def test_data_that_unpack_to_far_more_are_refused_before_memory(root, unread):
 
 def test_lists_of_other_lengths_are_counted_before_memory(root, unread):
     put(root / DATA, "observation.tactile", [[0.0] * 1_000_000] + [[0.0] * 6] * 9)
-    with pytest.raises(ValueError, match=r"6 numbers in 'observation.tactile' a row.*got 1000054"):
+    with pytest.raises(ValueError, match=r"6 numbers in 'observation.tactile' per row.*1000054"):
         read_lerobot(root)
 
 

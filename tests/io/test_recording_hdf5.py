@@ -130,7 +130,7 @@ def replace(name, array):
         (lambda f: f.attrs.__setitem__("meta", "{"), r"a.h5' must hold JSON in 'meta'"),
         (
             lambda f: f.attrs.__setitem__("num_frames", 21),
-            r"must have 21 frames in 'time', as 'num_frames' says \(got 20\)",
+            r"must have 21 frames in 'time', as 'num_frames' declares \(got 20\)",
         ),
         (replace("joint", np.zeros((3, 4))), r"20 frames in 'joint', .* \(got 3\)"),
         (

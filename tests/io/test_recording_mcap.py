@@ -195,7 +195,7 @@ def test_the_first_ten_thousand_events_are_read(tmp_path):
 
 def test_existing_file_is_kept_unless_asked(tmp_path):
     path = write_frames(tmp_path / "a.mcap", [a_frame(0)])
-    with pytest.raises(FileExistsError, match="exists: give another name"):
+    with pytest.raises(FileExistsError, match="exists: choose another name"):
         McapWriter(path)
     assert read_mcap(path).num_frames == 1
     write_frames(path, [a_frame(0), a_frame(1)], overwrite=True)
@@ -221,7 +221,7 @@ def test_bad_arguments(tmp_path):
     assert [*tmp_path.iterdir()] == []
     with (
         McapWriter(tmp_path / "a.mcap") as writer,
-        pytest.raises(ValueError, match="'t' must hold numbers or texts"),
+        pytest.raises(ValueError, match="'t' must hold numbers or strings"),
     ):
         writer.write_frame(a_frame(0, extra={"t": np.array([object()])}))
 

@@ -65,7 +65,7 @@ def test_ten_arrays_that_are_no_data_set_are_listed(tmp_path):
         ({"x": X, "y": Y, "labels": Y}, r"must have only one of \['y', 'labels'\]"),
         ({"x": X[0], "y": Y}, r"'x' must have shape \(num_samples, num_taxels, ...\)"),
         ({"x": X, "y": Y[:3]}, r"'y' must have 4 rows, one for each of 'x' \(got \(3,\)\)"),
-        ({"x": X.astype(str), "y": Y}, r"'x' must hold numbers \(got texts\)"),
+        ({"x": X.astype(str), "y": Y}, r"'x' must hold numbers \(got strings\)"),
         ({"format": np.array("f"), "tactile": X}, r"a recording is not a data set"),
     ],
 )

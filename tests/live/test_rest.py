@@ -229,7 +229,9 @@ def test_bad_numbers(name, value):
 def test_bad_frames():
     rest = Rest()
     rest.add(frame(0, np.zeros((3, 2))))
-    with pytest.raises(ValueError, match=r"a frame must have shape \(3, 2\), as those before"):
+    with pytest.raises(
+        ValueError, match=r"a frame must have shape \(3, 2\), as the previous frames"
+    ):
         rest.add(frame(1, np.zeros((4, 2))))
 
 

@@ -78,7 +78,10 @@ def test_limits_of_a_joint_may_meet():
         (urdf(CHAIN).replace('<child link="tip"/>', "<child/>"), "joint 'nail' must have a child"),
         (urdf(CHAIN).replace("0.5 0.0 0.0", "0.5 zero 0"), r"must have numbers \(got 'zero'\)"),
         (urdf(CHAIN).replace("0.5 0.0 0.0", "0_5 0 0"), r"must have numbers \(got '0_5'\)"),
-        (urdf(CHAIN).replace("<origin xyz", "<origin xyy"), r"must have only the attributes .*\(got 'xyy'\)"),
+        (
+            urdf(CHAIN).replace("<origin xyz", "<origin xyy"),
+            r"must have only the attributes .*\(got 'xyy'\)",
+        ),
         (urdf(CHAIN).replace("<origin", "<origim"), r"at most once \(got 'origim'\)"),
         (urdf(CHAIN).replace(" type=", " tpye="), r"only a name and a type \(got 'tpye'\)"),
         (

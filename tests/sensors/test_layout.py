@@ -128,7 +128,9 @@ def test_segments_unknown_kind():
 
 def test_with_adjacency_adds_or_replaces_one_and_is_the_default():
     layout = TaxelLayout("bare", POS)
-    with pytest.raises(ValueError, match=r"'name' must be an adjacency.*'bare': none; see KNNGraph \(got"):
+    with pytest.raises(
+        ValueError, match=r"'name' must be an adjacency.*'bare': none; see KNNGraph \(got"
+    ):
         layout.edge_index()
     edges = torch.tensor([[0, 1], [1, 0]])
     ring = layout.with_adjacency("ring", edges)
@@ -137,7 +139,9 @@ def test_with_adjacency_adds_or_replaces_one_and_is_the_default():
     assert (ring.name, ring.pos is layout.pos or ring.pos.equal(layout.pos)) == ("bare", True)
     two = ring.with_adjacency("line", edges[:, :1])
     assert sorted(two.adjacency) == ["line", "ring"]
-    with pytest.raises(ValueError, match=r"'name' must be an adjacency.*'ring', 'line' \(got None\)"):
+    with pytest.raises(
+        ValueError, match=r"'name' must be an adjacency.*'ring', 'line' \(got None\)"
+    ):
         two.edge_index()
     assert two.with_adjacency("original", edges.flip(0)).edge_index().equal(edges.flip(0))
     assert two.with_adjacency("ring", edges[:, 1:]).edge_index("ring").equal(edges[:, 1:])

@@ -25,10 +25,9 @@ def open_source(url: str, **settings: Any) -> Source:
     ============================================ ===================================================
     :obj:`serial:PORT?protocol=NAME`             :class:`SerialSource` with the decoder of
                                                  :func:`~torch_geometric_tactile.io.decoder_of`;
-                                                 :obj:`baudrate`, and what the decoder takes
-    :obj:`serial:PORT`                           the same for lines of numbers
-                                                 (:obj:`protocol=lines`), which the first seconds of
-                                                 bytes must be
+                                                 :obj:`baudrate`, and the settings of the decoder
+    :obj:`serial:PORT`                           the same with :obj:`protocol=lines`, if the bytes
+                                                 of the first seconds are lines of numbers
     :obj:`ws://HOST:PORT`, :obj:`wss://...`      :class:`XelaSource`; :obj:`forces`
     :obj:`file:PATH`, or the path alone          :class:`ReplaySource`; :obj:`speed`, :obj:`loop`,
                                                  and options of
@@ -176,7 +175,7 @@ def _to_bool(name: str, value: Any) -> bool:
     return text in _TRUE_TEXTS
 
 
-# Those of `ReplaySource` and of the readers of recordings.
+# Options of `ReplaySource` and of the readers of recordings.
 _FILE_CONVERTERS: dict[str, Callable[[str, Any], Any]] = {
     **dict.fromkeys(("speed", "rate"), _to_float),
     **dict.fromkeys(("loop", "forces", "header", "unit_row"), _to_bool),

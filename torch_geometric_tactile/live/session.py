@@ -39,25 +39,25 @@ _POLL_SECONDS = 0.02
 
 class LiveSession:
     r"""Runs a model on the frames of a source, records the frames and shows them. These tasks are
-    independent: the recorder gets every frame, the model and the viewer get the newest frame.
+    independent: the recorder gets every frame, while the model and the viewer get the newest frame.
 
-    A model that measures each session needs the sensor at rest first, and so does :obj:`tare`; see
-    :class:`Rest`. Predictions start when the rest is ready.
+    A model that measures each session, or the option :obj:`tare`, needs the sensor at rest first
+    (see :class:`Rest`). Predictions start when the rest is ready.
 
     Args:
         source (Source): The source of the frames.
         judge (Judge, optional): The model that predicts labels.
-        rest (Rest, optional): The object that measures the sensor at rest; that of the judge if
-            left out.
+        rest (Rest, optional): The object that measures the sensor at rest. By default the rest of
+            the judge.
         tare (bool): Whether to subtract the rest from the readings, for a model whose training data
             were tared (such as with :obj:`AllegroUSkin(tare="hover")`).
-        taxel_map (TaxelMap or str, optional): Map from the taxels of the source to those of the
-            layout. By default the map of this package for the sensor and the layout, or for the
+        taxel_map (TaxelMap or str, optional): Map from the taxels of the source to the taxels of
+            the layout. By default the map of this package for the sensor and the layout, or for the
             layout of the model (see :class:`Stream`). :obj:`"none"` keeps the order of the source.
         layout (TaxelLayout, str or PathLike, optional): The layout, for recorder and viewer.
         policy (str, optional): Frames that are judged: :obj:`"newest"`, :obj:`"drop_oldest"` or
-            :obj:`"all"`, see :meth:`Judge.follow`. By default the newest frame; the frames in
-            between still enter the window of a model of windows.
+            :obj:`"all"` (see :meth:`Judge.follow`). By default only the newest frame is judged. For
+            a model of windows, the frames in between still enter the window.
         callbacks (sequence of Callback): Callbacks of the session.
 
     Attributes:
@@ -178,7 +178,7 @@ class LiveSession:
         )
         with self._lock:
             if self.recorder is not None:
-                raise ValueError(f"a recorder runs: stop that of '{self.recorder.path}' first")
+                raise ValueError(f"a recording to '{self.recorder.path}' is running: stop it first")
             recorder.rest = _rest_value(self._rest)
             recorder.start()
             self.recorder = recorder
@@ -206,7 +206,7 @@ class LiveSession:
         Returns the file.
 
         Raises:
-            OSError: As of :meth:`stop_recording`.
+            OSError: As for :meth:`stop_recording`.
         """
         with self._lock:
             if self.recorder is not None:
@@ -227,7 +227,7 @@ class LiveSession:
 
         Raises:
             OSError: If the source is not available.
-            ValueError: If the order of its taxels may differ from that of the layout.
+            ValueError: If its taxel order may differ from the order of the layout.
         """
         self._preload()
         frames = self.stream.subscribe(self._policy)
@@ -246,8 +246,8 @@ class LiveSession:
         r"""Runs until the source ends, the time is over, or :meth:`stop` is called.
 
         Args:
-            seconds (float, optional): Time limit. It counts from the first frame if that arrives
-                during the call, else from this call.
+            seconds (float, optional): Time limit. It counts from the first frame if the frame
+                arrives during the call, else from the call.
             on_status (callable, optional): Called with a :class:`Status` about twice a second.
 
         Raises:
@@ -287,7 +287,7 @@ class LiveSession:
         first. May be called again.
 
         Raises:
-            OSError: As of :meth:`stop_recording`.
+            OSError: As for :meth:`stop_recording`.
         """
         self.stop()
         try:
