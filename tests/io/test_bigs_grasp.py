@@ -263,7 +263,7 @@ def test_a_field_that_was_named_must_be_there(name, tmp_path):
             {"pattern": "(?P<item>.+)"},
             r"'pattern' must have groups among .*'object'.*\(got 'item'\)",
         ),
-        ({"ends_after_pickup": -1.0}, r"'ends_after_pickup' must be a number of seconds of at"),
+        ({"ends_after_pickup": -1.0}, r"'ends_after_pickup' must be at least 0 seconds"),
     ],
 )
 def test_format_refuses(given, message):

@@ -91,7 +91,7 @@ def test_damaged_checksums_are_refused_and_missing_ones_too(tmp_path):
     write_hdf5(WIDE, path)
     with h5py.File(path, "r+") as file:
         file["checksums"][7] += 1
-    with pytest.raises(ValueError, match=r"a.h5' must hold .* from frame 7 on, 1 in total"):
+    with pytest.raises(ValueError, match=r"a.h5' must match .* from frame 7 on, 1 in total"):
         read_hdf5(path)
     with h5py.File(path, "r+") as file:
         del file["checksums"]

@@ -97,7 +97,7 @@ def test_read_maximum_may_be_a_little_older_than_the_readings(write):
 def test_read_swapped_fingers_are_noticed(write):
     lines = ["-10000", *frame()]
     lines[3], lines[4] = lines[4], lines[3]
-    with pytest.raises(ValueError, match="are lines in another order"):
+    with pytest.raises(ValueError, match="are lines out of order"):
         read_icub_grasp_txt(write(*lines))
 
 

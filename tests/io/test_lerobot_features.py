@@ -139,7 +139,7 @@ def test_touch_is_added_where_an_episode_was_deleted(tmp_path):
     write_without_touch(ramps(), tmp_path / "set", fps=10)
     delete_episode(tmp_path / "set", 1)
     short, long = ramps(label="mug")[::2]
-    with pytest.raises(ValueError, match=r"recording 1 must reach .*, as episode 2 does"):
+    with pytest.raises(ValueError, match=r"recording 1 must cover .*, as episode 2 does"):
         add_to_lerobot(tmp_path / "set", [long, short], tmp_path / "copy")
     add_to_lerobot(tmp_path / "set", [short, long], tmp_path / "copy")
     found = read_lerobot(tmp_path / "copy")

@@ -349,7 +349,7 @@ def test_names_of_two_dimensions_that_contradict_are_refused(root, names):
 
 def test_channels_that_the_names_contradict_are_refused(root):
     write_grid(root, (3, 16), names=["channels", "taxels"])
-    with pytest.raises(ValueError, match=r"'num_channels' must be that .*\[16, 3\] \(got 16\)"):
+    with pytest.raises(ValueError, match=r"'num_channels' must match .*\[16, 3\] \(got 16\)"):
         read_lerobot(root, num_channels=16)
 
 
@@ -361,7 +361,7 @@ def test_our_file_says_that_taxels_have_many_channels(tmp_path):
 
 @pytest.mark.parametrize("num_channels", [0, 2, 4])
 def test_other_channels_than_the_files_say_are_refused(root, num_channels):
-    with pytest.raises(ValueError, match=rf"'num_channels' must be .*\(got {num_channels}\)"):
+    with pytest.raises(ValueError, match=rf"'num_channels' must match .*\(got {num_channels}\)"):
         read_lerobot(root, num_channels=num_channels)
 
 

@@ -123,7 +123,7 @@ def test_steps_in_a_gap_of_the_touch_are_missing(source, tmp_path, caplog):
 @pytest.mark.parametrize(
     ("touch", "settings", "match"),
     [
-        ([skin(170, 150, 2)], {}, "one for each of 2 episodes of '.*' .got 1"),
+        ([skin(170, 150, 2)], {}, "one recording for each of 2 episodes of '.*' .got 1"),
         ([skin(170, 150, 2), skin(9, 150, 3)], {}, "recording 1 must cover 0 to 0.6 s .*0.05"),
         ([skin(170, 150, 2), skin(95, 150, 3)], {"starts": [0]}, "'starts' must hold one time"),
         (

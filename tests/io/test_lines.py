@@ -158,7 +158,7 @@ ROWS = b"1 2 3 \r\n4 5 255 \r\n\r\n"
         (b"2,3\r\n" + b"1,2,3\r\n" * 4, "lines of 3 numbers", "lines"),
         (b"Ready\r\n" * 9 + b"1,2,3\r\n" * 4, "lines of 3 numbers", "lines"),
         (ROWS * 4, "blocks of 2 lines of 3 numbers, separated by empty lines", "text&shape=2x3"),
-        (ROWS.replace(b"255", b"256") * 4, "blocks of 2 lines of 3 numbers, with an", ""),
+        (ROWS.replace(b"255", b"256") * 4, "blocks of 2 lines of 3 numbers, separated", ""),
         (b"Ready\r\n" * 9, "text, but not lines with the same number of values", ""),
         (b"1,2\r\n1\r\n" * 9, "text, but not lines with the same number of values", ""),
         (b"\xaa\x55\x01\x02" * 9, "binary, AA 55 every 4 bytes", ""),

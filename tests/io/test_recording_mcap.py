@@ -153,7 +153,7 @@ def test_frame_that_does_not_fit_is_left_out_and_told(tmp_path, caplog, frame, w
 def test_frames_out_of_order_are_sorted_and_told(tmp_path, caplog):
     path = write_frames(tmp_path / "a.mcap", [a_frame(i) for i in (0, 2, 1, 2, 3)])
     assert read_mcap(path).extra["sequence"].tolist() == [0, 1, 2, 3]
-    assert "4 of 5 are kept" in caplog.text
+    assert "4 of 5 were read" in caplog.text
 
 
 def test_events_are_read_with_their_times(tmp_path):

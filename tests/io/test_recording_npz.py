@@ -83,7 +83,7 @@ def test_npz_of_something_else(tmp_path):
             {"tactile": np.zeros((2, 5))},
             r"not hold a consistent recording: 'tactile' must have shape",
         ),
-        ({"tactile": np.ones((2, 1, 2), bool)}, r"must hold numbers in 'tactile' \(got truth"),
+        ({"tactile": np.ones((2, 1, 2), bool)}, r"must hold numbers in 'tactile' \(got booleans"),
         ({"joint": np.zeros((3, 5))}, r"'joint' must have 2 frames, as 'time' has \(got 3\)"),
         ({"meta": np.array("{")}, r"must hold JSON in 'meta'"),
         ({"label": np.array(3)}, r"must hold JSON in 'label'"),

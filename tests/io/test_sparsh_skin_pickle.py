@@ -72,7 +72,7 @@ def test_frames_without_joints_are_left_out(tmp_path):
     assert rec.time.tolist() == [0.02, 0.03]
     assert rec.tactile[0, 0, 0] == 30002 + 10 * 124
     late = sparsh_joints(start=7.0)
-    with pytest.raises(ValueError, match=r"allegro/data.pkl' must have times in .*0 to 0.05 s"):
+    with pytest.raises(ValueError, match=r"allegro/data.pkl' must overlap in time .*0 to 0.05 s"):
         read_sparsh_skin(sparsh_episode(tmp_path, joints=late))
 
 

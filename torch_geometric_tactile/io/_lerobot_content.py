@@ -368,7 +368,7 @@ def sort_episodes(
         indexed_items (list of tuple): Pairs of the index of an episode and its item.
 
     Raises:
-            ValueError: If an episode is missing or repeated.
+        ValueError: If an episode is missing or repeated.
     """
     numbers = sorted(number for number, _ in indexed_items)
     if len(numbers) != info["total_episodes"] or len({*numbers}) < len(numbers):

@@ -1,8 +1,8 @@
 r"""The variables of MAT files of versions 5 to 7.
 
 This module does not use SciPy. :func:`scipy.io.loadmat` crashes on an unknown type of numbers, and
-allocates as much memory as a damaged or hostile file declares. So does :func:`scipy.io.whosmat` for
-the name of a variable.
+allocates as much memory as a damaged or hostile file declares, and :func:`scipy.io.whosmat` does
+the same for the name of a variable.
 """
 
 import math

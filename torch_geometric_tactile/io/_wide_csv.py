@@ -302,8 +302,8 @@ def _column_name_error(path: Path, name: str) -> ValueError:
 
 
 def is_named_csv_header(row: Sequence[str]) -> bool:
-    r"""Returns whether a line is a header for :func:`read_named_csv`: it has no taxel name of
-    :func:`write_wide_csv`, and not the number of columns of the hand data.
+    r"""Returns whether a line is a header for :func:`read_named_csv`: it has no taxel
+    names as in :func:`write_wide_csv`, and its number of columns differs from the hand data.
     """
     if (
         not row

@@ -74,9 +74,9 @@ def add_to_lerobot(
     r"""Writes a copy of a LeRobot data set with touch that was recorded at the same time.
 
     Each step has the last frame at or before it, or NaN in a gap. Joint angles and actions of the
-    recordings are left out, since the data set already has those of its robot. Annotations and
-    further signals are written as in :func:`write_lerobot`. The data set itself is not changed. The
-    copy appears under its name only when it is complete.
+    recordings are left out, since the data set already has those signals of its robot. Annotations
+    and further signals are written as in :func:`write_lerobot`. The data set itself is not changed.
+    The copy appears under its name only when it is complete.
 
     Args:
         source (str or PathLike): The folder of the data set.

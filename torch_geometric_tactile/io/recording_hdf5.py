@@ -255,8 +255,8 @@ def _check_frame_checksums(
     differing = np.flatnonzero(_frame_checksums(stored) != checksums)
     if len(differing):
         raise ValueError(
-            f"'{path}' must match the checksums of its frames (got {len(differing)} damaged "
-            f"frames, the first is frame {differing[0]}): copy or record it again"
+            f"'{path}' must match the checksums of its frames (got damaged frames from frame "
+            f"{differing[0]} on, {len(differing)} in total): copy or record it again"
         )
 
 

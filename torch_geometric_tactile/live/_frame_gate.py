@@ -50,7 +50,7 @@ class FrameGate:
         self.reset()
 
     def reset(self) -> None:
-        r"""Forgets earlier frames, for the start of a trial."""
+        r"""Forgets earlier frames. Called at the start of a trial."""
         self._last: LiveFrame | None = None
         self._elapsed = 0.0
         self._last_tick = -math.inf

@@ -109,7 +109,7 @@ def _joint_order(hand_names: tuple[str, ...], names: Any) -> list[int] | None:
     if not isinstance(names, list | tuple) or set(names) != set(hand_names):
         _log.warning(
             "the points of a recording are not posed: the names of its joint angles differ from "
-            "those of the hand"
+            "the joint names of the hand"
         )
         return None
     return [list(names).index(name) for name in hand_names]

@@ -38,7 +38,7 @@ class WebSocket:
             raise ImportError(f"a WebSocket needs websockets: {_INSTALL}") from error
         try:
             self._uri = parse_uri(url)
-        except (InvalidURI, ValueError) as error:  # ValueError: a port that is no number
+        except (InvalidURI, ValueError) as error:  # ValueError: a port that is not a number
             raise ValueError(f"'url' must be the address of a WebSocket (got {error})") from error
         self._frame, self._opcodes = Frame, Opcode
         self._socket: socket.socket | None = None

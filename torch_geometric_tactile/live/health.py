@@ -41,11 +41,11 @@ class Health:
         stale_taxels (int): Number of taxels that did not change for a second while other taxels
             did, plus taxels without a reading. On a sensor without noise, this includes untouched
             taxels.
-        age (float): Time since the last frame in seconds; NaN before the first.
+        age (float): Time since the last frame in seconds; NaN before the first frame.
         checksum (str): Name of the check of each frame; :obj:`"none"` if damaged readings are not
             detected.
         reason (str): The first reason why received data gave no frame; empty if there is none.
-        outages (int): Number of outages (:attr:`Stream.outages`), including a current one.
+        outages (int): Number of outages (:attr:`Stream.outages`), including a current outage.
         outage_seconds (float): Total duration of the outages in seconds.
         lost_in_outages (int): Number of the :obj:`lost` frames that are missing in outages.
 

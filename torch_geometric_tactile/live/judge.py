@@ -85,7 +85,7 @@ class Judgement:
 class Judge:
     r"""Runs a model on live frames.
 
-    A model of windows predicts as soon as the first window is full, then at each selected frame. A
+    A windowed model predicts as soon as the first window is full, then at each selected frame. A
     recurrent model steps from frame to frame. Frames are selected as in training. After a gap in
     time, the window starts empty. A gap is longer than five frames, unless training used another
     limit. If the training times are unknown, lost frames are detected from their numbers.
@@ -185,7 +185,7 @@ class Judge:
 
     @property
     def length(self) -> int:
-        r"""Number of frames of a window; one for a model of single frames."""
+        r"""Number of frames in a window; 1 for a single-frame model."""
         return int(self._model.length)
 
     @property
@@ -213,13 +213,13 @@ class Judge:
 
     @property
     def rate(self) -> float | None:
-        r"""Frames per second of the stream over the last second, by the numbers of the frames;
+        r"""Frames per second of the stream over the last second, by frame numbers;
         :obj:`None` in the first second.
         """
         return self._gate.rate
 
     def reset(self) -> None:
-        r"""Forgets earlier frames, for the start of a trial."""
+        r"""Forgets earlier frames. Call it at the start of a trial."""
         self._gate.reset()
         self._model.reset()
 
@@ -235,7 +235,7 @@ class Judge:
         self._check_shape(frame)
         tactile, joint = self._gate.reorder(frame)
         is_selected = True
-        if self.length > 1:  # models of single frames take every frame
+        if self.length > 1:  # single-frame models take every frame
             is_selected, is_break = self._gate.admit(frame)
             if is_break:
                 self._model.reset()
@@ -275,7 +275,7 @@ class Judge:
             subscription (Subscription or iterable of LiveFrame): The frames.
 
         Raises:
-            ValueError: If a model of windows is used with policy :obj:`"newest"`.
+            ValueError: If a windowed model is used with policy :obj:`"newest"`.
         """
         policy = getattr(subscription, "policy", "all")
         if policy == "newest" and self.length > 1:
@@ -372,7 +372,7 @@ class _PredictorModel:
 
     @property
     def length(self) -> int:
-        r"""Number of frames of a window; one for a model of single frames."""
+        r"""Number of frames in a window; 1 for a single-frame model."""
         window = self._predictor.window
         return 1 if window is None else int(window.length)
 

@@ -35,8 +35,8 @@ class OnnxModel:
     Attributes:
         info (dict): The metadata of the file: :obj:`"class_names"`, :obj:`"task"`,
             :obj:`"num_taxels"`, :obj:`"num_channels"`, :obj:`"num_joints"`, :obj:`"window"`,
-            :obj:`"rest"` and more. In a file with weights of eight bits, :obj:`"quantization"`
-            holds the differences from single precision.
+            :obj:`"rest"` and more. In a file with 8-bit weights, :obj:`"quantization"` holds
+            the differences from single precision.
         frame_info (FrameInfo): Unit, columns, rate and thinning of the training frames.
         contact (ContactRule, optional): The rule that detects frames without contact (see
             :class:`~torch_geometric_tactile.Predictor`). By default the rule of the file. It can be
@@ -107,12 +107,12 @@ class OnnxModel:
 
     @property
     def length(self) -> int:
-        r"""Number of frames of a window; one for a model of single frames."""
+        r"""Number of frames in a window; 1 for a single-frame model."""
         return self._length
 
     @property
     def is_quantized(self) -> bool:
-        r"""Whether large linear maps have weights of eight bits."""
+        r"""Whether large linear layers have 8-bit weights."""
         return self.info.get("quantization") is not None
 
     def __repr__(self) -> str:
@@ -238,7 +238,7 @@ class OnnxModel:
     def recording(self, recording: Recording) -> np.ndarray:
         r"""Returns the probabilities of all frames of a recording :math:`(T, K)`, as
         :meth:`Predictor.recording <torch_geometric_tactile.predictor.Predictor.recording>` does.
-        For a model of windows, returns the probabilities of its windows :math:`(W, K)`, selected
+        For a windowed model, returns the probabilities of its windows :math:`(W, K)`, selected
         and cut as in training. Earlier frames are forgotten.
 
         Args:
@@ -327,7 +327,7 @@ class OnnxModel:
 def _session_statistics(
     samples: np.ndarray, settings: Mapping[str, Any], num_frames: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Returns the centre and scale of a session, equal to those of
+    r"""Returns the centre and scale of a session, as computed by
     :class:`~torch_geometric_tactile.transforms.Tare` and
     :class:`~torch_geometric_tactile.transforms.SessionZScore`. The centre of a reading that is
     missing in all samples is NaN.

@@ -41,12 +41,12 @@ def open_source(url: str, **settings: Any) -> Source:
 
     Args:
         url (str): The URL.
-        **settings (optional): Options, which override those of the URL.
+        **settings (optional): Options, which override the options in the URL.
 
     Raises:
         ImportError: If an extra is missing.
-        ValueError: If the scheme, an option or its value is unknown; the message lists the valid
-            ones.
+        ValueError: If the scheme, an option or its value is unknown. The message lists the valid
+            values.
 
     Examples:
         >>> open_source("file:grasp.h5?speed=2")

@@ -56,7 +56,7 @@ class Recorder:
     fast for the disk, are available from :attr:`error` at once, and :meth:`close` raises them.
     Frames that were written before the error are kept.
 
-    Infinite readings are written as NaN (missing), with one warning.
+    Infinite readings are written as NaN (missing), and one warning is logged.
 
     Args:
         path (str or PathLike): The file, :obj:`.mcap`, :obj:`.h5` or :obj:`.hdf5`. HDF5 files hold

@@ -34,7 +34,7 @@ class ReplayServer(WebServer):
         recording (Recording, str or PathLike): The recording or its file, with counts of 3 channels
             and no missing readings.
         port (int): Port to listen on; any free port if 0.
-        speed (float): Factor of the recorded speed.
+        speed (float): Playback speed relative to the recording.
         loop (bool): Whether to start again at the end. The frame numbers continue.
         host (str): Address to listen on.
 

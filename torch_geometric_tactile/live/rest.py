@@ -65,10 +65,10 @@ class Rest:
     r"""Collects still frames while nothing touches the sensor, for models that need the readings at
     rest in each session.
 
-    The frames are divided into five parts. A taxel moves if the means of its parts differ by more
-    than :obj:`max_movement` times its noise within the parts. In this case the frames are rejected,
-    an event gives the reason, and the collection starts again. Oscillations that are faster than
-    the duration of a part count as noise.
+    The frames are divided into five parts. A taxel is moving if the means of its parts differ by
+    more than :obj:`max_movement` times its noise within the parts. In this case the frames are
+    rejected, an event gives the reason, and the collection starts again. Oscillations that are
+    faster than the duration of a part count as noise.
 
     Args:
         seconds (float): Duration of the collection.
@@ -81,12 +81,12 @@ class Rest:
     Attributes:
         events (list): The events: time on the host's monotonic clock in seconds, kind
             (:obj:`"rest"`, :obj:`"moved"`, :obj:`"retare"` or :obj:`"drift"`) and text.
-        number (int): Number of rests so far.
+        number (int): Number of completed collections.
         listeners (list of callable): Called with each event, before :obj:`on_event`.
 
     Raises:
         ValueError: If a number is not positive. :meth:`add` raises it if the shape of a frame
-            differs from that of the previous frames.
+            differs from the previous frames.
 
     Examples:
         >>> rest, noise = Rest(seconds=0.5, min_frames=30), np.random.default_rng(0)

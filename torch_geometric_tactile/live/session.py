@@ -55,9 +55,10 @@ class LiveSession:
             the layout. By default the map of this package for the sensor and the layout, or for the
             layout of the model (see :class:`Stream`). :obj:`"none"` keeps the order of the source.
         layout (TaxelLayout, str or PathLike, optional): The layout, for recorder and viewer.
-        policy (str, optional): Frames that are judged: :obj:`"newest"`, :obj:`"drop_oldest"` or
-            :obj:`"all"` (see :meth:`Judge.follow`). By default only the newest frame is judged. For
-            a model of windows, the frames in between still enter the window.
+        policy (str, optional): The frames that the model judges: :obj:`"newest"`,
+            :obj:`"drop_oldest"` or :obj:`"all"` (see :meth:`Judge.follow`). By default only the
+            newest frame is judged. For a windowed model, the frames in between still enter the
+            window.
         callbacks (sequence of Callback): Callbacks of the session.
 
     Attributes:
@@ -186,7 +187,7 @@ class LiveSession:
                 self.viewer.recording = True
 
     def stop_recording(self) -> Path | None:
-        r"""Ends the recording, and returns its file, or :obj:`None` without a recording.
+        r"""Ends the recording, and returns its path, or :obj:`None` without a recording.
 
         Raises:
             OSError: If a frame could not be written; earlier frames are kept.
@@ -202,8 +203,8 @@ class LiveSession:
         return recorder.path
 
     def toggle_recording(self) -> Path | None:
-        r"""Ends the recording, or starts one in the current folder with the time as its name.
-        Returns the file.
+        r"""Ends the recording, or starts one in the current folder, named by the present time.
+        Returns the path of the recording.
 
         Raises:
             OSError: As for :meth:`stop_recording`.
@@ -243,7 +244,7 @@ class LiveSession:
     def run(
         self, seconds: float | None = None, on_status: Callable[[Status], None] | None = None
     ) -> None:
-        r"""Runs until the source ends, the time is over, or :meth:`stop` is called.
+        r"""Runs until the source ends, the time limit is reached, or :meth:`stop` is called.
 
         Args:
             seconds (float, optional): Time limit. It counts from the first frame if the frame
@@ -284,7 +285,7 @@ class LiveSession:
 
     def close(self) -> None:
         r"""Closes the source, the recorder and the viewer. The recorder writes its remaining frames
-        first. May be called again.
+        first. It is safe to call this twice.
 
         Raises:
             OSError: As for :meth:`stop_recording`.
@@ -332,7 +333,7 @@ class LiveSession:
             self._ended.set()
 
     def _skip_to_newest(self, frame: LiveFrame, frames: Subscription) -> LiveFrame:
-        # The frames in between enter the window of a model of windows.
+        # The frames in between enter the window of a windowed model.
         while self._policy == "drop_oldest" and not self._ended.is_set():
             newer = frames.poll()
             if newer is None:

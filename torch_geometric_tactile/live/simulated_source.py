@@ -79,7 +79,7 @@ class SimulatedSource(Source):
 
     def read(self, timeout: float) -> list[LiveFrame]:
         r"""Returns the frames that are due, or an empty list if none is due within the timeout.
-        At the end of a grasp, simulates the next one.
+        At the end of a grasp, simulates the next grasp.
 
         Args:
             timeout (float): Limit of the wait in seconds.

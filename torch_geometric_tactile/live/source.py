@@ -88,7 +88,7 @@ class Source(ABC):
         r"""Opens the source. Does nothing if it is open.
 
         Raises:
-            OSError: If the source is not available; the message lists the available ones.
+            OSError: If the source is not available. The message lists the available sources.
         """
 
     @abstractmethod

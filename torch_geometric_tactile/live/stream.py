@@ -46,7 +46,8 @@ class Stream:
 
     Args:
         source (Source): The source. The stream opens and closes it.
-        taxel_map (TaxelMap, optional): Map from the taxel order of the source to that of a layout.
+        taxel_map (TaxelMap, optional): Map from the taxel order of the source to the order of a
+            layout.
         layout (TaxelLayout or TaxelOrder, optional): The layout whose taxel order the frames should
             have. If the source sends taxels in the order of its wiring
             (:attr:`Source.device_order`) and there is no :obj:`taxel_map`, the map of this package
@@ -150,7 +151,7 @@ class Stream:
         for more than a quarter of a second and five periods, and the source has not ended.
 
         Args:
-            now (float): The present time, as of :func:`time.perf_counter`.
+            now (float): The present time, as returned by :func:`time.perf_counter`.
         """
         last = self._last
         if last is None or self._state == "ended" or self.source.waits:

@@ -51,7 +51,7 @@ class Subscription:
     r"""A queue with the frames of a stream for one reader. :meth:`Stream.subscribe
     <torch_geometric_tactile.live.Stream.subscribe>` creates it.
 
-    It is an iterator and an asynchronous iterator, which needs no thread. Frames that are in the
+    It is an iterator, and an asynchronous iterator that needs no thread. Frames that are in the
     queue when the stream ends are still delivered.
 
     Args:

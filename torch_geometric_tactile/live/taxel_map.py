@@ -42,12 +42,12 @@ class TaxelMap:
             source lacks it :math:`(N,)`.
         num_taxels (int): Number of taxels of the source :math:`M`.
         layout (str): Name of the layout.
-        source (str): Reference of the order, such as a document of the manufacturer.
+        source (str): Reference for the order, such as a document of the manufacturer.
         models (sequence of str): Model names of the sensors that send this order.
 
     Raises:
-        ValueError: If :obj:`index` holds anything but integers from -1 to :math:`M - 1`, or a taxel
-            of the source twice.
+        ValueError: If :obj:`index` holds anything except integers from -1 to :math:`M - 1`, or
+            repeats a taxel of the source.
 
     Examples:
         >>> TaxelMap([2, -1, 0], num_taxels=3).apply(np.float32([[10], [20], [30]]))
@@ -144,7 +144,7 @@ class TaxelMap:
         cls, models: Sequence[str], num_taxels: int, layout: "TaxelOrder | TaxelLayout"
     ) -> Self | None:
         r"""Returns the map of this package from the taxel order of a sensor to the order of a
-        layout, or :obj:`None` if there is no such map and the layout has another number of taxels.
+        layout, or :obj:`None` if there is no such map and the numbers of taxels differ.
 
         Args:
             models (sequence of str): Model names that the sensor reports.

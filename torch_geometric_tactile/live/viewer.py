@@ -39,8 +39,8 @@ _HEALTH_FIELDS = (
 
 
 class Viewer(WebServer):
-    r"""Shows a stream on a page in the browser: the hand in its pose, readings as colour and shear
-    as arrows, label probabilities, rate, age and loss.
+    r"""Shows a stream on a page in the browser: the hand in its pose with readings as colours and
+    shear as arrows, and the label probabilities, frame rate, frame age and losses.
 
     The page is a single file that loads nothing from other sites. It is served only on this machine
     unless :obj:`host` is another address. Pages of other sites can neither read it nor press its
@@ -66,7 +66,7 @@ class Viewer(WebServer):
 
     Attributes:
         on_tare (callable, optional): Called without arguments, in a separate thread, when the tare
-            button is pressed. If :obj:`None`, the viewer measures its rest again.
+            button is pressed. If :obj:`None`, the viewer measures the rest again.
         on_record (callable, optional): Called in the same way when the record button is pressed, to
             start or end a recording. It must set :attr:`recording`. If :obj:`None`, there is no
             record button.
@@ -139,7 +139,7 @@ class Viewer(WebServer):
         return f"http://{host}:{self.port}/"
 
     def judgement(self, judgement: "Judgement") -> None:
-        r"""Shows the prediction of a model until the next one.
+        r"""Shows the prediction of a model until the next prediction.
 
         Args:
             judgement (Judgement): The judgement.

@@ -21,8 +21,8 @@ class XelaSource(Source):
 
     If the server restarts, its numbers start again, but the frame numbers continue. Frames lost in
     a restart are unknown and not counted. A message with the number of the previous message is
-    dropped and counted as repeated. A message that cannot be read, or has another number of taxels
-    than the first message, is counted as corrupt.
+    dropped and counted as repeated. A message is counted as corrupt if it cannot be read, or if its
+    number of taxels differs from the first message.
 
     :obj:`extra` holds :obj:`"temp"` (temperature in kelvins) and :obj:`"ups"` (updates per second,
     which may be fewer than messages) of each taxel, if the server sends them.

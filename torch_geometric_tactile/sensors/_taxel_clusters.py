@@ -38,12 +38,12 @@ def taxel_clusters(
 ) -> TaxelClusters:
     r"""Groups the taxels of a layout into clusters: its patches, its digits or voxels.
 
-    Voxels begin at the corner of each patch. Their axes are the means of the axes of the patch's
-    taxels, or those of the link if the normals cancel out. A voxel never joins taxels of different
-    patches or links. Clusters are numbered by their first taxel.
+    Voxels begin at the corner of each patch. Their axes are the mean axes of the patch's taxels, or
+    the axes of the link if the normals cancel out. A voxel never joins taxels of different patches
+    or links. Clusters are numbered by their first taxel.
 
     The position and normal of a cluster are the means over its taxels. Its link, patch and digit
-    are those of its first taxel. The position of a digit that spans several links is not
+    are taken from its first taxel. The position of a digit that spans several links is not
     meaningful, since each link has a separate frame.
 
     Args:

@@ -41,7 +41,9 @@ def read_urdf(path: Path, joint_names: Sequence[str] | None) -> tuple[list[Joint
     links = [element.get("name") for element in root.findall("link")]
     connected = {link for joint in joints for link in (joint.parent, joint.child)}
     if isolated := [name for name in links if name not in connected]:
-        raise ValueError(f"each link must be connected by a joint (got '{isolated[0]}' without)")
+        raise ValueError(
+            f"each link must be connected by a joint (got '{isolated[0]}' without one)"
+        )
     if joint_names is not None:
         moving = {joint.name: joint for joint in joints if joint.axis is not None}
         missing = [name for name in joint_names if name not in moving]

@@ -160,7 +160,8 @@ class HandKinematics:
                 ignored.
 
         Raises:
-            ValueError: If :obj:`"joints"` is missing, a key is unknown, or the joints are no hand.
+            ValueError: If :obj:`"joints"` is missing, a key is unknown, or the joints do not form a
+                hand.
         """
         if not isinstance(content, Mapping) or "joints" not in content:
             raise ValueError("it must be a JSON object with the key 'joints'")
@@ -187,8 +188,8 @@ class HandKinematics:
 
         Raises:
             FileNotFoundError: If the file does not exist.
-            ValueError: If the file is not a URDF, a joint has another type, or a named joint is
-                missing or named twice. The message names the file.
+            ValueError: If the file is not a URDF, a joint has an unsupported type, or a named joint
+                is missing or named twice. The message names the file.
         """
         try:
             joints, name = read_urdf(Path(path), joint_names)

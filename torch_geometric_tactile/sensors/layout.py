@@ -152,7 +152,7 @@ class TaxelLayout:
             edge_index (torch.Tensor): Directed edges :math:`(2, |\mathcal{E}|)`.
 
         Raises:
-            ValueError: If the edges have another shape or join taxels outside of the layout.
+            ValueError: If the edges have the wrong shape or join taxels outside of the layout.
 
         Examples:
             >>> from torch_geometric_tactile.sensors import biotac_sp

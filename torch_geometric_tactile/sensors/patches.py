@@ -336,7 +336,7 @@ def _capsule(shape: Mapping[str, Any], row: int, column: float) -> tuple[np.ndar
     radius, straight = shape["radius"], shape["straight"]
     angle = np.deg2rad(column * shape["column_angle"])
     distance = row * shape["pitch"]  # along the axis, and then over the dome
-    # The normal is that of the cylinder, bent over the dome beyond its straight length.
+    # The normal of the cylinder, bent over the dome beyond its straight length.
     bend = max(0.0, distance - straight) / radius
     cosine = np.cos(angle)
     normal = np.array([np.sin(angle), cosine * np.sin(bend), cosine * np.cos(bend)])

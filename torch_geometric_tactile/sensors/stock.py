@@ -95,7 +95,7 @@ def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
 
     Raises:
         FileNotFoundError: If the file does not exist.
-            ValueError: If there is no layout with this name, or the file is not a layout.
+        ValueError: If there is no layout with this name, or the file is not a layout.
 
     Examples:
         >>> as_layout("biotac")
