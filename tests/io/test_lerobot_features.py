@@ -169,7 +169,7 @@ def test_statistics_of_episodes_without_data_are_refused(tmp_path):
     episodes = pq.read_table(tmp_path / "set/meta/episodes/chunk-000/file-000.parquet")
     delete_episode(tmp_path / "set", 1)
     pq.write_table(episodes, tmp_path / "set/meta/episodes/chunk-000/file-000.parquet")
-    with pytest.raises(ValueError, match=r"must hold episodes of the data \(got 1\)"):
+    with pytest.raises(ValueError, match=r"must list only episodes in the data files \(got 1\)"):
         add_to_lerobot(tmp_path / "set", ramps()[::2], tmp_path / "copy")
 
 

@@ -122,7 +122,7 @@ def test_names_have_the_shape_where_another_program_left_out_our_file(root):
         ("episode_index", [1] * 6 + [0] * 4, "the length 6 of episode 1 .got 4"),
         ("episode_index", [0] * 6 + [5] * 4, r"must hold episode 5 .got 0, 1.: remove it if"),
         ("episode_index", [0] * 10, "'frame_index' must be 6 .got 0"),
-        ("task_index", [7] * 10, "tasks of 'meta/tasks.parquet' .got 7"),
+        ("task_index", [7] * 10, "tasks in 'meta/tasks.parquet' .got 7"),
         ("timestamp", [100.0 * (i % 6) for i in range(10)], "advance by 0.1 s .got 100"),
         ("observation.state", [["a", "b"]] * 10, "must hold numbers in 'observation.state'"),
     ],

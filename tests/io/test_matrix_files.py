@@ -291,7 +291,7 @@ def test_other_versions_of_mat(tmp_path):
     ):
         read_matrix_mat(path, SIZE)
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n" + bytes(9))
-    with pytest.raises(ValueError, match=r"of version 7.3 \(HDF5\): write it by save.*'-v7'"):
+    with pytest.raises(ValueError, match=r"has version 7.3 \(HDF5\): write it with save.*'-v7'"):
         read_matrix_mat(path, SIZE)
     mat(path)
     path.write_bytes(path.read_bytes()[:124] + b"\0\2IM")

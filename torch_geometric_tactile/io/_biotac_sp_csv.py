@@ -70,7 +70,7 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
         >>> table.reading.shape, table.slipped.tolist(), table.object_names
         ((1, 24, 3), [1], ['cup'])
     """
-    path = existing_file(path, "put the file of the BioTac SP stability set there")
+    path = existing_file(path, "put the file from the BioTac SP stability set there")
     text_columns, numeric_columns = _GRASP_COLUMNS[:2], _GRASP_COLUMNS[1:]
     numbers, cells = csv_columns(
         path, csv_rows(path), numeric_columns, text_columns, row_noun="grasp"
@@ -122,7 +122,7 @@ def read_biotac_sp_dos_csv(path: PathLike) -> Recording:
         ...     read_biotac_sp_dos_csv(path)
         Recording(num_frames=2, num_taxels=24, num_channels=1, rate=100)
     """
-    path = existing_file(path, "put the file of BioTac SP DoS there")
+    path = existing_file(path, "put the file from BioTac SP DoS there")
     lines = csv_rows(path)
     header = read_header(lines)
     column_of_name = map_columns(path, header, dict(enumerate(header)))

@@ -111,8 +111,8 @@ def _check_cells(
         return
     if not row or not row[0] or row[0].isspace():
         raise ValueError(
-            f"'{path}', line {line} must not be empty: delete it, or write the commas of a frame "
-            "without readings if it is a missing frame"
+            f"'{path}', line {line} must not be empty: delete it, or write a line of empty cells "
+            "if a frame is missing"
         )
     if not is_number_cell(row[0]) and _SEPARATOR.search(row[0]):
         sign = "commas" if separator == "," else quoted(separator)

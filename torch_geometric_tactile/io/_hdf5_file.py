@@ -54,8 +54,8 @@ def open_hdf5(path: Path) -> Iterator[Any]:
         if names_path or isinstance(error, PermissionError):
             raise
         raise ValueError(
-            f"'{path}' cannot be read as HDF5, is it truncated or damaged? {error}; copy or record "
-            "it again"
+            f"'{path}' cannot be read as HDF5 ({error}): is it truncated or damaged? Copy or "
+            "record it again"
         ) from error
 
 

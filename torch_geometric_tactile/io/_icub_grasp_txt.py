@@ -78,7 +78,7 @@ def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
         >>> frames.reading.shape, round(frames.encoder[0, 0].item(), 4)
         ((2, 60), 1.5708)
     """
-    path = existing_file(path, "put the file of the iCub Grasp data set there")
+    path = existing_file(path, "put the file from the iCub Grasp data set there")
     lines = _read_lines(path)
     _, first_line = next(lines, (0, ""))
     if (
@@ -115,8 +115,8 @@ def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
             number += 1
             if not line.endswith(b"\n"):
                 raise ValueError(
-                    f"'{path}', line {number} must end with a line break, and be below "
-                    f"{_MAX_LINE_LENGTH} characters: is the file truncated?"
+                    f"'{path}', line {number} must end with a line break after fewer "
+                    f"than {_MAX_LINE_LENGTH} characters: is the file truncated?"
                 )
             text = line[:-1].removesuffix(b"\r").replace(b"\t", b" ")
             if not text.isascii() or not text.decode("ascii").isprintable():

@@ -67,18 +67,18 @@ def byte_order(data: bytes) -> str:
         ValueError: If it is not a MAT file of version 5 to 7.
     """
     if _HDF5_SIGNATURE in (data[:8], data[512:520]):
-        raise ValueError("it is of version 7.3 (HDF5): write it by save(..., '-v7')")
+        raise ValueError("it has version 7.3 (HDF5): write it with save(..., '-v7')")
     if len(data) < _HEADER_BYTES:
         raise ValueError(
-            "it is not a MAT file of version 5 to 7, or truncated: try save(..., '-v7')"
+            "it is truncated, or not a MAT file of versions 5 to 7: try save(..., '-v7')"
         )
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None or 0 in data[:4]:
         raise ValueError(
-            "it is not a MAT file of version 5 to 7, or truncated: try save(..., '-v7')"
+            "it is truncated, or not a MAT file of versions 5 to 7: try save(..., '-v7')"
         )
     (version,) = struct.unpack(f"{order}H", data[124:126])
-    need(version == 256, f"it is of version {version:#x}: write it by save(..., '-v7')")
+    need(version == 256, f"it has version {version:#x}: write it with save(..., '-v7')")
     return order
 
 

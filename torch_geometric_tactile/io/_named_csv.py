@@ -67,15 +67,14 @@ def read_named_csv(
 
     Args:
         path (str or PathLike): The file.
-        tactile (sequence of str or str, optional): The columns of the readings: the channels of the
-            first taxel of the layout, of the second taxel, and so on. Or a regular expression for
-            their names, in the order of the file. Defaults to all columns without another role.
-            With an expression or by default, it is an error if the order of the file contradicts
-            the names: columns sorted as text (s0, s1, s10, s2), or by axis (x0, x1, y0, y1) with
-            several channels.
+        tactile (sequence of str or str, optional): The columns of the readings. A list names the
+            channels of the first taxel of the layout, then of the second taxel, and so on. A string
+            is a regular expression for full names, in the order of the file. Defaults to all
+            columns without another role. With an expression or by default, it is an error if the
+            order of the file contradicts the names: columns sorted as text (s0, s1, s10, s2), or by
+            axis (x0, x1, y0, y1) with several channels.
         num_channels (int): Number of channels of a taxel :math:`C`.
-        joint (sequence of str or str): The columns of the joint angles, or a regular expression for
-            their names. Angles are in degrees if the name ends in :obj:`_deg`, :obj:`(deg)`,
+        joint (sequence of str or str): The columns of the joint angles, as in :obj:`tactile`. Angles are in degrees if the name ends in :obj:`_deg`, :obj:`(deg)`,
             :obj:`[deg]`, :obj:`/deg` or a degree sign, otherwise in radians.
         time (str, optional): The column of the time. Defaults to a column named :obj:`time`,
             :obj:`timestamp` or :obj:`t` (in any case), which may end in a unit, as in

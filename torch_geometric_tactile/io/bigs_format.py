@@ -126,8 +126,7 @@ class BiGSFormat:
                 raise ValueError(f"'{name}' must be one of {choices} (got {value!r})")
         if not isinstance(self.fingers, str) or sorted(self.fingers.split()) != [*FINGERS]:
             raise ValueError(
-                f"'fingers' must be 'left', 'middle' and 'right' in their order (got "
-                f"{self.fingers!r})"
+                f"'fingers' must be an order of 'left', 'middle' and 'right' (got {self.fingers!r})"
             )
         try:
             groups = re.compile(self.pattern).groupindex

@@ -46,7 +46,7 @@ def read_biotac_slide_csv(path: PathLike) -> Recording:
         >>> recording.tactile.shape, recording.extra["pac"].shape
         ((2, 19, 1), (2, 22))
     """
-    path = existing_file(path, "put the file of BioTac_slide_20_50 there")
+    path = existing_file(path, "put the file from BioTac_slide_20_50 there")
     table, _ = csv_columns(
         path, csv_rows(path), ["timestamp", *_SIGNALS, *_PRESSURES, *_ELECTRODES]
     )

@@ -244,7 +244,7 @@ class _Dataset:
 
     def _find_task(self, path: Path, rows: Any) -> str:
         number = int(integer_column(path, rows, "task_index")[0])
-        need(number in self.tasks, f"'{path}' must hold tasks of 'meta/tasks.parquet'", number)
+        need(number in self.tasks, f"'{path}' must refer to tasks in 'meta/tasks.parquet'", number)
         return self.tasks[number]
 
 

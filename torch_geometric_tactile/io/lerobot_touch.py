@@ -272,7 +272,7 @@ def _add_stats(root: Path, stats: dict[int, dict[str, Stats]]) -> None:
         table = read_parquet(path)
         numbers = integer_column(path, table, "episode_index").tolist()
         unknown = next((number for number in numbers if number not in stats), None)
-        need(unknown is None, f"'{path}' must hold episodes of the data", unknown)
+        need(unknown is None, f"'{path}' must list only episodes in the data files", unknown)
         # Statistics of the state without readings have a different length.
         stale = {
             n for n in table.column_names for name in features if n.startswith(f"stats/{name}/")

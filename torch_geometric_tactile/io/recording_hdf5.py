@@ -6,13 +6,14 @@ resizable first dimension, and ``privileged`` and ``extra`` are groups. ``format
 file. ``checksum`` is the CRC-32 of the other attributes and of the names, types and shapes of the
 arrays. ``checksums`` holds the CRC-32 of each frame, uint32 :math:`(T,)`.
 
-Version 2, which is written, has checksums for every part: fletcher32 for each chunk of the arrays,
-the CRC-32 of each frame, the checksums of HDF5 1.10 for its structures, and the CRC-32 of the
-attributes, whose strings have a fixed length. A damaged file raises an error or reads correctly.
-Version 1 can still be read. It has no checksums, so a flipped bit may change a number. Existing
-checksums are compared in any version. Files to which versions up to 0.2 of this package appended
-are not compressed, and may end in a journal of an interrupted append, which is applied when
-reading.
+The functions write version 2, which has checksums for every part: fletcher32 for each chunk of the
+arrays, the CRC-32 of each frame, the checksums of HDF5 1.10 for its structures, and the CRC-32 of
+the attributes, whose strings have a fixed length. A damaged file raises an error or reads
+correctly. Version 1 can still be read. It has no checksums, so a flipped bit may change a number.
+Existing checksums are compared in any version.
+
+Files to which versions up to 0.2 of this package appended are not compressed. They may end in a
+journal of an interrupted append, which is applied when reading.
 
 Links to other files are not followed, and only the built-in filters of HDF5 are used.
 """

@@ -1,4 +1,4 @@
-r"""Recordings as MCAP files, which viewers of robot data can open, and which survive a crash.
+r"""Recordings as MCAP files, which viewers of robot data can open. The files survive a crash.
 
 Topics are :obj:`tactile.Frame`, :obj:`tactile.Prediction`, :obj:`tactile.Health`,
 :obj:`tactile.Event` and :obj:`foxglove.PointCloud`

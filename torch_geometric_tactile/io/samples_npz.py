@@ -97,7 +97,9 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
     used = {*_KEY_OF_NAME, *content, *names_of_key.get("group", ())}
     unknown = sorted(set(shapes) - used)
     if unknown:
-        _logger.warning("'%s': not used: %s", path, short_list(unknown, 10, quoted, ending=""))
+        _logger.warning(
+            "'%s': ignored the arrays %s", path, short_list(unknown, 10, quoted, ending="")
+        )
     return content
 
 

@@ -100,7 +100,7 @@ def read_sparsh_skin(folder: PathLike, joints: bool = True) -> Recording:
 
 def _find_file(folder: Path, name: Path) -> Path:
     return existing_file(
-        folder / name, "put the file of this name of facebook/sparsh-skin-dataset there"
+        folder / name, "put the file with this name from facebook/sparsh-skin-dataset there"
     )
 
 

@@ -99,7 +99,7 @@ def read_uskin_pick(folder: PathLike, repeats: bool = True) -> Recording:
 
 def _find_file(folder: Path, name: str) -> Path:
     return existing_file(
-        folder / name, "put all files of the trial of tactile_prediction_flat_dataset there"
+        folder / name, "put all files of this trial from tactile_prediction_flat_dataset there"
     )
 
 

@@ -172,7 +172,7 @@ class Rest:
 
     def _require(self, value: np.ndarray | None) -> np.ndarray:
         if value is None:
-            raise RuntimeError(f"there must be a rest (got none): {self.status()}")
+            raise RuntimeError(f"the rest must be measured first: {self.status()}")
         return value
 
     def status(self) -> str:

@@ -128,7 +128,7 @@ def _checked_taxels(taxels: Any) -> list[Mapping[str, Any]]:
                     f"'{key}' of taxel {i} must be {requirement} (got {short_repr(taxel[key])})"
                 )
         dims.add(len(taxel["pos"]))
-    need(len(dims) <= 1, "'pos' must have as many numbers at each taxel (got two and three)")
+    need(len(dims) <= 1, "'pos' must have the same length for all taxels (got 2 and 3)")
     return list(taxels)
 
 

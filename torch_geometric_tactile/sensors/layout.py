@@ -29,8 +29,8 @@ class TaxelLayout:
 
     Args:
         name (str): Name of the sensor.
-        pos (torch.Tensor): Taxel positions in the link frame, in metres :math:`(N, 3)`. A flat pad
-            may have :math:`(N, 2)`, where :math:`z = 0`.
+        pos (torch.Tensor): Taxel positions in the link frame, in metres :math:`(N, 3)`. For a
+            flat pad, :math:`(N, 2)` is accepted, with :math:`z = 0`.
         normal (torch.Tensor, optional): Outward unit normals in the link frame :math:`(N, 3)`.
         tangent (torch.Tensor, optional): Unit :math:`x` and :math:`y` axes of each taxel, along
             which it measures shear, in the link frame :math:`(N, 2, 3)`. They are stored in double
@@ -302,6 +302,7 @@ class TaxelLayout:
             path (str or PathLike): A file in the format of :meth:`save`.
 
         Raises:
+            FileNotFoundError: If the file does not exist.
             ValueError: If the file is not JSON or not a consistent layout. The message names the
                 file.
         """

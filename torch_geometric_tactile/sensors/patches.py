@@ -65,10 +65,11 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
     (row and column of the left taxel).
 
     A :obj:`"seam"` joins each taxel of a row with the taxel straight ahead in the facing row. In
-    :obj:`"slanted"` it joins each taxel with the neighbours of that taxel instead. A :obj:`"fan"`
-    joins each taxel with all taxels of the facing row except the taxel straight ahead. It also adds
-    one straight pair, :obj:`"straight"`, which is not in :obj:`"slanted"`. An end of a join is
-    :obj:`[patch, side]`, or :obj:`[patch, side, first, last]` for a range of its taxels.
+    :obj:`"slanted"` it joins each taxel with the neighbours of that taxel instead, and in
+    :obj:`"dense"` with both. A :obj:`"fan"` joins each taxel with all taxels of the facing row
+    except the taxel straight ahead. It also adds one straight pair, :obj:`"straight"`, which is not
+    in :obj:`"slanted"`. An end of a join is :obj:`[patch, side]`, or :obj:`[patch, side, first,
+    last]` for a range of its taxels.
 
     Args:
         content (Mapping): The description.

@@ -22,6 +22,7 @@ def select_taxels(
     :class:`~torch_geometric_tactile.transforms.KNNGraph` or
     :func:`~torch_geometric_tactile.sensors.layout_sectors`. Patches and digits without a taxel are
     removed, and the others are renumbered. All links are kept, since a hand may have links
+    without taxels.
 
     Args:
         layout (TaxelLayout): The layout.
