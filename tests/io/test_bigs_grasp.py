@@ -257,7 +257,7 @@ def test_a_field_that_was_named_must_be_there(name, tmp_path):
         ({"angle_unit": "grad"}, r"'angle_unit' must be one of"),
         ({"length_unit": "in"}, r"'length_unit' must be one of"),
         ({"quaternion": "zyxw"}, r"'quaternion' must be one of"),
-        ({"fingers": "left right"}, r"'fingers' must be 'left', 'middle' and 'right' in their"),
+        ({"fingers": "left right"}, r"'fingers' must be an order of 'left', 'middle' and 'right'"),
         ({"pattern": "("}, r"'pattern' must be a regular expression"),
         (
             {"pattern": "(?P<item>.+)"},

@@ -103,7 +103,7 @@ def test_read_swapped_fingers_are_noticed(write):
 
 def test_read_refuses_a_last_line_without_end(write):
     with pytest.raises(
-        ValueError, match=r"line 8 must end with a line break, .*: is the file truncated"
+        ValueError, match=r"line 8 must end with a line break .*: is the file truncated"
     ):
         read_icub_grasp_txt(write("-10000", *frame(), last=False))
 

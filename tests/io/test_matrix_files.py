@@ -287,7 +287,7 @@ def test_a_cube_of_mat_may_be_read_both_ways(tmp_path):
 def test_other_versions_of_mat(tmp_path):
     path = mat(tmp_path / "a.mat", {"a": MATRIX}, format="4")
     with pytest.raises(
-        ValueError, match=r"not a MAT file of version 5 to 7, or truncated: try save"
+        ValueError, match=r"truncated, or not a MAT file of versions 5 to 7: try save"
     ):
         read_matrix_mat(path, SIZE)
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n" + bytes(9))

@@ -74,8 +74,9 @@ def read_named_csv(
             order of the file contradicts the names: columns sorted as text (s0, s1, s10, s2), or by
             axis (x0, x1, y0, y1) with several channels.
         num_channels (int): Number of channels of a taxel :math:`C`.
-        joint (sequence of str or str): The columns of the joint angles, as in :obj:`tactile`. Angles are in degrees if the name ends in :obj:`_deg`, :obj:`(deg)`,
-            :obj:`[deg]`, :obj:`/deg` or a degree sign, otherwise in radians.
+        joint (sequence of str or str): The columns of the joint angles, as in :obj:`tactile`.
+            Angles are in degrees if the name ends in :obj:`_deg`, :obj:`(deg)`, :obj:`[deg]`,
+            :obj:`/deg` or a degree sign, otherwise in radians.
         time (str, optional): The column of the time. Defaults to a column named :obj:`time`,
             :obj:`timestamp` or :obj:`t` (in any case), which may end in a unit, as in
             :obj:`time_ms` or :obj:`Time [ms]`. It holds numbers, ISO 8601 dates (returned as
