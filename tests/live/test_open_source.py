@@ -74,7 +74,7 @@ def test_open_source_of_a_simulation():
             "serial:/dev/x?shape=2x3",
             "a setting of protocol 'lines' must be one of time, num_taxels",
         ),
-        ("serial:/dev/x?baud=9600", r"or 'baudrate' of a port \(got 'baud'\)"),
+        ("serial:/dev/x?baud=9600", r"or 'baudrate' of the port \(got 'baud'\)"),
         ("serial:/dev/x?time=min", r"'time' must be one of none, s, ms, us \(got 'min'\)"),
         ("serial:/dev/x?protocol=tcp", "'protocol' must be one of cobs"),
         ("serial:/dev/x?protocol=cobs&baudrate=fast", "'baudrate' must be an integer"),

@@ -19,7 +19,7 @@ from torch_geometric_tactile.io._csv_table import csv_table, is_number_cell
 from torch_geometric_tactile.io._folder_tables import annotations_beside
 from torch_geometric_tactile.io._recording_schema import new_recording
 
-# A column 't_h' or 't_d' may hold another quantity than time.
+# A column 't_h' or 't_d' may hold a quantity other than time.
 _TIME_NAME = re.compile(r"(?:time|timestamp|t(?!_(?:min|h|d)))(?:_(s|ms|us|ns|min|h|d))?", re.ASCII)
 # Times of unknown unit, and frame numbers.
 _CLOCK_NAME = re.compile(

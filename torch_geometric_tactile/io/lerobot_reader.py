@@ -41,7 +41,7 @@ from torch_geometric_tactile.io._lerobot_steps import (
 )
 from torch_geometric_tactile.io._lerobot_tables import read_numbers, require_pyarrow
 
-# Channels of a taxel. A feature of two dimensions with a larger second one is a grid of taxels.
+# Channels of a taxel. A two-dimensional feature with a larger last dimension is a grid of taxels.
 _MAX_CHANNELS = 6
 _TAXELS_FIRST, _CHANNELS_FIRST = ("taxels", "channels"), ("channels", "taxels")
 _AXIS_OF_NAME = {"taxel": "taxels", "taxels": "taxels", "axis": "channels", "axes": "channels"}

@@ -409,7 +409,7 @@ class _PredictorModel:
             if part.center[-1].shape == missing.shape:
                 part.center[-1][missing] = (
                     np.nan
-                )  # a taxel without readings has no rest; zero would look like one
+                )  # a taxel without readings has no rest, and zero would look like a rest
 
     def set_rest(self, center: np.ndarray, scale: np.ndarray | None = None) -> None:
         r"""Sets the centre and scale of the session, as :meth:`OnnxModel.set_rest`."""

@@ -59,7 +59,7 @@ def open_source(url: str, **settings: Any) -> Source:
     scheme, colon, remainder = url.partition(":")
     if (
         not colon or "/" in scheme or len(scheme) < 2 or os.path.exists(url)
-    ):  # "C:" is a drive of Windows
+    ):  # "C:" is a Windows drive
         return (
             _file_source(url, settings)
             if os.path.exists(url)

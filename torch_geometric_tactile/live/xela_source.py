@@ -137,7 +137,7 @@ class XelaSource(Source):
             self._sequence = frame.number
         else:
             step = frame.number - last
-            # The numbers of a restarted server step back or jump: the frame numbers go on.
+            # The numbers of a restarted server step back or jump, but the frame numbers continue.
             step = step if 0 < step <= _MAX_STEP else 1
             self._sequence += step
             self.counts.lost += step - 1

@@ -107,7 +107,7 @@ def compute_descriptors(x: Tensor, tables: DescriptorTables, pos: Tensor | None 
 def _fill_missing(x: Tensor, nearest: Tensor, weight: Tensor) -> Tensor:
     # Replaces NaN by the mean of the neighbours, or of all taxels if they are missing as well.
     missing = x.isnan()
-    # An exported graph must not depend on values; otherwise complete readings are left as they are.
+    # An exported graph must not depend on values; otherwise complete readings are unchanged.
     if not torch.compiler.is_compiling() and not missing.any():
         return x
     present = torch.where(missing, 0.0, 1.0).to(x.dtype)

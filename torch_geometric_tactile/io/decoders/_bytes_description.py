@@ -73,7 +73,7 @@ def _kind(data: bytes) -> tuple[str, str, bool]:
 
 def _block_shape(data: bytes) -> tuple[int, int, float] | None:
     r"""Returns the rows and columns of blocks of lines, and the largest number."""
-    blocks = _EMPTY_LINES.split(data)[1:-1]  # the first and the last one may be cut
+    blocks = _EMPTY_LINES.split(data)[1:-1]  # the first and last blocks may be cut
     shapes, max_value = set(), 0.0
     for block in blocks:
         rows = [parse_line(line) for line in block.split(b"\n")]
