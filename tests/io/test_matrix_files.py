@@ -295,7 +295,7 @@ def test_other_versions_of_mat(tmp_path):
         read_matrix_mat(path, SIZE)
     mat(path)
     path.write_bytes(path.read_bytes()[:124] + b"\0\2IM")
-    with pytest.raises(ValueError, match=r"of version 0x200"):
+    with pytest.raises(ValueError, match=r"has version 0x200"):
         read_matrix_mat(path, SIZE)
 
 
