@@ -105,7 +105,7 @@ def test_options_state_names_orders_units_and_rates(tmp_path):
     [
         (["--field", "electrodes"], r"'--field' must be OURS=THEIRS, once per name \(got 'elec"),
         (["--field", "pac=a", "--field", "pac=b"], r"once per name \(got 'pac=b'\)"),
-        (["--field", "taxels=a"], r"'fields' must have keys of"),
+        (["--field", "taxels=a"], r"'fields' must have keys among"),
         (["--value", "pickup_time=x"], r"'--value' must have a number \(got 'x'\)"),
         (["--rate-of", "pac=fast"], r"'--rate-of' must have a number \(got 'fast'\)"),
         (["--rate", "nan"], r"'rate' must be a positive rate"),

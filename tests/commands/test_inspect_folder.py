@@ -267,7 +267,7 @@ def test_episodes_of_a_lerobot_data_set_are_recordings(dataset, capsys):
     assert found["taxels"] == ["4 of 1 channels"]
     assert found["label"] == ["cup 1, mug 1"]
     assert main(["inspect", str(dataset)]) == 1
-    assert "for all of 'observation.tactile.*', give this as '--tactile'" in capsys.readouterr().err
+    assert "for all of 'observation.tactile.*', pass this as '--tactile'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["--time", "--pattern"])
