@@ -77,7 +77,7 @@ def read_named_csv(
         joint (sequence of str or str): The columns of the joint angles, as in :obj:`tactile`.
             Angles are in degrees if the name ends in :obj:`_deg`, :obj:`(deg)`, :obj:`[deg]`,
             :obj:`/deg` or a degree sign, otherwise in radians.
-        time (str, optional): The column of the time. Defaults to a column named :obj:`time`,
+        time (str, optional): The time column. Defaults to a column named :obj:`time`,
             :obj:`timestamp` or :obj:`t` (in any case), which may end in a unit, as in
             :obj:`time_ms` or :obj:`Time [ms]`. It holds numbers, ISO 8601 dates (returned as
             seconds since 1970 in UTC) or times of day (:obj:`10:00:00.25`).
