@@ -124,7 +124,7 @@ def test_same_seed_writes_the_same_page(no_pictures, tmp_path):
 
 def test_what_a_model_lacks_is_left_out(no_pictures, tmp_path):
     text = analyze(*subject(inputs=("edge",)), tmp_path, frames=20).read_text()
-    assert "this model takes no readings" in text
+    assert "this model has no tactile input" in text
     text = analyze(*subject(inputs=("tactile",)), tmp_path, frames=20).read_text()
     assert "this model has no dense edge encoder" in text
 

@@ -64,11 +64,11 @@ def board_markdown(columns: Sequence[BoardColumn], machine: str, hours: float) -
         [
             "# The board",
             "",
-            "All models of `tactile compare` with their default settings, on all real data sets "
-            "that were available. Readings are scaled and not prepared otherwise. Accuracy in "
-            "percent on the test part, mean and standard deviation over the folds; the best of "
-            "each column is bold. The mean place (1 is the best) is over the sets that rank models "
-            "and that the model supports.",
+            "This page compares all models of `tactile compare` with their default settings on all "
+            "real data sets that were available. Readings are only scaled. The table shows the "
+            "accuracy in percent on the test part, as mean and standard deviation over the folds; "
+            "the best accuracy of each column is bold. The mean place (1 is the best) is over the "
+            "sets that rank models and that the model supports.",
             "",
             *markdown_table(header, [[_code(row[0]), *row[1:]] for row in rows]),
             "",
@@ -79,7 +79,7 @@ def board_markdown(columns: Sequence[BoardColumn], machine: str, hours: float) -
                 set_rows,
             ),
             "",
-            f"Seed 0. {machine}; {hours:.1f} hours of training and testing in all runs.",
+            f"Seed: 0. Machine: {machine}. Training and testing: {hours:.1f} hours in total.",
             "",
             "`tactile board --data DIR` writes this page and resumes an interrupted run; `--own "
             "my_nets.MyNet` adds your own model by its import path.",
