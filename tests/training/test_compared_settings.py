@@ -49,7 +49,7 @@ def test_settings_of_the_same_model_pass(path, caplog, config):
     ],
 )
 def test_settings_of_another_model_are_an_error(path, config, difference):
-    with pytest.raises(ValueError, match=rf"a\.ckpt' must hold the model of .*{difference}"):
+    with pytest.raises(ValueError, match=rf"a\.ckpt' must match the model in .*{difference}"):
         compare_settings(config, path)
 
 
