@@ -136,7 +136,7 @@ def test_a_model_of_ones_own_is_given_again(tmp_path):
         Predictor.load(tmp_path / "a")
     with pytest.raises(ValueError, match=r"'model' must be of class Mine \(got Linear\)"):
         Predictor.load(tmp_path / "a", model=Linear(3, 2))
-    text = r"'model' must have 'lin.weight' of shape \(2, 3\), as the file \(got \(4, 3\)\)"
+    text = r"'model' must have 'lin.weight' of shape \(2, 3\), like the file \(got \(4, 3\)\)"
     with pytest.raises(ValueError, match=text):
         Predictor.load(tmp_path / "a", model=Mine(4))
     more = Mine()
@@ -321,7 +321,7 @@ def test_models_within_models_are_built_by_name_only(tmp_path):
         (
             inner,
             {"own": "Mine", "text": "x"},
-            "'model' must be given: .* weights of your model 'Mine'",
+            "'model' must be given: .* 'Mine' cannot be built",
         ),
         (f"{inner}.arguments.widths", [10**7], "must not be larger than its weights in the file"),
         ("model.arguments.models", [3.0], "'models' must hold at least one model"),

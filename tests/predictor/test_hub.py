@@ -171,7 +171,7 @@ def test_model_of_the_user_is_given_again(hub, cache):
 
     given = Predictor(Own(), grid(2, 2, pitch=0.01), num_channels=3)
     given.push_to_hub(REPO, token="hf_owner")
-    with pytest.raises(ValueError, match=r"'model' must be given: .* weights of your model 'Own'"):
+    with pytest.raises(ValueError, match=r"'model' must be given: .* 'Own' cannot be built"):
         Predictor.from_pretrained(REPO, **cache)
     assert Predictor.from_pretrained(REPO, model=Own(), **cache)(X).equal(given(X))
 

@@ -280,7 +280,7 @@ def test_other_model_in_the_checkpoint_is_an_error(run, tmp_path, monkeypatch, c
     Path("a.yaml").write_text(yaml.safe_dump(config))
     assert main(["test", "--config", "a.yaml", "--ckpt_path", str(run)]) == 0
     assert "using settings from the configuration instead of" in caplog.text
-    assert "'model.optimizer.init_args.lr' is 0.25, in the checkpoint 0.001" in caplog.text
+    assert "'model.optimizer.init_args.lr' is 0.25 here and 0.001 in the checkpoint" in caplog.text
     config["model"]["model"]["init_args"]["hidden_channels"] = 5
     Path("a.yaml").write_text(yaml.safe_dump(config))
     capsys.readouterr()

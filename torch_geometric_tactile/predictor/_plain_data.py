@@ -131,7 +131,7 @@ class Builder:
         if model is None:
             _check_not_removed(name)
             raise MissingOwnError(
-                f"'model' must be given: the file has only the weights of your model '{name}'",
+                f"'model' must be given: your model '{name}' cannot be built from the file",
                 "model",
             )
         need(type(model).__name__ == name, f"'model' must be of class {name}", type(model).__name__)

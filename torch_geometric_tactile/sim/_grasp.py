@@ -122,20 +122,23 @@ def plan_grasp(
     spread: GraspSpread | None = None,
 ) -> GraspPlan:
     r"""Returns the plan of a grasp from above. The plan depends on the size of the object, but not
-        on its mass, friction and softness, as for an operator who only sees the object.
+    on its mass, friction and softness, as for an operator who only sees the object.
 
-        Args:
-            size (tuple of float): Full extent of the object in metres.
-            rng (numpy.random.Generator): The random number generator for durations, alignment
-                errors and tremor.
-            duration (float): Duration of the trial in seconds. The phases are scaled accordingly.
-            step (float): Time between targets in seconds.
-            spread (GraspSpread, optional): Size of the alignment errors.
+    Args:
+        size (tuple of float): Full extent of the object in metres.
+        rng (numpy.random.Generator): The random number generator for durations, alignment
+            errors and tremor.
+        duration (float): Duration of the trial in seconds. The phases are scaled accordingly.
+        step (float): Time between targets in seconds.
+        spread (GraspSpread, optional): Size of the alignment errors.
 
-        Raises:
-    ((0.07, 0.1, 0.06), np.random.default_rng(0), duration=5.0, step=0.02)
-            >>> plan.gantry.shape, plan.joint.shape
-            ((250, 4), (250, 16))
+    Raises:
+        ValueError: If the step is not positive or is longer than the trial.
+
+    Examples:
+        >>> plan = plan_grasp((0.07, 0.1, 0.06), np.random.default_rng(0), duration=5.0, step=0.02)
+        >>> plan.gantry.shape, plan.joint.shape
+        ((250, 4), (250, 16))
     """
     spread = spread or GraspSpread()
     ticks, phase, progress, _ = draw_phases(_SCHEDULE, _FULL_LENGTH, rng, duration, step)

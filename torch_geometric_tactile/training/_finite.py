@@ -177,7 +177,7 @@ class BatchCheck:
         dataset_index = self._dataset_index()
         if len(dataset_index) == num_samples:
             return _format_samples([dataset_index[i] for i in rows.tolist()], trials)
-        return f"{_format_samples(rows.tolist(), trials)} (indices in the batch)"
+        return f"{_format_samples(rows.tolist(), trials)}, counted in the batch"
 
     def _dataset_index(self) -> list[int]:
         loader = self.loader
