@@ -299,7 +299,7 @@ def _errors_naming(path: Path, temporary: Path) -> Iterator[None]:
 
 
 def set_default_permissions(path: PathLike) -> None:
-    r"""Sets the permissions of a private temporary file to those of a new file."""
+    r"""Gives a private temporary file the permissions of a new file."""
     umask = os.umask(0)
     os.umask(umask)
     Path(path).chmod(0o666 & ~umask)

@@ -1,4 +1,4 @@
-r"""Imports of the user's modules, including those in the working directory."""
+r"""Imports the user's modules, including modules in the working directory."""
 
 import importlib
 import sys

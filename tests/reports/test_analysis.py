@@ -160,7 +160,7 @@ def test_command_reads_the_run_of_a_checkpoint(tmp_path, monkeypatch, capsys):
     model = "GraspGCN(24, 2, in_channels=1, hidden_channels=64, num_fingers=3, fusion='data')"
     assert f"`{model}`" in text
     assert "measured or generated; split by trial, split seed 0" in text
-    assert "the layout is not that of the Allegro hand" in text
+    assert "the layout is not a layout of the Allegro hand" in text
 
     # The same from a file that needs no checkpoint.
     assert main(["predict", checkpoint, "--save", "grasp.predictor"]) == 0

@@ -287,7 +287,7 @@ def test_other_model_in_the_checkpoint_is_an_error(run, tmp_path, monkeypatch, c
     assert main(["test", "--config", "a.yaml", "--ckpt_path", str(run)]) == 1
     said = capsys.readouterr().err
     assert "last.ckpt' must match the model in the configuration" in said
-    assert "'model.model.init_args.hidden_channels' is 5, in the checkpoint " in said
+    assert "'model.model.init_args.hidden_channels' is 5 here and " in said
 
 
 def test_trainer_reads_checkpoints_as_plain_data(checkpoint, tmp_path):

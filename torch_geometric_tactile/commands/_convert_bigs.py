@@ -1,4 +1,4 @@
-r"""``tactile convert bigs``: imports grasps of the BiGS data set from the files of its owner."""
+r"""``tactile convert bigs``: imports grasps of the BiGS data set from the owner's files."""
 
 import argparse
 import sys
@@ -225,6 +225,6 @@ def _target_paths(sources: Iterable[str], out: Path, suffix: str) -> dict[Path, 
                 f"would both become '{target}')"
             )
         if target.exists() and target.samefile(path):
-            raise ValueError(f"'OUT_DIR' must be another folder than that of '{path}'")
+            raise ValueError(f"'OUT_DIR' must not be the folder of '{path}'")
         targets[path] = target
     return targets

@@ -209,8 +209,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tolerance",
         metavar="POINTS",
         type=percentage,
-        help="recommend a simpler model that is at most POINTS worse than the best, within one "
-        "standard error (default: 1 point; for regression 2, percent of the smallest error)",
+        help="recommend a simpler model if it is at most POINTS worse than the best model and "
+        "within one standard error of it (default: 1 percentage point; for regression, 2 percent "
+        "of the smallest error)",
     )
     add_reading_options(parser)
     cut = parser.add_argument_group("windows and rest")
@@ -284,7 +285,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "--no-train",
         action="store_true",
-        help="train nothing except the model of --save; write the table of the finished runs",
+        help="train nothing except the model for --save; write the table of the finished runs",
     )
     output.add_argument("--json", action="store_true", help="print the results as JSON")
     add_workers(parser)
@@ -454,8 +455,8 @@ def _init_names(pairs: list[str]) -> list[str]:
 
 
 def _dataset_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
-    r"""Returns the arguments of the data set: those of :obj:`--init`, the pattern, and the options
-    with which recordings are read.
+    r"""Returns the arguments of the data set: the arguments in :obj:`--init`, the pattern, and the
+    options for reading recordings.
     """
     dataset_arguments, reading = _parse_init(arguments.init), reading_options(arguments)
     folder_options = [*(["pattern"] if arguments.pattern else []), *reading]
@@ -464,7 +465,7 @@ def _dataset_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
             Argument(folder_options[0]),
             f" must be left out unless DATA is a folder of recordings (got '{arguments.data}')",
         )
-    unit = reading.pop("unit", None)  # of recordings of all formats
+    unit = reading.pop("unit", None)  # applies to recordings of all formats
     options = {"pattern": arguments.pattern, "unit": unit, "read_options": reading or None}
     options = {name: value for name, value in options.items() if value is not None}
     for name in {*options} & {*dataset_arguments}:

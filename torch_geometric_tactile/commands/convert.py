@@ -165,8 +165,8 @@ def _add_lerobot_options(parser: argparse.ArgumentParser) -> None:
         "--add-to",
         metavar="DATASET",
         type=input_path,
-        help="add the touch to a copy of this LeRobot data set: one recording per episode, in the "
-        "order of the episodes",
+        help="add the tactile readings to a copy of this LeRobot data set: give one recording per "
+        "episode, in the order of the episodes",
     )
     options.add_argument(
         "--start",

@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PATTERN",
         type=str,
         help="for a folder: form of the file names without suffix, as in 'tactile compare'; the "
-        "summary lists the values of its names; with a '/', subfolders are searched (default: "
+        "summary lists the values of each name; with a '/', subfolders are searched (default: "
         "'{object}_{trial}')",
     )
     add_reading_options(parser)

@@ -88,8 +88,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--layout",
         metavar="LAYOUT",
         type=input_path,
-        help="order and positions of the taxels: a stock layout or a layout file (default: that of "
-        "the source or the model)",
+        help="order and positions of the taxels: a stock layout or a layout file (default: the "
+        "layout of the source or the model)",
     )
     parser.add_argument("--map", **MAP)
     model.add_argument(

@@ -20,8 +20,8 @@ quarter of a second, and a power cut a few seconds. An interrupted file is still
 
 An .h5 file, such as grasp.h5, is written at the end and holds only frames, events and
 annotations. Until then the frames are in grasp.mcap; after a crash, convert them with
-'tactile convert grasp.mcap grasp.h5'. A time without frames of five periods and at least 50 ms
-becomes an annotation 'gap'.
+'tactile convert grasp.mcap grasp.h5'. If no frame arrives for five frame periods and at least
+50 ms, the file gets an annotation 'gap'.
 
 Keys: m marks this moment in the file, 1 to 9 start and end an annotation in it (--labels),
 q or Ctrl-C ends the recording.

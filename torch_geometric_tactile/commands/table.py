@@ -114,7 +114,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "name",
         metavar="TABLE",
         type=_table_name,
-        help=f"{', '.join(TABLES)}, or a .yaml file of your own",
+        help=f"{', '.join(TABLES)}, or your own .yaml file",
     )
     parser.add_argument(
         "--list",
@@ -232,7 +232,7 @@ def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
         kinds[f"{table.name}-orderings.csv"] = text_kind(
             "the orderings of a table", "ordering,protocol,first,second,"
         )
-    # The results of a study determine its pictures, so existing pictures are listed.
+    # The results of a study determine its pictures, so the existing pictures are listed.
     pictures = Path(arguments.out).glob(f"{glob.escape(table.name)}-*.png")
     kinds |= {path.name: PICTURE for path in pictures}
     return files_in_folder(arguments.out, kinds)

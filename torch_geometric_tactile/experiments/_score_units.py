@@ -143,7 +143,7 @@ class ConstantAnswer(NamedTuple):
         Args:
             dataset (StaticDataset): The data set.
             splits (sequence of TrainTestIndices): Its splits.
-            metric (str): As of :class:`ComparisonSettings`.
+            metric (str): As in :class:`ComparisonSettings`.
         """
         y = column_of(dataset, "y")
         assert y is not None

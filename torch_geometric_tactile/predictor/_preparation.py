@@ -414,9 +414,7 @@ class Preparation:
         return self.cut_recording(self.match_recording(recording, resample=resample))
 
     def cut_recording(self, recording: Recording) -> tuple[StaticData, Tensor]:
-        r"""Returns the windows of a recording from :meth:`match_recording`. The output is that of
-        :meth:`windows`.
-        """
+        r"""Returns the windows of a recording that :meth:`match_recording` returned."""
         # The session need not be measured yet: these windows may be meant for `adapt_windows`.
         # If the session is measured on frames, it must be known before windows are cut.
         is_unmeasured = self.session.number is None and not self.measures_frames

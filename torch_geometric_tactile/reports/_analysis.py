@@ -84,7 +84,7 @@ class PredictorAnalysis:
         links = set(HandKinematics.allegro().link_names)
         if not links.issuperset(self.layout.link_names):
             yield Section(
-                "Left out", "Drawings on the hand: the layout is not that of the Allegro hand."
+                "Left out", "Drawings on the hand: the layout is not a layout of the Allegro hand."
             )
             return
         encoder = getattr(self.model, "encoder", None)
