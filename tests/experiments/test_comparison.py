@@ -446,7 +446,7 @@ def test_persons_are_the_units_where_they_are_new(tmp_path):
     assert text.endswith(
         "There are only 4 persons: with other persons, another model may be the best. On persons "
         "that the model has never seen, gcn has an accuracy of 75.0 % (4 persons with 50.0 to "
-        "100.0 % each; always answering '0' has 33.3 %; best of 2 models, selected by these "
+        "100.0 % each; always answering '0' scores 33.3 %; best of 2 models, selected by these "
         "scores)."
     )
 
@@ -647,8 +647,8 @@ def test_seeds_of_given_parts_are_one_split(tmp_path):
     assert "mean of 3 training runs" in text
     page = comparison_markdown(three)
     assert "1 split. Mean ± standard deviation over 3 training seeds." in page
-    assert "| to fnn (points) | over seeds | over trials |" in page
-    assert "| to fnn (points) | over trials | parameters |" in comparison_markdown(one)
+    assert "| vs fnn (points) | over seeds | over trials |" in page
+    assert "| vs fnn (points) | over trials | parameters |" in comparison_markdown(one)
     assert ",accuracy,0.8958333333333334,0.0,1," in comparison_csv(three)
 
 

@@ -13,8 +13,8 @@ _BYTES_PER_MB = 2**20
 
 
 class PeakMemory:
-    r"""Measures how far the memory of this process grows between :meth:`start` and :meth:`stop`, in
-    megabytes of :math:`2^{20}` bytes.
+    r"""Measures the memory growth of this process from :meth:`start` to the highest point before
+    :meth:`stop`, in megabytes of :math:`2^{20}` bytes.
 
     On the CPU, resident memory is measured. :meth:`start` returns free heap memory to the system,
     so that reusing it counts. Linux can reset the recorded peak. Other systems report the peak of

@@ -65,9 +65,9 @@ def run_experiment(experiment: Experiment) -> dict[str, Any]:
     With :obj:`experiment.choice`, the settings are compared on validation parts, and the selected
     setting is trained on the whole training part.
 
-    Peak memory is measured from the point before the model is built, with the recordings loaded and
-    the scaling fitted. It includes parameters, gradients, the optimizer's state, activations and
-    one batch.
+    Peak memory is the growth from the point before the model is built (with the recordings loaded
+    and the scaling fitted) to the highest point of training. It includes parameters, gradients, the
+    optimizer's state, activations and one batch.
 
     Raises:
         ValueError: If the experiment needs a missing GPU, or its training fails.

@@ -48,8 +48,8 @@ class ScoreUnits:
     fewest, that are never in both parts of a split.
 
     If all splits have the same test part, as with given parts, groups or sessions are units if most
-    of them are new in the test part: samples from one person are not independent observations, even
-    if other persons are in both parts.
+    groups or sessions in the test part are new. Samples from one person are not independent
+    observations, even if other persons are in both parts.
 
     Args:
         name (str): Name of a unit, such as :obj:`"trial"` or :obj:`"person"`; :obj:`"sample"` if

@@ -328,7 +328,7 @@ def _quotation(comparison: Comparison, result: ModelResult) -> str:
     by = "validation scores" if comparison.is_validated else "these scores"
     remarks = [
         _describe_variation(comparison, name),
-        f"always answering {constant.name} has {_format_number(comparison, constant.score)}",
+        f"always answering {constant.name} scores {_format_number(comparison, constant.score)}",
         f"best of {num_models} models, selected by {by}" if num_models > 1 else "",
         _describe_trainings(comparison),
     ]

@@ -33,8 +33,8 @@ class FrameCut:
         window (int, optional): Number of frames per window.
         hop (int, optional): Number of frames from the start of one window to the next. Defaults to
             :obj:`window`.
-        horizon (int, optional): Number of frames between the last frame of a window and the frame
-            that labels it. By default, the last frame labels the window.
+        horizon (int, optional): Labels a window by the frame that follows its last frame by this
+            number of frames. By default, the last frame labels the window.
         trials (int, optional): Number of frames to which whole trials are resampled.
 
     Raises:

@@ -90,7 +90,7 @@ def comparison_rows(comparison: Comparison) -> tuple[list[str], list[list[str]]]
     if comparison.best_plain is not None:
         unit = " (points)" if comparison.metric in _PERCENT_METRICS else ""
         error_names = [name for name, _ in _standard_errors(comparison, None)]
-        header += [f"to {comparison.best_plain}{unit}", *error_names]
+        header += [f"vs {comparison.best_plain}{unit}", *error_names]
     header += ["parameters", "seconds", "ms per sample"]
     ordered = sorted(comparison.results, key=comparison.merit, reverse=True)
     return header, [_row(comparison, result) for result in ordered]

@@ -37,7 +37,8 @@ def layout_plane(layout: TaxelLayout) -> Tensor:
 
     The mean normal of a pad points at the viewer. The two axes of the link frame with the largest
     angles to the normal point to the right and up. The origin is the origin of the link frame. With
-    several links, the first pad is on the left.
+    several links, the origin is at the left edge of the first pad, and every pad is centred
+    vertically.
 
     Args:
         layout (TaxelLayout): The layout.
