@@ -84,7 +84,10 @@ def test_model_of_ones_own_that_fails_stops_no_other(data, capsys, monkeypatch):
     [
         (["--sets", "grasp"], "'--sets' must be some of grasps, by object, away (got 'grasp')"),
         (["--own", "OneLayer"], "'--own' must be some of taxel_net, "),
-        (["--own", "own_models.Nothing"], "import paths of your own (got 'own_models.Nothing'"),
+        (
+            ["--own", "own_models.Nothing"],
+            "import paths of your own models (got 'own_models.Nothing'",
+        ),
         (["--sets", "away"], "no data set of the board has results"),
     ],
 )

@@ -150,7 +150,7 @@ def test_names_that_would_overwrite_each_other(source, tmp_path, capsys):
     assert run(source, tmp_path / "more", tmp_path / "out", "--npz") == 1
     assert "grasps must have different file names (got" in capsys.readouterr().err
     assert run(source, source, "--npz") == 1
-    assert "'OUT_DIR' must be another folder than that of" in capsys.readouterr().err
+    assert "'OUT_DIR' must not be the folder of" in capsys.readouterr().err
     (tmp_path / "empty").mkdir()
     assert run(tmp_path / "empty", tmp_path / "out") == 1
     assert (

@@ -165,8 +165,7 @@ def test_a_pattern_names_the_groups(folder, capsys):
 def test_subfolders_are_read_with_a_slash_in_the_pattern(folder, tmp_path, capsys):
     assert main(["inspect", str(tmp_path)]) == 1
     assert (
-        "(got none): for those in subfolders, give a '--pattern' with a '/'"
-        in capsys.readouterr().err
+        "(got none): to search subfolders, give a '--pattern' with a '/'" in capsys.readouterr().err
     )
     write_npz(grasp(8), tmp_path / "processed/x.npz")
     write_npz(grasp(8), tmp_path / "grasps/.hidden.npz")

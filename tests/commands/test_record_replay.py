@@ -199,7 +199,7 @@ def test_replay_repairs(whole, tmp_path, capsys):
     assert "b.mcap: saved 1 tactile.Health" not in capsys.readouterr().err
     assert (read_recording(out, recover=False).tactile == whole.tactile).all()
     assert main(["replay", str(path), "--repair", str(path)]) == 1
-    assert "must not replace a file that is read" in capsys.readouterr().err
+    assert "must not replace an input file" in capsys.readouterr().err
 
 
 @pytest.mark.slow
